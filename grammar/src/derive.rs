@@ -1,0 +1,205 @@
+//! Partials of every equation with their sparsity, as expressions of the same graph.
+//!
+//! **In** a checked [`Model`]. **Out** [`Derivatives`]: f_x, f_u, f_delay, f_theta, h_x ..., x0_theta, tau_theta.
+//! **Never** differences: everything is exact; `fdm check` compares with complex steps afterwards.
+//! **Start** at [`differentiate`].
+//!
+//! Tangents are propagated forward, one leaf at a time, because a choice (`if`, `min`, `abs`) must choose between
+//! derivatives: a reverse sweep would multiply the branch not taken by zero, and zero times infinity is NaN
+//! (`if x > 0 then sqrt(x) else 0` at x = 0). Structural zeros never become nodes.
+
+use crate::graph::{Graph, Leaf};
+use crate::model::Model;
+use crate::op::{ExprId, Tangents};
+use std::collections::BTreeMap;
+
+/// Which entries of a Jacobian can be other than zero, row by row.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Pattern {
+    /// `rows[i]..rows[i + 1]` are the entries of row i; length rows + 1.
+    pub rows: Vec<u32>,
+    /// Column of each entry, ascending within a row.
+    pub columns: Vec<u32>,
+}
+
+impl Pattern {
+    /// Number of structural nonzeros.
+    pub fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Whether every entry is a structural zero.
+    pub fn is_empty(&self) -> bool {
+        self.columns.is_empty()
+    }
+
+    /// The entries (position, column) of a row.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let range = self.rows[i] as usize..self.rows[i + 1] as usize;
+        range.map(|k| (k, self.columns[k] as usize))
+    }
+
+    /// All entries as (position, row, column).
+    pub fn entries(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        (0..self.rows.len().saturating_sub(1)).flat_map(move |i| self.row(i).map(move |(k, j)| (k, i, j)))
+    }
+}
+
+/// A sparse Jacobian of expressions.
+#[derive(Debug, Clone, Default)]
+pub struct Jacobian {
+    /// Where the entries stand.
+    pub pattern: Pattern,
+    /// The entries, in the order of the pattern.
+    pub entries: Vec<ExprId>,
+}
+
+/// Partials of one group of equations by each kind of leaf.
+#[derive(Debug, Clone, Default)]
+pub struct Partials {
+    /// By states.
+    pub state: Jacobian,
+    /// By inputs.
+    pub input: Jacobian,
+    /// By delayed signals.
+    pub delayed: Jacobian,
+    /// By parameters, `fixed` ones left out.
+    pub param: Jacobian,
+}
+
+/// All partials of a model.
+#[derive(Debug, Clone, Default)]
+pub struct Derivatives {
+    /// Of the rates f.
+    pub rates: Partials,
+    /// Of the outputs h.
+    pub outputs: Partials,
+    /// Of the initial values, by parameters.
+    pub initial: Jacobian,
+    /// Of the delays, by parameters.
+    pub tau: Jacobian,
+}
+
+/// Differentiates every equation of the model by every leaf it depends on; new nodes join the model's graph.
+pub fn differentiate(model: &mut Model) -> Derivatives {
+    let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
+    let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
+    let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
+    let tau: Vec<ExprId> = model.graph.delayed().iter().map(|d| d.tau).collect();
+    let roots = [&rates[..], &outputs[..], &initial[..], &tau[..]].concat();
+    let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
+    let sweep = Sweep::new(&model.graph, &roots);
+    let columns = sweep.tangents(&mut model.graph, |leaf| match leaf {
+        Leaf::Time => false,
+        Leaf::Param(k) => free[k as usize],
+        _ => true,
+    });
+    let block = |from: usize, len: usize, kind: fn(Leaf) -> Option<u32>| gather(&columns, from, len, kind);
+    let partials = |from: usize, len: usize| Partials {
+        state: block(from, len, |l| if let Leaf::State(k) = l { Some(k) } else { None }),
+        input: block(from, len, |l| if let Leaf::Input(k) = l { Some(k) } else { None }),
+        delayed: block(from, len, |l| if let Leaf::Delayed(k) = l { Some(k) } else { None }),
+        param: block(from, len, by_param),
+    };
+    let (n, q) = (rates.len(), outputs.len());
+    Derivatives {
+        rates: partials(0, n),
+        outputs: partials(n, q),
+        initial: block(n + q, n, by_param),
+        tau: block(n + q + n, tau.len(), by_param),
+    }
+}
+
+fn by_param(leaf: Leaf) -> Option<u32> {
+    if let Leaf::Param(k) = leaf { Some(k) } else { None }
+}
+
+/// The tangents of all roots by one leaf: (root, derivative), structural zeros left out.
+type Column = Vec<(u32, ExprId)>;
+
+fn gather(columns: &BTreeMap<Leaf, Column>, from: usize, len: usize, kind: impl Fn(Leaf) -> Option<u32>) -> Jacobian {
+    let mut rows: Vec<Vec<(u32, ExprId)>> = vec![Vec::new(); len];
+    for (leaf, column) in columns {
+        let Some(j) = kind(*leaf) else { continue };
+        for (root, d) in column {
+            if let Some(row) = (*root as usize).checked_sub(from).and_then(|i| rows.get_mut(i)) {
+                row.push((j, *d));
+            }
+        }
+    }
+    let mut jacobian = Jacobian { pattern: Pattern { rows: vec![0], columns: Vec::new() }, entries: Vec::new() };
+    for row in rows {
+        for (j, d) in row {
+            jacobian.pattern.columns.push(j);
+            jacobian.entries.push(d);
+        }
+        jacobian.pattern.rows.push(jacobian.entries.len() as u32);
+    }
+    jacobian
+}
+
+/// What one forward sweep needs: the nodes below the roots, and who uses whom.
+struct Sweep {
+    roots: Vec<ExprId>,
+    users: Vec<Vec<u32>>,
+    leaves: Vec<(ExprId, Leaf)>,
+}
+
+impl Sweep {
+    fn new(graph: &Graph, roots: &[ExprId]) -> Self {
+        let mut users = vec![Vec::new(); graph.nodes().len()];
+        let mut leaves = Vec::new();
+        for e in graph.reachable(roots.iter().copied()) {
+            graph.operands(e).iter().for_each(|a| users[a.index()].push(e.0));
+            if let crate::graph::Node::Leaf(leaf) = graph.node(e) {
+                leaves.push((e, leaf));
+            }
+        }
+        Self { roots: roots.to_vec(), users, leaves }
+    }
+
+    fn tangents(&self, graph: &mut Graph, wanted: impl Fn(Leaf) -> bool) -> BTreeMap<Leaf, Column> {
+        let mut tangent: Vec<Option<ExprId>> = vec![None; self.users.len()];
+        let mut columns = BTreeMap::new();
+        for (e, leaf) in self.leaves.iter().filter(|(_, l)| wanted(*l)) {
+            let touched = self.dependents(*e);
+            tangent[e.index()] = Some(crate::op::Build::number(graph, 1.0));
+            for k in touched.iter().skip(1) {
+                tangent[*k as usize] = tangent_of(graph, ExprId(*k), &tangent);
+            }
+            let hit = |r: &ExprId| tangent[r.index()];
+            let column = self.roots.iter().enumerate().filter_map(|(i, r)| hit(r).map(|d| (i as u32, d))).collect();
+            columns.insert(*leaf, column);
+            touched.iter().for_each(|k| tangent[*k as usize] = None);
+        }
+        columns
+    }
+
+    /// A leaf and every node that depends on it, in topological order.
+    fn dependents(&self, leaf: ExprId) -> Vec<u32> {
+        let mut order = vec![leaf.0];
+        let mut seen = vec![false; self.users.len()];
+        seen[leaf.index()] = true;
+        let mut next = 0;
+        while next < order.len() {
+            for u in &self.users[order[next] as usize] {
+                if !std::mem::replace(&mut seen[*u as usize], true) {
+                    order.push(*u);
+                }
+            }
+            next += 1;
+        }
+        order.sort_unstable();
+        order
+    }
+}
+
+fn tangent_of(graph: &mut Graph, e: ExprId, tangent: &[Option<ExprId>]) -> Option<ExprId> {
+    let crate::graph::Node::Apply(op, args) = graph.node(e) else { return None };
+    let mut tangents: Tangents = [None; 3];
+    for (t, a) in tangents.iter_mut().zip(&args[..op.row().arity]) {
+        *t = tangent[a.index()];
+    }
+    let d = (op.row().tangent)(graph, args, e, tangents)?;
+    (graph.constant(d) != Some(0.0)).then_some(d)
+}

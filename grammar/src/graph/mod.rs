@@ -1,0 +1,211 @@
+//! Expressions as a hash-consed graph: equal expressions are one node, operands stand before their users.
+//!
+//! **In** leaves, constants and operations. **Out** [`ExprId`]s, the nodes in topological order.
+//! **Never** recurses, and never iterates over its hash map: ids depend only on the order of construction.
+//! **Start** at [`Graph`]; the few local simplifications are in `simplify.rs`, printing in `show.rs`.
+
+mod show;
+mod simplify;
+
+pub use show::{Names, show};
+
+use crate::op::{Args, Build, ExprId, Op};
+use std::collections::HashMap;
+
+/// What an expression can refer to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Leaf {
+    /// Time since the run began, in the model's time unit.
+    Time,
+    /// A state, by index.
+    State(u32),
+    /// An input, by index.
+    Input(u32),
+    /// A parameter, by index.
+    Param(u32),
+    /// A delayed signal, by index into [`Graph::delayed`].
+    Delayed(u32),
+}
+
+/// What can be delayed; delays of expressions are delays of the signals in them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Signal {
+    /// A state, by index.
+    State(u32),
+    /// An input, by index.
+    Input(u32),
+}
+
+/// A signal at an earlier time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct DelayedSignal {
+    /// Which signal.
+    pub signal: Signal,
+    /// The delay, an expression of parameters only, in the model's time unit.
+    pub tau: ExprId,
+}
+
+/// A node of the graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Node {
+    /// A number, by its bits (so that NaN equals itself and 0 differs from -0).
+    Constant(u64),
+    /// A reference.
+    Leaf(Leaf),
+    /// An operation; unused places hold [`ExprId::NONE`].
+    Apply(Op, Args),
+}
+
+/// The expressions of one model.
+#[derive(Debug, Clone, Default)]
+pub struct Graph {
+    nodes: Vec<Node>,
+    memo: HashMap<Node, ExprId>,
+    delayed: Vec<DelayedSignal>,
+}
+
+impl Graph {
+    /// The node behind an id.
+    #[inline]
+    pub fn node(&self, e: ExprId) -> Node {
+        self.nodes[e.index()]
+    }
+
+    /// All nodes; operands have smaller ids than their users.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The delayed signals that leaves refer to.
+    pub fn delayed(&self) -> &[DelayedSignal] {
+        &self.delayed
+    }
+
+    /// The operands of a node.
+    pub fn operands(&self, e: ExprId) -> &[ExprId] {
+        match &self.nodes[e.index()] {
+            Node::Apply(op, args) => &args[..op.row().arity],
+            _ => &[],
+        }
+    }
+
+    /// A reference.
+    pub fn leaf(&mut self, leaf: Leaf) -> ExprId {
+        self.intern(Node::Leaf(leaf))
+    }
+
+    /// A signal at an earlier time; the same signal with the same delay is one leaf.
+    pub fn delay(&mut self, signal: Signal, tau: ExprId) -> ExprId {
+        let wanted = DelayedSignal { signal, tau };
+        let k = self.delayed.iter().position(|d| *d == wanted).unwrap_or_else(|| {
+            self.delayed.push(wanted);
+            self.delayed.len() - 1
+        });
+        self.leaf(Leaf::Delayed(k as u32))
+    }
+
+    /// The value of a constant node.
+    pub fn constant(&self, e: ExprId) -> Option<f64> {
+        match self.node(e) {
+            Node::Constant(bits) => Some(f64::from_bits(bits)),
+            _ => None,
+        }
+    }
+
+    /// The nodes that `roots` need, in topological order.
+    pub fn reachable(&self, roots: impl IntoIterator<Item = ExprId>) -> Vec<ExprId> {
+        let mut wanted = vec![false; self.nodes.len()];
+        for r in roots {
+            wanted[r.index()] = true;
+        }
+        for k in (0..self.nodes.len()).rev() {
+            if wanted[k] {
+                self.operands(ExprId(k as u32)).iter().for_each(|a| wanted[a.index()] = true);
+            }
+        }
+        wanted.iter().enumerate().filter(|(_, w)| **w).map(|(k, _)| ExprId(k as u32)).collect()
+    }
+
+    /// For each node whether it depends on a leaf that `chosen` accepts.
+    pub fn depends(&self, chosen: impl Fn(Leaf) -> bool) -> Vec<bool> {
+        let mut depends: Vec<bool> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            let d = match node {
+                Node::Constant(_) => false,
+                Node::Leaf(leaf) => chosen(*leaf),
+                Node::Apply(op, args) => args[..op.row().arity].iter().any(|a| depends[a.index()]),
+            };
+            depends.push(d);
+        }
+        depends
+    }
+
+    /// The value of an expression for given leaves, without recursion; used for constants and tests.
+    pub fn evaluate(&self, e: ExprId, leaf: impl Fn(Leaf) -> f64) -> f64 {
+        let mut values = vec![f64::NAN; e.index() + 1];
+        for k in self.reachable([e]) {
+            values[k.index()] = match self.node(k) {
+                Node::Constant(bits) => f64::from_bits(bits),
+                Node::Leaf(l) => leaf(l),
+                Node::Apply(op, args) => {
+                    let at = |i: usize| values.get(args[i].index()).copied().unwrap_or(f64::NAN);
+                    (op.row().value)(at(0), at(1), at(2))
+                }
+            };
+        }
+        values[e.index()]
+    }
+
+    fn intern(&mut self, node: Node) -> ExprId {
+        if let Some(e) = self.memo.get(&node) {
+            return *e;
+        }
+        let e = ExprId(self.nodes.len() as u32);
+        self.nodes.push(node);
+        self.memo.insert(node, e);
+        e
+    }
+}
+
+impl Build for Graph {
+    fn number(&mut self, value: f64) -> ExprId {
+        // one zero: the sign of a structural zero carries no meaning
+        let value = if value == 0.0 { 0.0 } else { value };
+        self.intern(Node::Constant(value.to_bits()))
+    }
+
+    fn apply(&mut self, op: Op, args: &[ExprId]) -> ExprId {
+        simplify::simplify(self, op, args).unwrap_or_else(|| {
+            let mut padded = [ExprId::NONE; 3];
+            padded[..args.len()].copy_from_slice(args);
+            self.intern(Node::Apply(op, padded))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_expressions_are_one_node() {
+        let mut g = Graph::default();
+        let (x, y) = (g.leaf(Leaf::State(0)), g.leaf(Leaf::State(1)));
+        let a = g.apply(Op::Mul, &[x, y]);
+        let b = g.apply(Op::Mul, &[y, x]);
+        assert_eq!(a, b, "products commute exactly");
+        assert_ne!(g.apply(Op::Sub, &[x, y]), g.apply(Op::Sub, &[y, x]));
+    }
+
+    #[test]
+    fn evaluates_without_recursion() {
+        let mut g = Graph::default();
+        let x = g.leaf(Leaf::State(0));
+        let mut e = g.leaf(Leaf::Time);
+        for _ in 0..200_000 {
+            let s = g.apply(Op::Sin, &[e]);
+            e = g.apply(Op::Add, &[s, x]);
+        }
+        assert!(g.evaluate(e, |_| 0.5).is_finite());
+    }
+}

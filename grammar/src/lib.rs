@@ -1,0 +1,45 @@
+//! The fdm language and its mathematics: text to checked model to exact derivatives to straight-line programs.
+//!
+//! **In** the text of a model. **Out** [`compile`]: a [`Model`] and its [`Schedule`], or [`Diagnostic`]s.
+//! **Never** files, data or matrices. **Start** at [`compile`]; it is the whole road.
+
+pub mod check;
+pub mod derive;
+pub mod diagnostic;
+pub mod graph;
+pub mod math;
+pub mod model;
+pub mod op;
+pub mod schedule;
+pub mod source;
+pub mod syntax;
+pub mod unit;
+
+pub use derive::Pattern;
+pub use diagnostic::{Code, Diagnostic, Severity};
+pub use model::Model;
+pub use schedule::{Layout, Program, Schedule};
+pub use source::{Source, Span};
+pub use unit::Unit;
+
+/// A model that passed every check, its programs, and the warnings that it left.
+#[derive(Debug, Clone)]
+pub struct Compiled {
+    /// The checked model.
+    pub model: Model,
+    /// Its programs.
+    pub schedule: Schedule,
+    /// Findings that do not stop the compilation.
+    pub warnings: Vec<Diagnostic>,
+}
+
+/// Text to programs.
+///
+/// # Errors
+/// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
+pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
+    let tree = syntax::parse(source)?;
+    let (mut model, warnings) = check::check(&tree)?;
+    let schedule = Schedule::new(&mut model);
+    Ok(Compiled { model, schedule, warnings })
+}

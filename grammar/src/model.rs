@@ -1,0 +1,144 @@
+//! A checked model: names, roles, units, values, bounds, equations as graph roots.
+//!
+//! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
+//! expressions: mistakes have been told by now. **Start** at [`Model`].
+
+use crate::graph::{Graph, Leaf, Names, Signal};
+use crate::op::ExprId;
+use crate::unit::Unit;
+
+/// What is common to everything that has a name.
+#[derive(Debug, Clone)]
+pub struct Quantity {
+    /// The name as declared.
+    pub name: String,
+    /// The doc string, empty when there is none.
+    pub doc: String,
+    /// The unit, when one was declared.
+    pub unit: Option<Unit>,
+}
+
+/// A recorded signal that drives the model.
+#[derive(Debug, Clone)]
+pub struct Input {
+    /// Name, doc, unit.
+    pub quantity: Quantity,
+}
+
+/// A state with its equation.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// Name, doc, unit.
+    pub quantity: Quantity,
+    /// `der(state)`, an expression of everything.
+    pub rate: ExprId,
+    /// Value at the beginning of a run, an expression of parameters.
+    pub initial: ExprId,
+}
+
+/// Where the first value of a parameter comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// Declared with `param`.
+    Declared,
+    /// Made from `state x = free`: the initial value of that state, first guessed from the data.
+    FreeInitial(u32),
+}
+
+/// A number that the model leaves open.
+#[derive(Debug, Clone)]
+pub struct Param {
+    /// Name (`x(0)` for the free initial value of x), doc, unit.
+    pub quantity: Quantity,
+    /// Declared with `param`, or made from a free initial state.
+    pub origin: Origin,
+    /// Start value of an estimation.
+    pub value: f64,
+    /// Least admissible value, `-inf` when not given.
+    pub lower: f64,
+    /// Greatest admissible value, `inf` when not given.
+    pub upper: f64,
+    /// Known: not estimated and not differentiated by.
+    pub fixed: bool,
+    /// Has a value of its own in every run.
+    pub per_run: bool,
+}
+
+/// A parameter that is defined by others (`param b = 2*a`): reported, not estimated.
+#[derive(Debug, Clone)]
+pub struct Derived {
+    /// Name, doc, unit.
+    pub quantity: Quantity,
+    /// Its definition, an expression of parameters.
+    pub expr: ExprId,
+}
+
+/// What the model says a recorded channel should be.
+#[derive(Debug, Clone)]
+pub struct Output {
+    /// Name, doc, unit.
+    pub quantity: Quantity,
+    /// An expression of everything.
+    pub expr: ExprId,
+}
+
+/// A checked model.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Its name.
+    pub name: String,
+    /// Its doc string, empty when there is none.
+    pub doc: String,
+    /// Unit of `t` and of the time in `der`.
+    pub time: Unit,
+    /// Inputs in the order of declaration.
+    pub inputs: Vec<Input>,
+    /// States in the order of declaration.
+    pub states: Vec<State>,
+    /// Parameters in the order of declaration; free initial values stand where their state is declared.
+    pub params: Vec<Param>,
+    /// Derived parameters.
+    pub derived: Vec<Derived>,
+    /// Outputs in the order of declaration.
+    pub outputs: Vec<Output>,
+    /// All expressions.
+    pub graph: Graph,
+}
+
+impl Model {
+    /// Index of a parameter by name.
+    pub fn param(&self, name: &str) -> Option<usize> {
+        self.params.iter().position(|p| p.quantity.name == name)
+    }
+
+    /// Start values of all parameters.
+    pub fn start(&self) -> Vec<f64> {
+        self.params.iter().map(|p| p.value).collect()
+    }
+
+    /// Whether an expression (of rates or outputs) mentions explicit time.
+    pub fn uses_time(&self) -> bool {
+        let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().map(|o| o.expr));
+        let time = self.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)));
+        roots.into_iter().any(|r| time[r.index()])
+    }
+}
+
+impl Names for Model {
+    fn leaf(&self, leaf: Leaf) -> String {
+        match leaf {
+            Leaf::Time => "t".into(),
+            Leaf::State(k) => self.states[k as usize].quantity.name.clone(),
+            Leaf::Input(k) => self.inputs[k as usize].quantity.name.clone(),
+            Leaf::Param(k) => self.params[k as usize].quantity.name.clone(),
+            Leaf::Delayed(k) => {
+                let d = self.graph.delayed()[k as usize];
+                let signal = match d.signal {
+                    Signal::State(i) => Leaf::State(i),
+                    Signal::Input(i) => Leaf::Input(i),
+                };
+                format!("delay({}, {})", self.leaf(signal), crate::graph::show(&self.graph, d.tau, self))
+            }
+        }
+    }
+}

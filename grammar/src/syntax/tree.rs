@@ -1,0 +1,195 @@
+//! The model exactly as written: statements, expressions, places. No meaning yet.
+//!
+//! Expressions live in one array in which children stand before their parents, so that no pass recurses and a sum
+//! of 200,000 terms costs memory but no stack.
+
+use crate::source::Span;
+
+/// A word of the text with its place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Name {
+    /// As written (strings without their quotes, units without their brackets).
+    pub text: String,
+    /// Where.
+    pub span: Span,
+}
+
+/// Index of an expression in [`SyntaxTree::expressions`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ExprRef(pub u32);
+
+/// What stands before a single operand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UnarySign {
+    /// `-x`
+    Minus,
+    /// `+x`
+    Plus,
+    /// `not c`
+    Not,
+}
+
+/// What stands between two operands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BinarySign {
+    /// `+`
+    Add,
+    /// `-`
+    Subtract,
+    /// `*`
+    Multiply,
+    /// `/`
+    Divide,
+    /// `^`
+    Power,
+    /// `<`
+    Less,
+    /// `<=`
+    LessEqual,
+    /// `>`
+    Greater,
+    /// `>=`
+    GreaterEqual,
+    /// `==`
+    Equal,
+    /// `!=`
+    NotEqual,
+    /// `and`
+    And,
+    /// `or`
+    Or,
+}
+
+/// One expression; its operands have smaller indices.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Expr {
+    /// A number.
+    Number(f64),
+    /// A name: declared in the model, or `t`, `pi`.
+    Name(String),
+    /// A sign before an operand.
+    Unary(UnarySign, ExprRef),
+    /// A sign between operands; `span` is that of the sign.
+    Binary(BinarySign, ExprRef, ExprRef, Span),
+    /// A function, `delay` and `der` among them.
+    Call(Name, Vec<ExprRef>),
+    /// `if condition then a else b`
+    If(ExprRef, ExprRef, ExprRef),
+}
+
+/// The kinds of declarations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// `input`
+    Input,
+    /// `state`
+    State,
+    /// `param`
+    Param,
+    /// `const`
+    Const,
+    /// `let`
+    Let,
+    /// `output`
+    Output,
+}
+
+impl Role {
+    /// The keyword.
+    pub fn keyword(self) -> &'static str {
+        match self {
+            Self::Input => "input",
+            Self::State => "state",
+            Self::Param => "param",
+            Self::Const => "const",
+            Self::Let => "let",
+            Self::Output => "output",
+        }
+    }
+}
+
+/// What stands behind `=` in a declaration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Value {
+    /// An expression.
+    Expr(ExprRef),
+    /// `free`: estimated per run (initial states only).
+    Free(Span),
+}
+
+/// `in [lower, upper]`
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Least value.
+    pub lower: ExprRef,
+    /// Greatest value.
+    pub upper: ExprRef,
+    /// From `in` to the closing bracket.
+    pub span: Span,
+}
+
+/// One declared name with what was written about it, in whatever order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Declaration {
+    /// The name.
+    pub name: Name,
+    /// `"doc string"`
+    pub doc: Option<Name>,
+    /// `[unit]`, as text between the brackets.
+    pub unit: Option<Name>,
+    /// `= value`
+    pub value: Option<Value>,
+    /// `in [lower, upper]`
+    pub bounds: Option<Bounds>,
+    /// `fixed`
+    pub fixed: Option<Span>,
+    /// `per run`
+    pub per_run: Option<Span>,
+    /// The whole declaration.
+    pub span: Span,
+}
+
+/// One statement.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StatementKind {
+    /// `role name ..., name ...;`
+    Declare(Role, Vec<Declaration>),
+    /// `left = right;`, with `der(x)` on the left
+    Equation(ExprRef, ExprRef),
+    /// `time [unit];`: the unit of `t` and of the time in `der`; seconds when not given
+    Time(Name),
+}
+
+/// A statement and its place, the semicolon included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Statement {
+    /// What it says.
+    pub kind: StatementKind,
+    /// Where.
+    pub span: Span,
+}
+
+/// A whole model as written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SyntaxTree {
+    /// The model's name.
+    pub name: Name,
+    /// The model's doc string.
+    pub doc: Option<Name>,
+    /// Statements in the order of the text.
+    pub statements: Vec<Statement>,
+    /// All expressions, operands before the expressions that use them.
+    pub expressions: Vec<(Expr, Span)>,
+}
+
+impl SyntaxTree {
+    /// The expression behind a reference.
+    pub fn expr(&self, e: ExprRef) -> &Expr {
+        &self.expressions[e.0 as usize].0
+    }
+
+    /// Where an expression stands.
+    pub fn span(&self, e: ExprRef) -> Span {
+        self.expressions[e.0 as usize].1
+    }
+}
