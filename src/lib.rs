@@ -1,5 +1,6 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
+pub mod code;
 pub mod dynamics;
 pub mod record;
 pub mod simulate;
