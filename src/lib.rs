@@ -29,3 +29,4 @@ pub use fdm_grammar::math;
 /// ```
 pub use fdm_macros::model;
 pub use model::{Model, ModelError};
+pub mod simulate;

@@ -1,6 +1,6 @@
 //! Straight-line programs: what the tape interprets, Cranelift translates and `model!` prints as Rust.
 //!
-//! **In** a checked [`Model`] and its [`Derivatives`]. **Out** [`Schedule`]: five [`Program`]s and the [`Layout`]
+//! **In** a checked [`Model`] and its [`Derivatives`]. **Out** [`Schedule`]: six [`Program`]s and the [`Layout`]
 //! of their arguments and results. **Never** control flow: a choice is an operation. **Start** at [`Schedule::new`].
 //!
 //! Everything that depends on parameters alone is computed once per parameter vector by `prepare`, whose results are
@@ -78,6 +78,8 @@ pub struct Layout {
     pub tau_by_param: Range<usize>,
     /// Values of derived parameters in `known`.
     pub derived: Range<usize>,
+    /// For each output the state that it is, when it is one and nothing else (q).
+    pub observed: Vec<Option<u32>>,
     /// Patterns, named by row and column.
     pub patterns: Patterns,
 }
@@ -131,7 +133,7 @@ impl Layout {
     }
 }
 
-/// The five programs of a model.
+/// The six programs of a model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Sizes, patterns, positions.
@@ -236,6 +238,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         initial_by_param,
         tau_by_param,
         derived,
+        observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
         patterns: Patterns {
             rates_by_state: d.rates.state.pattern.clone(),
             rates_by_delayed: d.rates.delayed.pattern.clone(),
@@ -250,6 +253,13 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         },
     };
     (known, layout)
+}
+
+fn observed(graph: &Graph, e: ExprId) -> Option<u32> {
+    match graph.node(e) {
+        Node::Leaf(Leaf::State(k)) => Some(k),
+        _ => None,
+    }
 }
 
 /// Orders the nodes below `roots`; `given` names those that need no instruction.

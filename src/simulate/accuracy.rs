@@ -1,0 +1,78 @@
+//! Chooses the steps inside samples: doubled until the response no longer moves.
+
+use super::simulator::{Divergence, Simulator, Unsuited};
+use crate::dynamics::Dynamics;
+use crate::record::Run;
+
+/// What was chosen for a run and what it is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Accuracy {
+    /// Steps between neighbouring samples.
+    pub per_interval: usize,
+    /// Estimated integration error, as a part of each output's range, largest over outputs and samples; infinite when
+    /// no step that was tried gave a finite response.
+    pub error: f64,
+}
+
+/// Integration errors below this part of an output's range are of no consequence to any estimate.
+pub(super) const TOLERANCE: f64 = 1e-8;
+/// Steps per run beyond which halving stops: what remains is said, not hidden.
+const MOST_STEPS: usize = 4_000_000;
+const MOST_PER_INTERVAL: usize = 1024;
+
+/// Doubles the steps between samples until halving the step moves no output by more than 1e-8 of its range, or
+/// until halving no longer helps.
+///
+/// # Errors
+/// [`Unsuited`] as for [`Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
+/// infinite error and one step per interval.
+pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
+    if dynamics.layout().states == 0 || run.len() < 2 {
+        return Ok(Accuracy { per_interval: 1, error: 0.0 });
+    }
+    let mut coarse = response(dynamics, run, theta, 1)?;
+    let mut best = Accuracy { per_interval: 1, error: f64::INFINITY };
+    let mut fine = 2;
+    while fine <= MOST_PER_INTERVAL && fine * run.len() <= MOST_STEPS {
+        let next = response(dynamics, run, theta, fine)?;
+        if let (Ok(a), Ok(b)) = (&coarse, &next) {
+            // the fourth-order error of the coarse response is 16/15 of what halving removes
+            let error = difference(a, b, dynamics.layout().outputs) * 16.0 / 15.0;
+            let stalled = error > 0.7 * best.error;
+            if error < best.error {
+                best = Accuracy { per_interval: fine / 2, error };
+            }
+            if error <= TOLERANCE || stalled {
+                break;
+            }
+        }
+        coarse = next;
+        fine *= 2;
+    }
+    Ok(best)
+}
+
+fn response(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    per_interval: usize,
+) -> Result<Result<Vec<f64>, Divergence>, Unsuited> {
+    let mut simulator = Simulator::new(dynamics, run, per_interval)?;
+    let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
+    Ok(simulator.simulate(theta, &mut y).map(|()| y))
+}
+
+/// Largest difference of two responses, each output as a part of its range.
+fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
+    let mut worst = 0.0_f64;
+    for i in 0..outputs {
+        let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
+        let (a, b) = (column(a), column(b));
+        let high = b.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let low = b.iter().copied().fold(f64::INFINITY, f64::min);
+        let range = if high > low { high - low } else { high.abs().max(1.0) };
+        worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
+    }
+    worst
+}

@@ -1,0 +1,146 @@
+//! What drives the model at the stages of every step and at every sample: inputs, and inputs delayed.
+
+use super::grid::Grid;
+use crate::dynamics::Layout;
+use crate::record::Run;
+use fdm_grammar::graph::Signal;
+
+/// Values of inputs and delayed inputs where the integrator needs them; delayed states are filled in elsewhere.
+#[derive(Debug, Clone)]
+pub(super) struct DriveTable {
+    width: usize,
+    inputs: usize,
+    delayed: Vec<Signal>,
+    /// Steps by 3 by width: beginning, middle and end of each step.
+    stages: Vec<f64>,
+    /// Steps by 3 by delayed signals: slopes of delayed inputs.
+    stage_slopes: Vec<f64>,
+    /// Samples by width.
+    samples: Vec<f64>,
+    /// Samples by delayed signals.
+    sample_slopes: Vec<f64>,
+}
+
+impl DriveTable {
+    /// Fills in the inputs that are not delayed; they stay as they are for the whole fit.
+    pub(super) fn new(layout: &Layout, run: &Run, grid: &Grid) -> Self {
+        let (width, inputs, delays, steps) = (layout.drive(), layout.inputs, layout.delayed.len(), grid.steps());
+        let mut table = Self {
+            width,
+            inputs,
+            delayed: layout.delayed.clone(),
+            stages: vec![0.0; steps * 3 * width],
+            stage_slopes: vec![0.0; steps * 3 * delays],
+            samples: vec![0.0; run.len() * width],
+            sample_slopes: vec![0.0; run.len() * delays],
+        };
+        for (sample, row) in run.inputs.chunks_exact(inputs.max(1)).enumerate().filter(|_| inputs > 0) {
+            table.samples[sample * width..][..inputs].copy_from_slice(row);
+        }
+        let per = grid.per_interval();
+        for k in 0..steps {
+            let (interval, within) = (k / per, k % per);
+            for input in 0..inputs {
+                let (a, b) = (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
+                for stage in 0..3 {
+                    let part = (2 * within + stage) as f64 / (2 * per) as f64;
+                    table.stages[(3 * k + stage) * width + input] = between(a, b, part, run.held[input]);
+                }
+            }
+        }
+        table
+    }
+
+    /// Fills in the delayed inputs for new delays (one per delayed signal).
+    pub(super) fn delay(&mut self, tau: &[f64], run: &Run, grid: &Grid) {
+        for (d, signal) in self.delayed.clone().into_iter().enumerate() {
+            let Signal::Input(input) = signal else { continue };
+            let (input, delays, column) = (input as usize, self.delayed.len(), self.inputs + d);
+            let mut cursor = Cursor::default();
+            for k in 0..grid.steps() {
+                let (t, h) = grid.step(k);
+                for (stage, at) in [t, t + 0.5 * h, t + h].into_iter().enumerate() {
+                    let (value, slope) = cursor.at(run, input, at - tau[d]);
+                    self.stages[(3 * k + stage) * self.width + column] = value;
+                    self.stage_slopes[(3 * k + stage) * delays + d] = slope;
+                }
+            }
+            let mut cursor = Cursor::default();
+            for (sample, t) in grid.samples().iter().enumerate() {
+                let (value, slope) = cursor.at(run, input, t - tau[d]);
+                self.samples[sample * self.width + column] = value;
+                self.sample_slopes[sample * delays + d] = slope;
+            }
+        }
+    }
+
+    /// Drive at the beginning, middle and end of a step (3 by width).
+    #[inline]
+    pub(super) fn stages(&self, step: usize) -> &[f64] {
+        &self.stages[step * 3 * self.width..][..3 * self.width]
+    }
+
+    /// Slopes of the delayed inputs at the same three times (3 by delayed signals).
+    #[inline]
+    pub(super) fn stage_slopes(&self, step: usize) -> &[f64] {
+        let delays = self.delayed.len();
+        &self.stage_slopes[step * 3 * delays..][..3 * delays]
+    }
+
+    /// Drive at a sample (width), writable for the delayed states.
+    #[inline]
+    pub(super) fn sample(&mut self, sample: usize) -> &mut [f64] {
+        &mut self.samples[sample * self.width..][..self.width]
+    }
+
+    /// Slopes of the delayed inputs at a sample.
+    #[inline]
+    pub(super) fn sample_slopes(&self, sample: usize) -> &[f64] {
+        let delays = self.delayed.len();
+        &self.sample_slopes[sample * delays..][..delays]
+    }
+}
+
+/// A part of the way from a to b, exact at both ends.
+fn between(a: f64, b: f64, part: f64, held: bool) -> f64 {
+    if held || part == 0.0 {
+        a
+    } else if part == 1.0 {
+        b
+    } else {
+        a + part * (b - a)
+    }
+}
+
+/// Looks an input up at times that mostly rise, without searching from the beginning.
+#[derive(Debug, Default)]
+struct Cursor {
+    interval: usize,
+}
+
+impl Cursor {
+    /// Value and slope of an input at a time. Before the first sample the first value holds, behind the last the
+    /// last; at a sample the slope is that of the interval which begins there.
+    fn at(&mut self, run: &Run, input: usize, t: f64) -> (f64, f64) {
+        let (time, width, last) = (&run.time, run.held.len(), run.len() - 1);
+        let value = |k: usize| run.inputs[k * width + input];
+        if t < time[0] {
+            return (value(0), 0.0);
+        }
+        if t >= time[last] {
+            return (value(last), 0.0);
+        }
+        while self.interval > 0 && time[self.interval] > t {
+            self.interval -= 1;
+        }
+        while time[self.interval + 1] <= t {
+            self.interval += 1;
+        }
+        let (k, a) = (self.interval, value(self.interval));
+        if run.held[input] {
+            return (a, 0.0);
+        }
+        let slope = (value(k + 1) - a) / (time[k + 1] - time[k]);
+        (a + slope * (t - time[k]), slope)
+    }
+}

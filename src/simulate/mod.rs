@@ -1,0 +1,20 @@
+//! A model and a run to the model's response and its exact sensitivities.
+//!
+//! **In** a [`crate::dynamics::Dynamics`] and a [`crate::record::Run`]. **Out** outputs at the samples and their
+//! derivatives by parameters, or a [`Divergence`]. **Never** compares with measurements: that is `estimate`.
+//! **Start** at [`Simulator`]; steps are chosen in `accuracy.rs`, one step of the sensitivities is in `tangent.rs`.
+//!
+//! The steps are chosen once and then kept, so that the sensitivities are the exact derivative of the discrete
+//! response, not an approximation of the derivative of something else.
+
+mod accuracy;
+mod drive;
+mod grid;
+mod history;
+mod sensitivity;
+mod simulator;
+mod tangent;
+
+pub use accuracy::{Accuracy, choose_steps};
+pub use grid::Grid;
+pub use simulator::{Divergence, Simulator, Unsuited};

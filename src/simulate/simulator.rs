@@ -1,0 +1,259 @@
+//! One run of a model: outputs, and outputs with sensitivities, by fixed-step Runge-Kutta.
+
+use super::drive::DriveTable;
+use super::grid::Grid;
+use super::history::History;
+use super::sensitivity::Sensitivity;
+use crate::dynamics::{Dynamics, Point, Step, Workspace};
+use crate::record::Run;
+use fdm_grammar::graph::Signal;
+
+/// The simulation left the finite numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Divergence {
+    /// Time since the run began at which the first value was not finite.
+    pub time: f64,
+    /// The state that was not finite; `None` when it was an output, a delay or a sensitivity.
+    pub state: Option<usize>,
+    /// The last sample before that time.
+    pub sample: usize,
+}
+
+/// Why a run cannot be simulated with exact sensitivities.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Unsuited {
+    /// The response to a held input moves in jumps with its delay, so fixed steps see no derivative.
+    #[error(
+        "input {input} is held between samples and delayed by an estimated delay; fixed steps cannot see how the \
+         response moves with that delay: take the input as linear between samples, or fix the delay"
+    )]
+    HeldAndDelayed {
+        /// Index of the input.
+        input: usize,
+    },
+}
+
+/// Simulates one run again and again with other parameters; allocates once.
+pub struct Simulator<'a> {
+    pub(super) dynamics: &'a dyn Dynamics,
+    pub(super) run: &'a Run,
+    pub(super) grid: Grid,
+    pub(super) drive: DriveTable,
+    pub(super) known: Vec<f64>,
+    pub(super) work: Workspace,
+    pub(super) history: Option<History>,
+    /// Three nodes' states in turn (3 n).
+    pub(super) nodes: Vec<f64>,
+    sensitivity: Option<Sensitivity>,
+}
+
+impl<'a> Simulator<'a> {
+    /// Prepares a run; `per_interval` steps between samples.
+    ///
+    /// # Errors
+    /// [`Unsuited`] when sensitivities would be silently zero.
+    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
+        let layout = dynamics.layout();
+        for (d, signal) in layout.delayed.iter().enumerate() {
+            if let Signal::Input(input) = *signal
+                && run.held[input as usize]
+                && layout.patterns.tau_by_param.row(d).next().is_some()
+            {
+                return Err(Unsuited::HeldAndDelayed { input: input as usize });
+            }
+        }
+        let times = if layout.states == 0 { &run.time[..run.len().min(1)] } else { &run.time[..] };
+        let grid = Grid::new(times, per_interval);
+        let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+        Ok(Self {
+            dynamics,
+            run,
+            drive: DriveTable::new(layout, run, &grid),
+            grid,
+            known: vec![0.0; layout.known],
+            work: Workspace::new(dynamics),
+            history: delays_states.then(History::default),
+            nodes: vec![0.0; 3 * layout.states],
+            sensitivity: None,
+        })
+    }
+
+    /// The run that is simulated.
+    pub fn run(&self) -> &Run {
+        self.run
+    }
+
+    /// The steps in use.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Number of samples N.
+    pub fn samples(&self) -> usize {
+        self.run.len()
+    }
+
+    /// Number of outputs q.
+    pub fn outputs(&self) -> usize {
+        self.dynamics.layout().outputs
+    }
+
+    /// Outputs at the samples (N by q) for parameters theta (p).
+    ///
+    /// # Errors
+    /// [`Divergence`] at the first value that is not finite; rows before it are filled.
+    pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        self.begin(theta, 0)?;
+        let (n, steps, width) = (self.dynamics.layout().states, self.grid.steps(), self.dynamics.layout().drive());
+        for k in 0..=steps {
+            let x = node(k) * n;
+            if self.history.is_some() {
+                self.remember(k, x, width);
+            }
+            if let Some(sample) = self.grid.sample_at(k) {
+                self.observe(sample, x, &mut y[sample * self.outputs()..])?;
+            }
+            if k < steps {
+                self.advance(k)?;
+            }
+        }
+        self.stateless(|simulator, sample| {
+            let q = simulator.outputs();
+            simulator.observe(sample, 0, &mut y[sample * q..])
+        })
+    }
+
+    /// Outputs (N by q) and their derivatives by the parameters `columns` (indices into theta): `jacobian` has N q rows
+    /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns are zero.
+    ///
+    /// # Errors
+    /// [`Divergence`] at the first value that is not finite.
+    pub fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        let mut sensitivity = match self.sensitivity.take() {
+            Some(s) if s.columns() == columns => s,
+            _ => Sensitivity::new(self.dynamics, columns),
+        };
+        let result = self.begin(theta, sensitivity.stride()).and_then(|()| sensitivity.run(self, y, jacobian));
+        self.sensitivity = Some(sensitivity);
+        result
+    }
+
+    /// Samples behind the first of a model without states: nothing to integrate, only outputs.
+    pub(super) fn stateless(
+        &mut self,
+        mut emit: impl FnMut(&mut Self, usize) -> Result<(), Divergence>,
+    ) -> Result<(), Divergence> {
+        if self.dynamics.layout().states > 0 {
+            return Ok(());
+        }
+        (1..self.run.len()).try_for_each(|sample| emit(self, sample))
+    }
+
+    /// Parameters to everything that depends on them alone, delays and initial values among it.
+    fn begin(&mut self, theta: &[f64], stride: usize) -> Result<(), Divergence> {
+        let layout = self.dynamics.layout();
+        self.dynamics.prepare(theta, &mut self.known, &mut self.work);
+        let start = |state| Divergence { time: 0.0, state, sample: 0 };
+        let x0 = &self.known[layout.initial.clone()];
+        if let Some(state) = x0.iter().position(|x| !x.is_finite()) {
+            return Err(start(Some(state)));
+        }
+        self.nodes[..layout.states].copy_from_slice(x0);
+        let tau = &self.known[layout.tau.clone()];
+        if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
+            return Err(start(None));
+        }
+        self.drive.delay(tau, self.run, &self.grid);
+        if let Some(history) = &mut self.history {
+            let states = layout.delayed.iter().zip(tau).filter(|(s, _)| matches!(s, Signal::State(_)));
+            let longest = states.map(|(_, t)| *t).fold(0.0, f64::max);
+            history.begin(layout.states, stride, longest, &self.grid);
+        }
+        Ok(())
+    }
+
+    /// One step without sensitivities.
+    fn advance(&mut self, k: usize) -> Result<(), Divergence> {
+        let n = self.dynamics.layout().states;
+        let (t, h) = self.grid.step(k);
+        let mut next = std::mem::take(&mut self.nodes);
+        let (x, to) = two_nodes(&mut next, k, n);
+        let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
+        self.dynamics.step(step, to, &mut self.work);
+        let finite = self.check(k, to);
+        self.nodes = next;
+        finite
+    }
+
+    /// The states after step k are finite, or the run has diverged.
+    #[inline]
+    pub(super) fn check(&self, k: usize, x: &[f64]) -> Result<(), Divergence> {
+        if x.iter().all(|x| x.is_finite()) {
+            return Ok(());
+        }
+        let (t, h) = self.grid.step(k);
+        let state = x.iter().position(|x| !x.is_finite());
+        Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval() })
+    }
+
+    /// Adds node k to the history, with the rates at the end of the step before and at the beginning of the next.
+    fn remember(&mut self, k: usize, x: usize, width: usize) {
+        let Some(mut history) = self.history.take() else { return };
+        let n = self.dynamics.layout().states;
+        let x = &self.nodes[x..x + n];
+        let t = if k < self.grid.steps() { self.grid.step(k).0 } else { self.grid.samples()[self.run.len() - 1] };
+        history.push(t, x, &[]);
+        let ends = [(1, k.checked_sub(1), 2), (0, (k < self.grid.steps()).then_some(k), 0)];
+        for (end, step, row) in ends {
+            let Some(step) = step else { continue };
+            let drive = &self.drive.stages(step)[row * width..][..width];
+            let at = Point { t, x, drive, known: &self.known };
+            self.dynamics.rates(at, history.rates(end, end).0, &mut self.work);
+        }
+        self.history = Some(history);
+    }
+
+    /// Outputs at a sample, delayed states filled in first.
+    fn observe(&mut self, sample: usize, x: usize, y: &mut [f64]) -> Result<(), Divergence> {
+        let layout = self.dynamics.layout();
+        let t = self.run.time[sample];
+        let drive = self.drive.sample(sample);
+        if let Some(history) = &self.history {
+            for (d, signal) in layout.delayed.iter().enumerate() {
+                if let Signal::State(state) = *signal {
+                    let tau = self.known[layout.tau.start + d];
+                    drive[layout.inputs + d] = history.at(t - tau, state as usize, &mut []).0;
+                }
+            }
+        }
+        let x = &self.nodes[x..x + layout.states];
+        let y = &mut y[..layout.outputs];
+        self.dynamics.outputs(Point { t, x, drive, known: &self.known }, y, &mut self.work);
+        if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
+    }
+}
+
+/// Which of the three nodes in turn holds node k.
+#[inline]
+pub(super) fn node(k: usize) -> usize {
+    k % 3
+}
+
+/// The states of node k to read, and those of node k + 1 to write.
+#[inline]
+pub(super) fn two_nodes(nodes: &mut [f64], k: usize, n: usize) -> (&[f64], &mut [f64]) {
+    let (a, b) = (node(k) * n, node(k + 1) * n);
+    if a < b {
+        let (low, high) = nodes.split_at_mut(b);
+        (&low[a..a + n], &mut high[..n])
+    } else {
+        let (low, high) = nodes.split_at_mut(a);
+        (&high[..n], &mut low[b..b + n])
+    }
+}
