@@ -1,8 +1,10 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
+pub mod code;
 pub mod dynamics;
 mod model;
 pub mod record;
+pub mod simulate;
 #[doc(hidden)]
 pub mod sized;
 
@@ -29,4 +31,3 @@ pub use fdm_grammar::math;
 /// ```
 pub use fdm_macros::model;
 pub use model::{Model, ModelError};
-pub mod simulate;

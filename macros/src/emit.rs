@@ -7,7 +7,7 @@ use fdm_grammar::{Layout, Program, Schedule};
 use proc_macro2::{Literal, TokenStream};
 use quote::{format_ident, quote};
 
-/// More instructions than this take rustc minutes, and the machine code of the file door is as good.
+/// rustc needs about a second for every 5,000 instructions, and the machine code of the file door is as good.
 pub(crate) const MOST_INSTRUCTIONS: usize = 20_000;
 
 /// Longer programs are called from the four stages of a step instead of being copied into each.

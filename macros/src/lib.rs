@@ -35,8 +35,8 @@ fn expand(tokens: TokenStream) -> TokenStream {
     if count > emit::MOST_INSTRUCTIONS {
         let most = emit::MOST_INSTRUCTIONS;
         let message = format!(
-            "this model needs {count} instructions, more than the {most} that rustc can compile in reasonable time\n\
-             write it to a file and load it with fdm::Model::from_file, which makes machine code in milliseconds"
+            "this model needs {count} instructions, more than the {most} that model! hands to rustc\n\
+             hint: put it into a .fdm file and load it with fdm::Model::from_file, which compiles it much faster"
         );
         return refusal([error((Span::call_site(), Span::call_site()), &message)].into_iter());
     }
