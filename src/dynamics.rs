@@ -81,19 +81,36 @@ pub trait Dynamics: Send + Sync {
 
     /// The states after one Runge-Kutta step (n).
     fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
-        let (n, width) = (self.layout().states, self.layout().drive());
-        runge_kutta(step, n, width, next, work, |_, at, out, work| self.rates(at, out, work));
+        by_stages(self, step, next, work);
     }
 
     /// The same states (to the bit), and the results of `rates_and_partials` at the four stages, one row each.
     fn step_with_partials(&self, step: Step<'_>, next: &mut [f64], stages: &mut [f64], work: &mut Workspace) {
-        let (n, width, slots) = (self.layout().states, self.layout().drive(), self.layout().rate_slots());
-        runge_kutta(step, n, width, next, work, |k, at, out, work| {
-            let row = &mut stages[k * slots..(k + 1) * slots];
-            self.rates_and_partials(at, row, work);
-            out.copy_from_slice(&row[..n]);
-        });
+        by_stages_with_partials(self, step, next, stages, work);
     }
+}
+
+/// [`Dynamics::step`] by four calls of `rates`.
+pub(crate) fn by_stages<D: Dynamics + ?Sized>(dynamics: &D, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
+    let (n, width) = (dynamics.layout().states, dynamics.layout().drive());
+    runge_kutta(step, n, width, next, work, |_, at, out, work| dynamics.rates(at, out, work));
+}
+
+/// [`Dynamics::step_with_partials`] by four calls of `rates_and_partials`.
+pub(crate) fn by_stages_with_partials<D: Dynamics + ?Sized>(
+    dynamics: &D,
+    step: Step<'_>,
+    next: &mut [f64],
+    stages: &mut [f64],
+    work: &mut Workspace,
+) {
+    let layout = dynamics.layout();
+    let (n, width, slots) = (layout.states, layout.drive(), layout.rate_slots());
+    runge_kutta(step, n, width, next, work, |k, at, out, work| {
+        let row = &mut stages[k * slots..(k + 1) * slots];
+        dynamics.rates_and_partials(at, row, work);
+        out.copy_from_slice(&row[..n]);
+    });
 }
 
 /// The order of these operations is part of the contract: machine code repeats it to the bit.

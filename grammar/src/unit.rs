@@ -1,7 +1,7 @@
 //! Units of measurement: parsed, multiplied, compared, converted.
 
 /// A unit: what it measures and how large it is in SI units.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Unit {
     text: String,
     /// Exponents of m, kg, s, A, K, mol, cd; angles are pure numbers, `deg` a pure number of size pi/180.

@@ -1,0 +1,137 @@
+//! The one place that holds Cranelift's module: host flags, elementary functions, executable memory and its end.
+
+use super::JitError;
+use cranelift_codegen::Context;
+use cranelift_codegen::ir::{AbiParam, FuncRef, Function, Type, types};
+use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext};
+use cranelift_jit::{JITBuilder, JITModule};
+use cranelift_module::{FuncId, Linkage, Module, default_libcall_names};
+use fdm_grammar::math;
+use fdm_grammar::op::{Op, ROWS};
+
+/// Executable memory and what is needed to add to it.
+pub(super) struct CodeModule {
+    /// Taken only when this is dropped.
+    module: Option<JITModule>,
+    context: Context,
+    scratch: FunctionBuilderContext,
+    /// For each operation the function that computes it, unless the hardware does.
+    elementary: Vec<Option<FuncId>>,
+}
+
+macro_rules! elementary {
+    ($($op:ident $name:ident($($x:ident),*);)*) => {
+        $(extern "C" fn $name($($x: f64),*) -> f64 {
+            math::$name($($x),*)
+        })*
+
+        /// Address and number of arguments of what hardware does not compute; the table's functions to the bit.
+        fn function(op: Op) -> Option<(*const u8, usize)> {
+            match op {
+                $(Op::$op => Some(($name as *const u8, [$(stringify!($x)),*].len())),)*
+                _ => None,
+            }
+        }
+    };
+}
+
+elementary! {
+    Pow pow(x, y);
+    Sin sin(x);
+    Cos cos(x);
+    Tan tan(x);
+    Asin asin(x);
+    Acos acos(x);
+    Atan atan(x);
+    Atan2 atan2(y, x);
+    Sinh sinh(x);
+    Cosh cosh(x);
+    Tanh tanh(x);
+    Exp exp(x);
+    Log log(x);
+    Log10 log10(x);
+    Hypot hypot(x, y);
+}
+
+impl CodeModule {
+    /// An empty module for this machine.
+    pub(super) fn new() -> Result<Self, JitError> {
+        // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
+        let flags = [("opt_level", "speed"), ("enable_verifier", "false"), ("unwind_info", "false")];
+        let mut builder = JITBuilder::with_flags(&flags, default_libcall_names())?;
+        for row in ROWS {
+            if let Some((address, _)) = function(row.op) {
+                builder.symbol(symbol(row.name), address);
+            }
+        }
+        let mut module = JITModule::new(builder);
+        let mut elementary = Vec::with_capacity(ROWS.len());
+        for row in ROWS {
+            elementary.push(match function(row.op) {
+                Some((_, arity)) => {
+                    let mut signature = module.make_signature();
+                    signature.params = vec![AbiParam::new(types::F64); arity];
+                    signature.returns = vec![AbiParam::new(types::F64)];
+                    Some(module.declare_function(&symbol(row.name), Linkage::Import, &signature)?)
+                }
+                None => None,
+            });
+        }
+        let context = module.make_context();
+        Ok(Self { module: Some(module), context, scratch: FunctionBuilderContext::new(), elementary })
+    }
+
+    /// The type of addresses.
+    pub(super) fn pointer(&self) -> Result<Type, JitError> {
+        self.module.as_ref().map(|m| m.target_config().pointer_type()).ok_or(JitError::Panicked)
+    }
+
+    /// Compiles a function of these parameters without result; its address is valid as long as this lives.
+    pub(super) fn define(
+        &mut self,
+        params: &[Type],
+        body: impl FnOnce(&mut FunctionBuilder<'_>, &mut Callees<'_>),
+    ) -> Result<*const u8, JitError> {
+        let module = self.module.as_mut().ok_or(JitError::Panicked)?;
+        module.clear_context(&mut self.context);
+        self.context.func.signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
+        let id = module.declare_anonymous_function(&self.context.func.signature)?;
+        let mut builder = FunctionBuilder::new(&mut self.context.func, &mut self.scratch);
+        let mut callees = Callees { module, elementary: &self.elementary, referred: vec![None; ROWS.len()] };
+        body(&mut builder, &mut callees);
+        builder.finalize(module.target_config());
+        module.define_function(id, &mut self.context)?;
+        module.finalize_definitions()?;
+        Ok(module.get_finalized_function(id))
+    }
+}
+
+impl Drop for CodeModule {
+    fn drop(&mut self) {
+        if let Some(module) = self.module.take() {
+            // SAFETY: `Jit` owns this module and the only copies of its addresses, and it is being dropped: nobody can
+            // be inside a function nor call one afterwards.
+            unsafe { module.free_memory() };
+        }
+    }
+}
+
+/// Elementary functions as the function under construction refers to them.
+pub(super) struct Callees<'a> {
+    module: &'a mut JITModule,
+    elementary: &'a [Option<FuncId>],
+    referred: Vec<Option<FuncRef>>,
+}
+
+impl Callees<'_> {
+    /// The function that computes an operation; `None` when the hardware does.
+    pub(super) fn of(&mut self, op: Op, function: &mut Function) -> Option<FuncRef> {
+        let id = self.elementary[op as usize]?;
+        Some(*self.referred[op as usize].get_or_insert_with(|| self.module.declare_func_in_func(id, function)))
+    }
+}
+
+/// Away from the names of the system's C library.
+fn symbol(name: &str) -> String {
+    format!("fdm.{name}")
+}

@@ -1,0 +1,217 @@
+//! Flat bytecode over one array of numbers: the reference that machine code must equal to the bit.
+
+use crate::dynamics::{Dynamics, Point, Workspace};
+use fdm_grammar::op::Op;
+use fdm_grammar::schedule::{Instruction, Layout, Operand, Program, Schedule};
+
+/// The programs of a model as bytecode; any size, no recursion, no allocation while it runs.
+#[derive(Debug, Clone)]
+pub struct Tape {
+    layout: Layout,
+    prepare: Bytecode,
+    rates: Bytecode,
+    rates_and_partials: Bytecode,
+    outputs: Bytecode,
+    outputs_and_partials: Bytecode,
+    by_input: Bytecode,
+}
+
+impl Tape {
+    /// Resolves all operands of a schedule to places in one array.
+    pub fn new(schedule: &Schedule) -> Self {
+        let Schedule { layout, .. } = schedule;
+        let body = |program: &Program| Bytecode::new(program, layout.states, layout.drive());
+        Self {
+            prepare: Bytecode::new(&schedule.prepare, 0, 0),
+            rates: body(&schedule.rates),
+            rates_and_partials: body(&schedule.rates_and_partials),
+            outputs: body(&schedule.outputs),
+            outputs_and_partials: body(&schedule.outputs_and_partials),
+            by_input: body(&schedule.by_input),
+            layout: layout.clone(),
+        }
+    }
+}
+
+impl Dynamics for Tape {
+    fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    fn workspace(&self) -> usize {
+        let programs = [
+            &self.prepare,
+            &self.rates,
+            &self.rates_and_partials,
+            &self.outputs,
+            &self.outputs_and_partials,
+            &self.by_input,
+        ];
+        programs.map(|p| p.places).into_iter().max().unwrap_or(0)
+    }
+
+    fn prepare(&self, theta: &[f64], known: &mut [f64], work: &mut Workspace) {
+        self.prepare.run(Point { t: 0.0, x: &[], drive: &[], known: theta }, known, work);
+    }
+
+    fn rates(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.rates.run(at, out, work);
+    }
+
+    fn rates_and_partials(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.rates_and_partials.run(at, out, work);
+    }
+
+    fn outputs(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.outputs.run(at, out, work);
+    }
+
+    fn outputs_and_partials(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.outputs_and_partials.run(at, out, work);
+    }
+
+    fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        self.by_input.run(at, out, work);
+    }
+}
+
+/// One operation on places of the array.
+#[derive(Debug, Clone, Copy)]
+struct Code {
+    op: Op,
+    to: u32,
+    from: [u32; 3],
+}
+
+/// One program. Its array is [constants | time | states | drive | entries of `known` that it reads | registers];
+/// everything but the registers is copied in front of each evaluation, so that instructions read without asking where.
+#[derive(Debug, Clone)]
+struct Bytecode {
+    constants: Vec<f64>,
+    states: usize,
+    drive: usize,
+    known: Vec<u32>,
+    codes: Vec<Code>,
+    results: Vec<u32>,
+    places: usize,
+}
+
+impl Bytecode {
+    fn new(program: &Program, states: usize, drive: usize) -> Self {
+        let operands = program.instructions.iter().flat_map(read).chain(&program.results);
+        let mut known: Vec<u32> =
+            operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
+        known.sort_unstable();
+        known.dedup();
+        let registers = Registers::assign(program);
+        let time = program.constants.len();
+        let base = time + 1 + states + drive + known.len();
+        let place = |operand: Operand| match operand {
+            Operand::Constant(k) => k,
+            Operand::Time => time as u32,
+            Operand::State(k) => time as u32 + 1 + k,
+            Operand::Drive(k) => (time + 1 + states) as u32 + k,
+            Operand::Known(k) => (time + 1 + states + drive + known.partition_point(|l| *l < k)) as u32,
+            Operand::Value(k) => base as u32 + registers.of[k as usize],
+        };
+        let codes = program.instructions.iter().zip(&registers.of);
+        Self {
+            codes: codes.map(|(i, r)| Code { op: i.op, to: base as u32 + r, from: i.args.map(place) }).collect(),
+            results: program.results.iter().map(|r| place(*r)).collect(),
+            constants: program.constants.clone(),
+            states,
+            drive,
+            places: base + registers.count as usize,
+            known,
+        }
+    }
+
+    fn run(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        if work.values.len() < self.places {
+            // memory that was made for another model
+            work.values.resize(self.places, 0.0);
+        }
+        let values = &mut work.values[..self.places];
+        self.load(at, values);
+        for code in &self.codes {
+            let [a, b, c] = code.from.map(|k| values[k as usize]);
+            values[code.to as usize] = match code.op {
+                // most of every model; the rest is far enough from one cycle not to mind the call
+                Op::Add => a + b,
+                Op::Sub => a - b,
+                Op::Mul => a * b,
+                Op::Div => a / b,
+                op => (op.row().value)(a, b, c),
+            };
+        }
+        for (slot, k) in out[..self.results.len()].iter_mut().zip(&self.results) {
+            *slot = values[*k as usize];
+        }
+    }
+
+    fn load(&self, at: Point<'_>, values: &mut [f64]) {
+        let (constants, rest) = values.split_at_mut(self.constants.len());
+        let (time, rest) = rest.split_at_mut(1);
+        let (states, rest) = rest.split_at_mut(self.states);
+        let (drive, rest) = rest.split_at_mut(self.drive);
+        constants.copy_from_slice(&self.constants);
+        time[0] = at.t;
+        states.copy_from_slice(&at.x[..self.states]);
+        drive.copy_from_slice(&at.drive[..self.drive]);
+        for (place, k) in rest.iter_mut().zip(&self.known) {
+            *place = at.known[*k as usize];
+        }
+    }
+}
+
+fn read(instruction: &Instruction) -> &[Operand] {
+    &instruction.args[..instruction.op.row().arity]
+}
+
+/// Registers of values, taken again as soon as the last reader is done.
+struct Registers {
+    of: Vec<u32>,
+    count: u32,
+}
+
+impl Registers {
+    fn assign(program: &Program) -> Self {
+        const KEPT: usize = usize::MAX;
+        let mut last = vec![0; program.instructions.len()];
+        for (k, instruction) in program.instructions.iter().enumerate() {
+            last[k] = k;
+            for operand in read(instruction) {
+                if let Operand::Value(v) = operand {
+                    last[*v as usize] = k;
+                }
+            }
+        }
+        for result in &program.results {
+            if let Operand::Value(v) = result {
+                last[*v as usize] = KEPT;
+            }
+        }
+        let mut registers = Self { of: Vec::with_capacity(last.len()), count: 0 };
+        let mut free: Vec<u32> = Vec::new();
+        for (k, instruction) in program.instructions.iter().enumerate() {
+            for operand in read(instruction) {
+                if let Operand::Value(v) = operand
+                    && last[*v as usize] == k
+                {
+                    // an operand that stands twice is given back once
+                    last[*v as usize] = KEPT;
+                    free.push(registers.of[*v as usize]);
+                }
+            }
+            let register = free.pop().unwrap_or_else(|| {
+                registers.count += 1;
+                registers.count - 1
+            });
+            registers.of.push(register);
+            if last[k] == k {
+                free.push(register);
+            }
+        }
+        registers
+    }
+}
