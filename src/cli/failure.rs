@@ -32,8 +32,8 @@ impl Failure {
     pub(crate) fn report(&self) -> ExitCode {
         match self {
             Self::Model(e) => match &**e {
-                ModelError::Invalid { source, diagnostics } => {
-                    eprintln!("{}", fdm::report::render(source, diagnostics, std::io::stderr().is_terminal()));
+                ModelError::Invalid { text, diagnostics } => {
+                    eprintln!("{}", fdm::report::render(text, diagnostics, std::io::stderr().is_terminal()));
                 }
                 other => eprintln!("error: {other}"),
             },
