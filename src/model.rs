@@ -4,6 +4,7 @@
 //! mistake of the text. **Never** data, and never an output of its own: warnings are handed on.
 //! **Start** at [`Model::from_file`].
 
+use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
@@ -34,10 +35,10 @@ pub enum ModelError {
         reason: String,
     },
     /// The text has mistakes. Displayed as one line for each.
-    #[error("{}", lines(source, diagnostics))]
+    #[error("{}", lines(r#source, diagnostics))]
     Invalid {
         /// The text and its name.
-        source: Source,
+        r#source: Source,
         /// Every finding, in the order of the text; at least one is an error.
         diagnostics: Vec<Diagnostic>,
     },
@@ -72,7 +73,7 @@ impl Model {
         let source = Source::new(name, text);
         match fdm_grammar::compile(&source) {
             Ok(compiled) => {
-                let dynamics = crate::code::compile(&compiled.schedule).into();
+                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
                 Ok(Self { source, compiled: Arc::new(compiled), dynamics })
             }
             Err(diagnostics) => Err(ModelError::Invalid { source, diagnostics }),
