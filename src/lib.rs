@@ -5,8 +5,6 @@ pub mod dynamics;
 mod model;
 pub mod record;
 pub mod simulate;
-#[doc(hidden)]
-pub mod sized;
 
 pub use fdm_grammar::math;
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].

@@ -4,6 +4,7 @@
 //! mistake of the text. **Never** data, and never an output of its own: warnings are handed on.
 //! **Start** at [`Model::from_file`].
 
+use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
@@ -34,10 +35,10 @@ pub enum ModelError {
         reason: String,
     },
     /// The text has mistakes. Displayed as one line for each.
-    #[error("{}", lines(text, diagnostics))]
+    #[error("{}", lines(r#source, diagnostics))]
     Invalid {
         /// The text and its name.
-        text: Source,
+        r#source: Source,
         /// Every finding, in the order of the text; at least one is an error.
         diagnostics: Vec<Diagnostic>,
     },
@@ -72,10 +73,10 @@ impl Model {
         let source = Source::new(name, text);
         match fdm_grammar::compile(&source) {
             Ok(compiled) => {
-                let dynamics = crate::code::compile(&compiled.schedule, crate::code::Engine::Jit).into();
+                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
                 Ok(Self { source, compiled: Arc::new(compiled), dynamics })
             }
-            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
+            Err(diagnostics) => Err(ModelError::Invalid { source, diagnostics }),
         }
     }
 
@@ -167,7 +168,7 @@ fn not_text(name: String, error: std::string::FromUtf8Error) -> ModelError {
     let source = Source::new(name, String::from_utf8_lossy(bytes));
     let span = Span::new(at, at + char::REPLACEMENT_CHARACTER.len_utf8());
     let message = format!("this is not UTF-8 text: byte {byte:#04x} stands where a character should begin");
-    ModelError::Invalid { text: source, diagnostics: vec![Diagnostic::new(Code::NotText, span, message).hint(hint)] }
+    ModelError::Invalid { source, diagnostics: vec![Diagnostic::new(Code::NotText, span, message).hint(hint)] }
 }
 
 #[cfg(test)]

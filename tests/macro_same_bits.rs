@@ -143,7 +143,7 @@ fn everything(dynamics: &dyn Dynamics, noise: &mut Noise) -> Vec<(&'static str, 
 fn agree((read, written): (Model, Model)) {
     assert_eq!(read.schedule(), written.schedule(), "{}", read.name());
     let tape = fdm::code::Tape::new(read.schedule());
-    let machine = fdm::code::compile(read.schedule());
+    let machine = fdm::code::compile(read.schedule(), fdm::code::Engine::Jit);
     for seed in 0..200 {
         let oracle = everything(&tape, &mut Noise(seed));
         for (by, dynamics) in [("machine code", &*machine), ("macro", written.dynamics())] {

@@ -186,7 +186,7 @@ fn dynamics(sizes: &Sizes) -> TokenStream {
     });
     quote! {
         use ::fdm::dynamics::{Dynamics, Layout, Point, Step, Workspace};
-        use ::fdm::sized::{front, front_mut, runge_kutta, stages_of};
+        use ::fdm::code::sized::{front, front_mut, runge_kutta, stages_of};
 
         struct Generated {
             layout: Layout,

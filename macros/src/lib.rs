@@ -66,6 +66,11 @@ fn error((first, last): (Span, Span), message: &str) -> TokenStream {
 
 /// All errors in an expression that still has the right type, so that no error follows from them.
 fn refusal(errors: impl Iterator<Item = TokenStream>) -> TokenStream {
+    let mut errors: Vec<TokenStream> = errors.collect();
+    if errors.is_empty() {
+        let nowhere = (Span::call_site(), Span::call_site());
+        errors.push(error(nowhere, "this model is refused and no mistake was named, which is a fault of fdm"));
+    }
     quote! {{
         #(#errors)*
         fn model() -> ::fdm::Model {

@@ -5,6 +5,8 @@
 //! a result has one value, whoever computes it. **Start** at [`compile`]; the reference is `tape.rs`, the fast path `jit/`.
 
 mod jit;
+#[doc(hidden)]
+pub mod sized;
 #[cfg(test)]
 mod specimen;
 mod tape;

@@ -6,7 +6,7 @@ fn main() {
             state x "place" [m], v "speed" [m/s];
             der(x) = v
                 + x;
-            der(v) = 0 [m/s^2];
+            der(v) = -x;
             output y [m] = x;
         }
     };
