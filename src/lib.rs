@@ -3,6 +3,7 @@
 pub mod code;
 pub mod dynamics;
 mod model;
+pub mod estimate;
 pub mod record;
 pub mod simulate;
 

@@ -35,10 +35,10 @@ pub enum ModelError {
         reason: String,
     },
     /// The text has mistakes. Displayed as one line for each.
-    #[error("{}", lines(r#source, diagnostics))]
+    #[error("{}", lines(text, diagnostics))]
     Invalid {
         /// The text and its name.
-        r#source: Source,
+        text: Source,
         /// Every finding, in the order of the text; at least one is an error.
         diagnostics: Vec<Diagnostic>,
     },
@@ -76,7 +76,7 @@ impl Model {
                 let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
                 Ok(Self { source, compiled: Arc::new(compiled), dynamics })
             }
-            Err(diagnostics) => Err(ModelError::Invalid { source, diagnostics }),
+            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
         }
     }
 
@@ -168,7 +168,7 @@ fn not_text(name: String, error: std::string::FromUtf8Error) -> ModelError {
     let source = Source::new(name, String::from_utf8_lossy(bytes));
     let span = Span::new(at, at + char::REPLACEMENT_CHARACTER.len_utf8());
     let message = format!("this is not UTF-8 text: byte {byte:#04x} stands where a character should begin");
-    ModelError::Invalid { source, diagnostics: vec![Diagnostic::new(Code::NotText, span, message).hint(hint)] }
+    ModelError::Invalid { text: source, diagnostics: vec![Diagnostic::new(Code::NotText, span, message).hint(hint)] }
 }
 
 #[cfg(test)]
