@@ -180,6 +180,8 @@ pub struct SyntaxTree {
     pub statements: Vec<Statement>,
     /// All expressions, operands before the expressions that use them.
     pub expressions: Vec<(Expr, Span)>,
+    /// Names mentioned in statements that could not be read: nothing more is told about them.
+    pub suspended: Vec<String>,
 }
 
 impl SyntaxTree {
