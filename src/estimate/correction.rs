@@ -103,7 +103,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             }
             // while corrections shrink they are made, though the cost cannot measure them any more
             let unmeasurable = promise <= self.weights.rounding;
-            if unmeasurable && promise >= 0.25 * last {
+            if unmeasurable && promise >= last {
                 return Ok(Termination::Converged(Reason::Rounding));
             }
             last = if unmeasurable { promise } else { f64::INFINITY };
