@@ -211,8 +211,9 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 self.damp_more();
                 continue;
             }
-            if self.damping > 0.0 && !self.accelerate() {
-                self.damp_more();
+            let bend = if self.damping > 0.0 { self.accelerate() } else { 0.0 };
+            if !(bend <= BELIEF) {
+                self.damping *= (bend / BELIEF).clamp(2.0, 8.0);
                 continue;
             }
             if !self.set_trial() {
@@ -231,9 +232,9 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         None
     }
 
-    /// Bends the damped step along the curve of the response (geodesic acceleration, Transtrum and Sethna 2012). False
-    /// when the response bends so much that the step is too long to be believed.
-    fn accelerate(&mut self) -> bool {
+    /// Bends the damped step along the curve of the response (geodesic acceleration, Transtrum and Sethna 2012). Gives
+    /// the bend relative to the step: a step that is bent too much is too long to be believed.
+    fn accelerate(&mut self) -> f64 {
         let scale = &self.quadratic.scale;
         let physical = |s: &f64, d: &f64| if *d > 0.0 { s / d } else { 0.0 };
         let step: Vec<f64> = self.step.iter().zip(scale).map(|(s, d)| physical(s, d)).collect();
@@ -243,23 +244,20 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let inverse_noise: Vec<f64> = (0..q * q).map(|k| entry(k / q, k % q)).collect();
         let mut bend = vec![0.0; step.len()];
         if self.evaluator.bend(&self.values, &step, &inverse_noise, &mut bend).is_err() {
-            return false;
+            return f64::INFINITY;
         }
         self.fresh = false;
         let rhs: Vec<f64> = bend.iter().zip(scale).map(|(b, d)| -physical(b, d)).collect();
         let moving: Vec<usize> = (0..step.len())
             .filter(|j| self.step[*j] > self.room.down[*j] && self.step[*j] < self.room.up[*j])
             .collect();
-        let Some(bent) = self.quadratic.apply_inverse(&moving, self.damping, &rhs) else { return false };
+        let Some(bent) = self.quadratic.apply_inverse(&moving, self.damping, &rhs) else { return f64::INFINITY };
         let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
         let ratio = 2.0 * norm(&bent) / norm(&self.step);
-        if !(ratio <= BELIEF) {
-            return false;
-        }
         for (j, (s, b)) in self.step.iter_mut().zip(&bent).enumerate() {
             *s = (*s + 0.5 * b).max(self.room.down[j]).min(self.room.up[j]);
         }
-        true
+        ratio
     }
 
     /// Applies the scaled step to the current estimates, within the bounds to the bit; false when nothing changes.
