@@ -6,6 +6,7 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
+use fdm_grammar::model::Param;
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
 use std::io::Read;
@@ -96,6 +97,26 @@ impl Model {
         };
         let dynamics = build(compiled.schedule.layout.clone()).into();
         Self { source, compiled: Arc::new(compiled), dynamics }
+    }
+
+    /// The same model with other values, bounds and attributes of its parameters. Where other parameters are fixed
+    /// now, the derivatives are made anew (as machine code, for `model!` too).
+    ///
+    /// # Panics
+    /// When the parameters are not those of this model.
+    pub fn with_params(&self, params: Vec<Param>) -> Self {
+        let old = &self.compiled.model.params;
+        let same = |(a, b): (&Param, &Param)| a.quantity.name == b.quantity.name;
+        assert!(params.len() == old.len() && params.iter().zip(old).all(same), "the parameters of another model");
+        let refixed = params.iter().zip(old).any(|(a, b)| a.fixed != b.fixed);
+        let mut compiled = (*self.compiled).clone();
+        compiled.model.params = params;
+        let mut dynamics = self.dynamics.clone();
+        if refixed {
+            compiled.schedule = Schedule::new(&mut compiled.model);
+            dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
+        }
+        Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
     /// The model's own name.

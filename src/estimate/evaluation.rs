@@ -4,7 +4,8 @@
 //! that the number of threads does not change a bit.
 
 use super::information::{Linearised, Sums};
-use super::problem::{Divergence, Problem, ProblemRun};
+use super::problem::{Problem, ProblemRun};
+use crate::simulate::Divergence;
 use super::unknowns::Unknowns;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};

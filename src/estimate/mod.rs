@@ -1,8 +1,8 @@
 //! Estimation: the parameters with which a model matches measured runs best, and how well they are known.
 //!
 //! **In** a [`Problem`]: parameters, runs with their [`Response`] and measurement. **Out** an [`Estimate`]: values,
-//! standard errors, noise covariance, residuals, and how the iteration ended. **Never** simulates by itself, reads
-//! files or prints. **Start** at [`estimate()`]; the iteration is in `correction.rs`, its road is
+//! standard errors, noise covariance, residuals, and how the iteration ended. **Never** reads
+//! files or prints. **Start** at [`fit()`], the road from a model and its runs, and [`estimate()`]; the iteration is in `correction.rs`, its road is
 //!
 //! `evaluation` (all runs) -> `information` (sums over samples) -> `noise` (weights, cost) -> `quadratic` (all unknowns)
 //! -> `step` (within bounds) -> `correction` (accept or damp) -> `statistics` -> `estimate`.
@@ -14,6 +14,7 @@ mod direction;
 #[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
 mod evaluation;
+mod fit;
 mod information;
 mod initial;
 mod noise;
@@ -35,11 +36,12 @@ mod unknowns;
 pub use changes::{ChangeError, Changes};
 pub use derived::{DerivedName, DerivedQuantities};
 pub use direction::Direction;
+pub use fit::{Fit, FitError, FitOptions, fit};
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
 pub use initial::initial_guess;
 pub use noise::Noise;
 pub use output_fit::OutputFit;
-pub use problem::{Divergence, Options, Problem, ProblemError, ProblemRun, Response};
+pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
 pub use solve::estimate;
 pub use termination::{Reason, Termination};

@@ -2,6 +2,7 @@
 
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
+use crate::simulate::{Divergence, Simulator};
 use fdm_grammar::model::{Model, Param};
 use std::fmt;
 
@@ -35,15 +36,28 @@ pub trait Response: Send {
     ) -> Result<(), Divergence>;
 }
 
-/// A simulation that left the finite numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Divergence {
-    /// Time since the run began, in the model's time unit.
-    pub time: f64,
-    /// The first state that did, when it can be told.
-    pub state: Option<usize>,
-    /// The sample that could not be reached.
-    pub sample: usize,
+impl Response for Simulator<'_> {
+    fn samples(&self) -> usize {
+        self.samples()
+    }
+
+    fn outputs(&self) -> usize {
+        self.outputs()
+    }
+
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        self.simulate(theta, y)
+    }
+
+    fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        self.sensitivities(theta, columns, y, jacobian)
+    }
 }
 
 /// One run of a problem.

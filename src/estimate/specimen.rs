@@ -1,7 +1,8 @@
 //! Models in closed form for tests, and reproducible noise.
 
 use super::derived::DerivedQuantities;
-use super::problem::{Divergence, Problem, ProblemRun, Response};
+use super::problem::{Problem, ProblemRun, Response};
+use crate::simulate::Divergence;
 use fdm_grammar::model::{Origin, Param, Quantity};
 
 /// A free, unbounded, shared parameter.
