@@ -2,8 +2,8 @@
 
 pub mod code;
 pub mod dynamics;
-mod model;
 pub mod estimate;
+mod model;
 pub mod record;
 pub mod simulate;
 
