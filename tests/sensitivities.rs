@@ -10,10 +10,12 @@ use std::f64::consts::PI;
 fn run(model: &Model, n: usize, dt: f64) -> Run {
     let layout = model.layout();
     let (m, q) = (layout.inputs, layout.outputs);
-    let time: Vec<f64> = (0..n).map(|k| dt * (k as f64 + 0.2 * (k as f64).sin() * f64::from(u8::from(k > 0)))).collect();
+    let time: Vec<f64> =
+        (0..n).map(|k| dt * (k as f64 + 0.2 * (k as f64).sin() * f64::from(u8::from(k > 0)))).collect();
     let start = time[0];
     let time: Vec<f64> = time.iter().map(|t| t - start).collect();
-    let input = |t: f64, i: usize| (1..4).map(|h| (2.0 * PI * 0.3 * h as f64 * t + i as f64 + h as f64).sin()).sum::<f64>();
+    let input =
+        |t: f64, i: usize| (1..4).map(|h| (2.0 * PI * 0.3 * h as f64 * t + i as f64 + h as f64).sin()).sum::<f64>();
     Run {
         name: "multisine".into(),
         inputs: time.iter().flat_map(|t| (0..m).map(move |i| input(*t, i))).collect(),
@@ -74,10 +76,12 @@ const SHIP: &str = "model ship {
 
 #[test]
 fn nonlinear_states_and_initial_values() {
-    let ship = model(&SHIP.replace("v = free", "v = v0; param v0 = 0.3").replace("u = free", "u = u0; param u0 = 1.5").replace(
-        "state u = u0; param u0 = 1.5, v = v0; param v0 = 0.3, r = r0;",
-        "param u0 = 1.5, v0 = 0.3; state u = u0, v = v0, r = r0;",
-    ));
+    let ship = model(
+        &SHIP.replace("v = free", "v = v0; param v0 = 0.3").replace("u = free", "u = u0; param u0 = 1.5").replace(
+            "state u = u0; param u0 = 1.5, v = v0; param v0 = 0.3, r = r0;",
+            "param u0 = 1.5, v0 = 0.3; state u = u0, v = v0, r = r0;",
+        ),
+    );
     check(&ship, &run(&ship, 80, 0.1), 1);
     check(&ship, &run(&ship, 40, 0.2), 3);
 }
@@ -108,7 +112,9 @@ fn explicit_time_choices_and_functions() {
 
 #[test]
 fn models_without_states() {
-    let curve = model("model curve { input x; param a = 2, b = 0.3, tau = 0.2 in [0, 1]; output y = a*exp(-b*x) + delay(x, tau); }");
+    let curve = model(
+        "model curve { input x; param a = 2, b = 0.3, tau = 0.2 in [0, 1]; output y = a*exp(-b*x) + delay(x, tau); }",
+    );
     check(&curve, &run(&curve, 50, 0.1), 1);
 }
 
@@ -117,7 +123,11 @@ fn many_columns_fill_several_registers() {
     // 37 parameters: five rows of eight lanes
     let names: Vec<String> = (0..37).map(|k| format!("p{k} = {}", 0.1 + 0.01 * f64::from(k))).collect();
     let terms: Vec<String> = (0..37).map(|k| format!("p{k}*cos({}*x + {k})", 1 + k % 3)).collect();
-    let text = format!("model wide {{ state x, y; param {}; der(x) = y; der(y) = {} - x; output z = x; }}", names.join(", "), terms.join(" + "));
+    let text = format!(
+        "model wide {{ state x, y; param {}; der(x) = y; der(y) = {} - x; output z = x; }}",
+        names.join(", "),
+        terms.join(" + ")
+    );
     let wide = model(&text);
     check(&wide, &run(&wide, 40, 0.05), 2);
 }
@@ -140,7 +150,8 @@ fn a_delayed_ramp_has_its_closed_form() {
     };
     let mut simulator = Simulator::new(ramp.dynamics(), &run, 1).expect("suited");
     let (mut y, mut jacobian) = (vec![0.0; 301], vec![0.0; 301 * 8]);
-    let columns: Vec<usize> = ["k", "tau", "late"].iter().map(|n| ramp.definition().param(n).expect("declared")).collect();
+    let columns: Vec<usize> =
+        ["k", "tau", "late"].iter().map(|n| ramp.definition().param(n).expect("declared")).collect();
     simulator.sensitivities(&ramp.definition().start(), &columns, &mut y, &mut jacobian).expect("finite");
     for (i, t) in time.iter().enumerate() {
         let (k, s) = (1.5, (t - 0.5).max(0.0));
@@ -148,7 +159,9 @@ fn a_delayed_ramp_has_its_closed_form() {
         let value = s - (1.0 - decay) / k;
         let by_k = (1.0 - decay) / (k * k) - s * decay / k;
         let by_delay = -(1.0 - decay);
-        for (got, want) in [(y[i], value), (jacobian[8 * i], by_k), (jacobian[8 * i + 1], by_delay), (jacobian[8 * i + 2], by_delay)] {
+        for (got, want) in
+            [(y[i], value), (jacobian[8 * i], by_k), (jacobian[8 * i + 1], by_delay), (jacobian[8 * i + 2], by_delay)]
+        {
             assert!((got - want).abs() < 2e-6, "t = {t}: {got} instead of {want}");
         }
     }
@@ -162,11 +175,15 @@ fn halving_the_step_divides_the_error_by_sixteen() {
     run.time = (0..11).map(|k| 0.4 * f64::from(k)).collect();
     let response = |per: usize| {
         let mut y = vec![0.0; 11];
-        Simulator::new(swing.dynamics(), &run, per).expect("suited").simulate(&swing.definition().start(), &mut y).expect("finite");
+        Simulator::new(swing.dynamics(), &run, per)
+            .expect("suited")
+            .simulate(&swing.definition().start(), &mut y)
+            .expect("finite");
         y[10]
     };
     let exact = response(256);
-    let orders: Vec<f64> = [4, 8, 16].map(|m| ((response(m) - exact) / (response(2 * m) - exact)).abs().log2()).to_vec();
+    let orders: Vec<f64> =
+        [4, 8, 16].map(|m| ((response(m) - exact) / (response(2 * m) - exact)).abs().log2()).to_vec();
     assert!(orders.iter().all(|o| (3.7..4.4).contains(o)), "orders of convergence {orders:?}");
 }
 
@@ -191,7 +208,8 @@ fn the_engines_give_the_same_bits() {
 
 #[test]
 fn divergence_is_a_finding() {
-    let text = "model blows { param x0 = 1, k = 1; state calm, x = x0; der(calm) = -calm; der(x) = k*x^2; output y = x; }";
+    let text =
+        "model blows { param x0 = 1, k = 1; state calm, x = x0; der(calm) = -calm; der(x) = k*x^2; output y = x; }";
     let blows = model(text);
     let mut run = run(&blows, 50, 0.1);
     run.time = (0..50).map(|k| 0.1 * f64::from(k)).collect();
@@ -202,7 +220,8 @@ fn divergence_is_a_finding() {
 
 #[test]
 fn a_held_input_behind_an_estimated_delay_is_refused() {
-    let delays = model("model d { input u; state x; param tau = 0.1 in [0, 1]; der(x) = delay(u, tau) - x; output y = x; }");
+    let delays =
+        model("model d { input u; state x; param tau = 0.1 in [0, 1]; der(x) = delay(u, tau) - x; output y = x; }");
     let mut run = run(&delays, 20, 0.1);
     run.held[0] = true;
     assert!(Simulator::new(delays.dynamics(), &run, 1).is_err());

@@ -4,9 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A room may import only from rooms that stand before it.
-const GRAMMAR: &[&str] = &[
-    "math", "source", "diagnostic", "unit", "syntax", "op", "graph", "model", "check", "derive", "schedule", "lib",
-];
+const GRAMMAR: &[&str] =
+    &["math", "source", "diagnostic", "unit", "syntax", "op", "graph", "model", "check", "derive", "schedule", "lib"];
 const FDM: &[&str] = &["dynamics", "code", "record", "model", "simulate", "estimate", "report", "cli"];
 
 const LONGEST_FILE: usize = 700;
@@ -76,7 +75,8 @@ fn arrows_point_one_way() {
                     };
                     for name in names {
                         if rooms.iter().position(|r| *r == name).is_some_and(|other| other > own) {
-                            wrong.push(format!("{}: `{room}` imports `{name}`, which stands behind it", file.display()));
+                            wrong
+                                .push(format!("{}: `{room}` imports `{name}`, which stands behind it", file.display()));
                         }
                     }
                 }
@@ -121,7 +121,8 @@ fn nothing_names_a_machine() {
     }
     found.extend(["README.md", "Cargo.toml", ".ci/run"].map(|f| root().join(f)));
     // spelt in two parts so that this file does not find itself
-    let places = [["/ho", "me/"].concat(), ["/ro", "ot/"].concat(), ["/wo", "rk/"].concat(), ["../sha", "red"].concat()];
+    let places =
+        [["/ho", "me/"].concat(), ["/ro", "ot/"].concat(), ["/wo", "rk/"].concat(), ["../sha", "red"].concat()];
     for file in found {
         let text = fs::read_to_string(&file).unwrap_or_default();
         for place in &places {

@@ -74,7 +74,9 @@ impl Ship {
     /// Parameters in the model's order: the coefficients scaled, the initial values true.
     pub fn theta(&self, model: &Model, scale: f64) -> Vec<f64> {
         let mut theta = vec![0.0; model.layout().params];
-        for (column, value) in self.columns(model).into_iter().zip(COEFFICIENTS.map(|c| scale * c).into_iter().chain(INITIAL)) {
+        for (column, value) in
+            self.columns(model).into_iter().zip(COEFFICIENTS.map(|c| scale * c).into_iter().chain(INITIAL))
+        {
             theta[column] = value;
         }
         theta

@@ -114,8 +114,8 @@ fn body(program: &Program) -> TokenStream {
         let (value, expression) = (format_ident!("v{k}"), expression(program, instruction));
         quote!(let #value = #expression;)
     });
-    let results = program.results.iter().enumerate().map(|(k, result)| {
-        let (slot, result) = (Literal::usize_unsuffixed(k), operand(program, *result));
+    let results = program.results.iter().map(|placed| {
+        let (slot, result) = (Literal::u32_unsuffixed(placed.slot), operand(program, placed.operand));
         quote!(out[#slot] = #result;)
     });
     quote!(#(#lines)* #(#results)*)

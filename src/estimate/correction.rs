@@ -19,9 +19,12 @@ const ACCURATE: f64 = 1e4;
 /// First damping after a full step failed; columns have unit norm.
 const DAMPING: f64 = 1e-3;
 /// Damping below which the full step is tried again.
-const UNDAMPED: f64 = 1e-7;
+const UNDAMPED: f64 = 1e-12;
 /// Damping at which a correction cannot be told from none.
 const HOPELESS: f64 = 1e15;
+
+/// Largest bend of a step, relative to the step.
+const BELIEF: f64 = 0.75;
 
 /// The state of an iteration.
 pub(super) struct Correction<'c, 'e, 'a> {
@@ -39,7 +42,8 @@ pub(super) struct Correction<'c, 'e, 'a> {
     step: Vec<f64>,
     trial: Vec<f64>,
     damping: f64,
-    growth: f64,
+    /// The last damping above 0: where to go back to when a full step fails.
+    level: f64,
     precise: bool,
     /// Whether the evaluator's sums belong to the current estimates.
     pub(super) fresh: bool,
@@ -67,7 +71,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             step: Vec::new(),
             trial: unknowns.start.clone(),
             damping: 0.0,
-            growth: 2.0,
+            level: DAMPING,
             precise: false,
             fresh: false,
             history: Vec::new(),
@@ -103,7 +107,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             }
             // while corrections shrink they are made, though the cost cannot measure them any more
             let unmeasurable = promise <= self.weights.rounding;
-            if unmeasurable && promise >= 0.25 * last {
+            if unmeasurable && promise >= last {
                 return Ok(Termination::Converged(Reason::Rounding));
             }
             last = if unmeasurable { promise } else { f64::INFINITY };
@@ -207,6 +211,11 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 self.damp_more();
                 continue;
             }
+            let bend = if self.damping > 0.0 { self.accelerate() } else { 0.0 };
+            if !(bend <= BELIEF) {
+                self.damping *= (bend / BELIEF).clamp(2.0, 8.0);
+                continue;
+            }
             if !self.set_trial() {
                 return None;
             }
@@ -221,6 +230,34 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             }
         }
         None
+    }
+
+    /// Bends the damped step along the curve of the response (geodesic acceleration, Transtrum and Sethna 2012). Gives
+    /// the bend relative to the step: a step that is bent too much is too long to be believed.
+    fn accelerate(&mut self) -> f64 {
+        let scale = &self.quadratic.scale;
+        let physical = |s: &f64, d: &f64| if *d > 0.0 { s / d } else { 0.0 };
+        let step: Vec<f64> = self.step.iter().zip(scale).map(|(s, d)| physical(s, d)).collect();
+        let q = self.likelihood.counts.len();
+        let w = &self.weights.whitener;
+        let entry = |a: usize, b: usize| (0..q).map(|k| w[k * q + a] * w[k * q + b]).sum::<f64>();
+        let inverse_noise: Vec<f64> = (0..q * q).map(|k| entry(k / q, k % q)).collect();
+        let mut bend = vec![0.0; step.len()];
+        if self.evaluator.bend(&self.values, &step, &inverse_noise, &mut bend).is_err() {
+            return f64::INFINITY;
+        }
+        self.fresh = false;
+        let rhs: Vec<f64> = bend.iter().zip(scale).map(|(b, d)| -physical(b, d)).collect();
+        let moving: Vec<usize> = (0..step.len())
+            .filter(|j| self.step[*j] > self.room.down[*j] && self.step[*j] < self.room.up[*j])
+            .collect();
+        let Some(bent) = self.quadratic.apply_inverse(&moving, self.damping, &rhs) else { return f64::INFINITY };
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let ratio = 2.0 * norm(&bent) / norm(&self.step);
+        for (j, (s, b)) in self.step.iter_mut().zip(&bent).enumerate() {
+            *s = (*s + 0.5 * b).max(self.room.down[j]).min(self.room.up[j]);
+        }
+        ratio
     }
 
     /// Applies the scaled step to the current estimates, within the bounds to the bit; false when nothing changes.
@@ -271,22 +308,17 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     fn damp_more(&mut self) {
-        self.damping = if self.damping > 0.0 { self.damping * self.growth } else { DAMPING };
-        self.growth *= 2.0;
+        self.damping = if self.damping > 0.0 { self.damping * 2.0 } else { self.level };
     }
 
-    /// `ratio`: gain over promise.
+    /// `ratio`: gain over promise. Damping falls as long as steps succeed, though they gain little: along a curved
+    /// valley it is better to be refused now and then than to crawl.
     fn damp_less(&mut self, ratio: f64, unmeasurable: bool) {
-        self.growth = 2.0;
         if unmeasurable {
             self.damping = 0.0;
         } else if self.damping > 0.0 {
-            self.damping *= (1.0 - (2.0 * ratio.min(1.0) - 1.0).powi(3)).max(1.0 / 3.0);
-        } else if ratio < 0.25 {
-            self.damping = DAMPING;
-        }
-        if self.damping < UNDAMPED {
-            self.damping = 0.0;
+            self.level = (self.damping * 0.2).max(UNDAMPED);
+            self.damping = if ratio > 0.9 || self.level == UNDAMPED { 0.0 } else { self.level };
         }
     }
 

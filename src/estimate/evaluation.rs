@@ -9,6 +9,9 @@ use super::unknowns::Unknowns;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
+/// Part of a step over which the bend of the response is measured.
+const AHEAD: f64 = 0.1;
+
 /// Why a run could not be compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Failure {
@@ -43,6 +46,9 @@ struct RunState<'e, 'a> {
     theta: Vec<f64>,
     y: Vec<f64>,
     kept: Vec<f64>,
+    /// Responses a part of a step ahead; only curved problems need them.
+    ahead: Vec<f64>,
+    bend: Vec<f64>,
     moments: Vec<f64>,
     sums: Sums,
     failure: Option<Failure>,
@@ -70,7 +76,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             let cells = run.measured.len();
             let sums = Sums::new(unknowns.columns.len(), groups);
             let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], vec![0.0; q * q]);
-            RunState { run, theta, y, kept, moments, sums, failure: None }
+            RunState { run, theta, y, kept, ahead: Vec::new(), bend: Vec::new(), moments, sums, failure: None }
         });
         let (moments, buffers) = (vec![0.0; q * q], Mutex::new(Vec::new()));
         let states = states.collect();
@@ -101,6 +107,42 @@ impl<'e, 'a> Evaluator<'e, 'a> {
                 return Err(RunFailure { run, failure });
             }
             self.moments.iter_mut().zip(&state.moments).for_each(|(total, m)| *total += m);
+        }
+        Ok(())
+    }
+
+    /// J' R^-1 times the second derivative of the response along `step`, from the kept responses at `values` and those a
+    /// part of the step ahead; written to `bend` (one number for each unknown).
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    pub(super) fn bend(
+        &mut self,
+        values: &[f64],
+        step: &[f64],
+        inverse_noise: &[f64],
+        bend: &mut [f64],
+    ) -> Result<(), RunFailure> {
+        let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + AHEAD * s).collect();
+        self.evaluate(&ahead, Want::Response)?;
+        self.evaluations += 1;
+        let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
+        let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
+            std::mem::swap(&mut state.ahead, &mut state.y);
+            state.y.resize(state.ahead.len(), 0.0);
+            unknowns.assemble(r, values, &mut state.theta);
+            let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| step[unknowns.position(r, c)]).collect();
+            state.failure = state.bend(unknowns, buffers, q, &own, inverse_noise).err();
+        };
+        self.states.par_iter_mut().enumerate().for_each(work);
+        bend.fill(0.0);
+        for (run, state) in self.states.iter().enumerate() {
+            if let Some(failure) = state.failure {
+                return Err(RunFailure { run, failure });
+            }
+            for (c, b) in state.bend.iter().enumerate() {
+                bend[unknowns.position(run, c)] += b;
+            }
         }
         Ok(())
     }
@@ -145,6 +187,47 @@ impl RunState<'_, '_> {
         let result = self.linearise(unknowns, &mut jacobian, stride, q, whitener);
         lock().push(jacobian);
         result
+    }
+
+    fn bend(
+        &mut self,
+        unknowns: &Unknowns,
+        buffers: &Mutex<Vec<Vec<f64>>>,
+        q: usize,
+        step: &[f64],
+        inverse_noise: &[f64],
+    ) -> Result<(), Failure> {
+        let lock = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut jacobian = lock().pop().unwrap_or_default();
+        let stride = step.len().next_multiple_of(8);
+        jacobian.resize(self.y.len() * stride, 0.0);
+        let response = &mut self.run.response;
+        let result = response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, &mut jacobian);
+        self.bend.clear();
+        self.bend.resize(step.len(), 0.0);
+        let mut second = vec![0.0; q];
+        for sample in (0..self.y.len()).step_by(q) {
+            for (o, second) in second.iter_mut().enumerate() {
+                let k = sample + o;
+                let slope: f64 = jacobian[k * stride..].iter().zip(step).map(|(j, s)| j * s).sum();
+                let secant = (self.ahead[k] - self.y[k]) / AHEAD;
+                // a difference that rounding explains is none
+                let rounding = 64.0 * f64::EPSILON * self.y[k].abs() / AHEAD;
+                let bent = (secant - slope).abs() > rounding && !self.run.measured[k].is_nan();
+                *second = if bent { 2.0 / AHEAD * (secant - slope) } else { 0.0 };
+            }
+            for (o, row) in inverse_noise.chunks(q).enumerate() {
+                let weighted: f64 = row.iter().zip(&second).map(|(r, s)| r * s).sum();
+                if self.run.measured[sample + o].is_nan() {
+                    continue;
+                }
+                for (b, j) in self.bend.iter_mut().zip(&jacobian[(sample + o) * stride..]) {
+                    *b += weighted * j;
+                }
+            }
+        }
+        lock().push(jacobian);
+        result.map_err(Failure::Diverged)
     }
 
     fn linearise(

@@ -75,6 +75,14 @@ impl Likelihood {
         self.counts.iter().sum()
     }
 
+    /// Size of the noise relative to the measured outputs, as one number.
+    pub(super) fn relative_noise(&self, weights: &Weights) -> f64 {
+        let q = self.counts.len();
+        let measured = || (0..q).filter(|o| self.counts[*o] > 0);
+        let sum: f64 = measured().map(|o| weights.covariance[o * q + o] / self.magnitude[o].powi(2)).sum();
+        (sum / measured().count().max(1) as f64).sqrt()
+    }
+
     /// Weights from `moments` (q by q): sums of products of residuals, of which only `Full` reads more than the diagonal.
     pub(super) fn weights(&self, moments: &[f64]) -> Weights {
         let mut weights = if self.is_full() { self.full(moments) } else { self.diagonal(moments) };

@@ -138,9 +138,26 @@ impl Quadratic {
 
     /// How much the cost falls by a scaled correction, if the model were quadratic.
     pub(super) fn reduction(&self, step: &[f64]) -> f64 {
-        let curved = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
-        let rows = self.hessian.chunks(self.size.max(1)).zip(&self.rhs).zip(step);
-        rows.map(|((row, r), s)| s * (r - 0.5 * curved(row))).sum()
+        let moved = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
+        if self.triangle.is_empty() {
+            let rows = self.hessian.chunks(self.size.max(1)).zip(&self.rhs).zip(step);
+            return rows.map(|((row, r), s)| s * (r - 0.5 * moved(row))).sum();
+        }
+        let rows = self.triangle.chunks(self.width).take(self.size);
+        rows.map(|row| (moved(row), row[self.size])).map(|(m, t)| m * (t - 0.5 * m)).sum()
+    }
+
+    /// (H + damping)^-1 `rhs` on the chosen unknowns, both scaled; the others stay 0. None when H is too coarse.
+    pub(super) fn apply_inverse(&self, chosen: &[usize], damping: f64, rhs: &[f64]) -> Option<Vec<f64>> {
+        let (mut factor, n) = (self.products(chosen), chosen.len());
+        (0..n).for_each(|k| factor[k * n + k] += damping);
+        let mut solution: Vec<f64> = chosen.iter().map(|j| rhs[*j]).collect();
+        cholesky(&mut factor, n)?;
+        forward(&factor, n, &mut solution);
+        backward(&factor, n, &mut solution);
+        let mut all = vec![0.0; self.size];
+        chosen.iter().zip(&solution).for_each(|(j, s)| all[*j] = *s);
+        Some(all)
     }
 
     /// Solves for the chosen unknowns while the others keep their part of `step`; unknowns that are not determined

@@ -93,11 +93,11 @@ impl Jit {
             at.x.len() >= layout.states
                 && at.drive.len() >= layout.drive()
                 && at.known.len() >= layout.known
-                && out.len() >= program.results.len(),
+                && out.len() >= program.width,
             "arrays shorter than the layout says"
         );
         // SAFETY: `compile` made this code from `program`, whose operands it found inside the layout: it reads
-        // `states`, `drive()` and `known` numbers and writes `results.len()`, all of which were just asserted to be
+        // `states`, `drive()` and `known` numbers and writes only below `width`, all of which were just asserted to be
         // there; `out` is borrowed mutably and so overlaps nothing. The code lives as long as `self.module`.
         unsafe { code(at.t, at.x.as_ptr(), at.drive.as_ptr(), at.known.as_ptr(), out.as_mut_ptr()) };
         true
@@ -117,7 +117,7 @@ impl Jit {
         let layout = &self.schedule.layout;
         let stages = match rows {
             Some(rows) => {
-                assert!(rows.len() >= 4 * program.results.len(), "rows shorter than the layout says");
+                assert!(rows.len() >= 4 * program.width, "rows shorter than the layout says");
                 rows.as_mut_ptr()
             }
             None => std::ptr::null_mut(),
@@ -251,7 +251,10 @@ fn is_inside(program: &Program, layout: &Layout) -> bool {
     };
     let mut instructions = program.instructions.iter().enumerate();
     instructions.all(|(k, i)| i.args.iter().all(|a| inside(a, k)))
-        && program.results.iter().all(|r| inside(r, program.instructions.len()))
+        && program
+            .results
+            .iter()
+            .all(|r| inside(&r.operand, program.instructions.len()) && (r.slot as usize) < program.width)
 }
 
 /// The body of an [`Evaluate`].
@@ -263,9 +266,9 @@ fn evaluation(program: &Program, builder: &mut FunctionBuilder<'_>, callees: &mu
     let [time, x, drive, known, out] = std::array::from_fn(|k| builder.block_params(block)[k]);
     let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known };
     let mut translator = Translator::new(program);
-    for (k, result) in program.results.iter().enumerate() {
-        let value = translator.value(*result, leaves, builder, callees);
-        store(builder, value, out, k);
+    for result in &program.results {
+        let value = translator.value(result.operand, leaves, builder, callees);
+        store(builder, value, out, result.slot as usize);
     }
     builder.ins().return_(&[]);
 }

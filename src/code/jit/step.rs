@@ -47,10 +47,10 @@ pub(super) fn step(
         // the third stage stands at the same time as the second
         translator.forget(stage == 2);
         let leaves = Leaves { time, states: States::Registers(&states), drive: (drive, row * layout.drive()), known };
-        let row = stage * program.results.len();
+        let row = stage * program.width;
         let mut rates = Vec::with_capacity(n);
-        for (k, result) in program.results.iter().enumerate() {
-            let value = translator.value(*result, leaves, builder, callees);
+        for result in &program.results {
+            let (k, value) = (result.slot as usize, translator.value(result.operand, leaves, builder, callees));
             if k < n {
                 rates.push(value);
             }
