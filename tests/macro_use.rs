@@ -65,11 +65,11 @@ fn models_have_places_and_their_text() {
 
 #[test]
 fn several_models_live_in_one_function() {
-    let models = [1, 2].map(|k| match k {
-        1 => fdm::model! { model one { param k = 1; output y = k; } },
-        _ => fdm::model!(model two { param k = 2; output y = k; }),
-    });
-    assert_eq!(models.each_ref().map(|m| outputs(m, &[])[0]), [1.0, 2.0]);
+    let models = [
+        fdm::model! { model one { param k = 1; output y = k; } },
+        fdm::model!(model two { param k = 2; output y = k; }),
+    ];
+    assert_eq!(models.each_ref().map(|m| outputs(m, &[])), [vec![1.0], vec![2.0]]);
     let again = models[1].clone();
     assert_eq!(std::thread::spawn(move || outputs(&again, &[])[0]).join().ok(), Some(2.0));
 }

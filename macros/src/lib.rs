@@ -79,3 +79,54 @@ fn refusal(errors: impl Iterator<Item = TokenStream>) -> TokenStream {
         model()
     }}
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proc_macro2::TokenTree;
+    use std::str::FromStr;
+
+    fn expanded(model: &str) -> TokenStream {
+        expand(TokenStream::from_str(model).expect("tokens"))
+    }
+
+    fn words(tokens: TokenStream, found: &mut Vec<String>) {
+        for tree in tokens {
+            match tree {
+                TokenTree::Group(group) => words(group.stream(), found),
+                TokenTree::Ident(ident) => found.push(ident.to_string()),
+                _ => {}
+            }
+        }
+    }
+
+    #[test]
+    fn a_model_becomes_a_block_without_names_of_the_user() {
+        let tokens = expanded(
+            "model foo { input bar; state baz = qux; param qux = 1, quux = 2; der(baz) = delay(bar, quux) - baz;
+             output corge = sin(baz); }",
+        );
+        assert!(syn::parse2::<syn::ExprBlock>(tokens.clone()).is_ok(), "{tokens}");
+        let mut found = Vec::new();
+        words(tokens, &mut found);
+        assert!(found.iter().any(|w| w == "sin"));
+        let leaked = ["foo", "bar", "baz", "qux", "quux", "corge"].into_iter().find(|n| found.iter().any(|w| w == n));
+        assert_eq!(leaked, None);
+    }
+
+    #[test]
+    fn a_refused_model_is_an_expression_with_all_errors() {
+        let tokens = expanded("model a { state x; der(x) = y; output z = w; }");
+        assert!(syn::parse2::<syn::ExprBlock>(tokens.clone()).is_ok(), "{tokens}");
+        let text = tokens.to_string();
+        assert_eq!((text.matches("compile_error").count(), text.matches("[E0201]").count()), (2, 2), "{text}");
+    }
+
+    #[test]
+    fn a_model_too_long_for_rustc_is_sent_to_a_file() {
+        let terms: String = (1..=emit::MOST_INSTRUCTIONS).map(|k| format!(" + sin({k}*x)")).collect();
+        let tokens = expanded(&format!("model a {{ input x; output y = 0{terms}; }}"));
+        let text = tokens.to_string();
+        assert!(text.contains("model! hands to rustc") && text.contains("from_file"), "{}", &text[..200]);
+    }
+}
