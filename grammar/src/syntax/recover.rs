@@ -29,7 +29,7 @@ pub fn parse(source: &Source) -> Result<SyntaxTree, Vec<Diagnostic>> {
 
 /// Text to a tree of all statements that could be read, and what was wrong with the others (up to 20 findings, in the
 /// order of the text). There is no tree when nothing in the text looks like a model. `suspended` holds every word of the
-/// statements that are missing in the tree, their keywords too, sorted; it is empty exactly when none is missing.
+/// statements that are missing in the tree, their keywords too, sorted.
 pub fn parse_recovering(source: &Source) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
     let text = source.text();
     let too_large = |span, message: String| (None, vec![Diagnostic::new(Code::TooLarge, span, message)]);
