@@ -5,6 +5,7 @@ pub mod dynamics;
 pub mod estimate;
 mod model;
 pub mod record;
+pub mod report;
 pub mod simulate;
 
 pub use fdm_grammar::math;

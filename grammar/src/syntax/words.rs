@@ -11,7 +11,7 @@ pub enum WordUse {
     Attribute,
     /// Stands in expressions: `if`, `then`, `else`, `and`, `or`, `not`.
     Expression,
-    /// A value that is always there: `t`, `pi`. Can be read, not declared.
+    /// A value that is always there: `t`, `pi`, `inf`. Can be read, not declared.
     Value,
 }
 
@@ -56,6 +56,7 @@ words! {
     "not"    Expression;
     "t"      Value;
     "pi"     Value;
+    "inf"    Value;
 }
 
 /// The reserved words with one of these uses, in the order of the table.
