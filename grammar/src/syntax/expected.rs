@@ -6,6 +6,8 @@ use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
 use std::ops::Range;
 
+const DECIMAL_POINT: &str = "a decimal fraction is written with a point: `1.5`";
+
 /// Something that the grammar would have taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Want {
@@ -27,6 +29,7 @@ pub(super) enum Want {
     Infix,
     Doc,
     Attribute,
+    LessNesting,
 }
 
 impl Want {
@@ -47,16 +50,25 @@ impl Want {
             Self::CloseBracket => "`]`",
             Self::Brace => "`{`",
             Self::End => "`;`",
-            Self::Infix | Self::Doc | Self::Attribute => return None,
+            Self::Infix | Self::Doc | Self::Attribute | Self::LessNesting => return None,
         })
     }
 }
 
-/// A piece of the text in a message: short, and without control characters.
+/// A piece of the text in a message: short, and without characters that cannot be seen.
 pub(super) fn shown(text: &str) -> String {
-    let short: String =
-        text.chars().take(40).flat_map(|c| if c == '"' { vec![c] } else { c.escape_debug().collect() }).collect();
-    if text.chars().nth(40).is_some() { format!("{short}...") } else { short }
+    let mut short = String::new();
+    for c in text.chars().take(40) {
+        match c {
+            // Controls, joiners and marks that turn the direction of writing.
+            _ if c.is_control() => short.extend(c.escape_default()),
+            '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' => {
+                short.extend(c.escape_default());
+            }
+            _ => short.push(c),
+        }
+    }
+    if text.chars().nth(40).is_some() { short + "..." } else { short }
 }
 
 /// A statement, the token that the grammar refused, and what it would have taken instead.
@@ -78,6 +90,10 @@ impl Expected<'_> {
         if let Some(found) = self.misspelt_statement().or_else(|| self.double_equals()).or_else(|| self.reserved_name())
         {
             return found;
+        }
+        if self.wants(Want::LessNesting) {
+            let message = "nested more deeply than the stack of this thread allows";
+            return Diagnostic::new(Code::TooDeep, self.span(), message);
         }
         let expected = self.expected();
         let after = if expected == "`;`" { format!(" after {}", self.subject()) } else { String::new() };
@@ -226,6 +242,11 @@ impl Expected<'_> {
             .or_else(|| self.neighbours(word, before))
     }
 
+    fn between_numbers(&self) -> bool {
+        let number = |at: usize| self.kind(at) == Some(Kind::Number);
+        self.at > 0 && number(self.at - 1) && number(self.at + 1)
+    }
+
     /// Signs and forms of other languages.
     fn foreign(&self, word: &str, before: &str) -> Option<&'static str> {
         Some(match word {
@@ -242,6 +263,8 @@ impl Expected<'_> {
             "=>" => "write `>=`",
             "+=" | "-=" | "*=" | "/=" => "an equation is written `left = right`",
             "'" => "a derivative is written `der(x)`",
+            _ if before == "der" => "a derivative is written `der(x)`",
+            "," if self.between_numbers() && !self.wants(Want::CloseBracket) => DECIMAL_POINT,
             "=" if self.wants(Want::Then) || self.wants(Want::Close) => "a comparison is written with `==`",
             "." => "parts of submodels are not compiled by this version",
             "time" => "the time since the run began is `t`",
@@ -283,12 +306,15 @@ impl Expected<'_> {
     fn unfinished(&self, word: &str, before: &str) -> Option<String> {
         let hint = if self.wants(Want::Then) || self.wants(Want::Else) {
             "a choice is written `if c then a else b`"
-        } else if self.wants(Want::Bracket) || self.wants(Want::CloseBracket) || before == "in" {
+        } else if self.wants(Want::Bracket)
+            || self.wants(Want::CloseBracket)
+            || self.wants == [Want::Infix, Want::Comma]
+        {
             "bounds are written `in [lower, upper]`"
         } else if self.wants(Want::Run) {
             "a value for each run is marked `per run`"
         } else if before == "," && self.kind(self.at) == Some(Kind::Number) && self.wants(Want::Name) {
-            "a decimal fraction is written with a point: `1.5`"
+            DECIMAL_POINT
         } else if self.wants(Want::Brace) && matches!(word, "-" | "." | ":") {
             "a name consists of letters, digits and `_`"
         } else if self.wants(Want::Equals) && !self.wants(Want::Attribute) && self.at == self.statement.end {
@@ -305,9 +331,11 @@ impl Expected<'_> {
             return None;
         }
         let (kind, previous) = (self.kind(self.at)?, self.kind(self.at - 1)?);
-        let value = matches!(kind, Kind::Number | Kind::Name) || word == "(" || word == "-";
+        let sign = matches!(word, "+" | "-");
+        let value = matches!(kind, Kind::Number | Kind::Name) || word == "(" || sign;
         if self.wants(Want::Attribute) && previous == Kind::Name && self.last_declared() == Some(self.at - 1) && value {
-            return Some(format!("a value is written `{} = {}`", shown(before), shown(word)));
+            let rest = if sign { shown(self.word(self.at + 1)) } else { String::new() };
+            return Some(format!("a value is written `{} = {}{rest}`", shown(before), shown(word)));
         }
         if kind == Kind::Unit && self.wants(Want::Infix) {
             return Some("units stand in declarations; this version compiles no vectors and matrices".into());
@@ -315,9 +343,11 @@ impl Expected<'_> {
         if kind == Kind::Text && self.wants(Want::Infix) {
             return Some("doc strings stand in declarations".into());
         }
-        let operands = |k| matches!(k, Kind::Number | Kind::Name | Kind::Close);
-        let product = operands(previous) && before != "]" && (matches!(kind, Kind::Number | Kind::Name) || word == "(");
-        (product && self.wants(Want::Infix))
-            .then(|| format!("a product is written `{}*{}`", shown(before), shown(word)))
+        let operand = |k| matches!(k, Kind::Number | Kind::Name | Kind::Close);
+        let pair = operand(previous) && before != "]" && (matches!(kind, Kind::Number | Kind::Name) || word == "(");
+        (pair && self.wants(Want::Infix)).then(|| {
+            let argument = if self.wants(Want::Comma) { "arguments are separated by `,`; " } else { "" };
+            format!("{argument}a product is written `{}*{}`", shown(before), shown(word))
+        })
     }
 }

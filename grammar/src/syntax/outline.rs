@@ -41,6 +41,8 @@ pub(super) struct Outline {
     pub(super) closed: bool,
     /// The first token behind the closing brace.
     pub(super) surplus: Option<usize>,
+    /// The deepest nesting of any statement, at most one above [`NESTING_LIMIT`].
+    pub(super) deepest: usize,
     /// The word `model` where a second model begins; nothing behind it is looked at.
     pub(super) second: Option<usize>,
 }
@@ -67,7 +69,8 @@ impl Outline {
                 outline.closed = true;
                 at += 1;
             } else {
-                let (extent, next) = cutter.statement(at);
+                let (extent, deepest, next) = cutter.statement(at);
+                outline.deepest = outline.deepest.max(deepest);
                 outline.statements.push(extent);
                 at = next;
             }
@@ -136,10 +139,10 @@ impl Cutter<'_> {
             || self.tokens[at].first_on_line && matches!(self.word_use(at), Some(WordUse::Statement | WordUse::Planned))
     }
 
-    /// The statement that begins at a token, and the index of the first token behind it.
-    fn statement(&self, start: usize) -> (Extent, usize) {
+    /// The statement that begins at a token, its deepest nesting, and the index of the first token behind it.
+    fn statement(&self, start: usize) -> (Extent, usize, usize) {
         let planned = self.word_use(start) == Some(WordUse::Planned);
-        let mut nesting = Nesting { text: self.text, levels: Vec::new(), fault: None };
+        let mut nesting = Nesting { text: self.text, levels: Vec::new(), deepest: 0, fault: None };
         let mut at = start;
         let closed = loop {
             let Some(token) = self.tokens.get(at) else { break false };
@@ -159,11 +162,11 @@ impl Cutter<'_> {
             }
             at += 1;
             if planned && self.is(at - 1, "}") && !self.is(at, ";") {
-                return (Extent { tokens: start..at, closed: true, fault: None }, at);
+                return (Extent { tokens: start..at, closed: true, fault: None }, 0, at);
             }
         };
         let next = at + usize::from(closed && self.is(at, ";"));
-        (Extent { tokens: start..at, closed, fault: nesting.fault() }, next)
+        (Extent { tokens: start..at, closed, fault: nesting.fault() }, nesting.deepest, next)
     }
 
     /// The end of a `{ ... }` inside a statement: any in planned statements, which hold statements of their own;
@@ -207,6 +210,7 @@ enum Level {
 struct Nesting<'a> {
     text: &'a str,
     levels: Vec<Level>,
+    deepest: usize,
     fault: Option<Fault>,
 }
 
@@ -228,6 +232,7 @@ impl Nesting<'_> {
             (Kind::Keyword, "else") => self.turn(&[Level::Else, Level::Condition], Level::Then, Level::Else),
             _ => {}
         }
+        self.deepest = self.deepest.max(self.levels.len());
         if self.levels.len() > NESTING_LIMIT {
             self.fault.get_or_insert(Fault::TooDeep(at));
             // Nothing more is to be learnt from this statement; forget the levels to keep memory flat.

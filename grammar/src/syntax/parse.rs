@@ -77,7 +77,8 @@ fn read(rule: Rule, text: &str, offset: usize) -> Result<Pair<'_, Rule>, Refusal
     let (InputLocation::Pos(at) | InputLocation::Span((at, _))) = error.location;
     let wants = match &error.variant {
         ErrorVariant::ParsingError { positives, .. } => positives.iter().filter_map(|r| want(*r)).collect(),
-        ErrorVariant::CustomError { .. } => Vec::new(),
+        // pest stops by itself where the machine's stack runs out.
+        ErrorVariant::CustomError { .. } => vec![Want::LessNesting],
     };
     Err(Refusal { offset: offset + at, wants })
 }
@@ -150,7 +151,7 @@ impl Build<'_> {
             seen.push((rule, place));
             match rule {
                 Rule::doc => d.doc = Some(word(&part, self.offset, 1)),
-                Rule::unit => d.unit = Some(word(&part, self.offset, 1)),
+                Rule::unit => d.unit = self.unit(&part),
                 Rule::value => d.value = self.value(part),
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
@@ -158,6 +159,20 @@ impl Build<'_> {
             }
         }
         Some(d)
+    }
+
+    /// `x[3]`, `A[2, 2]` look like units and are the vectors and matrices of later versions.
+    fn unit(&mut self, pair: &Pair<Rule>) -> Option<Name> {
+        let unit = word(pair, self.offset, 1);
+        let size = |part: &str| !part.trim().is_empty() && part.trim().bytes().all(|b| b.is_ascii_digit());
+        if unit.text.trim() == "1" || !unit.text.split(',').all(size) {
+            return Some(unit);
+        }
+        let message = "this version compiles no vectors and matrices";
+        let hint = "declare each element by a name of its own; a pure number has the unit `[1]`";
+        self.findings.push(Diagnostic::new(Code::Unsupported, unit.span, message).hint(hint));
+        self.sound = false;
+        None
     }
 
     fn value(&mut self, pair: Pair<Rule>) -> Option<Value> {

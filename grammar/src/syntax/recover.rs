@@ -2,8 +2,8 @@
 
 use super::expression::Builder;
 use super::outline::{Extent, Outline};
-use super::parse::{self, Refusal, starts_name};
-use super::scan::{Token, scan};
+use super::parse::{self, Refusal, continues_name, starts_name};
+use super::scan::{Kind, Token, scan};
 use super::slips::Slips;
 use super::tree::{Name, Statement, SyntaxTree};
 use crate::diagnostic::{Code, Diagnostic};
@@ -14,7 +14,7 @@ use std::ops::Range;
 /// Longest text in bytes.
 const TEXT_LIMIT: usize = 64 << 20;
 /// Most words, numbers and signs in a text: they bound the memory, since a tree takes some hundred bytes for each.
-const TOKEN_LIMIT: usize = 4_000_000;
+const TOKEN_LIMIT: usize = 2_000_000;
 
 /// Text to tree.
 ///
@@ -28,7 +28,8 @@ pub fn parse(source: &Source) -> Result<SyntaxTree, Vec<Diagnostic>> {
 }
 
 /// Text to a tree of all statements that could be read, and what was wrong with the others (up to 20 findings, in the
-/// order of the text). There is no tree when nothing in the text looks like a model.
+/// order of the text). There is no tree when nothing in the text looks like a model. `suspended` holds every word of the
+/// statements that are missing in the tree, their keywords too, sorted.
 pub fn parse_recovering(source: &Source) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
     let text = source.text();
     let too_large = |span, message: String| (None, vec![Diagnostic::new(Code::TooLarge, span, message)]);
@@ -40,16 +41,29 @@ pub fn parse_recovering(source: &Source) -> (Option<SyntaxTree>, Vec<Diagnostic>
         Err(span) => return too_large(span, format!("the text has more than {TOKEN_LIMIT} words, numbers and signs")),
     };
     let outline = Outline::new(text, &tokens);
-    let mut slips = Slips::new(text, &tokens);
-    let tree = slips.outline(&outline).then(|| {
-        let reader = Reader {
-            text,
-            tokens: &tokens,
-            slips: &mut slips,
-            builder: Builder::default(),
-            suspended: BTreeSet::new(),
-        };
-        reader.model(&outline)
+    let deep = outline.deepest > COMMON_NESTING;
+    let read = || read(text, &tokens, &outline);
+    if deep { on_deep_stack(read).unwrap_or_else(read) } else { read() }
+}
+
+/// Runs on a thread with [`DEEP_STACK`]; `None` when the system gives no thread.
+fn on_deep_stack<T: Send>(run: impl FnOnce() -> T + Send) -> Option<T> {
+    std::thread::scope(|scope| {
+        let builder = std::thread::Builder::new().stack_size(DEEP_STACK);
+        builder.spawn_scoped(scope, run).ok()?.join().ok()
+    })
+}
+
+/// The grammar recurses for each level of nesting; a caller's stack is trusted with this many.
+const COMMON_NESTING: usize = 32;
+/// Stack for texts that nest more deeply, in bytes; the limit of nesting takes less than 2 MiB of it.
+const DEEP_STACK: usize = 16 << 20;
+
+fn read(text: &str, tokens: &[Token], outline: &Outline) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
+    let mut slips = Slips::new(text, tokens);
+    let tree = slips.outline(outline).then(|| {
+        let builder = Builder::default();
+        Reader { text, tokens, slips: &mut slips, builder, suspended: BTreeSet::new() }.model(outline)
     });
     (tree, slips.finish())
 }
@@ -75,10 +89,18 @@ impl<'a> Reader<'a, '_> {
         SyntaxTree { name, doc, statements, expressions: self.builder.expressions, suspended }
     }
 
-    /// Nothing shall be said about the words that stand here.
+    /// Nothing shall be said about the words that stand here, also in strings and comments that are not closed.
     fn suspend(&mut self, tokens: &Range<usize>) {
-        let words = self.tokens[tokens.clone()].iter().map(|t| t.text(self.text));
-        self.suspended.extend(words.filter(|w| w.starts_with(starts_name)));
+        for token in &self.tokens[tokens.clone()] {
+            let text = token.text(self.text);
+            match token.kind {
+                Kind::Name | Kind::Keyword => drop(self.suspended.insert(text)),
+                Kind::OpenText | Kind::OpenComment => {
+                    self.suspended.extend(text.split(|c| !continues_name(c)).filter(|w| w.starts_with(starts_name)));
+                }
+                _ => {}
+            }
+        }
     }
 
     /// The text of some tokens, and the byte where it begins.

@@ -215,3 +215,32 @@ fn is_line_end(c: char) -> bool {
 fn is_junk(c: char) -> bool {
     !(c.is_whitespace() || starts_name(c) || c.is_ascii_digit() || "()[]{};+-*/^<>=!&|,.:~'\"".contains(c))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kinds(text: &str) -> Vec<(Kind, &str)> {
+        scan(text, usize::MAX).unwrap_or_default().iter().map(|t| (t.kind, t.text(text))).collect()
+    }
+
+    #[test]
+    fn brackets_behind_in_hold_bounds_and_others_units() {
+        let units: Vec<_> = kinds("a [m/s^2] in [0, 1] [in] [1").into_iter().filter(|t| t.1.contains('[')).collect();
+        assert_eq!(units, [(Kind::Unit, "[m/s^2]"), (Kind::Open, "["), (Kind::Unit, "[in]"), (Kind::Open, "[")]);
+    }
+
+    #[test]
+    fn numbers_are_told_from_words_that_begin_like_them() {
+        use Kind::{Malformed, Name, Number, Sign};
+        assert_eq!(kinds("2.*.5"), [(Number, "2."), (Sign, "*"), (Number, ".5")]);
+        assert_eq!(kinds("1e-3-1e x"), [(Number, "1e-3"), (Sign, "-"), (Malformed, "1e"), (Name, "x")]);
+        assert_eq!(kinds("2x 1.2.3 1_0"), [(Malformed, "2x"), (Malformed, "1.2.3"), (Malformed, "1_0")]);
+    }
+
+    #[test]
+    fn the_first_token_beyond_the_limit_is_given() {
+        assert_eq!(scan("a b /* c */ d", 2).err(), Some(Span::new(12, 13)));
+        assert!(scan("a b // c", 2).is_ok());
+    }
+}

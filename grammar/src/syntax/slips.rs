@@ -140,12 +140,7 @@ impl<'a> Slips<'a> {
             Kind::Junk => junk(written, span),
             Kind::OpenText => Diagnostic::new(Code::Unterminated, start, "this string is not closed on its line")
                 .hint("write `\"` at its end"),
-            _ => Diagnostic::new(
-                Code::Unterminated,
-                start.to(Span::new(span.start as usize, span.start as usize + 2)),
-                "this comment is not closed",
-            )
-            .hint("write `*/` at its end"),
+            _ => Diagnostic::new(Code::Unterminated, start, "this comment is not closed").hint("write `*/` at its end"),
         };
         self.report([found]);
         true

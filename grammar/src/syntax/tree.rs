@@ -190,8 +190,7 @@ pub struct SyntaxTree {
     pub statements: Vec<Statement>,
     /// All expressions, operands before the expressions that use them.
     pub expressions: Vec<(Expr, Span)>,
-    /// Every word, keywords too, of the statements that could not be read (sorted, each once; empty when all could):
-    /// nothing can be said about what these words name, nor about the statements that the keywords begin.
+    /// Names mentioned in statements that could not be read: nothing more is told about them.
     pub suspended: Vec<String>,
 }
 

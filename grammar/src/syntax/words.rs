@@ -11,7 +11,7 @@ pub enum WordUse {
     Attribute,
     /// Stands in expressions: `if`, `then`, `else`, `and`, `or`, `not`.
     Expression,
-    /// A value that is always there: `t`, `pi`, and `inf` for bounds. Can be read, not declared.
+    /// A value that is always there: `t`, `pi`, `inf`. Can be read, not declared.
     Value,
 }
 

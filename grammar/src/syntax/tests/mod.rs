@@ -1,4 +1,8 @@
-//! Behaviour of the whole room: trees of good texts, findings about bad ones, limits.
+//! Behaviour of the whole room: trees of good texts here, findings about bad ones and limits beside it.
+#![allow(clippy::unwrap_used)]
+
+mod limits;
+mod slips;
 
 use super::*;
 use crate::source::Source;
@@ -92,165 +96,62 @@ fn precedence_is_that_of_mathematics() {
     }
 }
 
-/// The findings about a text, one line each: place as `line:column`, code, message, hint.
-fn findings(text: &str) -> Vec<String> {
+#[test]
+fn spans_cover_the_text_of_their_expressions() {
+    let cases = [
+        ("a*(b + c)", "a*(b + c)", "*"),
+        ("(a + b) * c", "(a + b) * c", "*"),
+        ("-x ^ 2 - f( y )", "-x ^ 2 - f( y )", "-"),
+        ("((a)) < ((b))", "((a)) < ((b))", "<"),
+    ];
+    for (text, whole, sign) in cases {
+        let source = Source::new("m", format!("model m {{ der(x) = {text}; }}"));
+        let tree = parse(&source).unwrap();
+        let StatementKind::Equation(left, right) = tree.statements[0].kind else { panic!() };
+        assert_eq!((source.slice(tree.span(left)), source.slice(tree.span(right))), ("der(x)", whole));
+        let Expr::Binary(.., sign_span) = tree.expr(right) else { panic!() };
+        assert_eq!(source.slice(*sign_span), sign, "{text}");
+    }
+    let source = Source::new("m", "model m { der(x) = 1 + if a then b else if c then d else (e); }");
+    let tree = parse(&source).unwrap();
+    let texts: Vec<_> = tree.expressions.iter().map(|(_, s)| source.slice(*s)).collect();
+    let ifs: Vec<_> = texts.into_iter().filter(|t| t.starts_with("if")).collect();
+    assert_eq!(ifs, ["if c then d else (e)", "if a then b else if c then d else (e)"]);
+}
+
+#[test]
+fn operands_stand_before_the_expressions_that_use_them() {
+    let source = Source::new("m", PITCH);
+    for (k, (expr, _)) in parse(&source).unwrap().expressions.iter().enumerate() {
+        let operands = match expr {
+            Expr::Number(_) | Expr::Name(_) => vec![],
+            Expr::Unary(_, a) => vec![*a],
+            Expr::Binary(_, a, b, _) => vec![*a, *b],
+            Expr::Call(_, args) => args.clone(),
+            Expr::If(c, a, b) => vec![*c, *a, *b],
+        };
+        assert!(operands.iter().all(|o| (o.0 as usize) < k));
+    }
+}
+
+#[test]
+fn the_grammar_reserves_exactly_the_words_of_the_table() {
+    for (word, purpose) in WORDS {
+        let source = Source::new("m", format!("model m {{ param {word} = 1, {word}_1 = 2; }}"));
+        let reserved = parse(&source).is_err();
+        assert_eq!(reserved, *purpose != WordUse::Value, "{word}");
+    }
+    let statements: Vec<_> = words_for(&[WordUse::Statement]).collect();
+    assert!(Role::ALL.iter().all(|r| statements.contains(&r.keyword())));
+}
+
+#[test]
+fn texts_of_windows_and_of_other_scripts_are_read() {
+    let text = "\u{feff}model ω_1 {\r\n  state α \"Größe\" [µm/°C],\r\n    x\u{302}; // ü\r\n  der(α) = −x̂;\r\n}\r\n"
+        .replace('−', "-");
     let source = Source::new("m", text);
-    parse_recovering(&source).1.iter().map(|d| d.line(&source)).collect()
-}
-
-/// Findings about one statement in an otherwise good model; its first column is 1.
-fn slip(statement: &str) -> String {
-    findings(&format!("model m {{\n{statement}\n}}")).join(" | ").replace("m:2:", "")
-}
-
-#[test]
-fn show_all() {
-    for s in SLIPS {
-        println!("({s:?}, {:?}),", slip(s));
-    }
-}
-
-const SLIPS: &[&str] = &[
-    "state x = 3",
-    "state x",
-    "param a = 1\nparam b = 2;",
-    "der(x) = -x\nder(y) = 3;",
-    "der(x) = ;",
-    "der(x) = (a + );",
-    "der(x) = a b;",
-    "der(x) = 2 x;",
-    "der(x) = 2x;",
-    "der(x) = 1e;",
-    "der(x) = 1e400;",
-    "der(x) := 3;",
-    "der(x) == 3;",
-    "param a == 3;",
-    "param a := 3;",
-    "x' = 3;",
-    "xdot := 3;",
-    "der(x) = a**2;",
-    "param x 3;",
-    "param x -3;",
-    "param x [m;",
-    "param x [m\n  = 3;",
-    "stat x;",
-    "paramter a = 3;",
-    "parameter a = 3;",
-    "outptu y = x;",
-    "der(x) = if a then b;",
-    "der(x) = if a b else c;",
-    "der(x) = if a = b then c else d;",
-    "param a = 1,5;",
-    "der(x) = a && b;",
-    "der(x) = a || b;",
-    "der(x) = !a;",
-    "noise q = 0.02;",
-    "trim { u = 1; v = 2; }",
-    "trim { u = 1; v = 2; } state x;",
-    "use \"actuator.fdm\" as act(x = dlon, T = T_act);",
-    "effect f(i: input) \"doc\" { param tau = 0; replace i with delay(i, tau); }",
-    "param a = 1 in [0, 1] in [0, 2];",
-    "param a = 1 = 2;",
-    "param a \"x\" \"y\";",
-    "param a fixed fixed;",
-    "param a per;",
-    "param a per rin;",
-    "param a = 1 fixd;",
-    "der(x) = a < b < c;",
-    "der(x) = @@ # ;",
-    "der(x) = a ? b : c;",
-    "param in = 3;",
-    "param noise = 3;",
-    "der(x) = sin(time);",
-    "der(x) = K*noise;",
-    "param a \"abc;\nstate y;",
-    "/* abc",
-    "der(x) = (a + b;",
-    "der(x) = (a + b];",
-    "der(x) = a + b);",
-    "param a in [0 1];",
-    "param a in (0, 1);",
-    "param a in 0, 1;",
-    "param a in [0, 1, 2];",
-    "x;",
-    "x + 1;",
-    "3;",
-    "der(x) = 3 \"doc\";",
-    "der(x) = y[2];",
-    "state x[3];",
-    "param A = [[1, 2], [3, 4]];",
-    "param a,;",
-    "param;",
-    "param , a;",
-    "time;",
-    "time s;",
-    "time [s",
-    "der(x) = a.b;",
-    "der(x) += 3;",
-    "f(a b) = 3;",
-    "f(a, ) = 3;",
-    "der(x) = a <= ;",
-    "end;",
-    "equation",
-    "state x; state y\n state z; let let = 3;",
-    "der x = 3;",
-    "der(x) = x.^2;",
-    "der(x) = x²;",
-    "der(x) = a − b;",
-    "}",
-    "state x;\n}\nstate y;",
-    "} model b { }",
-    "};",
-    ";;",
-    "param a = 3 }",
-    "param a = {1, 2};",
-    "tirm { u = 1; v = 2; }",
-    "der(x) = 'a';",
-    "(((",
-    ")))",
-    "der(x) = a then b;",
-    "der(x) = if;",
-    "der(x) = free;",
-    "param a = \n state b;",
-    "param a = 1\n\n   \nfoo = 3;",
-    "let x = a\n  + b\n  c = 3;",
-    "let x = \"a\";",
-    "output y = delay(x tau);",
-    "const g 9.81 [m/s^2];",
-    "param b = 1 in [0, 1] [m] \"doc\" fixed per run extra;",
-];
-
-#[test]
-fn frames() {
-    for s in [
-        "",
-        "  // only\n",
-        "/* x",
-        "state x;",
-        "model",
-        "model {}",
-        "model m",
-        "model m {",
-        "model m { state x;",
-        "modle m { state x; }",
-        "model m \"doc {",
-        "model 3 {}",
-        "model m-n { state x; }",
-        "model in { }",
-        "model m \"a\" \"b\" {}",
-        "\u{0}\u{1}\u{2} ab \u{fffd} ;{{{",
-        "foo bar baz",
-        "model a {} model b {}",
-        "model a { state x;\nmodel b { state y; }",
-        "effect f(i: input) { }",
-        "\u{feff}model m {}",
-        "junk\nmodel m {}",
-        "model m state x; der(x) = 1; }",
-        "#include x\nmodel m { }",
-        "model m { trim { u = 1; ",
-        "<html><body>Not found</body></html>",
-        "time,x,y\n0,1,2\n",
-    ] {
-        println!("{s:?} => {:#?}", findings(s));
-    }
+    let tree = parse(&source).unwrap();
+    let StatementKind::Declare(_, names) = &tree.statements[0].kind else { panic!() };
+    assert_eq!((tree.name.text.as_str(), names[0].unit.as_ref().unwrap().text.as_str()), ("ω_1", "µm/°C"));
+    assert_eq!(source.slice(tree.statements[1].span), "der(α) = -x̂;");
 }
