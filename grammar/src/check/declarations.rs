@@ -75,14 +75,17 @@ fn value(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
         (Role::Input, Some(Value::Expr(_))) => {
             let message = format!("the input `{name}` cannot have a value: it is read from the record");
             let finding = Diagnostic::new(Code::NeedlessValue, span, message);
-            finding.hint(format!("`const {name} = ...;` for a constant, `let {name} = ...;` for a signal that is computed"))
+            finding.hint(format!(
+                "`const {name} = ...;` for a constant, `let {name} = ...;` for a signal that is computed"
+            ))
         }
-        (Role::Param, Some(Value::Free(free))) => {
-            wrong(symbol, free, "`free`", format!("a param is free unless it is fixed; `param {name} = 1;` gives its start value"))
-        }
-        (_, Some(Value::Free(free))) => {
-            wrong(symbol, free, "`free`", "it is for initial values: `state x = free;`")
-        }
+        (Role::Param, Some(Value::Free(free))) => wrong(
+            symbol,
+            free,
+            "`free`",
+            format!("a param is free unless it is fixed; `param {name} = 1;` gives its start value"),
+        ),
+        (_, Some(Value::Free(free))) => wrong(symbol, free, "`free`", "it is for initial values: `state x = free;`"),
         (Role::Param, None) => {
             missing("start value", format!("`param {name} = 1;` gives the value from which the estimation starts"))
         }

@@ -81,9 +81,7 @@ impl Delays {
             let e = ExprId(k as u32);
             let (varies, of_state) = match graph.node(e) {
                 Node::Constant(_) | Node::Leaf(Leaf::Param(_)) => (false, false),
-                Node::Leaf(Leaf::Delayed(d)) => {
-                    (true, matches!(graph.delayed()[d as usize].signal, Signal::State(_)))
-                }
+                Node::Leaf(Leaf::Delayed(d)) => (true, matches!(graph.delayed()[d as usize].signal, Signal::State(_))),
                 Node::Leaf(_) => (true, false),
                 Node::Apply(..) => {
                     let any = |flags: &[bool]| graph.operands(e).iter().any(|a| flags[a.index()]);

@@ -115,9 +115,13 @@ fn differentiated(
     if symbol.role == Role::State {
         return Ok(Some(s));
     }
-    let message = format!("`{name}` is declared as {}; only a state has an equation", symbol.role.keyword());
+    let message = format!("`{name}` {}; only a state has an equation", role_text(symbol.role));
     let finding = Diagnostic::new(Code::NotADerivative, tree.span(left), message);
-    Err(Some(finding.label(symbol.declaration.name.span, "declared here").hint(format!("`state {name};`"))))
+    let finding = finding.label(symbol.declaration.name.span, "declared here");
+    Err(Some(match symbol.role {
+        Role::Input => finding.hint("remove the equation: the values come from the record"),
+        _ => finding.hint(format!("declare it as `state {name};`")),
+    }))
 }
 
 fn not_a_derivative(scope: &Scope<'_>, left: ExprRef, name: &str) -> Option<Diagnostic> {
@@ -143,6 +147,7 @@ fn role_text(role: Role) -> &'static str {
         Role::Output => "is an output",
         Role::Let => "is a let",
         Role::Const => "is a const",
+        Role::Input => "is an input",
         _ => "is a param",
     }
 }

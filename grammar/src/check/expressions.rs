@@ -152,7 +152,9 @@ impl Expressions {
             Expr::Unary(UnarySign::Plus, a) => self.of(*a),
             Expr::Unary(UnarySign::Minus, a) => self.graph.apply(Op::Neg, &[self.nodes[a.0 as usize]]),
             Expr::Unary(UnarySign::Not, a) => not(&mut self.graph, self.nodes[a.0 as usize]),
-            Expr::Binary(sign, a, b, _) => binary(&mut self.graph, *sign, self.nodes[a.0 as usize], self.nodes[b.0 as usize]),
+            Expr::Binary(sign, a, b, _) => {
+                binary(&mut self.graph, *sign, self.nodes[a.0 as usize], self.nodes[b.0 as usize])
+            }
             Expr::If(c, a, b) => {
                 let args = [self.of(*c), self.of(*a), self.of(*b)];
                 self.graph.apply(Op::Select, &args)

@@ -72,7 +72,9 @@ pub(super) fn without_influence(
         let finding = Diagnostic::new(Code::NoInfluence, span, message);
         findings.push(match param.origin {
             Origin::Declared => finding.hint("make it `fixed` or add an output that depends on it"),
-            Origin::FreeInitial(_) => finding.hint("give the state an initial value or add an output that depends on it"),
+            Origin::FreeInitial(_) => {
+                finding.hint("give the state an initial value or add an output that depends on it")
+            }
         });
     }
 }

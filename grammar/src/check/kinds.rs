@@ -196,8 +196,10 @@ impl Judge<'_, '_> {
         let span = self.scope.tree.span(e);
         let comparison = matches!(self.scope.tree.expr(e), Expr::Binary(sign, ..) if is_comparison(*sign));
         self.findings.push(match hint {
-            Hint::Condition => Diagnostic::new(Code::WantedCondition, span, "a condition is needed here, this is a number")
-                .hint("compare it with something, such as `x > 0`"),
+            Hint::Condition => {
+                Diagnostic::new(Code::WantedCondition, span, "a condition is needed here, this is a number")
+                    .hint("compare it with something, such as `x > 0`")
+            }
             Hint::Chain if comparison => {
                 Diagnostic::new(Code::WantedNumber, span, "a number is needed here, this is a condition")
                     .hint("write `a < b and b < c` instead of `a < b < c`")
@@ -211,7 +213,8 @@ impl Judge<'_, '_> {
     fn steady_delay(&mut self, tau: ExprRef) -> bool {
         let steady = self.kinds.of(tau).level <= Level::Param;
         if !steady {
-            let finding = Diagnostic::new(Code::BadDelay, self.scope.tree.span(tau), "a delay must not change during the run");
+            let finding =
+                Diagnostic::new(Code::BadDelay, self.scope.tree.span(tau), "a delay must not change during the run");
             self.findings.push(finding.hint("it may depend on params, consts and numbers only"));
         }
         steady

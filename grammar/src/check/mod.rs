@@ -36,7 +36,8 @@ use order::Blocks;
 /// Checks a model as written.
 ///
 /// # Errors
-/// Every mistake and warning in the order of the text; at least one of them is an error.
+/// Every mistake and warning in the order of the text; at least one of them is an error, unless statements are
+/// missing from the tree because the parser could not read (and has told) them: such a tree never makes a model.
 pub fn check(tree: &SyntaxTree) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
     let mut findings = Vec::new();
     let model = passes(tree, &mut findings);
@@ -114,9 +115,8 @@ fn delayed_states(
             continue;
         }
         // the first node with a delayed state is the delay itself, or the name that stands for it
-        let delayed = |e: &&crate::syntax::ExprRef| {
-            !kinds.of(**e).broken && expressions.has_delayed_state(expressions.of(**e))
-        };
+        let delayed =
+            |e: &&crate::syntax::ExprRef| !kinds.of(**e).broken && expressions.has_delayed_state(expressions.of(**e));
         let place = blocks.nodes(block).iter().find(delayed).copied().unwrap_or(equations[k].right);
         let message = "a delayed state in an equation makes a delay differential equation, which is not compiled yet";
         let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(place), message);

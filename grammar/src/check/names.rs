@@ -4,7 +4,7 @@ use super::functions::{self, Function};
 use super::order::Blocks;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
-use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree};
+use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
 use crate::unit::Unit;
 use std::collections::{HashMap, HashSet};
 
@@ -126,7 +126,8 @@ impl<'a> Scope<'a> {
             Some(unit) if unit.same_dimension(&Unit::second()) => self.time = unit,
             Some(unit) => {
                 let message = format!("`{unit}` is not a unit of time");
-                findings.push(Diagnostic::new(Code::UnitMismatch, text.span, message).hint("`time [s];` or `time [min];`"));
+                findings
+                    .push(Diagnostic::new(Code::UnitMismatch, text.span, message).hint("`time [s];` or `time [min];`"));
             }
             None => {}
         }
@@ -164,10 +165,11 @@ fn declared_twice(role: Role, name: &Name, first: &Symbol<'_>) -> Diagnostic {
 
 /// Why a name cannot be declared.
 fn reserved(name: &str) -> Option<&'static str> {
-    match name {
-        "t" => Some("is the time since the run began"),
-        "pi" => Some("is the number 3.14159..."),
-        "inf" => Some("is infinity"),
+    match (name, word_use(name)) {
+        ("t", _) => Some("is the time since the run began"),
+        ("pi", _) => Some("is the number 3.14159..."),
+        ("inf", _) => Some("is infinity"),
+        (_, Some(_)) => Some("is a word of the language"),
         _ if Function::find(name).is_some() => Some("is a function"),
         _ => None,
     }

@@ -6,7 +6,6 @@ use super::kinds::{Kinds, Level};
 use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Node};
-use crate::op::ExprId;
 use crate::syntax::{Role, Value};
 
 /// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
@@ -23,9 +22,11 @@ pub(super) fn check(
         let present = infinite[expressions.of(*root).index()] && !kinds.of(*root).broken;
         if present && !std::mem::replace(&mut told[root.0 as usize], true) {
             let value = expressions.constant(*e).unwrap_or(f64::NAN);
-            let what = if value.is_nan() { "is not defined" } else { "is infinite" };
-            let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(*e), format!("the value of this {what}"));
-            findings.push(finding.hint("look for a division by zero, an overflow, or a root or logarithm of a negative number"));
+            let message = if value.is_nan() { "this value is not defined" } else { "this value is infinite" };
+            let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(*e), message);
+            findings.push(
+                finding.hint("look for a division by zero, an overflow, or a root or logarithm of a negative number"),
+            );
         }
     }
     at_start(scope, kinds, expressions, start, &infinite, findings);

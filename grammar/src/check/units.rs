@@ -284,10 +284,10 @@ impl Pass<'_, '_, '_> {
     }
 
     fn delay(&mut self, tau: ExprRef) {
-        if let (Some(time), tau_measure) = (self.time, self.of(tau))
-            && let Err((x, y)) = self.measures.agreed(tau_measure, time)
+        if let (Some(time), measure) = (self.time, self.of(tau))
+            && let Err((x, y)) = self.measures.agreed(time, measure)
         {
-            let (unit, time) = (self.measures.unit(x), self.measures.unit(y));
+            let (time, unit) = (self.measures.unit(x), self.measures.unit(y));
             let factor = factor_between(unit, time).map_or(String::new(), |f| format!("; {f}"));
             let message = format!("a delay is a time in {time}, this is in {unit}{factor}");
             let finding = Diagnostic::new(Code::UnitMismatch, self.span(tau), message);
@@ -313,7 +313,7 @@ impl Pass<'_, '_, '_> {
                 if symbol.declaration.unit.is_none() && defines {
                     self.symbols[s] = if value == Measure::Number { Measure::Unknown(s) } else { value };
                 }
-                if symbol.role == Role::Output {
+                if symbol.role == Role::Output && value != Measure::Broken {
                     survey.known |= symbol.unit.is_some();
                     self.warn(survey, &format!("the output `{}`", symbol.name()));
                 }
@@ -342,7 +342,7 @@ impl Pass<'_, '_, '_> {
 
     fn equation(&mut self, k: usize, right: Measure, mut survey: Survey) {
         let equation = &self.checked.equations[k];
-        let Some(s) = equation.state else { return };
+        let Some(s) = equation.state.filter(|_| right != Measure::Broken) else { return };
         let symbol = &self.checked.scope.symbols[s];
         match self.symbols[s] {
             Measure::Known(_) => survey.known = true,
@@ -385,10 +385,7 @@ impl Pass<'_, '_, '_> {
         }
         let Some(between) = wanted.quotient(got) else { return finding };
         match got.conversion(wanted) {
-            Some((scale, _)) => {
-                let scale = super::measures::six_digits(scale);
-                finding.hint(format!("convert with a constant such as `const c = {scale} [{between}];`"))
-            }
+            Some((scale, _)) => finding.hint(format!("convert with a constant, `const c = {scale} [{between}];`")),
             None => finding.hint(format!("a factor in {between} lies between them")),
         }
     }
