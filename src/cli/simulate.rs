@@ -47,7 +47,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let model = model.with_params(params);
     let runs = arguments.records.load(&model, false)?;
     if runs.len() > 1 && !arguments.json {
-        return Err(Failure::input(["several runs do not fit into one table: simulate them one by one, or use --json"]));
+        return Err(Failure::input([
+            "several runs do not fit into one table: simulate them one by one, or use --json",
+        ]));
     }
     let responses: Vec<Response<'_>> =
         runs.iter().map(|(run, _)| respond(&model, run, arguments)).collect::<Result<_, _>>()?;

@@ -5,8 +5,8 @@
 
 use super::information::{Linearised, Sums};
 use super::problem::{Problem, ProblemRun};
-use crate::simulate::Divergence;
 use super::unknowns::Unknowns;
+use crate::simulate::Divergence;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 

@@ -93,7 +93,9 @@ fn chart(
             let drawn = chart.draw_series(line).map_err(refused)?;
             if k == 0 {
                 let colour = *colour;
-                drawn.label(*name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
+                drawn
+                    .label(*name)
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
             }
         }
     }
@@ -162,7 +164,14 @@ mod tests {
     fn history(time: &[f64], measured: Vec<f64>) -> TimeHistory<'_> {
         let modelled = time.iter().map(|t| t.sin()).collect();
         let label = |s: &str| String::from(s);
-        TimeHistory { title: label("run"), time_label: label("t [s]"), value_label: label("y"), time, measured, modelled }
+        TimeHistory {
+            title: label("run"),
+            time_label: label("t [s]"),
+            value_label: label("y"),
+            time,
+            measured,
+            modelled,
+        }
     }
 
     #[test]

@@ -65,7 +65,8 @@ fn outputs(estimate: &Estimate) -> String {
 
 /// What a careful reader would ask about.
 fn remarks(estimate: &Estimate) -> Vec<String> {
-    let mut remarks: Vec<String> = estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence)).collect();
+    let mut remarks: Vec<String> =
+        estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence)).collect();
     for (a, b, r) in estimate.correlated(CORRELATED) {
         let name = |k: usize| {
             let p = &estimate.parameters[k];

@@ -65,7 +65,8 @@ pub fn integration_error(
     if dynamics.layout().states == 0 || run.len() < 2 {
         return Ok(0.0);
     }
-    let (coarse, fine) = (response(dynamics, run, theta, per_interval)?, response(dynamics, run, theta, 2 * per_interval)?);
+    let (coarse, fine) =
+        (response(dynamics, run, theta, per_interval)?, response(dynamics, run, theta, 2 * per_interval)?);
     let (Ok(coarse), Ok(fine)) = (coarse, fine) else { return Ok(f64::INFINITY) };
     Ok(halving(&coarse, &fine, dynamics.layout().outputs))
 }

@@ -73,7 +73,9 @@ impl Sensitivity {
         let lane = |param: usize| stage.lane[param].map(|l| l as usize);
         let lane_of: Vec<u32> = columns
             .iter()
-            .map(|c| stage.lane[*c].unwrap_or_else(|| panic!("parameter {c} is fixed in the model: it has no derivatives")))
+            .map(|c| {
+                stage.lane[*c].unwrap_or_else(|| panic!("parameter {c} is fixed in the model: it has no derivatives"))
+            })
             .collect();
         let all = lane_of.iter().enumerate().all(|(k, l)| k == *l as usize);
         let all = all && columns.len() == stage.lane.iter().flatten().count();

@@ -78,7 +78,8 @@ impl<S: Simd> Step<'_, S> {
     fn dense_tile<const N: usize, const L: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
         let simd = self.simd;
         let splat = |a: f64| simd.splat_f64s(a);
-        let (half, sixth, third, whole) = (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
+        let (half, sixth, third, whole) =
+            (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
         let mut start = [[half; L]; N];
         for (i, row) in start.iter_mut().enumerate() {
             *row = load(s, i * width + tile, half);
@@ -142,7 +143,8 @@ impl<S: Simd> Step<'_, S> {
         let (first, rest) = S::as_mut_simd_f64s(scratch).0.split_at_mut(block);
         let (second, sum) = rest.split_at_mut(block);
         let splat = |a: f64| simd.splat_f64s(a);
-        let (half, sixth, third, whole) = (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
+        let (half, sixth, third, whole) =
+            (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
         for i in 0..states {
             let at = i * width + tile;
             let k = self.sparse_slope::<L>(0, i, tile, width, s);
