@@ -261,8 +261,6 @@ fn bad_cells_are_named_by_line_and_column_and_not_listed_by_the_thousand() {
     let rows: String = (1..=20_000).map(|k| format!("{k},bad,1\n")).collect();
     let message = one(&format!("t,u,y\n0,1,1\n{rows}"), &uy(), &plain());
     assert!(message.contains("also in lines 4, 5, 6 and 19996 more") && message.len() < 250, "{message}");
-    let message = one("t,u,y\ns,m,m\n0,1,1\n1,1,1\n", &wanted(&[], &[("y", "")]), &map(&[("t", "u")]));
-    assert!(message.contains("found `m`"), "{message}");
     assert!(bad("t,u,y\ns,m,m\n0,1,1\n", &uy(), &plain())[0].to_string().contains("if this row holds the units"));
     let message = one("t,u,y\n0,1,1\n2024-01-01 12:00,1,1\n", &uy(), &plain());
     assert!(message.contains("dates and clock times"), "{message}");
@@ -293,7 +291,7 @@ fn time_must_rise() {
     let message = one("t,u,y\n0,1,1\n5,1,1\n1,2,2\n2,1,1\n", &uy(), &plain());
     assert!(message.contains("falls from 5 in line 3 to 1") && message.contains("several runs"), "{message}");
     assert!(one("t,u,y\n0,1,1\n,1,1\n2,1,1\n", &uy(), &plain()).starts_with("line 3, column `t`: the time is missing"));
-    let message = one("t,u,y\n-1e16,1,1\n1,1,1\n1.1,1,1\n", &uy(), &plain());
+    let message = one("t,u,y\n-1e16,1,1\n0.25,1,1\n0.5,1,1\n", &uy(), &plain());
     assert!(message.contains("double precision"), "{message}");
     // the same row twice says nothing new
     let (run, summary) = good("t,u,y\n0,1,1\n1,2,\n1,2,\n2,3,3\n", &uy(), &plain());
@@ -328,13 +326,13 @@ fn broken_tables_are_refused_with_their_line() {
 #[test]
 fn what_is_no_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let fault = |path: &std::path::Path| read(path, &uy(), &plain()).unwrap_err().problems[0].fault.clone();
+    let fault = |path: &std::path::Path| *read(path, &uy(), &plain()).unwrap_err().problems.remove(0).fault;
     assert_eq!(fault(folder.path()), Fault::Directory);
     assert_eq!(fault(&folder.path().join("none.csv")), Fault::Unreadable("there is no such file".into()));
     #[cfg(unix)]
     assert_eq!(fault(std::path::Path::new("/dev/zero")), Fault::Device);
     let error = write(&folder.path().join("none/out.csv"), &[]).unwrap_err();
-    assert!(matches!(error.problems[0].fault, Fault::Unwritable(_)), "{error}");
+    assert!(matches!(*error.problems[0].fault, Fault::Unwritable(_)), "{error}");
 }
 
 #[test]
@@ -354,7 +352,7 @@ fn a_written_file_reads_back() {
 #[test]
 fn a_model_says_what_it_wants() {
     let quantity = |name: &str, u: &str| Quantity { name: name.into(), doc: String::new(), unit: unit(u) };
-    let mut graph = Graph::new();
+    let mut graph = Graph::default();
     let (x, t) = (graph.leaf(Leaf::Input(0)), graph.leaf(Leaf::Time));
     let mut model = Model {
         name: "m".into(),
