@@ -1,4 +1,5 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
 pub mod dynamics;
+pub mod estimate;
 pub mod record;

@@ -11,3 +11,9 @@ pub struct Unit {
     /// Value of the unit's zero in SI units (temperatures in degC and degF).
     pub offset: f64,
 }
+
+impl std::fmt::Display for Unit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.text)
+    }
+}

@@ -1,0 +1,234 @@
+//! The iteration: damped Gauss-Newton corrections within bounds until none is worth making.
+//!
+//! Convergence is judged here; how a correction is tried, damped and accepted is in `trial.rs`, what the last one tells
+//! in `conclusion.rs`.
+
+use super::evaluation::{Evaluator, RunFailure, Want};
+use super::noise::{Likelihood, Weights};
+use super::problem::Options;
+use super::progress::{Iteration, Observer};
+use super::quadratic::{Inverse, Quadratic};
+use super::step::{Room, constrained};
+use super::termination::{Reason, Termination};
+use super::trial::{self, Accepted};
+use super::unknowns::Unknowns;
+
+/// Beyond this condition of the scaled Jacobian its products are too coarse and triangles are summed instead.
+const PRODUCTS: f64 = 1e6;
+
+/// The state of an iteration.
+pub(super) struct Correction<'c, 'e, 'a> {
+    pub(super) evaluator: Evaluator<'e, 'a>,
+    pub(super) unknowns: &'e Unknowns,
+    pub(super) likelihood: &'c Likelihood,
+    pub(super) options: &'c Options,
+    /// The current estimates.
+    pub(super) values: Vec<f64>,
+    /// Noise and cost there.
+    pub(super) weights: Weights,
+    pub(super) quadratic: Quadratic,
+    pub(super) inverse: Inverse,
+    pub(super) room: Room,
+    pub(super) step: Vec<f64>,
+    pub(super) trial: Vec<f64>,
+    pub(super) damping: f64,
+    /// The last damping above 0: where to go back to when a full step fails.
+    pub(super) level: f64,
+    pub(super) precise: bool,
+    /// Whether the evaluator's sums belong to the current estimates.
+    pub(super) fresh: bool,
+    pub(super) history: Vec<Iteration>,
+}
+
+impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
+    pub(super) fn new(
+        evaluator: Evaluator<'e, 'a>,
+        unknowns: &'e Unknowns,
+        likelihood: &'c Likelihood,
+        options: &'c Options,
+    ) -> Self {
+        let q = likelihood.counts.len();
+        Self {
+            evaluator,
+            unknowns,
+            likelihood,
+            options,
+            values: unknowns.start.clone(),
+            weights: likelihood.weights(&vec![0.0; q * q]),
+            quadratic: Quadratic::default(),
+            inverse: Inverse::default(),
+            room: Room::default(),
+            step: Vec::new(),
+            trial: unknowns.start.clone(),
+            damping: 0.0,
+            level: trial::DAMPING,
+            precise: false,
+            fresh: false,
+            history: Vec::new(),
+        }
+    }
+
+    /// Corrects the start values until the end.
+    ///
+    /// # Errors
+    /// The run that cannot be simulated at the start values.
+    pub(super) fn run(&mut self, observer: &mut dyn Observer) -> Result<Termination, RunFailure> {
+        self.start()?;
+        if self.values.is_empty() {
+            self.record_start(observer);
+            return Ok(Termination::Converged(Reason::NothingToEstimate));
+        }
+        if self.record_start(observer) {
+            return Ok(Termination::Interrupted);
+        }
+        let mut last = f64::INFINITY;
+        for iteration in 0.. {
+            if !self.quadratic.is_finite() {
+                return Ok(Termination::NoProgress);
+            }
+            let solved = self.full_step();
+            let promise = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
+            if self.inverse.chosen.is_empty() {
+                return Ok(Termination::Converged(Reason::AllHeld));
+            }
+            if solved && self.relative_step() <= self.options.tolerance {
+                self.finish();
+                return Ok(Termination::Converged(Reason::SmallCorrection));
+            }
+            // while corrections shrink they are made, though the cost cannot measure them any more
+            let unmeasurable = promise <= self.weights.rounding;
+            if unmeasurable && promise >= last {
+                return Ok(Termination::Converged(Reason::Rounding));
+            }
+            last = if unmeasurable { promise } else { f64::INFINITY };
+            if iteration >= self.options.iterations {
+                return Ok(Termination::IterationLimit);
+            }
+            let before = self.weights.cost;
+            let Some(accepted) = self.correct(unmeasurable) else {
+                return Ok(if unmeasurable { Termination::Converged(Reason::Rounding) } else { self.stuck() });
+            };
+            if self.record(observer, before, accepted) {
+                return Ok(Termination::Interrupted);
+            }
+        }
+        Ok(Termination::IterationLimit)
+    }
+
+    fn start(&mut self) -> Result<(), RunFailure> {
+        let values = self.values.clone();
+        self.weights = self.linearise(&values, None)?;
+        self.evaluator.keep();
+        self.settle(&values);
+        Ok(())
+    }
+
+    /// Evaluates response and sensitivities; returns cost and weights there.
+    pub(super) fn linearise(&mut self, values: &[f64], known: Option<Weights>) -> Result<Weights, RunFailure> {
+        self.fresh = false;
+        if values.is_empty() {
+            self.evaluator.evaluate(values, Want::Response)?;
+            return Ok(self.likelihood.weights(&self.evaluator.moments));
+        }
+        if !self.likelihood.is_full() {
+            self.evaluator.evaluate(values, Want::Sensitivities(None))?;
+            return Ok(self.likelihood.weights(&self.evaluator.moments));
+        }
+        // outputs are mixed by a covariance that only the residuals of all runs tell
+        let weights = match known {
+            Some(weights) => weights,
+            None => {
+                self.evaluator.evaluate(values, Want::Response)?;
+                self.likelihood.weights(&self.evaluator.moments)
+            }
+        };
+        self.evaluator.evaluate(values, Want::Sensitivities(Some(&weights.whitener)))?;
+        Ok(weights)
+    }
+
+    /// The quadratic at the current estimates, from products or, when they are too coarse, from triangles.
+    pub(super) fn settle(&mut self, values: &[f64]) {
+        self.fresh = true;
+        self.gather();
+        if self.inverse.condition > PRODUCTS {
+            self.refine(values);
+        }
+    }
+
+    /// Evaluates again, summing triangles from now on. The model has just been evaluated at these values; should it
+    /// fail now, the coarse quadratic stays.
+    pub(super) fn refine(&mut self, values: &[f64]) {
+        if std::mem::replace(&mut self.precise, true) {
+            return;
+        }
+        self.evaluator.make_precise();
+        if self.linearise(values, Some(self.weights.clone())).is_ok() {
+            self.fresh = true;
+            self.gather();
+        }
+    }
+
+    pub(super) fn gather(&mut self) {
+        let full = self.likelihood.is_full();
+        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &self.weights, full);
+        let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
+        self.room = Room::at(&self.values, lower, upper, &self.quadratic.scale);
+        let movable = self.room.movable(&self.quadratic);
+        let coarse = Inverse { chosen: movable.clone(), condition: f64::INFINITY, ..Inverse::default() };
+        self.inverse = self.quadratic.invert(&movable).unwrap_or(coarse);
+    }
+
+    /// The undamped correction; false when it cannot be told.
+    pub(super) fn full_step(&mut self) -> bool {
+        let solved = constrained(&self.quadratic, &self.room, 0.0, &mut self.step);
+        if !solved && self.damping == 0.0 {
+            self.damping = self.level;
+        }
+        solved
+    }
+
+    /// Largest part of the step, relative to the parameter or its standard error, whichever is greater.
+    fn relative_step(&self) -> f64 {
+        self.parts().map(|(j, s, error)| s / self.values[j].abs().max(error)).fold(0.0, f64::max)
+    }
+
+    /// Largest part of the step in standard errors.
+    pub(super) fn largest_in_errors(&self) -> f64 {
+        self.parts().map(|(_, s, error)| s / error).filter(|r| r.is_finite()).fold(0.0, f64::max)
+    }
+
+    /// Unknown, size of the step and standard error of everything that moves.
+    fn parts(&self) -> impl Iterator<Item = (usize, f64, f64)> {
+        let n = self.inverse.chosen.len();
+        self.inverse.chosen.iter().enumerate().filter_map(move |(k, j)| {
+            let scale = self.quadratic.scale[*j];
+            let error = self.inverse.values.get(k * n + k).map_or(0.0, |v| v.max(0.0).sqrt() / scale);
+            (self.step[*j] != 0.0).then(|| (*j, (self.step[*j] / scale).abs(), error))
+        })
+    }
+
+    fn stuck(&mut self) -> Termination {
+        self.full_step();
+        let promise = self.quadratic.reduction(&self.step);
+        if promise <= 1e-6 && self.largest_in_errors() <= 1e-3 {
+            return Termination::Converged(Reason::Stationary);
+        }
+        // noise-free data: what is left is the rounding of the simulation, which no standard error measures
+        let matched = self.likelihood.relative_noise(&self.weights) <= 1e-9 && self.relative_step() <= 1e-6;
+        if matched { Termination::Converged(Reason::Rounding) } else { Termination::NoProgress }
+    }
+
+    fn record_start(&mut self, observer: &mut dyn Observer) -> bool {
+        let start = Accepted { step: 0.0, damping: 0.0, refused: 0 };
+        self.record(observer, self.weights.cost, start)
+    }
+
+    /// Adds to the history; true when the observer asks for the end.
+    fn record(&mut self, observer: &mut dyn Observer, before: f64, accepted: Accepted) -> bool {
+        let (number, cost) = (self.history.len(), self.weights.cost);
+        let Accepted { step, damping, refused } = accepted;
+        let iteration = Iteration { number, cost, change: cost - before, damping, step, refused };
+        self.history.push(iteration);
+        observer.iteration(&iteration).is_break()
+    }
+}
