@@ -144,6 +144,8 @@ mod tests {
             initial_by_param: 0..0,
             tau_by_param: 0..0,
             derived: 0..0,
+            observed: Vec::new(),
+            stage: Default::default(),
             patterns,
         })
     }
