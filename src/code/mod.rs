@@ -6,6 +6,7 @@
 
 mod jit;
 #[cfg(test)]
+#[cfg(test)]
 mod specimen;
 mod tape;
 mod verification;
