@@ -6,7 +6,6 @@
 
 mod jit;
 #[cfg(test)]
-#[cfg(test)]
 mod specimen;
 mod tape;
 mod verification;
