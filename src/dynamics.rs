@@ -4,7 +4,7 @@
 //! partials, in the order that [`Layout`] describes. **Never** names, units or text.
 //! **Start** at [`Dynamics`]; it is implemented by the tape, by machine code and by every `model!`.
 
-pub use fdm_grammar::schedule::{Layout, Patterns};
+pub use fdm_grammar::schedule::{Layout, Patterns, StageRow};
 
 /// Where a model is evaluated.
 #[derive(Debug, Clone, Copy)]
@@ -67,7 +67,8 @@ pub trait Dynamics: Send + Sync {
     /// Rates f (n).
     fn rates(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace);
 
-    /// Rates and the entries of f_x, f_delay, f_theta (`layout.rate_slots()`).
+    /// Rates, f_x, f_delay and f_theta as [`StageRow`] arranges them (`layout.rate_slots()`). Structural zeros are not
+    /// written: `out` must hold zeros there.
     fn rates_and_partials(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace);
 
     /// Outputs h (q).

@@ -2,5 +2,32 @@
 
 pub mod code;
 pub mod dynamics;
+pub mod estimate;
+mod model;
 pub mod record;
+pub mod report;
 pub mod simulate;
+
+pub use fdm_grammar::math;
+/// A model compiled with the Rust program that holds it: an expression of type [`Model`].
+///
+/// What stands between the braces is a model exactly as in a `.fdm` file. It is checked when the program is compiled:
+/// every mistake is an error at its place. The numbers come from Rust code, equal to the bit to those of the same
+/// model loaded by [`Model::from_file`]. Warnings have no place in a build of stable Rust;
+/// [`Model::warnings`] has them.
+///
+/// ```
+/// let roll = fdm::model! {
+///     model roll "roll decay of a ship" {
+///         state p "roll rate" [rad/s], phi "roll angle" [rad] = 0.2;
+///         param d = 0.1 [1/s], k = 1.5 [1/s^2];
+///         der(p) = -d*p - k*phi;
+///         der(phi) = p;
+///         output phi_m [rad] = phi;
+///     }
+/// };
+/// assert_eq!(roll.name(), "roll");
+/// assert_eq!(roll.layout().states, 2);
+/// ```
+pub use fdm_macros::model;
+pub use model::{Model, ModelError};

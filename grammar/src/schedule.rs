@@ -39,6 +39,15 @@ pub struct Instruction {
     pub args: [Operand; 3],
 }
 
+/// A number of the result and the slot that it is written to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Placed {
+    /// Position in the result.
+    pub slot: u32,
+    /// What is written there.
+    pub operand: Operand,
+}
+
 /// Instructions in order, then results.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Program {
@@ -46,14 +55,17 @@ pub struct Program {
     pub constants: Vec<f64>,
     /// In order of execution.
     pub instructions: Vec<Instruction>,
-    /// What goes into each slot of the result.
-    pub results: Vec<Operand>,
+    /// What is written where, in ascending order of slots; slots that nothing is written to keep what they held.
+    pub results: Vec<Placed>,
+    /// Length of the result.
+    pub width: usize,
 }
 
 /// Sizes, patterns and positions of everything that the programs read and write.
 ///
-/// Results of `rates_and_partials`, in order: rates (n), f_x, f_delay, f_theta entries; of `outputs_and_partials`:
-/// outputs (q), h_x, h_delay, h_theta; of `by_input`: f_u, h_u. Each group of entries follows its pattern.
+/// Results of `rates_and_partials` are arranged for the integrator (see [`StageRow`]); those of
+/// `outputs_and_partials` are outputs (q), then the entries of h_x, h_delay, h_theta; of `by_input` the entries of f_u and h_u,
+/// each group in the order of its pattern.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Layout {
     /// Number of states n.
@@ -82,6 +94,67 @@ pub struct Layout {
     pub observed: Vec<Option<u32>>,
     /// Patterns, named by row and column.
     pub patterns: Patterns,
+    /// Where `rates_and_partials` writes.
+    pub stage: StageRow,
+}
+
+/// The result of `rates_and_partials`: rates (n), f_x, the entries of f_delay, then f_theta in lanes.
+///
+/// f_theta is written where the sensitivities need it: one row per state, one lane per parameter that is not fixed,
+/// padded to full vectors and beginning on one. Structural zeros are never written; whoever owns the row clears it once.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StageRow {
+    /// Slot of each entry of f_x, in the order of the pattern: full rows for small models, else entries only.
+    pub by_state: Vec<u32>,
+    /// Whether f_x is written as full rows (n by n, from slot n on).
+    pub dense: bool,
+    /// First entry of f_delay.
+    pub by_delayed: usize,
+    /// First lane of f_theta, a multiple of [`StageRow::VECTOR`].
+    pub forcing: usize,
+    /// Lanes of each row of f_theta, a multiple of [`StageRow::VECTOR`].
+    pub lanes: usize,
+    /// Lane of each parameter; none for fixed ones (p).
+    pub lane: Vec<Option<u32>>,
+    /// Length of the row, a multiple of [`StageRow::VECTOR`].
+    pub width: usize,
+}
+
+impl StageRow {
+    /// Numbers in the widest register.
+    pub const VECTOR: usize = 8;
+    /// Models with at most this many states have full rows of f_x.
+    pub const MOST_DENSE: usize = 6;
+
+    fn new(model: &Model, by_state: &Pattern, by_delayed: &Pattern) -> Self {
+        let n = model.states.len();
+        let dense = n <= Self::MOST_DENSE;
+        let place = |(k, i, j): (usize, usize, usize)| (n + if dense { i * n + j } else { k }) as u32;
+        let after_state = n + if dense { n * n } else { by_state.len() };
+        let forcing = (after_state + by_delayed.len()).next_multiple_of(Self::VECTOR);
+        let mut free = 0;
+        let lane = model.params.iter().map(|p| {
+            let lane = (!p.fixed).then_some(free);
+            free += u32::from(!p.fixed);
+            lane
+        });
+        let lane = lane.collect();
+        let lanes = (free as usize).next_multiple_of(Self::VECTOR);
+        let by_state = by_state.entries().map(place).collect();
+        Self { by_state, dense, by_delayed: after_state, forcing, lanes, lane, width: forcing + n * lanes }
+    }
+
+    /// Slot of the derivative of rate i by parameter j, which is not fixed.
+    pub fn by_param(&self, i: usize, j: usize) -> Option<usize> {
+        self.lane[j].map(|lane| self.forcing + i * self.lanes + lane as usize)
+    }
+
+    /// Slots in the order rates, f_x, f_delay, f_theta, entries in the order of their patterns.
+    fn slots(&self, n: usize, by_delayed: &Pattern, by_param: &Pattern) -> Vec<u32> {
+        let delayed = (0..by_delayed.len()).map(|k| (self.by_delayed + k) as u32);
+        let param = by_param.entries().filter_map(|(_, i, j)| self.by_param(i, j)).map(|slot| slot as u32);
+        (0..n as u32).chain(self.by_state.iter().copied()).chain(delayed).chain(param).collect()
+    }
 }
 
 /// The sparsity of all Jacobians.
@@ -117,8 +190,7 @@ impl Layout {
 
     /// Length of the result of `rates_and_partials`.
     pub fn rate_slots(&self) -> usize {
-        let p = &self.patterns;
-        self.states + p.rates_by_state.len() + p.rates_by_delayed.len() + p.rates_by_param.len()
+        self.stage.width
     }
 
     /// Length of the result of `outputs_and_partials`.
@@ -169,28 +241,32 @@ impl Schedule {
 
         let graph = &model.graph;
         let (known, layout) = known(model, &d, &bodies);
-        let slots: HashMap<ExprId, u32> = known.iter().enumerate().rev().map(|(k, e)| (*e, k as u32)).collect();
+        let places: HashMap<ExprId, u32> = known.iter().enumerate().rev().map(|(k, e)| (*e, k as u32)).collect();
         let inputs = layout.inputs as u32;
-        let body = |roots: &[ExprId]| {
-            linearise(graph, roots, |e, node| match node {
+        let placed = |roots: &[ExprId], slots: Vec<u32>, width: usize| {
+            linearise(graph, roots, &slots, width, |e, node| match node {
                 Node::Leaf(leaf) => Some(match leaf {
                     Leaf::Time => Operand::Time,
                     Leaf::State(k) => Operand::State(k),
                     Leaf::Input(k) => Operand::Drive(k),
                     Leaf::Delayed(k) => Operand::Drive(inputs + k),
-                    Leaf::Param(_) => Operand::Known(slots[&e]),
+                    Leaf::Param(_) => Operand::Known(places[&e]),
                 }),
-                Node::Apply(..) => slots.get(&e).map(|k| Operand::Known(*k)),
+                Node::Apply(..) => places.get(&e).map(|k| Operand::Known(*k)),
                 Node::Constant(_) => None,
             })
         };
+        let body = |roots: &[ExprId]| placed(roots, (0..roots.len() as u32).collect(), roots.len());
+        let (stage, patterns) = (&layout.stage, &layout.patterns);
+        let in_stage = stage.slots(layout.states, &patterns.rates_by_delayed, &patterns.rates_by_param);
+        let in_order: Vec<u32> = (0..known.len() as u32).collect();
         Self {
-            prepare: linearise(graph, &known, |_, node| match node {
+            prepare: linearise(graph, &known, &in_order, known.len(), |_, node| match node {
                 Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
                 _ => None,
             }),
             rates: body(&rates),
-            rates_and_partials: body(&full_rates),
+            rates_and_partials: placed(&full_rates, in_stage, stage.width),
             outputs: body(&outputs),
             outputs_and_partials: body(&full_outputs),
             by_input: body(&by_input),
@@ -238,6 +314,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         initial_by_param,
         tau_by_param,
         derived,
+        stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
         observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
         patterns: Patterns {
             rates_by_state: d.rates.state.pattern.clone(),
@@ -262,9 +339,15 @@ fn observed(graph: &Graph, e: ExprId) -> Option<u32> {
     }
 }
 
-/// Orders the nodes below `roots`; `given` names those that need no instruction.
-fn linearise(graph: &Graph, roots: &[ExprId], given: impl Fn(ExprId, Node) -> Option<Operand>) -> Program {
-    let mut program = Program::default();
+/// Orders the nodes below `roots`, which go to `slots` (ascending); `given` names nodes that need no instruction.
+fn linearise(
+    graph: &Graph,
+    roots: &[ExprId],
+    slots: &[u32],
+    width: usize,
+    given: impl Fn(ExprId, Node) -> Option<Operand>,
+) -> Program {
+    let mut program = Program { width, ..Program::default() };
     let mut constants: HashMap<u64, u32> = HashMap::new();
     let mut place: Vec<Option<Operand>> = vec![None; graph.nodes().len()];
     let mut wanted = vec![false; graph.nodes().len()];
@@ -304,6 +387,7 @@ fn linearise(graph: &Graph, roots: &[ExprId], given: impl Fn(ExprId, Node) -> Op
             Node::Leaf(_) => None,
         };
     }
-    program.results = roots.iter().map(|r| place[r.index()].unwrap_or(Operand::Time)).collect();
+    let operand = |root: &ExprId| place[root.index()].unwrap_or(Operand::Time);
+    program.results = roots.iter().zip(slots).map(|(r, slot)| Placed { slot: *slot, operand: operand(r) }).collect();
     program
 }

@@ -1,1 +1,49 @@
-fn main() {}
+//! The command line: what was typed, one file per verb.
+//!
+//! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
+
+mod check;
+mod failure;
+mod fit;
+mod progress;
+mod records;
+mod simulate;
+mod subject;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
+#[derive(Debug, Parser)]
+#[command(version, about, max_term_width = 110)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+    /// Threads to use; the results do not depend on it [default: all cores]
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<usize>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Check a model: every mistake of its text, then every derivative against a complex step
+    Check(check::Arguments),
+    /// Simulate a model over recorded inputs
+    Simulate(simulate::Arguments),
+    /// Estimate a model's parameters from one or several runs
+    Fit(fit::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if let Some(threads) = arguments.threads {
+        // the pool can be set once only; nothing has used it yet
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    }
+    let result = match &arguments.verb {
+        Verb::Check(a) => check::run(a),
+        Verb::Simulate(a) => simulate::run(a),
+        Verb::Fit(a) => fit::run(a),
+    };
+    result.unwrap_or_else(|failure| failure.report())
+}

@@ -48,7 +48,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
     let mut model = Model {
         name: "specimen".into(),
         doc: String::new(),
-        time: Unit::default(),
+        time: Unit::second(),
         inputs: (0..inputs).map(|k| Input { quantity: quantity(format!("u{k}")) }).collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),

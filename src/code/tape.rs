@@ -92,13 +92,15 @@ struct Bytecode {
     drive: usize,
     known: Vec<u32>,
     codes: Vec<Code>,
-    results: Vec<u32>,
+    /// (slot, where its value stands)
+    results: Vec<(u32, u32)>,
+    width: usize,
     places: usize,
 }
 
 impl Bytecode {
     fn new(program: &Program, states: usize, drive: usize) -> Self {
-        let operands = program.instructions.iter().flat_map(read).chain(&program.results);
+        let operands = program.instructions.iter().flat_map(read).chain(program.results.iter().map(|r| &r.operand));
         let mut known: Vec<u32> =
             operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
         known.sort_unstable();
@@ -117,7 +119,8 @@ impl Bytecode {
         let codes = program.instructions.iter().zip(&registers.of);
         Self {
             codes: codes.map(|(i, r)| Code { op: i.op, to: base as u32 + r, from: i.args.map(place) }).collect(),
-            results: program.results.iter().map(|r| place(*r)).collect(),
+            results: program.results.iter().map(|r| (r.slot, place(r.operand))).collect(),
+            width: program.width,
             constants: program.constants.clone(),
             states,
             drive,
@@ -144,8 +147,9 @@ impl Bytecode {
                 op => (op.row().value)(a, b, c),
             };
         }
-        for (slot, k) in out[..self.results.len()].iter_mut().zip(&self.results) {
-            *slot = values[*k as usize];
+        let out = &mut out[..self.width];
+        for (slot, k) in &self.results {
+            out[*slot as usize] = values[*k as usize];
         }
     }
 
@@ -186,7 +190,7 @@ impl Registers {
                 }
             }
         }
-        for result in &program.results {
+        for result in program.results.iter().map(|r| &r.operand) {
             if let Operand::Value(v) = result {
                 last[*v as usize] = KEPT;
             }

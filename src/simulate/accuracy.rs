@@ -36,8 +36,7 @@ pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result
     while fine <= MOST_PER_INTERVAL && fine * run.len() <= MOST_STEPS {
         let next = response(dynamics, run, theta, fine)?;
         if let (Ok(a), Ok(b)) = (&coarse, &next) {
-            // the fourth-order error of the coarse response is 16/15 of what halving removes
-            let error = difference(a, b, dynamics.layout().outputs) * 16.0 / 15.0;
+            let error = halving(a, b, dynamics.layout().outputs);
             let stalled = error > 0.7 * best.error;
             if error < best.error {
                 best = Accuracy { per_interval: fine / 2, error };
@@ -50,6 +49,31 @@ pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result
         fine *= 2;
     }
     Ok(best)
+}
+
+/// Integration error of a response with `per_interval` steps between samples, measured as in [`Accuracy::error`];
+/// infinite when it, or that with half the step, is not finite.
+///
+/// # Errors
+/// [`Unsuited`] as for [`Simulator::new`].
+pub fn integration_error(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    per_interval: usize,
+) -> Result<f64, Unsuited> {
+    if dynamics.layout().states == 0 || run.len() < 2 {
+        return Ok(0.0);
+    }
+    let (coarse, fine) =
+        (response(dynamics, run, theta, per_interval)?, response(dynamics, run, theta, 2 * per_interval)?);
+    let (Ok(coarse), Ok(fine)) = (coarse, fine) else { return Ok(f64::INFINITY) };
+    Ok(halving(&coarse, &fine, dynamics.layout().outputs))
+}
+
+/// The fourth-order error of the coarse response is 16/15 of what halving the step removes.
+fn halving(coarse: &[f64], fine: &[f64], outputs: usize) -> f64 {
+    difference(coarse, fine, outputs) * 16.0 / 15.0
 }
 
 fn response(

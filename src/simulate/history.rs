@@ -11,7 +11,7 @@ use super::grid::Grid;
 pub(super) struct History {
     states: usize,
     /// Lanes per state: 0 when only values are kept.
-    stride: usize,
+    lanes: usize,
     capacity: usize,
     nodes: usize,
     time: Vec<f64>,
@@ -30,15 +30,15 @@ struct Weights {
 
 impl History {
     /// Room for delays up to `longest` on this grid; allocates only when it must grow.
-    pub(super) fn begin(&mut self, states: usize, stride: usize, longest: f64, grid: &Grid) {
+    pub(super) fn begin(&mut self, states: usize, lanes: usize, longest: f64, grid: &Grid) {
         self.capacity = nodes_within(longest, grid) + 3;
-        (self.states, self.stride, self.nodes) = (states, stride, 0);
-        let (values, lanes) = (self.capacity * states, self.capacity * states * stride);
+        (self.states, self.lanes, self.nodes) = (states, lanes, 0);
+        let (values, rows) = (self.capacity * states, self.capacity * states * lanes);
         self.time.resize(self.capacity, 0.0);
         self.x.resize(values, 0.0);
-        self.s.resize(lanes, 0.0);
+        self.s.resize(rows, 0.0);
         self.rate.iter_mut().for_each(|r| r.resize(values, 0.0));
-        self.rate_s.iter_mut().for_each(|r| r.resize(lanes, 0.0));
+        self.rate_s.iter_mut().for_each(|r| r.resize(rows, 0.0));
     }
 
     /// Adds the next node.
@@ -47,16 +47,16 @@ impl History {
         self.nodes += 1;
         self.time[at] = t;
         self.x[at * self.states..][..self.states].copy_from_slice(x);
-        let lanes = self.states * self.stride;
-        self.s[at * lanes..][..lanes].copy_from_slice(&s[..lanes]);
+        let rows = self.states * self.lanes;
+        self.s[at * rows..][..rows].copy_from_slice(&s[..rows]);
     }
 
     /// Where to write rates and their sensitivities at an end (0 beginning, 1 end) of the step that starts `back`
     /// nodes before the newest one.
     pub(super) fn rates(&mut self, end: usize, back: usize) -> (&mut [f64], &mut [f64]) {
         let at = (self.nodes - 1 - back) % self.capacity;
-        let lanes = self.states * self.stride;
-        (&mut self.rate[end][at * self.states..][..self.states], &mut self.rate_s[end][at * lanes..][..lanes])
+        let rows = self.states * self.lanes;
+        (&mut self.rate[end][at * self.states..][..self.states], &mut self.rate_s[end][at * rows..][..rows])
     }
 
     /// Value and slope of a state at a time not after the newest node; adds the sensitivity of the value to `lanes`.
@@ -87,7 +87,7 @@ impl History {
 
     fn gather<const K: usize>(&self, lanes: &mut [f64], terms: [(f64, &Vec<f64>, usize); K]) {
         for (weight, from, row) in terms {
-            let from = &from[row * self.stride..][..self.stride];
+            let from = &from[row * self.lanes..][..self.lanes];
             lanes.iter_mut().zip(from).for_each(|(l, s)| *l = weight.mul_add(*s, *l));
         }
     }

@@ -15,6 +15,6 @@ mod sensitivity;
 mod simulator;
 mod tangent;
 
-pub use accuracy::{Accuracy, choose_steps};
+pub use accuracy::{Accuracy, choose_steps, integration_error};
 pub use grid::Grid;
 pub use simulator::{Divergence, Simulator, Unsuited};

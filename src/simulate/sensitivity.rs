@@ -1,19 +1,21 @@
 //! Sensitivities of one run: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
 //!
 //! The state chain is bound by latency, the sensitivities by throughput; running the states one step ahead lets the
-//! processor overlap both, and gives the scattered forcing terms time to reach the cache before they are read as vectors.
+//! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
+//! as vectors.
 
+use super::drive::DriveTable;
 use super::history::History;
 use super::simulator::{Divergence, Simulator, node, two_nodes};
-use super::tangent::{Stages, TangentPlan};
+use super::tangent::TangentPlan;
 use crate::dynamics::{Dynamics, Layout, Point, Step};
 use fdm_grammar::graph::Signal;
 use pulp::{Simd, WithSimd};
 
-/// Doubles in the widest register, to which rows of lanes are padded.
-const LANES: usize = 8;
+/// Numbers in the widest register, to which rows are padded.
+const VECTOR: usize = fdm_grammar::schedule::StageRow::VECTOR;
 
-/// Copies one number from a result to a lane.
+/// Copies one number of a result to a lane.
 #[derive(Debug, Clone, Copy)]
 struct Scatter {
     from: u32,
@@ -23,97 +25,87 @@ struct Scatter {
 /// Adds `entry * -slope * tau_theta` to a lane: a delay's part in the forcing.
 #[derive(Debug, Clone, Copy)]
 struct DelayTerm {
-    /// Position of f_delay or h_delay in the result.
+    /// Slot of the entry of f_delay.
     entry: u32,
     /// Which delayed signal.
     delayed: u32,
     /// Position of tau_theta in `known`.
     tau: u32,
+    /// Slot of the lane.
     to: u32,
+    /// Whether the model writes this lane too; otherwise it must be cleared before.
+    written: bool,
 }
 
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
+    /// Lane of each column; empty when column k is lane k and no lane is left out.
+    lane_of: Vec<u32>,
+    lanes: usize,
     stride: usize,
-    slots: usize,
+    width: usize,
     plan: TangentPlan,
     initial: Vec<Scatter>,
-    rates_by_param: Vec<Scatter>,
     rates_by_delay: Vec<DelayTerm>,
     outputs_by_param: Vec<Scatter>,
     /// (position of tau_theta in known, delayed signal, lane)
     tau: Vec<(usize, usize, usize)>,
-    /// Lanes that only delays reach: cleared before delay terms are added.
-    cleared: Vec<u32>,
+    /// For each output the state that it is, when every output is a state.
+    observed: Option<Vec<u32>>,
     s: Aligned,
     scratch: Aligned,
     partials: [Aligned; 2],
-    forcing: [Aligned; 2],
-    /// Result of `outputs_and_partials`, and sensitivities of the delayed signals.
+    /// Result of `outputs_and_partials`, sensitivities of delayed signals, and rows of outputs in lanes.
     output: Vec<f64>,
     delayed: Vec<f64>,
+    rows: Vec<f64>,
     /// Result of `rates_and_partials` at the ends of a step, for the history.
     ends: Vec<f64>,
 }
 
 impl Sensitivity {
+    /// # Panics
+    /// When a column is a parameter that is fixed in the model: its sensitivity would be a silent zero.
     pub(super) fn new(dynamics: &dyn Dynamics, columns: &[usize]) -> Self {
         let layout = dynamics.layout();
-        let (n, p) = (layout.states, &layout.patterns);
-        let stride = columns.len().div_ceil(LANES) * LANES;
-        let mut lane = vec![None; layout.params];
-        columns.iter().enumerate().for_each(|(l, c)| lane[*c] = Some(l));
+        let (n, p, stage) = (layout.states, &layout.patterns, &layout.stage);
+        let lane = |param: usize| stage.lane[param].map(|l| l as usize);
+        let lane_of: Vec<u32> = columns
+            .iter()
+            .map(|c| {
+                stage.lane[*c].unwrap_or_else(|| panic!("parameter {c} is fixed in the model: it has no derivatives"))
+            })
+            .collect();
+        let all = lane_of.iter().enumerate().all(|(k, l)| k == *l as usize);
+        let all = all && columns.len() == stage.lane.iter().flatten().count();
         let scatter = |pattern: &fdm_grammar::Pattern, first: usize| -> Vec<Scatter> {
-            let to = |row: usize, column: usize| lane[column].map(|l| (row * stride + l) as u32);
+            let to = |row: usize, column: usize| lane(column).map(|l| (row * stage.lanes + l) as u32);
             let entries = pattern.entries();
             entries.filter_map(|(k, i, j)| to(i, j).map(|to| Scatter { from: (first + k) as u32, to })).collect()
         };
-        let tau: Vec<_> = p
-            .tau_by_param
-            .entries()
-            .filter_map(|(k, d, j)| Some((layout.tau_by_param.start + k, d, lane[j]?)))
-            .collect();
-        let first_delay = n + p.rates_by_state.len();
-        let rates_by_param = scatter(&p.rates_by_param, first_delay + p.rates_by_delayed.len());
-        let rates_by_delay: Vec<DelayTerm> = p
-            .rates_by_delayed
-            .entries()
-            .flat_map(|(k, i, d)| {
-                let of_delay = tau.iter().filter(move |(_, delayed, _)| *delayed == d);
-                of_delay.map(move |(known, _, l)| DelayTerm {
-                    entry: (first_delay + k) as u32,
-                    delayed: d as u32,
-                    tau: *known as u32,
-                    to: (i * stride + l) as u32,
-                })
-            })
-            .collect();
-        let written: Vec<u32> = rates_by_param.iter().map(|s| s.to).collect();
-        let cleared = rates_by_delay.iter().map(|d| d.to).filter(|to| !written.contains(to)).collect();
-        let slots = layout.rate_slots();
-        let plan = TangentPlan::new(n, &p.rates_by_state, slots, stride);
+        let at = |(k, d, j)| Some((layout.tau_by_param.start + k, d, lane(j)?));
+        let plan = TangentPlan::new(layout);
+        let by_param = layout.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len();
         Self {
             columns: columns.to_vec(),
-            stride,
-            slots,
+            lane_of: if all { Vec::new() } else { lane_of },
+            lanes: stage.lanes,
+            stride: columns.len().next_multiple_of(VECTOR),
+            width: stage.width,
             initial: scatter(&p.initial_by_param, layout.initial_by_param.start),
-            rates_by_param,
-            rates_by_delay,
-            outputs_by_param: scatter(
-                &p.outputs_by_param,
-                layout.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len(),
-            ),
-            tau,
-            cleared,
-            s: Aligned::new(n * stride),
+            rates_by_delay: delay_terms(layout),
+            outputs_by_param: scatter(&p.outputs_by_param, by_param),
+            tau: p.tau_by_param.entries().filter_map(at).collect(),
+            observed: layout.observed.iter().copied().collect(),
+            s: Aligned::new(n * stage.lanes),
             scratch: Aligned::new(plan.scratch()),
             plan,
-            partials: [Aligned::new(4 * slots), Aligned::new(4 * slots)],
-            forcing: [Aligned::new(4 * n * stride), Aligned::new(4 * n * stride)],
+            partials: [Aligned::new(4 * stage.width), Aligned::new(4 * stage.width)],
             output: vec![0.0; layout.output_slots()],
-            delayed: vec![0.0; layout.delayed.len() * stride],
-            ends: vec![0.0; slots],
+            delayed: vec![0.0; layout.delayed.len() * stage.lanes],
+            rows: vec![0.0; if all { 0 } else { layout.outputs * stage.lanes }],
+            ends: vec![0.0; stage.width],
         }
     }
 
@@ -121,8 +113,9 @@ impl Sensitivity {
         &self.columns
     }
 
-    pub(super) fn stride(&self) -> usize {
-        self.stride
+    /// Lanes of a sensitivity row.
+    pub(super) fn lanes(&self) -> usize {
+        self.lanes
     }
 
     pub(super) fn run(
@@ -141,63 +134,72 @@ impl Sensitivity {
     /// One step of the states; their partials go to the buffer of step k.
     #[inline(always)]
     fn advance(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
-        let n = simulator.dynamics.layout().states;
         let (t, h) = simulator.grid.step(k);
         let mut nodes = std::mem::take(&mut simulator.nodes);
-        let (x, next) = two_nodes(&mut nodes, k, n);
+        let (x, next) = two_nodes(&mut nodes, k);
         let step = Step { t, h, x, drive: simulator.drive.stages(k), known: &simulator.known };
-        simulator.dynamics.step_with_partials(step, next, &mut self.partials[k % 2], &mut simulator.work);
+        let partials = &mut self.partials[k % 2];
+        simulator.dynamics.step_with_partials(step, next, partials, &mut simulator.work);
         let finite = simulator.check(k, next);
         simulator.nodes = nodes;
-        self.scatter(simulator, k);
+        if !self.rates_by_delay.is_empty() {
+            let slopes = simulator.drive.stage_slopes(k);
+            let delays = slopes.len() / 3;
+            for (row, at) in partials.chunks_exact_mut(self.width).zip([0, 1, 1, 2]) {
+                add_delays(&self.rates_by_delay, row, &slopes[at * delays..][..delays], &simulator.known);
+            }
+        }
         finite
     }
 
-    /// Forcing of the four stages of step k into lanes.
-    #[inline(always)]
-    fn scatter(&mut self, simulator: &Simulator<'_>, k: usize) {
-        let block = simulator.dynamics.layout().states * self.stride;
-        let slopes = simulator.drive.stage_slopes(k);
-        let delays = slopes.len() / 3;
-        let (partials, forcing) = (&self.partials[k % 2], &mut self.forcing[k % 2]);
-        for (stage, row) in [0, 1, 1, 2].into_iter().enumerate() {
-            let from = &partials[stage * self.slots..(stage + 1) * self.slots];
-            let to = &mut forcing[stage * block..(stage + 1) * block];
-            for c in &self.rates_by_param {
-                to[c.to as usize] = from[c.from as usize];
-            }
-            if !self.rates_by_delay.is_empty() {
-                let slopes = &slopes[row * delays..(row + 1) * delays];
-                self.cleared.iter().for_each(|l| to[*l as usize] = 0.0);
-                add_delays(&self.rates_by_delay, from, slopes, &simulator.known, to);
-            }
-        }
-    }
-
-    /// Outputs and their sensitivities at a sample; x is the offset of the states among the nodes.
+    /// Outputs and their sensitivities at the sample of node k.
     #[inline(always)]
     fn observe(
         &mut self,
         simulator: &mut Simulator<'_>,
         sample: usize,
-        x: usize,
+        k: usize,
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
-        let dynamics = simulator.dynamics;
-        let layout = dynamics.layout();
-        let (q, stride, t) = (layout.outputs, self.stride, simulator.run.time[sample]);
+        let q = simulator.outputs();
         let y = &mut y[sample * q..][..q];
-        let rows = &mut jacobian[sample * q * stride..][..q * stride];
-        let x = &simulator.nodes[x..x + layout.states];
-        if layout.observed.iter().all(Option::is_some) {
-            for ((state, y), row) in layout.observed.iter().flatten().zip(y).zip(rows.chunks_exact_mut(stride.max(1))) {
+        let rows = &mut jacobian[sample * q * self.stride..][..q * self.stride];
+        if let (Some(observed), true) = (&self.observed, self.lane_of.is_empty()) {
+            let x = &simulator.nodes[node(k)];
+            for ((state, y), row) in observed.iter().zip(y).zip(rows.chunks_exact_mut(self.stride.max(1))) {
                 *y = x[*state as usize];
-                row.copy_from_slice(&self.s[*state as usize * stride..][..stride]);
+                copy_vectors(&self.s[*state as usize * self.stride..][..self.stride], row);
             }
             return Ok(());
         }
+        if self.lane_of.is_empty() {
+            return self.outputs(simulator, sample, k, y, rows);
+        }
+        let mut in_lanes = std::mem::take(&mut self.rows);
+        let finite = self.outputs(simulator, sample, k, y, &mut in_lanes);
+        for (row, lanes) in rows.chunks_exact_mut(self.stride.max(1)).zip(in_lanes.chunks_exact(self.lanes.max(1))) {
+            row.fill(0.0);
+            row.iter_mut().zip(&self.lane_of).for_each(|(r, l)| *r = lanes[*l as usize]);
+        }
+        self.rows = in_lanes;
+        finite
+    }
+
+    /// The general case: `h_theta + h_x S + h_delay S_delay`, q rows of lanes.
+    fn outputs(
+        &mut self,
+        simulator: &mut Simulator<'_>,
+        sample: usize,
+        k: usize,
+        y: &mut [f64],
+        rows: &mut [f64],
+    ) -> Result<(), Divergence> {
+        let dynamics = simulator.dynamics;
+        let layout = dynamics.layout();
+        let (q, lanes, t) = (layout.outputs, self.lanes, simulator.run.time[sample]);
         self.delay_signals(layout, simulator.history.as_ref(), sample, t, &simulator.known, &mut simulator.drive);
+        let x = &simulator.nodes[node(k)];
         let at = Point { t, x, drive: simulator.drive.sample(sample), known: &simulator.known };
         dynamics.outputs_and_partials(at, &mut self.output, &mut simulator.work);
         y.copy_from_slice(&self.output[..q]);
@@ -205,17 +207,11 @@ impl Sensitivity {
         for c in &self.outputs_by_param {
             rows[c.to as usize] = self.output[c.from as usize];
         }
-        let patterns = &layout.patterns;
-        let by_delayed = q + patterns.outputs_by_state.len();
-        let terms = [
-            (&patterns.outputs_by_state, &self.s[..], q),
-            (&patterns.outputs_by_delayed, &self.delayed[..], by_delayed),
-        ];
+        let (by_state, by_delayed) = (&layout.patterns.outputs_by_state, &layout.patterns.outputs_by_delayed);
+        let terms = [(by_state, &self.s[..], q), (by_delayed, &self.delayed[..], q + by_state.len())];
         for (pattern, from, first) in terms {
             for (k, i, j) in pattern.entries() {
-                let (row, from, a) =
-                    (&mut rows[i * stride..][..stride], &from[j * stride..][..stride], self.output[first + k]);
-                row.iter_mut().zip(from).for_each(|(r, s)| *r = a.mul_add(*s, *r));
+                accumulate(self.output[first + k], &from[j * lanes..][..lanes], &mut rows[i * lanes..][..lanes]);
             }
         }
         if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
@@ -229,12 +225,11 @@ impl Sensitivity {
         sample: usize,
         t: f64,
         known: &[f64],
-        drive: &mut super::drive::DriveTable,
+        drive: &mut DriveTable,
     ) {
-        let stride = self.stride;
         self.delayed.fill(0.0);
         for (d, signal) in layout.delayed.iter().enumerate() {
-            let lanes = &mut self.delayed[d * stride..][..stride];
+            let lanes = &mut self.delayed[d * self.lanes..][..self.lanes];
             let slope = match (*signal, history) {
                 (Signal::State(state), Some(history)) => {
                     let (value, slope) = history.at(t - known[layout.tau.start + d], state as usize, lanes);
@@ -254,39 +249,65 @@ impl Sensitivity {
         let Some(mut history) = simulator.history.take() else { return };
         let dynamics = simulator.dynamics;
         let layout = dynamics.layout();
-        let (n, width, steps) = (layout.states, layout.drive(), simulator.grid.steps());
-        let x = &simulator.nodes[node(k) * n..][..n];
-        let t = if k < steps { simulator.grid.step(k).0 } else { simulator.run.time[simulator.run.len() - 1] };
+        let (n, lanes, stage, delays) = (layout.states, self.lanes, &layout.stage, layout.delayed.len());
+        let x = &simulator.nodes[node(k)];
+        let t = simulator.time_of(k);
         history.push(t, x, &self.s);
-        for (end, step, row) in [(1, k.checked_sub(1), 2), (0, (k < steps).then_some(k), 0)] {
-            let Some(step) = step else { continue };
-            let drive = &simulator.drive.stages(step)[row * width..][..width];
-            dynamics.rates_and_partials(
-                Point { t, x, drive, known: &simulator.known },
-                &mut self.ends,
-                &mut simulator.work,
-            );
-            let (rates, lanes) = history.rates(end, end);
-            rates.copy_from_slice(&self.ends[..n]);
-            lanes.fill(0.0);
-            for c in &self.rates_by_param {
-                lanes[c.to as usize] = self.ends[c.from as usize];
-            }
-            let delays = layout.delayed.len();
+        for (end, step, row) in simulator.sides(k) {
+            let drive = &simulator.drive.stages(step)[row * layout.drive()..][..layout.drive()];
+            let at = Point { t, x, drive, known: &simulator.known };
+            dynamics.rates_and_partials(at, &mut self.ends, &mut simulator.work);
             let slopes = &simulator.drive.stage_slopes(step)[row * delays..][..delays];
-            add_delays(&self.rates_by_delay, &self.ends, slopes, &simulator.known, lanes);
-            for (entry, i, j) in layout.patterns.rates_by_state.entries() {
-                let (a, from) = (self.ends[n + entry], &self.s[j * self.stride..][..self.stride]);
-                lanes[i * self.stride..][..self.stride].iter_mut().zip(from).for_each(|(l, s)| *l = a.mul_add(*s, *l));
+            add_delays(&self.rates_by_delay, &mut self.ends, slopes, &simulator.known);
+            let (rates, rows) = history.rates(end, end);
+            rates.copy_from_slice(&self.ends[..n]);
+            rows.copy_from_slice(&self.ends[stage.forcing..][..n * lanes]);
+            for ((_, i, j), slot) in layout.patterns.rates_by_state.entries().zip(&stage.by_state) {
+                accumulate(self.ends[*slot as usize], &self.s[j * lanes..][..lanes], &mut rows[i * lanes..][..lanes]);
             }
         }
         simulator.history = Some(history);
     }
 }
 
-fn add_delays(terms: &[DelayTerm], from: &[f64], slopes: &[f64], known: &[f64], to: &mut [f64]) {
+/// What delays of inputs add to f_theta.
+fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
+    let (p, stage) = (&layout.patterns, &layout.stage);
+    let mut terms: Vec<DelayTerm> = Vec::new();
+    for (k, i, d) in p.rates_by_delayed.entries() {
+        for (entry, j) in p.tau_by_param.row(d) {
+            let Some(to) = stage.by_param(i, j) else { continue };
+            let by_model = p.rates_by_param.row(i).any(|(_, column)| column == j);
+            terms.push(DelayTerm {
+                entry: (stage.by_delayed + k) as u32,
+                delayed: d as u32,
+                tau: (layout.tau_by_param.start + entry) as u32,
+                to: to as u32,
+                written: by_model || terms.iter().any(|t| t.to == to as u32),
+            });
+        }
+    }
+    terms
+}
+
+fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
     for d in terms {
-        to[d.to as usize] -= from[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
+        let part = row[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
+        let lane = &mut row[d.to as usize];
+        *lane = if d.written { *lane } else { 0.0 } - part;
+    }
+}
+
+/// `to += a from`
+fn accumulate(a: f64, from: &[f64], to: &mut [f64]) {
+    to.iter_mut().zip(from).for_each(|(t, f)| *t = a.mul_add(*f, *t));
+}
+
+/// Copies whole vectors without a call.
+#[inline(always)]
+fn copy_vectors(from: &[f64], to: &mut [f64]) {
+    for (t, f) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
+        *t = *f;
     }
 }
 
@@ -304,7 +325,7 @@ impl WithSimd for March<'_, '_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let Self { sensitivity, simulator, y, jacobian } = self;
-        let (n, steps) = (simulator.dynamics.layout().states, simulator.grid.steps());
+        let steps = simulator.grid.steps();
         if steps > 0 {
             sensitivity.advance(simulator, 0)?;
         }
@@ -313,16 +334,14 @@ impl WithSimd for March<'_, '_> {
                 sensitivity.remember(simulator, k);
             }
             if let Some(sample) = simulator.grid.sample_at(k) {
-                sensitivity.observe(simulator, sample, node(k) * n, y, jacobian)?;
+                sensitivity.observe(simulator, sample, k, y, jacobian)?;
             }
             if k + 1 < steps {
                 sensitivity.advance(simulator, k + 1)?;
             }
             if k < steps {
-                let Sensitivity { plan, partials, forcing, s, scratch, .. } = &mut *sensitivity;
-                let h = simulator.grid.step(k).1;
-                let stages = Stages { h, partials: &partials[k % 2], forcing: &forcing[k % 2] };
-                plan.step(simd, &stages, s, scratch);
+                let Sensitivity { plan, partials, s, scratch, .. } = &mut *sensitivity;
+                plan.step(simd, simulator.grid.step(k).1, &partials[k % 2], s, scratch);
             }
         }
         simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, y, jacobian))
@@ -338,10 +357,10 @@ struct Aligned {
 
 impl Aligned {
     fn new(len: usize) -> Self {
-        let numbers = vec![0.0; len + LANES];
+        let numbers = vec![0.0; len + VECTOR];
         // 64 bytes; an address that cannot be aligned only costs speed
         let start = numbers.as_ptr().align_offset(64);
-        Self { numbers, start: if start < LANES { start } else { 0 }, len }
+        Self { numbers, start: if start < VECTOR { start } else { 0 }, len }
     }
 }
 

@@ -42,8 +42,8 @@ pub struct Simulator<'a> {
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
     pub(super) history: Option<History>,
-    /// Three nodes' states in turn (3 n).
-    pub(super) nodes: Vec<f64>,
+    /// Three nodes' states in turn.
+    pub(super) nodes: [Vec<f64>; 3],
     sensitivity: Option<Sensitivity>,
 }
 
@@ -73,7 +73,7 @@ impl<'a> Simulator<'a> {
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
             history: delays_states.then(History::default),
-            nodes: vec![0.0; 3 * layout.states],
+            nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
             sensitivity: None,
         })
     }
@@ -104,14 +104,13 @@ impl<'a> Simulator<'a> {
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
-        let (n, steps, width) = (self.dynamics.layout().states, self.grid.steps(), self.dynamics.layout().drive());
+        let steps = self.grid.steps();
         for k in 0..=steps {
-            let x = node(k) * n;
             if self.history.is_some() {
-                self.remember(k, x, width);
+                self.remember(k);
             }
             if let Some(sample) = self.grid.sample_at(k) {
-                self.observe(sample, x, &mut y[sample * self.outputs()..])?;
+                self.observe(sample, k, &mut y[sample * self.outputs()..])?;
             }
             if k < steps {
                 self.advance(k)?;
@@ -126,6 +125,9 @@ impl<'a> Simulator<'a> {
     /// Outputs (N by q) and their derivatives by the parameters `columns` (indices into theta): `jacobian` has N q rows
     /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns are zero.
     ///
+    /// # Panics
+    /// When a column is fixed in the model: it has no derivatives, and a silent zero would be wrong.
+    ///
     /// # Errors
     /// [`Divergence`] at the first value that is not finite.
     pub fn sensitivities(
@@ -139,7 +141,7 @@ impl<'a> Simulator<'a> {
             Some(s) if s.columns() == columns => s,
             _ => Sensitivity::new(self.dynamics, columns),
         };
-        let result = self.begin(theta, sensitivity.stride()).and_then(|()| sensitivity.run(self, y, jacobian));
+        let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, y, jacobian));
         self.sensitivity = Some(sensitivity);
         result
     }
@@ -164,7 +166,7 @@ impl<'a> Simulator<'a> {
         if let Some(state) = x0.iter().position(|x| !x.is_finite()) {
             return Err(start(Some(state)));
         }
-        self.nodes[..layout.states].copy_from_slice(x0);
+        self.nodes[0].copy_from_slice(x0);
         let tau = &self.known[layout.tau.clone()];
         if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
             return Err(start(None));
@@ -180,14 +182,13 @@ impl<'a> Simulator<'a> {
 
     /// One step without sensitivities.
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
-        let n = self.dynamics.layout().states;
         let (t, h) = self.grid.step(k);
-        let mut next = std::mem::take(&mut self.nodes);
-        let (x, to) = two_nodes(&mut next, k, n);
+        let mut nodes = std::mem::take(&mut self.nodes);
+        let (x, next) = two_nodes(&mut nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
-        self.dynamics.step(step, to, &mut self.work);
-        let finite = self.check(k, to);
-        self.nodes = next;
+        self.dynamics.step(step, next, &mut self.work);
+        let finite = self.check(k, next);
+        self.nodes = nodes;
         finite
     }
 
@@ -202,16 +203,23 @@ impl<'a> Simulator<'a> {
         Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval() })
     }
 
+    /// Time of node k.
+    pub(super) fn time_of(&self, k: usize) -> f64 {
+        if k < self.grid.steps() { self.grid.step(k).0 } else { self.grid.samples()[self.grid.samples().len() - 1] }
+    }
+
+    /// The steps on both sides of node k, as (end of the step: 0 beginning, 1 end; step; row of its drive).
+    pub(super) fn sides(&self, k: usize) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
+        let after = (k < self.grid.steps()).then_some((0, k, 0));
+        k.checked_sub(1).map(|step| (1, step, 2)).into_iter().chain(after)
+    }
+
     /// Adds node k to the history, with the rates at the end of the step before and at the beginning of the next.
-    fn remember(&mut self, k: usize, x: usize, width: usize) {
+    fn remember(&mut self, k: usize) {
         let Some(mut history) = self.history.take() else { return };
-        let n = self.dynamics.layout().states;
-        let x = &self.nodes[x..x + n];
-        let t = if k < self.grid.steps() { self.grid.step(k).0 } else { self.grid.samples()[self.run.len() - 1] };
+        let (x, t, width) = (&self.nodes[node(k)], self.time_of(k), self.dynamics.layout().drive());
         history.push(t, x, &[]);
-        let ends = [(1, k.checked_sub(1), 2), (0, (k < self.grid.steps()).then_some(k), 0)];
-        for (end, step, row) in ends {
-            let Some(step) = step else { continue };
+        for (end, step, row) in self.sides(k) {
             let drive = &self.drive.stages(step)[row * width..][..width];
             let at = Point { t, x, drive, known: &self.known };
             self.dynamics.rates(at, history.rates(end, end).0, &mut self.work);
@@ -220,7 +228,7 @@ impl<'a> Simulator<'a> {
     }
 
     /// Outputs at a sample, delayed states filled in first.
-    fn observe(&mut self, sample: usize, x: usize, y: &mut [f64]) -> Result<(), Divergence> {
+    fn observe(&mut self, sample: usize, k: usize, y: &mut [f64]) -> Result<(), Divergence> {
         let layout = self.dynamics.layout();
         let t = self.run.time[sample];
         let drive = self.drive.sample(sample);
@@ -232,7 +240,7 @@ impl<'a> Simulator<'a> {
                 }
             }
         }
-        let x = &self.nodes[x..x + layout.states];
+        let x = &self.nodes[node(k)];
         let y = &mut y[..layout.outputs];
         self.dynamics.outputs(Point { t, x, drive, known: &self.known }, y, &mut self.work);
         if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
@@ -247,13 +255,11 @@ pub(super) fn node(k: usize) -> usize {
 
 /// The states of node k to read, and those of node k + 1 to write.
 #[inline]
-pub(super) fn two_nodes(nodes: &mut [f64], k: usize, n: usize) -> (&[f64], &mut [f64]) {
-    let (a, b) = (node(k) * n, node(k + 1) * n);
-    if a < b {
-        let (low, high) = nodes.split_at_mut(b);
-        (&low[a..a + n], &mut high[..n])
-    } else {
-        let (low, high) = nodes.split_at_mut(a);
-        (&high[..n], &mut low[b..b + n])
+pub(super) fn two_nodes(nodes: &mut [Vec<f64>; 3], k: usize) -> (&[f64], &mut [f64]) {
+    let [a, b, c] = nodes;
+    match node(k) {
+        0 => (a, b),
+        1 => (b, c),
+        _ => (c, a),
     }
 }

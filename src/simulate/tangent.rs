@@ -4,143 +4,237 @@
 //! the result has the same bits whatever the width of the machine's registers, because every one of them is
 //! computed by the same fused multiply-adds.
 
-use fdm_grammar::Pattern;
+use fdm_grammar::Layout;
 use pulp::Simd;
 
-/// The structure of f_x, with columns as offsets into rows of vectors.
+/// Where the four stages' partials stand, and the structure of f_x.
 #[derive(Debug, Clone)]
 pub(super) struct TangentPlan {
     states: usize,
+    /// Entries of each row of f_x, and their columns, for models whose f_x is not written as full rows.
     rows: Vec<u32>,
     columns: Vec<u32>,
-    /// First entry of f_x in a stage's row, and the length of that row.
-    first: usize,
-    slots: usize,
-    /// Lanes of a sensitivity row, a multiple of 8.
-    stride: usize,
-}
-
-/// What one step needs: partials (4 by slots) and forcing f_theta, scattered into lanes (4 by n by stride).
-pub(super) struct Stages<'a> {
-    pub(super) h: f64,
-    pub(super) partials: &'a [f64],
-    pub(super) forcing: &'a [f64],
+    dense: bool,
+    /// First lane of f_theta in a stage's row, lanes of each row of f_theta and S, length of a stage's row.
+    forcing: usize,
+    lanes: usize,
+    width: usize,
 }
 
 impl TangentPlan {
-    pub(super) fn new(states: usize, f_x: &Pattern, slots: usize, stride: usize) -> Self {
-        Self { states, rows: f_x.rows.clone(), columns: f_x.columns.clone(), first: states, slots, stride }
+    pub(super) fn new(layout: &Layout) -> Self {
+        let (f_x, stage) = (&layout.patterns.rates_by_state, &layout.stage);
+        let (rows, columns) = (f_x.rows.clone(), f_x.columns.clone());
+        let (forcing, lanes, width) = (stage.forcing, stage.lanes, stage.width);
+        Self { states: layout.states, rows, columns, dense: stage.dense, forcing, lanes, width }
     }
 
     /// Length of the scratch that [`TangentPlan::step`] needs: two stage tangents and the sum of the slopes.
     pub(super) fn scratch(&self) -> usize {
-        3 * self.states * self.stride
+        3 * self.states * self.lanes
     }
 
-    /// Advances S (n by stride) by one step.
+    /// Advances S (n by lanes) by one step of length h; `partials` are the four rows of `step_with_partials`.
     #[inline(always)]
-    pub(super) fn step<S: Simd>(&self, simd: S, stages: &Stages<'_>, s: &mut [f64], scratch: &mut [f64]) {
-        let width = self.stride / S::F64_LANES;
+    pub(super) fn step<S: Simd>(&self, simd: S, h: f64, partials: &[f64], s: &mut [f64], scratch: &mut [f64]) {
+        let step = Step { simd, plan: self, h, partials };
+        match (self.dense, self.states) {
+            (true, 1) => step.dense::<1>(s),
+            (true, 2) => step.dense::<2>(s),
+            (true, 3) => step.dense::<3>(s),
+            (true, 4) => step.dense::<4>(s),
+            (true, 5) => step.dense::<5>(s),
+            (true, 6) => step.dense::<6>(s),
+            _ => step.sparse(s, scratch),
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Step<'a, S> {
+    simd: S,
+    plan: &'a TangentPlan,
+    h: f64,
+    partials: &'a [f64],
+}
+
+impl<S: Simd> Step<'_, S> {
+    /// Few states: everything unrolled, stage tangents in registers.
+    #[inline(always)]
+    fn dense<const N: usize>(self, s: &mut [f64]) {
+        let s = S::as_mut_simd_f64s(s).0;
+        let width = self.plan.lanes / S::F64_LANES;
+        let mut tile = 0;
+        while tile + 2 <= width {
+            self.dense_tile::<N, 2>(tile, width, s);
+            tile += 2;
+        }
+        if tile < width {
+            self.dense_tile::<N, 1>(tile, width, s);
+        }
+    }
+
+    #[inline(always)]
+    fn dense_tile<const N: usize, const L: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
+        let simd = self.simd;
+        let splat = |a: f64| simd.splat_f64s(a);
+        let (half, sixth, third, whole) =
+            (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
+        let mut start = [[half; L]; N];
+        for (i, row) in start.iter_mut().enumerate() {
+            *row = load(s, i * width + tile, half);
+        }
+        let k = self.dense_slopes::<N, L>(0, tile, width, &start);
+        let (x, sum) = (rows(simd, half, &k, &start), rows(simd, sixth, &k, &start));
+        let k = self.dense_slopes::<N, L>(1, tile, width, &x);
+        let (x, sum) = (rows(simd, half, &k, &start), rows(simd, third, &k, &sum));
+        let k = self.dense_slopes::<N, L>(2, tile, width, &x);
+        let (x, sum) = (rows(simd, whole, &k, &start), rows(simd, third, &k, &sum));
+        let k = self.dense_slopes::<N, L>(3, tile, width, &x);
+        for (i, row) in rows(simd, sixth, &k, &sum).into_iter().enumerate() {
+            store(s, i * width + tile, row);
+        }
+    }
+
+    /// `f_x S + f_theta` at a stage.
+    #[inline(always)]
+    fn dense_slopes<const N: usize, const L: usize>(
+        self,
+        stage: usize,
+        tile: usize,
+        width: usize,
+        x: &[[S::f64s; L]; N],
+    ) -> [[S::f64s; L]; N] {
+        let row = &self.partials[stage * self.plan.width..][..self.plan.width];
+        let f_x = &row[N..N + N * N];
+        let forcing = S::as_simd_f64s(&row[self.plan.forcing..]).0;
+        let zero = self.simd.splat_f64s(0.0);
+        let mut slopes = [[zero; L]; N];
+        for (i, slope) in slopes.iter_mut().enumerate() {
+            *slope = load(forcing, i * width + tile, zero);
+            for j in 0..N {
+                *slope = axpy(self.simd, self.simd.splat_f64s(f_x[i * N + j]), x[j], *slope);
+            }
+        }
+        slopes
+    }
+
+    /// Many states: structural nonzeros of f_x only, stage tangents in memory.
+    #[inline(always)]
+    fn sparse(self, s: &mut [f64], scratch: &mut [f64]) {
+        let width = self.plan.lanes / S::F64_LANES;
         let mut tile = 0;
         while tile < width {
             tile += match width - tile {
-                1 => self.tile::<S, 1>(simd, stages, tile, s, scratch),
-                2 => self.tile::<S, 2>(simd, stages, tile, s, scratch),
-                3 => self.tile::<S, 3>(simd, stages, tile, s, scratch),
-                _ => self.tile::<S, 4>(simd, stages, tile, s, scratch),
+                1 => self.sparse_tile::<1>(tile, width, s, scratch),
+                2 => self.sparse_tile::<2>(tile, width, s, scratch),
+                3 => self.sparse_tile::<3>(tile, width, s, scratch),
+                _ => self.sparse_tile::<4>(tile, width, s, scratch),
             };
         }
     }
 
     /// Advances the L vectors from `tile` on of every row; columns of S do not depend on each other.
     #[inline(always)]
-    fn tile<S: Simd, const L: usize>(
-        &self,
-        simd: S,
-        stages: &Stages<'_>,
-        tile: usize,
-        s: &mut [f64],
-        scratch: &mut [f64],
-    ) -> usize {
-        let width = self.stride / S::F64_LANES;
-        let block = self.states * width;
+    fn sparse_tile<const L: usize>(self, tile: usize, width: usize, s: &mut [f64], scratch: &mut [f64]) -> usize {
+        let (simd, states) = (self.simd, self.plan.states);
+        let block = states * width;
         let s = S::as_mut_simd_f64s(s).0;
-        let scratch = S::as_mut_simd_f64s(scratch).0;
-        let (first, rest) = scratch.split_at_mut(block);
+        let (first, rest) = S::as_mut_simd_f64s(scratch).0.split_at_mut(block);
         let (second, sum) = rest.split_at_mut(block);
-        let forcing = S::as_simd_f64s(stages.forcing).0;
-        let stage = |k: usize| Stage {
-            plan: self,
-            entries: &stages.partials[k * self.slots + self.first..][..self.columns.len()],
-            forcing: &forcing[k * block..(k + 1) * block],
-            width,
-            tile,
-        };
-        let h = stages.h;
-        let (half, sixth, third) = (simd.splat_f64s(0.5 * h), simd.splat_f64s(h / 6.0), simd.splat_f64s(h / 3.0));
-        let whole = simd.splat_f64s(h);
-        for i in 0..self.states {
+        let splat = |a: f64| simd.splat_f64s(a);
+        let (half, sixth, third, whole) =
+            (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
+        for i in 0..states {
             let at = i * width + tile;
-            let k = stage(0).slope::<S, L>(simd, i, s);
-            let x: [S::f64s; L] = load(s, at);
+            let k = self.sparse_slope::<L>(0, i, tile, width, s);
+            let x: [S::f64s; L] = load(s, at, half);
             store(first, at, axpy(simd, half, k, x));
             store(sum, at, axpy(simd, sixth, k, x));
         }
-        for i in 0..self.states {
+        for i in 0..states {
             let at = i * width + tile;
-            let k = stage(1).slope::<S, L>(simd, i, first);
-            store(second, at, axpy(simd, half, k, load(s, at)));
-            store(sum, at, axpy(simd, third, k, load(sum, at)));
+            let k = self.sparse_slope::<L>(1, i, tile, width, first);
+            store(second, at, axpy(simd, half, k, load(s, at, half)));
+            store(sum, at, axpy(simd, third, k, load(sum, at, half)));
         }
-        for i in 0..self.states {
+        for i in 0..states {
             let at = i * width + tile;
-            let k = stage(2).slope::<S, L>(simd, i, second);
-            store(first, at, axpy(simd, whole, k, load(s, at)));
-            store(sum, at, axpy(simd, third, k, load(sum, at)));
+            let k = self.sparse_slope::<L>(2, i, tile, width, second);
+            store(first, at, axpy(simd, whole, k, load(s, at, half)));
+            store(sum, at, axpy(simd, third, k, load(sum, at, half)));
         }
-        for i in 0..self.states {
+        for i in 0..states {
             let at = i * width + tile;
-            let k = stage(3).slope::<S, L>(simd, i, first);
-            store(s, at, axpy(simd, sixth, k, load(sum, at)));
+            let k = self.sparse_slope::<L>(3, i, tile, width, first);
+            store(s, at, axpy(simd, sixth, k, load(sum, at, half)));
         }
         L
     }
-}
 
-struct Stage<'a, V> {
-    plan: &'a TangentPlan,
-    entries: &'a [f64],
-    forcing: &'a [V],
-    width: usize,
-    tile: usize,
-}
-
-impl<V: Copy> Stage<'_, V> {
-    /// Row i of `f_x S + f_theta`, L vectors of it.
+    /// Row i of `f_x S + f_theta` at a stage, L vectors of it.
     #[inline(always)]
-    fn slope<S: Simd<f64s = V>, const L: usize>(&self, simd: S, i: usize, s: &[V]) -> [V; L] {
-        let mut k: [V; L] = load(self.forcing, i * self.width + self.tile);
+    fn sparse_slope<const L: usize>(
+        self,
+        stage: usize,
+        i: usize,
+        tile: usize,
+        width: usize,
+        x: &[S::f64s],
+    ) -> [S::f64s; L] {
+        let row = &self.partials[stage * self.plan.width..][..self.plan.width];
+        let zero = self.simd.splat_f64s(0.0);
+        let mut k: [S::f64s; L] = load(S::as_simd_f64s(&row[self.plan.forcing..]).0, i * width + tile, zero);
         let range = self.plan.rows[i] as usize..self.plan.rows[i + 1] as usize;
-        for (a, j) in self.entries[range.clone()].iter().zip(&self.plan.columns[range]) {
-            k = axpy(simd, simd.splat_f64s(*a), load(s, *j as usize * self.width + self.tile), k);
+        let entries = &row[self.plan.states + range.start..self.plan.states + range.end];
+        for (a, j) in entries.iter().zip(&self.plan.columns[range]) {
+            k = axpy(self.simd, self.simd.splat_f64s(*a), load(x, *j as usize * width + tile, zero), k);
         }
         k
     }
 }
 
+/// L vectors; `any` only fills the array before it is written. Plain loops: closures of the standard library's array
+/// functions would be compiled without the wide registers.
 #[inline(always)]
-fn load<V: Copy, const L: usize>(from: &[V], at: usize) -> [V; L] {
+fn load<V: Copy, const L: usize>(from: &[V], at: usize, any: V) -> [V; L] {
     let from = &from[at..at + L];
-    std::array::from_fn(|l| from[l])
+    let mut v = [any; L];
+    for l in 0..L {
+        v[l] = from[l];
+    }
+    v
 }
 
 #[inline(always)]
 fn store<V: Copy, const L: usize>(to: &mut [V], at: usize, v: [V; L]) {
-    to[at..at + L].copy_from_slice(&v);
+    let to = &mut to[at..at + L];
+    for l in 0..L {
+        to[l] = v[l];
+    }
 }
 
 /// `a x + y`
 #[inline(always)]
 fn axpy<S: Simd, const L: usize>(simd: S, a: S::f64s, x: [S::f64s; L], y: [S::f64s; L]) -> [S::f64s; L] {
-    std::array::from_fn(|l| simd.mul_add_f64s(a, x[l], y[l]))
+    let mut sum = y;
+    for l in 0..L {
+        sum[l] = simd.mul_add_f64s(a, x[l], y[l]);
+    }
+    sum
+}
+
+/// `a x + y`, row by row.
+#[inline(always)]
+fn rows<S: Simd, const N: usize, const L: usize>(
+    simd: S,
+    a: S::f64s,
+    x: &[[S::f64s; L]; N],
+    y: &[[S::f64s; L]; N],
+) -> [[S::f64s; L]; N] {
+    let mut sum = *y;
+    for i in 0..N {
+        sum[i] = axpy(simd, a, x[i], y[i]);
+    }
+    sum
 }

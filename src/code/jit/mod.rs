@@ -95,11 +95,11 @@ impl Jit {
             at.x.len() >= layout.states
                 && at.drive.len() >= layout.drive()
                 && at.known.len() >= layout.known
-                && out.len() >= program.results.len(),
+                && out.len() >= program.width,
             "arrays shorter than the layout says"
         );
         // SAFETY: `compile` made this code from `program`, whose operands it found inside the layout: it reads
-        // `states`, `drive()` and `known` numbers and writes `results.len()`, all of which were just asserted to be
+        // `states`, `drive()` and `known` numbers and writes only below `width`, all of which were just asserted to be
         // there; `out` is borrowed mutably and so overlaps nothing. The code lives as long as `self.module`.
         unsafe { code(at.t, at.x.as_ptr(), at.drive.as_ptr(), at.known.as_ptr(), out.as_mut_ptr()) };
         true
@@ -119,7 +119,7 @@ impl Jit {
         let layout = &self.schedule.layout;
         let stages = match rows {
             Some(rows) => {
-                assert!(rows.len() >= 4 * program.results.len(), "rows shorter than the layout says");
+                assert!(rows.len() >= 4 * program.width, "rows shorter than the layout says");
                 rows.as_mut_ptr()
             }
             None => std::ptr::null_mut(),
@@ -158,7 +158,8 @@ impl Jit {
     #[cold]
     fn compile_step(&self, program: &Program, rows: bool) -> Option<Advance> {
         let layout = &self.schedule.layout;
-        if size(program) > LONGEST_STAGE || program.results.len() < layout.states || !is_inside(program, layout) {
+        let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
+        if size(program) > LONGEST_STAGE || rates.count() < layout.states || !is_inside(program, layout) {
             return None;
         }
         self.define(|module| {
@@ -263,8 +264,11 @@ fn is_inside(program: &Program, layout: &Layout) -> bool {
     };
     let mut instructions = program.instructions.iter().enumerate();
     instructions.all(|(k, i)| i.args.iter().all(|a| inside(a, k)))
-        && program.results.iter().all(|r| inside(r, program.instructions.len()))
-        && [program.constants.len(), layout.states, layout.drive(), layout.known].into_iter().all(|l| l < FARTHEST)
+        && program.results.iter().all(|r| inside(&r.operand, program.instructions.len()))
+        && program.results.iter().all(|r| (r.slot as usize) < program.width)
+        && [program.constants.len(), layout.states, layout.drive(), layout.known, program.width]
+            .into_iter()
+            .all(|length| length < FARTHEST)
 }
 
 /// Opens the only block of a function; its parameters.
@@ -282,9 +286,9 @@ fn evaluation(program: &Program, urgent: usize, builder: &mut FunctionBuilder<'_
     let constants = callees.constants(builder);
     let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known, constants };
     let mut translator = Translator::new(program);
-    for slot in order(program, urgent) {
-        let value = translator.value(program.results[slot], leaves, builder, callees);
-        store(builder, value, out, slot);
+    for result in order(program, urgent) {
+        let value = translator.value(result.operand, leaves, builder, callees);
+        store(builder, value, out, result.slot as usize);
     }
     builder.ins().return_(&[]);
 }

@@ -3,27 +3,27 @@
 //! Cranelift computes a pure value when something with an effect asks for it, so the order of the stores is the order
 //! of the code, and a value that is stored long after it was used occupies a register until then.
 
-use fdm_grammar::schedule::{Operand, Program};
+use fdm_grammar::schedule::{Operand, Placed, Program};
 
-/// All result slots of a program: the first `urgent` ones in turn, each preceded by those that it is made of; then
+/// All results of a program: the first `urgent` ones in turn, each preceded by those that it is made of; then
 /// the others as their instructions come; at last those that need no instruction.
-pub(super) fn order(program: &Program, urgent: usize) -> Vec<usize> {
-    let mut slots: Vec<Vec<usize>> = vec![Vec::new(); program.instructions.len()];
+pub(super) fn order(program: &Program, urgent: usize) -> Vec<Placed> {
+    let mut made: Vec<Vec<Placed>> = vec![Vec::new(); program.instructions.len()];
     let mut copied = Vec::new();
-    for (slot, result) in program.results.iter().enumerate() {
-        match result {
-            Operand::Value(k) => slots[*k as usize].push(slot),
-            _ => copied.push(slot),
+    for result in &program.results {
+        match result.operand {
+            Operand::Value(k) => made[k as usize].push(*result),
+            _ => copied.push(*result),
         }
     }
     let mut order = Vec::with_capacity(program.results.len());
     let mut seen = vec![false; program.instructions.len()];
     for root in &program.results[..urgent] {
-        for k in needed(program, *root, &mut seen) {
-            order.append(&mut slots[k as usize]);
+        for k in needed(program, root.operand, &mut seen) {
+            order.append(&mut made[k as usize]);
         }
     }
-    slots.iter_mut().for_each(|s| order.append(s));
+    made.iter_mut().for_each(|s| order.append(s));
     order.append(&mut copied);
     order
 }

@@ -32,8 +32,8 @@ pub(super) fn step(
 ) {
     let [t, h, x, drive, known, next, out] = entry(builder);
     let constants = callees.constants(builder);
-    let (n, width) = (layout.states, program.results.len());
-    let order = if rows { order(program, n) } else { (0..n).collect() };
+    let (n, width) = (layout.states, program.width);
+    let order = if rows { order(program, n) } else { program.results[..n].to_vec() };
     let half = builder.ins().f64const(0.5);
     let half = builder.ins().fmul(half, h);
     let middle = builder.ins().fadd(t, half);
@@ -50,9 +50,9 @@ pub(super) fn step(
         // the third stage stands where the second stood, but for the states
         translator.forget(stage == 2);
         let mut rates = vec![time; n];
-        for slot in &order {
-            let value = translator.value(program.results[*slot], leaves, builder, callees);
-            if let Some(rate) = rates.get_mut(*slot) {
+        for result in &order {
+            let (slot, value) = (result.slot as usize, translator.value(result.operand, leaves, builder, callees));
+            if let Some(rate) = rates.get_mut(slot) {
                 *rate = value;
             }
             if rows {

@@ -1,0 +1,62 @@
+//! Speed beside the peers: the workloads W1 (residual and Jacobian of a nonlinear ship) and W5 (text to first
+//! Jacobian of an 11-state helicopter), each checked against reference data before it is timed.
+//!
+//! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
+//! data are found, the limit runs first and last in the same run on the same core; otherwise our own figures stand alone.
+
+mod clock;
+mod start_up;
+mod workload;
+
+use clock::{Row, median_of_runs};
+use fdm::{Model, simulate::Simulator};
+use std::path::PathBuf;
+use workload::{Reference, Ship};
+
+fn main() {
+    if std::env::args().any(|a| a == "--start-up") {
+        return start_up::measure();
+    }
+    let core = clock::pin();
+    println!("one core ({core}), CPU time, medians\n");
+    let before = limit("w1");
+    for (tag, hundredfold) in [("w1", false), ("w1x100", true)] {
+        let reference = Reference::load(tag);
+        let by_file = Model::from_file("models/manoeuvring_ship/model.fdm").expect("the model compiles");
+        let by_macro = workload::ship_macro();
+        for (door, model) in [(".fdm, machine code", &by_file), ("model!", &by_macro)] {
+            let ship = Ship::new(hundredfold);
+            let row = residual_and_jacobian(tag, door, model, &ship, reference.as_ref());
+            row.print(&before);
+        }
+    }
+    for row in limit("w1") {
+        row.print(&before);
+    }
+    start_up::run();
+}
+
+/// W1 unit A: states and their exact derivatives by eleven coefficients and three initial values at 1.05 C.
+fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, reference: Option<&Reference>) -> Row {
+    let theta = ship.theta(model, 1.05);
+    let columns = ship.columns(model);
+    let mut simulator = Simulator::new(model.dynamics(), &ship.run, 1).expect("nothing is held and delayed");
+    let (n, stride) = (ship.run.len(), columns.len().div_ceil(8) * 8);
+    let (mut y, mut jacobian) = (vec![0.0; 3 * n], vec![0.0; 3 * n * stride]);
+    simulator.sensitivities(&theta, &columns, &mut y, &mut jacobian).expect("the ship does not diverge");
+    let difference = reference.map(|r| r.difference(&y, &jacobian, stride));
+    let seconds = median_of_runs(|| {
+        let theta = std::hint::black_box(&theta);
+        simulator.sensitivities(theta, &columns, &mut y, &mut jacobian).expect("the ship does not diverge");
+    });
+    Row { workload: tag.into(), tool: format!("fdm ({door})"), what: "A residual+jacobian".into(), seconds, difference }
+}
+
+/// Rows of the hand-written limit, when it has been built.
+fn limit(workload: &str) -> Vec<Row> {
+    let home = std::env::var("HOME").unwrap_or_default();
+    let target = std::env::var("PEERS_TARGET").unwrap_or(format!("{home}/peers-target"));
+    let program = PathBuf::from(target).join("limit/release/limit");
+    let Ok(output) = std::process::Command::new(program).arg(workload).output() else { return Vec::new() };
+    String::from_utf8_lossy(&output.stdout).lines().filter_map(Row::parse).collect()
+}

@@ -1,0 +1,285 @@
+//! Programs to Rust: straight lines of `let`s over fixed-size arrays, and the implementation of `Dynamics` around them.
+//! No identifier of the user enters the code; values are `v0`, `v1`, ...
+
+use fdm_grammar::op::{Form, Op};
+use fdm_grammar::schedule::{Instruction, Operand};
+use fdm_grammar::{Layout, Program, Schedule};
+use proc_macro2::{Literal, TokenStream};
+use quote::{format_ident, quote};
+
+/// rustc needs about a second for every 5,000 instructions, and the machine code of the file door is as good.
+pub(crate) const MOST_INSTRUCTIONS: usize = 20_000;
+
+/// Longer programs are called from the four stages of a step instead of being copied into each.
+const MOST_COPIED: usize = 2_000;
+
+/// The number of instructions in all programs.
+pub(crate) fn instructions(schedule: &Schedule) -> usize {
+    let s = schedule;
+    [&s.prepare, &s.rates, &s.rates_and_partials, &s.outputs, &s.outputs_and_partials, &s.by_input]
+        .iter()
+        .map(|p| p.instructions.len())
+        .sum()
+}
+
+/// An expression of type `fdm::Model`.
+pub(crate) fn model(schedule: &Schedule, text: &str) -> TokenStream {
+    let sizes = Sizes::of(&schedule.layout);
+    let programs = programs(schedule, &sizes);
+    let dynamics = dynamics(&sizes);
+    let build = build(&sizes);
+    // a module of its own: nothing in the scope of the user can be mistaken for a name of the generated code
+    quote! {{
+        #[allow(unused_variables, clippy::all, clippy::pedantic, clippy::nursery)]
+        mod generated {
+            #programs
+            #dynamics
+            #build
+        }
+        ::fdm::Model::with_code(
+            ::core::concat!("model! at ", ::core::file!(), ":", ::core::line!()),
+            #text,
+            generated::build,
+        )
+    }}
+}
+
+/// Lengths of the arrays, as literals.
+struct Sizes {
+    states: Literal,
+    drive: Literal,
+    params: Literal,
+    known: Literal,
+    outputs: Literal,
+    rate_slots: Literal,
+    output_slots: Literal,
+    input_slots: Literal,
+}
+
+impl Sizes {
+    fn of(layout: &Layout) -> Self {
+        let size = Literal::usize_unsuffixed;
+        Self {
+            states: size(layout.states),
+            drive: size(layout.drive()),
+            params: size(layout.params),
+            known: size(layout.known),
+            outputs: size(layout.outputs),
+            rate_slots: size(layout.rate_slots()),
+            output_slots: size(layout.output_slots()),
+            input_slots: size(layout.input_slots()),
+        }
+    }
+}
+
+/// The six programs as functions.
+fn programs(schedule: &Schedule, sizes: &Sizes) -> TokenStream {
+    let Sizes { states, drive, params, known, outputs, rate_slots, output_slots, input_slots } = sizes;
+    let prepare = body(&schedule.prepare);
+    let functions = [
+        ("rates", &schedule.rates, states),
+        ("rates_and_partials", &schedule.rates_and_partials, rate_slots),
+        ("outputs", &schedule.outputs, outputs),
+        ("outputs_and_partials", &schedule.outputs_and_partials, output_slots),
+        ("by_input", &schedule.by_input, input_slots),
+    ];
+    let functions = functions.into_iter().map(|(name, program, slots)| {
+        let name = format_ident!("{name}");
+        let body = body(program);
+        let inline = if program.instructions.len() > MOST_COPIED { quote!(never) } else { quote!(always) };
+        quote! {
+            #[inline(#inline)]
+            fn #name(
+                t: f64,
+                x: &[f64; #states],
+                drive: &[f64; #drive],
+                known: &[f64; #known],
+                out: &mut [f64; #slots],
+            ) {
+                #body
+            }
+        }
+    });
+    quote! {
+        fn prepare(known: &[f64; #params], out: &mut [f64; #known]) {
+            #prepare
+        }
+        #(#functions)*
+    }
+}
+
+/// A program as statements that write `out`.
+fn body(program: &Program) -> TokenStream {
+    let lines = program.instructions.iter().enumerate().map(|(k, instruction)| {
+        let (value, expression) = (format_ident!("v{k}"), expression(program, instruction));
+        quote!(let #value = #expression;)
+    });
+    let results = program.results.iter().map(|placed| {
+        let (slot, result) = (Literal::u32_unsuffixed(placed.slot), operand(program, placed.operand));
+        quote!(out[#slot] = #result;)
+    });
+    quote!(#(#lines)* #(#results)*)
+}
+
+fn expression(program: &Program, instruction: &Instruction) -> TokenStream {
+    let row = instruction.op.row();
+    let operands: Vec<TokenStream> = instruction.args.iter().map(|o| operand(program, *o)).collect();
+    let [a, b, _] = &operands[..] else { unreachable!("an instruction has three places") };
+    let function = match instruction.op {
+        Op::Add => return quote!(#a + #b),
+        Op::Sub => return quote!(#a - #b),
+        Op::Mul => return quote!(#a * #b),
+        Op::Div => return quote!(#a / #b),
+        Op::Neg => return quote!(-#a),
+        Op::Pow => "pow",
+        Op::Less => "less",
+        Op::LessEqual => "less_equal",
+        Op::Equal => "equal",
+        Op::Select => "select",
+        _ => {
+            debug_assert_eq!(row.form, Form::Function, "{} has no form in Rust", row.name);
+            row.name
+        }
+    };
+    let (function, operands) = (format_ident!("{function}"), &operands[..row.arity]);
+    quote!(::fdm::math::#function(#(#operands),*))
+}
+
+fn operand(program: &Program, operand: Operand) -> TokenStream {
+    let (array, index) = match operand {
+        Operand::Value(k) => {
+            let value = format_ident!("v{k}");
+            return quote!(#value);
+        }
+        Operand::Constant(k) => return constant(program.constants[k as usize]),
+        Operand::Time => return quote!(t),
+        Operand::State(k) => ("x", k),
+        Operand::Drive(k) => ("drive", k),
+        Operand::Known(k) => ("known", k),
+    };
+    let (array, index) = (format_ident!("{array}"), Literal::u32_unsuffixed(index));
+    quote!(#array[#index])
+}
+
+/// A number that comes back with the same bits.
+fn constant(value: f64) -> TokenStream {
+    if value.is_finite() && value.is_sign_positive() {
+        let literal = Literal::f64_suffixed(value);
+        quote!(#literal)
+    } else {
+        let bits = Literal::u64_suffixed(value.to_bits());
+        quote!(f64::from_bits(#bits))
+    }
+}
+
+/// The struct and its `Dynamics`.
+fn dynamics(sizes: &Sizes) -> TokenStream {
+    let Sizes { states, rate_slots, .. } = sizes;
+    let bodies = ["rates", "rates_and_partials", "outputs", "outputs_and_partials", "by_input"].map(|name| {
+        let name = format_ident!("{name}");
+        quote! {
+            #[inline]
+            fn #name(&self, at: Point<'_>, out: &mut [f64], _: &mut Workspace) {
+                #name(at.t, front(at.x), front(at.drive), front(at.known), front_mut(out));
+            }
+        }
+    });
+    quote! {
+        use ::fdm::dynamics::{Dynamics, Layout, Point, Step, Workspace};
+        use ::fdm::code::sized::{front, front_mut, runge_kutta, stages_of};
+
+        struct Generated {
+            layout: Layout,
+        }
+
+        impl Dynamics for Generated {
+            fn layout(&self) -> &Layout {
+                &self.layout
+            }
+            fn prepare(&self, theta: &[f64], known: &mut [f64], _: &mut Workspace) {
+                prepare(front(theta), front_mut(known));
+            }
+            #(#bodies)*
+            fn step(&self, step: Step<'_>, next: &mut [f64], _: &mut Workspace) {
+                let mut slopes = [[0.0; #states]; 4];
+                runge_kutta(step, front_mut(next), slopes.each_mut(), rates);
+            }
+            fn step_with_partials(&self, step: Step<'_>, next: &mut [f64], stages: &mut [f64], _: &mut Workspace) {
+                runge_kutta(step, front_mut(next), stages_of::<#rate_slots>(stages), rates_and_partials);
+            }
+        }
+    }
+}
+
+/// The constructor; its check can fail only where macro and library were built from different sources.
+fn build(sizes: &Sizes) -> TokenStream {
+    let Sizes { states, drive, params, known, outputs, rate_slots, output_slots, input_slots } = sizes;
+    quote! {
+        pub(super) fn build(layout: Layout) -> ::std::boxed::Box<dyn Dynamics> {
+            let sizes = [
+                layout.states,
+                layout.drive(),
+                layout.params,
+                layout.known,
+                layout.outputs,
+                layout.rate_slots(),
+                layout.output_slots(),
+                layout.input_slots(),
+            ];
+            let generated = [
+                #states, #drive, #params, #known, #outputs, #rate_slots, #output_slots, #input_slots
+            ];
+            ::core::assert!(sizes == generated, "fdm and fdm-macros are of different versions: a fault of the build");
+            ::std::boxed::Box::new(Generated { layout })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn printed(constants: &[f64], instructions: &[(Op, [Operand; 3])], results: &[Operand]) -> String {
+        let instructions = instructions.iter().map(|(op, args)| Instruction { op: *op, args: *args }).collect();
+        body(&Program { constants: constants.to_vec(), instructions, results: results.to_vec() }).to_string()
+    }
+
+    #[test]
+    fn numbers_come_back_with_the_same_bits() {
+        let numbers = [0.1, 1e-300, 5e-324, f64::MAX, 1.0, 2.0f64.powi(70), -0.0, -1.5, f64::NEG_INFINITY, f64::NAN];
+        for number in numbers {
+            let text = constant(number).to_string().replace(' ', "");
+            let back = match text.strip_prefix("f64::from_bits(") {
+                Some(bits) => f64::from_bits(bits.trim_end_matches("u64)").parse().expect("bits")),
+                None => text.trim_end_matches("f64").parse().expect("number"),
+            };
+            assert_eq!(back.to_bits(), number.to_bits(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_program_is_one_let_for_each_instruction() {
+        use Operand::{Constant, Drive, Known, State, Time, Value};
+        let text = printed(
+            &[2.0],
+            &[
+                (Op::Neg, [State(1); 3]),
+                (Op::Mul, [Value(0), Constant(0), Value(0)]),
+                (Op::Select, [Value(1), Drive(0), Known(4)]),
+            ],
+            &[Value(2), Time],
+        );
+        let wanted = "let v0 = - x [1] ; let v1 = v0 * 2f64 ; \
+                      let v2 = :: fdm :: math :: select (v1 , drive [0] , known [4]) ; out [0] = v2 ; out [1] = t ;";
+        assert_eq!(text, wanted);
+    }
+
+    #[test]
+    fn every_operation_of_the_table_is_rust() {
+        for row in fdm_grammar::op::ROWS {
+            let text = printed(&[], &[(row.op, [Operand::State(0), Operand::State(1), Operand::Time])], &[]);
+            let block: syn::Block = syn::parse_str(&format!("{{ {text} }}")).expect(row.name);
+            assert_eq!(block.stmts.len(), 1, "{}", row.name);
+        }
+    }
+}

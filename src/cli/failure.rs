@@ -1,0 +1,58 @@
+//! How the command line ends, and what it says when the input is wrong.
+
+use fdm::ModelError;
+use fdm::record::RecordError;
+use std::fmt::Display;
+use std::io::IsTerminal;
+use std::process::ExitCode;
+
+/// Numbers went wrong: the result so far has been printed.
+pub(crate) const NUMBERS: u8 = 1;
+const INPUT: u8 = 2;
+
+/// Wrong input.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// A model that cannot be read or compiled.
+    Model(Box<ModelError>),
+    /// Records that cannot be used, each with all its problems.
+    Records(Vec<RecordError>),
+    /// Anything else, one sentence each.
+    Input(Vec<String>),
+}
+
+impl Failure {
+    /// From things that say what is wrong.
+    pub(crate) fn input(reasons: impl IntoIterator<Item = impl Display>) -> Self {
+        Self::Input(reasons.into_iter().map(|r| r.to_string()).collect())
+    }
+
+    /// Tells the user and gives the exit code.
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    pub(crate) fn report(&self) -> ExitCode {
+        match self {
+            Self::Model(e) => match &**e {
+                ModelError::Invalid { text, diagnostics } => {
+                    eprintln!("{}", fdm::report::render(text, diagnostics, std::io::stderr().is_terminal()));
+                }
+                other => eprintln!("error: {other}"),
+            },
+            Self::Records(errors) => errors.iter().for_each(|e| eprintln!("error: {e}")),
+            Self::Input(reasons) => reasons.iter().for_each(|r| eprintln!("error: {r}")),
+        }
+        ExitCode::from(INPUT)
+    }
+}
+
+impl From<ModelError> for Failure {
+    fn from(e: ModelError) -> Self {
+        Self::Model(Box::new(e))
+    }
+}
+
+/// Writes to standard output; a closed pipe is an end, not a failure.
+pub(crate) fn print(text: &str) {
+    use std::io::Write;
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}

@@ -1,0 +1,72 @@
+//! The recorded runs that a verb works on.
+
+use crate::failure::Failure;
+use clap::Args;
+use fdm::Model;
+use fdm::record::{ReadOptions, Run, Summary, channels, read};
+use std::path::PathBuf;
+
+/// Which files, and how they are to be read.
+#[derive(Debug, Args)]
+pub(crate) struct Records {
+    /// Recorded run (CSV with a header `name [unit], ...`); may be given several times
+    #[arg(long = "data", value_name = "RUN", required = true)]
+    pub(crate) data: Vec<PathBuf>,
+    /// Column of a channel when its name differs; the time is called `t`
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair)]
+    map: Vec<(String, String)>,
+    /// Use the record from this time on, in the file's unit
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
+    from: Option<f64>,
+    /// Use the record up to this time, in the file's unit
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
+    to: Option<f64>,
+    /// Use every N-th sample
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    every: usize,
+    /// Input that keeps its value until the next sample, instead of being linear between samples
+    #[arg(long, value_name = "INPUT")]
+    hold: Vec<String>,
+}
+
+impl Records {
+    /// Reads all runs; the problems of all files are reported together. Runs are named after their files.
+    pub(crate) fn load(&self, model: &Model, require_outputs: bool) -> Result<Vec<(Run, Summary)>, Failure> {
+        let channels = channels(model.definition());
+        let options = ReadOptions {
+            map: self.map.clone(),
+            from: self.from,
+            to: self.to,
+            every: self.every,
+            hold: self.hold.clone(),
+            require_outputs,
+        };
+        let (mut runs, mut errors) = (Vec::new(), Vec::new());
+        for path in &self.data {
+            match read(path, &channels, &options) {
+                Ok(run) => runs.push(run),
+                Err(e) => errors.push(e),
+            }
+        }
+        if !errors.is_empty() {
+            return Err(Failure::Records(errors));
+        }
+        tell_apart(&mut runs);
+        Ok(runs)
+    }
+}
+
+/// Runs whose files share a name are numbered.
+fn tell_apart(runs: &mut [(Run, Summary)]) {
+    let names: Vec<String> = runs.iter().map(|(run, _)| run.name.clone()).collect();
+    for (k, (run, _)) in runs.iter_mut().enumerate() {
+        if names.iter().filter(|n| **n == names[k]).count() > 1 {
+            run.name = format!("{}#{}", names[k], 1 + names[..k].iter().filter(|n| **n == names[k]).count());
+        }
+    }
+}
+
+fn pair(text: &str) -> Result<(String, String), String> {
+    let (channel, column) = text.split_once('=').ok_or("expected CHANNEL=COLUMN")?;
+    Ok((channel.trim().to_string(), column.trim().to_string()))
+}

@@ -1,0 +1,44 @@
+//! The model that a verb works on, with the changes that were typed.
+
+use crate::failure::Failure;
+use clap::Args;
+use fdm::Model;
+use fdm::estimate::Changes;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+/// A model and what is to be different about its parameters.
+#[derive(Debug, Args)]
+pub(crate) struct Subject {
+    /// Model file (.fdm)
+    #[arg(value_name = "MODEL")]
+    pub(crate) model: PathBuf,
+    /// Other start value of a parameter (free initial values are called `x(0)`)
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    pub(crate) set: Vec<(String, f64)>,
+}
+
+impl Subject {
+    /// Reads and compiles the model; warnings go to standard error.
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    pub(crate) fn load(&self) -> Result<Model, Failure> {
+        let model = Model::from_file(&self.model)?;
+        if !model.warnings().is_empty() {
+            let colour = std::io::stderr().is_terminal();
+            eprintln!("{}", fdm::report::render(model.source(), model.warnings(), colour));
+        }
+        Ok(model)
+    }
+
+    /// The changes of start values, together with names to fix and to free.
+    pub(crate) fn changes(&self, fix: &[String], free: &[String]) -> Changes {
+        Changes { set: self.set.clone(), fix: fix.to_vec(), free: free.to_vec() }
+    }
+}
+
+/// `NAME=VALUE`
+pub(crate) fn assignment(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
+    let value = value.trim().parse().map_err(|_| format!("`{value}` is not a number"))?;
+    Ok((name.trim().to_string(), value))
+}

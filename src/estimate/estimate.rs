@@ -1,0 +1,132 @@
+//! The result of an estimation, ready for tables, JSON and plots.
+
+use super::direction::Direction;
+use super::output_fit::OutputFit;
+use super::progress::Iteration;
+use super::termination::Termination;
+use serde::Serialize;
+
+/// What can be said about a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// Estimated, with a standard error.
+    Estimated,
+    /// Held at its lower bound: not part of the covariance.
+    AtLowerBound,
+    /// Held at its upper bound: not part of the covariance.
+    AtUpperBound,
+    /// The data do not determine it; see [`Estimate::undetermined`].
+    NotDetermined,
+    /// Known.
+    Fixed,
+    /// Follows from others.
+    Derived,
+    /// The start values could not be simulated.
+    NotEstimated,
+}
+
+/// A parameter, or a derived quantity, after the estimation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ParameterEstimate {
+    /// Its name.
+    pub name: String,
+    /// The run that it belongs to; none when all runs share it.
+    pub run: Option<String>,
+    /// Its value.
+    pub value: f64,
+    /// Cramer-Rao standard error, with degrees of freedom taken off the noise; none when there is none to give.
+    pub standard_error: Option<f64>,
+    /// Its unit, as text.
+    pub unit: Option<String>,
+    /// What can be said about it.
+    pub status: Status,
+    /// Where the estimation started; none for derived quantities.
+    pub start: Option<f64>,
+    /// Least admissible value.
+    pub lower: Option<f64>,
+    /// Greatest admissible value.
+    pub upper: Option<f64>,
+}
+
+/// A symmetric matrix.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Symmetric {
+    /// Rows and columns.
+    pub size: usize,
+    /// Entries, row-major.
+    pub values: Vec<f64>,
+}
+
+impl Symmetric {
+    /// The entry in row i and column j.
+    pub fn at(&self, i: usize, j: usize) -> f64 {
+        self.values[i * self.size + j]
+    }
+}
+
+/// Measurement, response and residuals of one run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunFit {
+    /// Name of the run.
+    pub run: String,
+    /// The model's outputs, N by q row-major.
+    pub response: Vec<f64>,
+    /// Measured minus model, N by q row-major; NaN where nothing was measured.
+    pub residuals: Vec<f64>,
+}
+
+/// The result of an estimation.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Every parameter in the model's order (per-run ones once for every run), then the derived quantities.
+    pub parameters: Vec<ParameterEstimate>,
+    /// How well each output of each run is matched.
+    pub outputs: Vec<OutputFit>,
+    /// Minus the logarithm of the likelihood, without its constant.
+    pub cost: Option<f64>,
+    /// How the iteration ended.
+    pub termination: Termination,
+    /// Corrections made.
+    pub iterations: usize,
+    /// Simulations of all runs with sensitivities, and without.
+    pub evaluations: (usize, usize),
+    /// The state after each correction, the start first.
+    pub history: Vec<Iteration>,
+    /// Entries of `parameters` that `covariance` and `correlations` are about.
+    pub covered: Vec<usize>,
+    /// Covariance of the estimates (Cramer-Rao bound).
+    pub covariance: Symmetric,
+    /// Correlations of the estimates.
+    pub correlations: Symmetric,
+    /// Covariance R of the measurement noise (q by q): as given, or estimated with degrees of freedom taken off; 0
+    /// for an output that was never measured. None when nothing was estimated or no degree of freedom is left.
+    pub noise: Option<Symmetric>,
+    /// Outputs that the model matches to rounding: their noise, and the standard errors, stand for rounding only.
+    pub noise_free: Vec<String>,
+    /// What the data do not determine.
+    pub undetermined: Vec<Direction>,
+    /// Condition number of the scaled sensitivities.
+    pub condition: Option<f64>,
+    /// Responses and residuals; empty when the start values could not be simulated.
+    pub runs: Vec<RunFit>,
+}
+
+impl Estimate {
+    /// A parameter by name and, for per-run ones, run.
+    pub fn parameter(&self, name: &str, run: Option<&str>) -> Option<&ParameterEstimate> {
+        self.parameters.iter().find(|p| p.name == name && p.run.as_deref() == run)
+    }
+
+    /// Whether the iteration converged and the data determine every free parameter.
+    pub fn is_good(&self) -> bool {
+        self.termination.is_good() && self.undetermined.is_empty()
+    }
+
+    /// Pairs of entries of `parameters` whose estimates correlate by more than `limit`, with the correlation.
+    pub fn correlated(&self, limit: f64) -> Vec<(usize, usize, f64)> {
+        let pairs = (0..self.covered.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
+        let valued = pairs.map(|(i, j)| (self.covered[i], self.covered[j], self.correlations.at(i, j)));
+        valued.filter(|(_, _, c)| c.abs() > limit).collect()
+    }
+}

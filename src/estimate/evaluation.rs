@@ -1,0 +1,283 @@
+//! All runs at one vector of unknowns: responses, moments of the residuals, sums of the sensitivities.
+//!
+//! Runs are worked off in parallel, each into memory of its own; what follows is summed in the order of the runs, so
+//! that the number of threads does not change a bit.
+
+use super::information::{Linearised, Sums};
+use super::problem::{Problem, ProblemRun};
+use super::unknowns::Unknowns;
+use crate::simulate::Divergence;
+use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
+
+/// Part of a step over which the bend of the response is measured.
+const AHEAD: f64 = 0.1;
+
+/// Why a run could not be compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Failure {
+    Diverged(Divergence),
+    /// A compared output, or its sensitivity to a parameter, is not finite (or so large that its square is not).
+    NotFinite {
+        output: usize,
+        sample: usize,
+        param: Option<usize>,
+    },
+}
+
+/// A failure and the run it happened in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct RunFailure {
+    pub(super) run: usize,
+    pub(super) failure: Failure,
+}
+
+/// What to compute.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Want<'w> {
+    /// Responses and moments.
+    Response,
+    /// Sensitivities too; outputs mixed by a whitener (q by q) when the noise is full.
+    Sensitivities(Option<&'w [f64]>),
+}
+
+/// One run and its memory.
+struct RunState<'e, 'a> {
+    run: &'e mut ProblemRun<'a>,
+    theta: Vec<f64>,
+    y: Vec<f64>,
+    kept: Vec<f64>,
+    /// Responses a part of a step ahead; only curved problems need them.
+    ahead: Vec<f64>,
+    bend: Vec<f64>,
+    moments: Vec<f64>,
+    sums: Sums,
+    failure: Option<Failure>,
+}
+
+/// Evaluates a problem.
+pub(super) struct Evaluator<'e, 'a> {
+    states: Vec<RunState<'e, 'a>>,
+    unknowns: &'e Unknowns,
+    outputs: usize,
+    /// Sums of products of residuals over all runs, q by q, of the last evaluation.
+    pub(super) moments: Vec<f64>,
+    /// Jacobians, one for each thread at work.
+    buffers: Mutex<Vec<Vec<f64>>>,
+    /// Evaluations with sensitivities so far, and without.
+    pub(super) evaluations: usize,
+    pub(super) simulations: usize,
+}
+
+impl<'e, 'a> Evaluator<'e, 'a> {
+    pub(super) fn new(problem: &'e mut Problem<'a>, unknowns: &'e Unknowns, full: bool) -> Self {
+        let q = problem.outputs.len();
+        let groups = if full { 1 } else { q };
+        let states = problem.runs.iter_mut().zip(&unknowns.theta).map(|(run, theta)| {
+            let cells = run.measured.len();
+            let sums = Sums::new(unknowns.columns.len(), groups);
+            let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], vec![0.0; q * q]);
+            RunState { run, theta, y, kept, ahead: Vec::new(), bend: Vec::new(), moments, sums, failure: None }
+        });
+        let (moments, buffers) = (vec![0.0; q * q], Mutex::new(Vec::new()));
+        let states = states.collect();
+        Self { states, unknowns, outputs: q, moments, buffers, evaluations: 0, simulations: 0 }
+    }
+
+    /// Evaluates all runs.
+    ///
+    /// # Errors
+    /// The first run that fails.
+    pub(super) fn evaluate(&mut self, values: &[f64], want: Want<'_>) -> Result<(), RunFailure> {
+        let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
+        let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
+            unknowns.assemble(r, values, &mut state.theta);
+            state.failure = state.evaluate(unknowns, buffers, q, want).err();
+        };
+        match &mut self.states[..] {
+            [one] => work((0, one)),
+            many => many.par_iter_mut().enumerate().for_each(work),
+        }
+        match want {
+            Want::Response => self.simulations += 1,
+            Want::Sensitivities(_) => self.evaluations += 1,
+        }
+        self.moments.fill(0.0);
+        for (run, state) in self.states.iter().enumerate() {
+            if let Some(failure) = state.failure {
+                return Err(RunFailure { run, failure });
+            }
+            self.moments.iter_mut().zip(&state.moments).for_each(|(total, m)| *total += m);
+        }
+        Ok(())
+    }
+
+    /// J' R^-1 times the second derivative of the response along `step`, from the kept responses at `values` and those a
+    /// part of the step ahead; written to `bend` (one number for each unknown).
+    ///
+    /// # Errors
+    /// As [`Self::evaluate`].
+    pub(super) fn bend(
+        &mut self,
+        values: &[f64],
+        step: &[f64],
+        inverse_noise: &[f64],
+        bend: &mut [f64],
+    ) -> Result<(), RunFailure> {
+        let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + AHEAD * s).collect();
+        self.evaluate(&ahead, Want::Response)?;
+        self.evaluations += 1;
+        let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
+        let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
+            std::mem::swap(&mut state.ahead, &mut state.y);
+            state.y.resize(state.ahead.len(), 0.0);
+            unknowns.assemble(r, values, &mut state.theta);
+            let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| step[unknowns.position(r, c)]).collect();
+            state.failure = state.bend(unknowns, buffers, q, &own, inverse_noise).err();
+        };
+        self.states.par_iter_mut().enumerate().for_each(work);
+        bend.fill(0.0);
+        for (run, state) in self.states.iter().enumerate() {
+            if let Some(failure) = state.failure {
+                return Err(RunFailure { run, failure });
+            }
+            for (c, b) in state.bend.iter().enumerate() {
+                bend[unknowns.position(run, c)] += b;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sums triangles instead of products from now on.
+    pub(super) fn make_precise(&mut self) {
+        self.states.iter_mut().for_each(|s| s.sums.precise = true);
+    }
+
+    /// The last responses become those of the current estimates.
+    pub(super) fn keep(&mut self) {
+        self.states.iter_mut().for_each(|s| std::mem::swap(&mut s.y, &mut s.kept));
+    }
+
+    /// The sums of all runs, of the last evaluation with sensitivities.
+    pub(super) fn sums(&self) -> impl Iterator<Item = &Sums> {
+        self.states.iter().map(|s| &s.sums)
+    }
+
+    /// The kept responses (N by q each), leaving nothing behind.
+    pub(super) fn into_responses(self) -> Vec<Vec<f64>> {
+        self.states.into_iter().map(|s| s.kept).collect()
+    }
+}
+
+impl RunState<'_, '_> {
+    fn evaluate(
+        &mut self,
+        unknowns: &Unknowns,
+        buffers: &Mutex<Vec<Vec<f64>>>,
+        q: usize,
+        want: Want<'_>,
+    ) -> Result<(), Failure> {
+        let Want::Sensitivities(whitener) = want else {
+            self.run.response.simulate(&self.theta, &mut self.y).map_err(Failure::Diverged)?;
+            return self.compare(q);
+        };
+        let lock = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut jacobian = lock().pop().unwrap_or_default();
+        let stride = unknowns.columns.len().next_multiple_of(8);
+        jacobian.resize(self.y.len() * stride, 0.0);
+        let result = self.linearise(unknowns, &mut jacobian, stride, q, whitener);
+        lock().push(jacobian);
+        result
+    }
+
+    fn bend(
+        &mut self,
+        unknowns: &Unknowns,
+        buffers: &Mutex<Vec<Vec<f64>>>,
+        q: usize,
+        step: &[f64],
+        inverse_noise: &[f64],
+    ) -> Result<(), Failure> {
+        let lock = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut jacobian = lock().pop().unwrap_or_default();
+        let stride = step.len().next_multiple_of(8);
+        jacobian.resize(self.y.len() * stride, 0.0);
+        let response = &mut self.run.response;
+        let result = response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, &mut jacobian);
+        self.bend.clear();
+        self.bend.resize(step.len(), 0.0);
+        let mut second = vec![0.0; q];
+        for sample in (0..self.y.len()).step_by(q) {
+            for (o, second) in second.iter_mut().enumerate() {
+                let k = sample + o;
+                let slope: f64 = jacobian[k * stride..].iter().zip(step).map(|(j, s)| j * s).sum();
+                let secant = (self.ahead[k] - self.y[k]) / AHEAD;
+                // a difference that rounding explains is none
+                let rounding = 64.0 * f64::EPSILON * self.y[k].abs() / AHEAD;
+                let bent = (secant - slope).abs() > rounding && !self.run.measured[k].is_nan();
+                *second = if bent { 2.0 / AHEAD * (secant - slope) } else { 0.0 };
+            }
+            for (o, row) in inverse_noise.chunks(q).enumerate() {
+                let weighted: f64 = row.iter().zip(&second).map(|(r, s)| r * s).sum();
+                if self.run.measured[sample + o].is_nan() {
+                    continue;
+                }
+                for (b, j) in self.bend.iter_mut().zip(&jacobian[(sample + o) * stride..]) {
+                    *b += weighted * j;
+                }
+            }
+        }
+        lock().push(jacobian);
+        result.map_err(Failure::Diverged)
+    }
+
+    fn linearise(
+        &mut self,
+        unknowns: &Unknowns,
+        jacobian: &mut [f64],
+        stride: usize,
+        q: usize,
+        whitener: Option<&[f64]>,
+    ) -> Result<(), Failure> {
+        let response = &mut self.run.response;
+        response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, jacobian).map_err(Failure::Diverged)?;
+        self.compare(q)?;
+        let at = Linearised { outputs: q, measured: &self.run.measured, y: &self.y, jacobian, stride };
+        self.sums.sum(&at, whitener);
+        let groups = if whitener.is_some() { 1 } else { q };
+        if (0..groups).all(|g| self.sums.group(g).iter().all(|v| v.is_finite())) {
+            return Ok(());
+        }
+        let compared = (0..self.y.len()).filter(|k| !self.run.measured[*k].is_nan());
+        let size = |x: &f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
+        let worst = |k: usize| {
+            let row = jacobian[k * stride..k * stride + unknowns.columns.len()].iter().map(size).enumerate();
+            row.max_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        // the first cell that is not finite, else the largest one
+        let cells = compared.filter_map(|k| worst(k).map(|(column, size)| (k, column, size)));
+        let cell = cells.reduce(|a, b| if b.2 > a.2 { b } else { a });
+        let (k, column, _) = cell.unwrap_or((0, 0, 0.0));
+        let param = unknowns.columns.get(column).copied();
+        Err(Failure::NotFinite { output: k % q, sample: k / q, param })
+    }
+
+    /// Moments of the residuals.
+    fn compare(&mut self, q: usize) -> Result<(), Failure> {
+        self.moments.fill(0.0);
+        for (y, z) in self.y.chunks(q).zip(self.run.measured.chunks(q)) {
+            for a in (0..q).filter(|a| !z[*a].is_nan()) {
+                for b in (0..q).filter(|b| !z[*b].is_nan()) {
+                    self.moments[a * q + b] += (z[a] - y[a]) * (z[b] - y[b]);
+                }
+            }
+        }
+        if self.moments.iter().all(|m| m.is_finite()) {
+            return Ok(());
+        }
+        let residuals = self.y.iter().zip(&self.run.measured).map(|(y, z)| z - y).enumerate();
+        let bad = residuals.filter(|(k, _)| !self.run.measured[*k].is_nan()).find(|(_, v)| !(v.abs() < 1e150));
+        let k = bad.map_or(0, |(k, _)| k);
+        Err(Failure::NotFinite { output: k % q, sample: k / q, param: None })
+    }
+}

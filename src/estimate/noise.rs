@@ -1,0 +1,207 @@
+//! What is assumed about measurement noise, and the likelihood that follows from it.
+//!
+//! With estimated covariance the cost is the concentrated one: R is a function of the residuals, so that cost and
+//! weights agree at every point and no separate relaxation is needed. A residual that vanishes (noise-free data) would
+//! make the weights infinite; variances are therefore floored at (1e-12 of the output's own magnitude)^2, below which the
+//! cost continues along its tangent. Estimates do not depend on the floor, and their standard errors then stand for it.
+
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// What is assumed about the measurement noise; it is white and, but for `Full`, independent from output to output.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Noise {
+    /// One variance for each output, estimated.
+    #[default]
+    Diagonal,
+    /// The whole covariance, estimated. Samples must have all outputs or none.
+    Full,
+    /// Standard deviations that are known (q); those that are not are estimated.
+    Given(Vec<Option<f64>>),
+}
+
+/// Residual variance that counts as zero, relative to the square of the output's magnitude.
+const FLOOR: f64 = 1e-24;
+
+/// What does not change during an estimation.
+#[derive(Debug, Clone)]
+pub(super) struct Likelihood {
+    noise: Noise,
+    /// Root mean square of each measured output (q), never zero.
+    magnitude: Vec<f64>,
+    /// Compared cells of each output (q).
+    pub(super) counts: Vec<usize>,
+}
+
+/// Covariance and cost that belong to given residuals.
+#[derive(Debug, Clone)]
+pub(super) struct Weights {
+    /// Minus the logarithm of the likelihood, without the constant n/2 log 2 pi.
+    pub(super) cost: f64,
+    /// Changes of the cost below this are rounding.
+    pub(super) rounding: f64,
+    /// R, q by q.
+    pub(super) covariance: Vec<f64>,
+    /// W with W'W = R^-1, q by q; diagonal unless the noise is full.
+    pub(super) whitener: Vec<f64>,
+    /// Outputs whose variance is the floor (q).
+    pub(super) floored: Vec<bool>,
+}
+
+impl Likelihood {
+    /// Takes the measured cells, run by run (each N by q).
+    pub(super) fn new<'m>(noise: &Noise, q: usize, measured: impl Iterator<Item = &'m [f64]>) -> Self {
+        let (mut counts, mut squares) = (vec![0usize; q], vec![0.0; q]);
+        for (k, z) in measured.flat_map(|run| run.iter().enumerate()).filter(|(_, z)| !z.is_nan()) {
+            counts[k % q] += 1;
+            squares[k % q] += z * z;
+        }
+        let magnitude = |(s, n): (&f64, &usize)| (s / (*n).max(1) as f64).sqrt();
+        let magnitude: Vec<f64> = squares.iter().zip(&counts).map(magnitude).collect();
+        Self { noise: noise.clone(), magnitude: magnitude.iter().map(|m| nonzero(*m)).collect(), counts }
+    }
+
+    /// Whether outputs are weighted together.
+    pub(super) fn is_full(&self) -> bool {
+        self.noise == Noise::Full
+    }
+
+    /// Whether the variance of an output is estimated.
+    pub(super) fn estimates(&self, output: usize) -> bool {
+        !matches!(&self.noise, Noise::Given(given) if given[output].is_some())
+    }
+
+    /// Compared cells of all outputs.
+    pub(super) fn cells(&self) -> usize {
+        self.counts.iter().sum()
+    }
+
+    /// Size of the noise relative to the measured outputs, as one number.
+    pub(super) fn relative_noise(&self, weights: &Weights) -> f64 {
+        let q = self.counts.len();
+        let measured = || (0..q).filter(|o| self.counts[*o] > 0);
+        let sum: f64 = measured().map(|o| weights.covariance[o * q + o] / self.magnitude[o].powi(2)).sum();
+        (sum / measured().count().max(1) as f64).sqrt()
+    }
+
+    /// Weights from `moments` (q by q): sums of products of residuals, of which only `Full` reads more than the diagonal.
+    pub(super) fn weights(&self, moments: &[f64]) -> Weights {
+        let mut weights = if self.is_full() { self.full(moments) } else { self.diagonal(moments) };
+        weights.rounding += 4.0 * f64::EPSILON * weights.cost.abs();
+        weights
+    }
+
+    fn diagonal(&self, moments: &[f64]) -> Weights {
+        let q = self.counts.len();
+        let mut weights = Weights::blank(q);
+        for o in (0..q).filter(|o| self.counts[*o] > 0) {
+            let (n, sum, at) = (self.counts[o] as f64, moments[o * q + o], o * q + o);
+            let floor = FLOOR * self.magnitude[o].powi(2);
+            let known = if let Noise::Given(given) = &self.noise { given[o].map(|s| s * s) } else { None };
+            let variance = known.unwrap_or((sum / n).max(floor));
+            weights.floored[o] = known.is_none() && sum / n < floor;
+            weights.covariance[at] = variance;
+            weights.whitener[at] = 1.0 / variance.sqrt();
+            weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
+            // each residual carries a rounding error of about one unit in the last place of the output
+            weights.rounding += 4.0 * f64::EPSILON * n * (self.magnitude[o] / variance.sqrt() + 1.0);
+        }
+        weights
+    }
+
+    /// In outputs divided by their magnitudes: eigenvalues are floored one by one.
+    fn full(&self, moments: &[f64]) -> Weights {
+        let q = self.counts.len();
+        let mut weights = Weights::blank(q);
+        let n = self.counts[0] as f64;
+        let scaled = DMatrix::from_fn(q, q, |a, b| moments[a * q + b] / (n * self.magnitude[a] * self.magnitude[b]));
+        if scaled.iter().any(|v| !v.is_finite()) {
+            weights.cost = f64::NAN;
+            return weights;
+        }
+        let SymmetricEigen { eigenvalues, eigenvectors } = SymmetricEigen::new(scaled);
+        // an eigenvalue is known to rounding of the largest one only
+        let floor = FLOOR.max(1e-13 * eigenvalues.max());
+        for k in 0..q {
+            let value = eigenvalues[k].max(floor);
+            weights.cost += 0.5 * n * (eigenvalues[k].max(0.0) / value + value.ln()) + n * self.magnitude[k].ln();
+            weights.rounding += 4.0 * f64::EPSILON * n * (1.0 / value.sqrt() + 1.0);
+            for a in 0..q {
+                weights.floored[a] |= eigenvalues[k] < floor && eigenvectors[(a, k)].abs() > 0.1;
+                weights.whitener[k * q + a] = eigenvectors[(a, k)] / (self.magnitude[a] * value.sqrt());
+                for b in 0..q {
+                    let part = eigenvectors[(a, k)] * value * eigenvectors[(b, k)];
+                    weights.covariance[a * q + b] += part * self.magnitude[a] * self.magnitude[b];
+                }
+            }
+        }
+        weights
+    }
+
+    /// The covariance with as many degrees of freedom taken off as parameters were estimated: every output gives its
+    /// share, so that one factor N / (N - p) serves all (N compared cells, p unknowns). Known variances stay.
+    /// Without degrees of freedom left there is none.
+    pub(super) fn corrected(&self, weights: &Weights, unknowns: usize) -> Option<Weights> {
+        let q = self.counts.len();
+        let mut corrected = weights.clone();
+        if (0..q).all(|o| !self.estimates(o)) {
+            return Some(corrected);
+        }
+        let left = self.cells().checked_sub(unknowns).filter(|n| *n > 0)?;
+        let factor = self.cells() as f64 / left as f64;
+        for a in (0..q).filter(|a| self.estimates(*a)) {
+            for b in (0..q).filter(|b| self.estimates(*b)) {
+                corrected.covariance[a * q + b] *= factor;
+                corrected.whitener[a * q + b] /= factor.sqrt();
+            }
+        }
+        Some(corrected)
+    }
+}
+
+impl Weights {
+    fn blank(q: usize) -> Self {
+        let (covariance, whitener) = (vec![0.0; q * q], vec![0.0; q * q]);
+        Self { cost: 0.0, rounding: 0.0, covariance, whitener, floored: vec![false; q] }
+    }
+}
+
+fn nonzero(value: f64) -> f64 {
+    if value > 0.0 && value.is_finite() { value } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cost_is_the_concentrated_likelihood_and_continues_below_the_floor() {
+        let z = [1.0, 1.0, -1.0, -1.0];
+        let likelihood = Likelihood::new(&Noise::Diagonal, 1, [&z[..]].into_iter());
+        let cost = |sum: f64| likelihood.weights(&[sum]).cost;
+        assert!((cost(4.0 * 0.25) - (2.0 + 2.0 * 0.25f64.ln())).abs() < 1e-14);
+        assert!(cost(0.0).is_finite());
+        assert!(cost(0.0) < cost(1e-24) && cost(1e-24) < cost(8e-24), "monotonic through the floor");
+        assert!(likelihood.weights(&[0.0]).floored[0]);
+    }
+
+    #[test]
+    fn full_noise_of_uncorrelated_outputs_equals_diagonal_noise() {
+        let z = [3.0, 0.1, -3.0, 0.1];
+        let of = |noise: Noise| Likelihood::new(&noise, 2, [&z[..]].into_iter()).weights(&[0.5, 0.0, 0.0, 2e-4]);
+        let (full, diagonal) = (of(Noise::Full), of(Noise::Diagonal));
+        assert!((full.cost - diagonal.cost).abs() < 1e-12);
+        for (a, b) in full.covariance.iter().zip(&diagonal.covariance) {
+            assert!((a - b).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn known_deviations_stay_when_degrees_of_freedom_are_taken_off() {
+        let z = [1.0, 1.0, 2.0, 2.0];
+        let likelihood = Likelihood::new(&Noise::Given(vec![Some(0.5), None]), 2, [&z[..]].into_iter());
+        let weights = likelihood.weights(&[1.0, 0.0, 0.0, 1.0]);
+        let corrected = likelihood.corrected(&weights, 2).expect("degrees of freedom are left");
+        assert_eq!((corrected.covariance[0], corrected.covariance[3]), (0.25, 1.0));
+        assert!(likelihood.corrected(&weights, 4).is_none());
+    }
+}

@@ -1,0 +1,269 @@
+//! What is to be estimated from what: parameters, runs, options, and everything that can be wrong with them.
+
+use super::derived::DerivedQuantities;
+use super::noise::Noise;
+use crate::simulate::{Divergence, Simulator};
+use fdm_grammar::model::{Model, Param};
+use std::fmt;
+
+/// One run's model response and its exact sensitivities.
+///
+/// The same parameters must give the same bits, with and without sensitivities and in whatever order they are asked.
+pub trait Response: Send {
+    /// Number of samples N.
+    fn samples(&self) -> usize;
+
+    /// Number of outputs q.
+    fn outputs(&self) -> usize;
+
+    /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
+    ///
+    /// # Errors
+    /// [`Divergence`] when the simulation cannot reach the end of the run; `y` is then of no use.
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence>;
+
+    /// Outputs and their partials by `theta[columns[j]]`: `jacobian` has N q rows of `stride` numbers, where the stride
+    /// is `columns.len()` rounded up to a multiple of 8 and the lanes beyond the columns are zero.
+    ///
+    /// # Errors
+    /// As [`Response::simulate`].
+    fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence>;
+}
+
+impl Response for Simulator<'_> {
+    fn samples(&self) -> usize {
+        self.samples()
+    }
+
+    fn outputs(&self) -> usize {
+        self.outputs()
+    }
+
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        self.simulate(theta, y)
+    }
+
+    fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        self.sensitivities(theta, columns, y, jacobian)
+    }
+}
+
+/// One run of a problem.
+pub struct ProblemRun<'a> {
+    /// Name that tables show, unique among the runs.
+    pub name: String,
+    /// The model, driven by this run's inputs.
+    pub response: Box<dyn Response + 'a>,
+    /// Measured outputs, N by q row-major; NaN where nothing is to be compared.
+    pub measured: Vec<f64>,
+    /// Start values of all parameters (p); only the per-run ones are read. Empty: as the parameters say.
+    pub start: Vec<f64>,
+}
+
+/// Parameters and runs.
+pub struct Problem<'a> {
+    /// All parameters of the model, in its order.
+    pub params: Vec<Param>,
+    /// Names of the outputs (q).
+    pub outputs: Vec<String>,
+    /// The runs that are compared with the model, all at once.
+    pub runs: Vec<ProblemRun<'a>>,
+    /// Quantities that follow from the parameters.
+    pub derived: DerivedQuantities<'a>,
+}
+
+impl<'a> Problem<'a> {
+    /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
+    pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
+        let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
+        Self { params: model.params.clone(), outputs, runs, derived }
+    }
+
+    /// Everything that makes the problem impossible.
+    pub(super) fn mistakes(&self, options: &Options) -> Vec<ProblemError> {
+        let mut found = Vec::new();
+        if self.runs.is_empty() {
+            found.push(ProblemError::NoRuns);
+        }
+        self.option_mistakes(options, &mut found);
+        for (k, run) in self.runs.iter().enumerate() {
+            if self.runs[..k].iter().any(|r| r.name == run.name) {
+                found.push(ProblemError::RunTwice { run: run.name.clone() });
+            }
+            self.shape_mistakes(run, &mut found);
+            self.start_mistakes(run, &mut found);
+        }
+        if found.is_empty() {
+            self.data_mistakes(options, &mut found);
+        }
+        found.dedup();
+        found
+    }
+
+    fn option_mistakes(&self, options: &Options, found: &mut Vec<ProblemError>) {
+        if !(options.gain > 0.0 && options.gain <= 1.0) {
+            found.push(ProblemError::BadOption { option: "gain", value: options.gain, wanted: "above 0, at most 1" });
+        }
+        if !(options.tolerance > 0.0 && options.tolerance < 1.0) {
+            let (option, value) = ("tolerance", options.tolerance);
+            found.push(ProblemError::BadOption { option, value, wanted: "between 0 and 1" });
+        }
+        let Noise::Given(given) = &options.noise else { return };
+        if given.len() != self.outputs.len() {
+            found.push(ProblemError::NoiseCount { given: given.len(), outputs: self.outputs.len() });
+        }
+        for (output, value) in self.outputs.iter().zip(given) {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
+                found.push(ProblemError::BadNoise { output: output.clone(), value });
+            }
+        }
+    }
+
+    fn shape_mistakes(&self, run: &ProblemRun<'_>, found: &mut Vec<ProblemError>) {
+        let (n, q) = (run.response.samples(), self.outputs.len());
+        let name = || run.name.clone();
+        if run.response.outputs() != q {
+            found.push(ProblemError::Outputs { run: name(), found: run.response.outputs(), wanted: q });
+        }
+        if run.measured.len() != n * q {
+            found.push(ProblemError::Measured { run: name(), found: run.measured.len(), wanted: n * q });
+        }
+        if !run.start.is_empty() && run.start.len() != self.params.len() {
+            found.push(ProblemError::Start { run: name(), found: run.start.len(), wanted: self.params.len() });
+        }
+    }
+
+    fn start_mistakes(&self, run: &ProblemRun<'_>, found: &mut Vec<ProblemError>) {
+        for (k, p) in self.params.iter().enumerate() {
+            let own = run.start.get(k).filter(|_| p.per_run);
+            let (parameter, value) = (p.quantity.name.clone(), *own.unwrap_or(&p.value));
+            if !value.is_finite() {
+                found.push(ProblemError::NotFinite { parameter, run: own.map(|_| run.name.clone()) });
+            } else if !p.fixed && !(p.lower <= value && value <= p.upper) {
+                let (lower, upper) = (p.lower, p.upper);
+                found.push(ProblemError::OutsideBounds { parameter, value, lower, upper });
+            }
+        }
+    }
+
+    fn data_mistakes(&self, options: &Options, found: &mut Vec<ProblemError>) {
+        let q = self.outputs.len();
+        let mut compared = 0;
+        for run in &self.runs {
+            compared += run.measured.iter().filter(|z| !z.is_nan()).count();
+            let cell = |k: usize| (run.name.clone(), k / q, self.outputs[k % q].clone());
+            if let Some(k) = run.measured.iter().position(|z| z.is_infinite()) {
+                let (run, sample, output) = cell(k);
+                found.push(ProblemError::InfiniteData { run, sample, output });
+            }
+            if options.noise == Noise::Full {
+                let torn =
+                    run.measured.chunks(q).position(|r| r.iter().any(|z| z.is_nan()) && !r.iter().all(|z| z.is_nan()));
+                if let Some(sample) = torn {
+                    let gap = run.measured[sample * q..][..q].iter().position(|z| z.is_nan()).unwrap_or(0);
+                    let (run, sample, output) = cell(sample * q + gap);
+                    found.push(ProblemError::FullWithGaps { run, sample, output });
+                }
+            }
+        }
+        if compared == 0 && !self.runs.is_empty() {
+            found.push(ProblemError::NothingCompared);
+        }
+    }
+}
+
+/// How to estimate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// What is assumed about the measurement noise.
+    pub noise: Noise,
+    /// Most corrections before giving up.
+    pub iterations: usize,
+    /// Largest correction, relative to the parameter, at which the estimates count as converged.
+    pub tolerance: f64,
+    /// Factor on every correction; 1 is the full one.
+    pub gain: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0 }
+    }
+}
+
+/// A reason why a problem cannot be solved.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "the message below each variant says what its fields are")]
+pub enum ProblemError {
+    NoRuns,
+    RunTwice { run: String },
+    Outputs { run: String, found: usize, wanted: usize },
+    Measured { run: String, found: usize, wanted: usize },
+    Start { run: String, found: usize, wanted: usize },
+    NotFinite { parameter: String, run: Option<String> },
+    OutsideBounds { parameter: String, value: f64, lower: f64, upper: f64 },
+    InfiniteData { run: String, sample: usize, output: String },
+    FullWithGaps { run: String, sample: usize, output: String },
+    NothingCompared,
+    NoiseCount { given: usize, outputs: usize },
+    BadNoise { output: String, value: f64 },
+    BadOption { option: &'static str, value: f64, wanted: &'static str },
+}
+
+impl fmt::Display for ProblemError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoRuns => write!(f, "there is no run to compare the model with"),
+            Self::RunTwice { run } => write!(f, "two runs are called `{run}`; tables could not tell them apart"),
+            Self::Outputs { run, found, wanted } => {
+                write!(f, "the response of run `{run}` has {found} outputs, the model {wanted}")
+            }
+            Self::Measured { run, found, wanted } => {
+                write!(f, "run `{run}` has {found} measured cells, its samples and outputs make {wanted}")
+            }
+            Self::Start { run, found, wanted } => {
+                write!(f, "run `{run}` has start values for {found} parameters, the model has {wanted}")
+            }
+            Self::NotFinite { parameter, run: None } => {
+                write!(f, "the start value of `{parameter}` is not a finite number")
+            }
+            Self::NotFinite { parameter, run: Some(run) } => {
+                write!(f, "the start value of `{parameter}` in run `{run}` is not a finite number")
+            }
+            Self::OutsideBounds { parameter, value, lower, upper } => {
+                write!(f, "`{parameter}` starts at {value}, outside its bounds [{lower}, {upper}]")
+            }
+            Self::InfiniteData { run, sample, output } => {
+                write!(f, "run `{run}`, sample {}: the measured `{output}` is infinite", sample + 1)
+            }
+            Self::FullWithGaps { run, sample, output } => write!(
+                f,
+                "run `{run}`, sample {}: `{output}` is missing while other outputs are there; a full noise covariance \
+                 needs all outputs of a sample or none, diagonal noise does not",
+                sample + 1
+            ),
+            Self::NothingCompared => write!(f, "no measured value is left to compare with the model"),
+            Self::NoiseCount { given, outputs } => {
+                write!(f, "noise is given for {given} outputs, the model has {outputs}")
+            }
+            Self::BadNoise { output, value } => {
+                write!(f, "the noise of `{output}` is {value}; a standard deviation must be above 0")
+            }
+            Self::BadOption { option, value, wanted } => write!(f, "{option} is {value}, but must be {wanted}"),
+        }
+    }
+}
+
+impl std::error::Error for ProblemError {}

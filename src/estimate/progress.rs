@@ -1,0 +1,39 @@
+//! What can be seen of an estimation while it works.
+
+use serde::Serialize;
+use std::ops::ControlFlow;
+
+/// The state after one correction.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Iteration {
+    /// Number of the correction; 0 is the start.
+    pub number: usize,
+    /// Minus the logarithm of the likelihood, without its constant.
+    pub cost: f64,
+    /// What this correction changed of the cost; 0 at the start.
+    pub change: f64,
+    /// Damping of the correction, relative to the scaled information matrix; 0 is a full Gauss-Newton step.
+    pub damping: f64,
+    /// Largest part of the correction, in standard errors; 0 at the start.
+    pub step: f64,
+    /// Corrections that were tried and refused on the way.
+    pub refused: usize,
+}
+
+/// Watches an estimation; `()` looks away.
+pub trait Observer {
+    /// Called at the start and after every accepted correction; [`ControlFlow::Break`] ends the estimation there.
+    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()>;
+}
+
+impl Observer for () {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+}
+
+impl<F: FnMut(&Iteration) -> ControlFlow<()>> Observer for F {
+    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
+        self(iteration)
+    }
+}

@@ -1,0 +1,307 @@
+//! The cost near one point as a quadratic of the correction, in parameters scaled to unit columns of the Jacobian.
+
+use super::information::Sums;
+use super::noise::Weights;
+use super::triangle;
+use super::unknowns::Unknowns;
+use nalgebra::DMatrix;
+
+/// Singular values below this share of the largest count as zero: what they belong to is not determined.
+pub(super) const RANK: f64 = 1e-9;
+
+/// Minus `rhs's + s'hessian s / 2` is the change of the cost that a scaled correction s promises.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Quadratic {
+    /// Number of unknowns P.
+    size: usize,
+    /// Norm of each whitened column of the Jacobian; 0 for an unknown without influence here.
+    pub(super) scale: Vec<f64>,
+    /// J'J of scaled, whitened columns, P by P.
+    hessian: Vec<f64>,
+    /// J'v of the same.
+    pub(super) rhs: Vec<f64>,
+    /// The triangle of [J v] with scaled columns, (P + 1) by `width`; empty when only products are known.
+    triangle: Vec<f64>,
+    width: usize,
+}
+
+/// The inverse of the scaled information matrix on chosen unknowns.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Inverse {
+    /// The chosen unknowns.
+    pub(super) chosen: Vec<usize>,
+    /// The (pseudo-)inverse, chosen by chosen.
+    pub(super) values: Vec<f64>,
+    /// Condition number of the scaled Jacobian (an estimate when it comes from products).
+    pub(super) condition: f64,
+    /// Orthonormal basis of what is not determined, as combinations of the chosen unknowns.
+    pub(super) null: Vec<Vec<f64>>,
+}
+
+impl Quadratic {
+    /// Gathers the sums of all runs, in their order, under the given weights.
+    pub(super) fn gather<'s>(
+        &mut self,
+        unknowns: &Unknowns,
+        runs: impl Iterator<Item = &'s Sums>,
+        weights: &Weights,
+        full: bool,
+    ) {
+        self.size = unknowns.len();
+        self.width = self.size + 1;
+        let q = weights.floored.len();
+        let factor = |group: usize| if full { 1.0 } else { weights.whitener[group * q + group] };
+        let groups = if full { 1 } else { q };
+        self.hessian.clear();
+        self.hessian.resize(self.size * self.size, 0.0);
+        self.rhs.clear();
+        self.rhs.resize(self.size, 0.0);
+        self.triangle.clear();
+        let (mut rows, mut work) = (Vec::new(), Vec::new());
+        for (run, sums) in runs.enumerate() {
+            for group in 0..groups {
+                let (values, factor) = (sums.group(group), factor(group));
+                if sums.precise {
+                    self.triangle.resize((self.size + 1) * self.width, 0.0);
+                    self.spread(unknowns, run, sums, values, factor, &mut rows);
+                    triangle::reduce(&mut self.triangle, self.size + 1, &mut rows, self.width, &mut work);
+                } else {
+                    self.add_products(unknowns, run, sums, values, factor * factor);
+                }
+            }
+        }
+        if !self.triangle.is_empty() {
+            self.multiply_triangle();
+        }
+        self.rescale();
+    }
+
+    /// Adds one group of products; with rising columns the unknowns rise too, so the upper triangle stays one.
+    fn add_products(&mut self, unknowns: &Unknowns, run: usize, sums: &Sums, values: &[f64], weight: f64) {
+        for i in 0..sums.columns {
+            let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
+            for (j, value) in row[..sums.columns].iter().enumerate().skip(i) {
+                self.hessian[at * self.size + unknowns.position(run, j)] += weight * value;
+            }
+            self.rhs[at] += weight * row[sums.columns];
+        }
+    }
+
+    /// The rows of one run's triangle in the columns of all unknowns.
+    fn spread(&self, unknowns: &Unknowns, run: usize, sums: &Sums, values: &[f64], factor: f64, rows: &mut Vec<f64>) {
+        rows.clear();
+        rows.resize((sums.columns + 1) * self.width, 0.0);
+        for i in 0..=sums.columns {
+            for j in i..=sums.columns {
+                let at = if j < sums.columns { unknowns.position(run, j) } else { self.size };
+                rows[i * self.width + at] = factor * values[i * sums.width + j];
+            }
+        }
+    }
+
+    fn multiply_triangle(&mut self) {
+        for k in 0..self.size {
+            let row = &self.triangle[k * self.width..(k + 1) * self.width];
+            for i in k..self.size {
+                for j in i..self.size {
+                    self.hessian[i * self.size + j] += row[i] * row[j];
+                }
+                self.rhs[i] += row[i] * row[self.size];
+            }
+        }
+    }
+
+    /// Divides by the norms of the columns and completes the lower triangle.
+    fn rescale(&mut self) {
+        let n = self.size;
+        self.scale.clear();
+        self.scale.extend((0..n).map(|j| self.hessian[j * n + j].max(0.0).sqrt()));
+        let inverse = |s: f64| if s > 0.0 { 1.0 / s } else { 0.0 };
+        for i in 0..n {
+            let row = inverse(self.scale[i]);
+            self.rhs[i] *= row;
+            for j in i..n {
+                let value = self.hessian[i * n + j] * row * inverse(self.scale[j]);
+                self.hessian[i * n + j] = value;
+                self.hessian[j * n + i] = value;
+            }
+        }
+        for row in self.triangle.chunks_mut(self.width) {
+            row.iter_mut().zip(&self.scale).for_each(|(v, s)| *v *= inverse(*s));
+        }
+    }
+
+    /// Whether all numbers are finite.
+    pub(super) fn is_finite(&self) -> bool {
+        self.hessian.iter().chain(&self.rhs).chain(&self.scale).all(|v| v.is_finite())
+    }
+
+    /// How much the cost falls by a scaled correction, if the model were quadratic.
+    pub(super) fn reduction(&self, step: &[f64]) -> f64 {
+        let moved = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
+        if self.triangle.is_empty() {
+            let rows = self.hessian.chunks(self.size.max(1)).zip(&self.rhs).zip(step);
+            return rows.map(|((row, r), s)| s * (r - 0.5 * moved(row))).sum();
+        }
+        let rows = self.triangle.chunks(self.width).take(self.size);
+        rows.map(|row| (moved(row), row[self.size])).map(|(m, t)| m * (t - 0.5 * m)).sum()
+    }
+
+    /// (H + damping)^-1 `rhs` on the chosen unknowns, both scaled; the others stay 0. None when H is too coarse.
+    pub(super) fn apply_inverse(&self, chosen: &[usize], damping: f64, rhs: &[f64]) -> Option<Vec<f64>> {
+        let (mut factor, n) = (self.products(chosen), chosen.len());
+        (0..n).for_each(|k| factor[k * n + k] += damping);
+        let mut solution: Vec<f64> = chosen.iter().map(|j| rhs[*j]).collect();
+        cholesky(&mut factor, n)?;
+        forward(&factor, n, &mut solution);
+        backward(&factor, n, &mut solution);
+        let mut all = vec![0.0; self.size];
+        chosen.iter().zip(&solution).for_each(|(j, s)| all[*j] = *s);
+        Some(all)
+    }
+
+    /// Solves for the chosen unknowns while the others keep their part of `step`; unknowns that are not determined
+    /// move as little as they can. False when products alone do not suffice.
+    pub(super) fn solve(&self, chosen: &[usize], damping: f64, step: &mut [f64]) -> bool {
+        for j in chosen {
+            step[*j] = 0.0;
+        }
+        let solution = if self.triangle.is_empty() {
+            self.solve_products(chosen, damping, step)
+        } else {
+            Some(self.solve_triangle(chosen, damping, step))
+        };
+        let Some(solution) = solution else { return false };
+        for (j, s) in chosen.iter().zip(&solution) {
+            step[*j] = *s;
+        }
+        true
+    }
+
+    fn solve_products(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Option<Vec<f64>> {
+        let mut factor = self.products(chosen);
+        let n = chosen.len();
+        (0..n).for_each(|k| factor[k * n + k] += damping);
+        let taken = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
+        let rest = |j: &usize| self.rhs[*j] - taken(&self.hessian[j * self.size..(j + 1) * self.size]);
+        let mut solution: Vec<f64> = chosen.iter().map(rest).collect();
+        cholesky(&mut factor, n)?;
+        forward(&factor, n, &mut solution);
+        backward(&factor, n, &mut solution);
+        Some(solution)
+    }
+
+    fn solve_triangle(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Vec<f64> {
+        let row = |i: usize| &self.triangle[i * self.width..(i + 1) * self.width];
+        let taken = |i: usize| row(i).iter().zip(step).map(|(t, s)| t * s).sum::<f64>();
+        let rest: Vec<f64> = (0..self.size).map(|i| row(i)[self.size] - taken(i)).collect();
+        let (u, values, v) = self.decompose(chosen);
+        let mut solution = vec![0.0; chosen.len()];
+        let least = RANK * values.first().copied().unwrap_or(0.0);
+        for (k, s) in values.iter().enumerate().filter(|(_, s)| **s > least) {
+            let along: f64 = (0..self.size).map(|i| u[(i, k)] * rest[i]).sum();
+            let length = along * s / (s * s + damping);
+            solution.iter_mut().enumerate().for_each(|(j, x)| *x += length * v[(k, j)]);
+        }
+        solution
+    }
+
+    /// U, singular values (falling) and V' of the chosen columns of the triangle.
+    fn decompose(&self, chosen: &[usize]) -> (DMatrix<f64>, Vec<f64>, DMatrix<f64>) {
+        let columns = DMatrix::from_fn(self.size, chosen.len(), |i, j| self.triangle[i * self.width + chosen[j]]);
+        let svd = columns.svd(true, true);
+        let blank = || DMatrix::zeros(0, 0);
+        (svd.u.unwrap_or_else(blank), svd.singular_values.iter().copied().collect(), svd.v_t.unwrap_or_else(blank))
+    }
+
+    fn products(&self, chosen: &[usize]) -> Vec<f64> {
+        chosen.iter().flat_map(|i| chosen.iter().map(move |j| self.hessian[i * self.size + j])).collect()
+    }
+
+    /// The inverse of the information on the chosen unknowns; none when products do not suffice for it.
+    pub(super) fn invert(&self, chosen: &[usize]) -> Option<Inverse> {
+        let n = chosen.len();
+        let chosen = chosen.to_vec();
+        if n == 0 {
+            return Some(Inverse { condition: 1.0, ..Inverse::default() });
+        }
+        if self.triangle.is_empty() {
+            let matrix = self.products(&chosen);
+            let values = inverse_of(&matrix, n)?;
+            let condition = (norm(&matrix, n) * norm(&values, n)).sqrt();
+            return Some(Inverse { chosen, values, condition, null: Vec::new() });
+        }
+        let (_, singular, v) = self.decompose(&chosen);
+        let largest = singular.first().copied().unwrap_or(0.0);
+        let mut inverse = Inverse { chosen, values: vec![0.0; n * n], condition: 0.0, null: Vec::new() };
+        for (k, s) in singular.iter().enumerate() {
+            let direction: Vec<f64> = v.row(k).iter().copied().collect();
+            inverse.condition = largest / s;
+            if *s <= RANK * largest {
+                inverse.null.push(direction);
+                continue;
+            }
+            for (row, a) in inverse.values.chunks_mut(n).zip(&direction) {
+                row.iter_mut().zip(&direction).for_each(|(x, b)| *x += a * b / (s * s));
+            }
+        }
+        Some(inverse)
+    }
+}
+
+/// Replaces the lower triangle of a symmetric matrix by its Cholesky factor; none when it is not positive definite.
+fn cholesky(a: &mut [f64], n: usize) -> Option<()> {
+    for j in 0..n {
+        for i in j..n {
+            let (head, tail) = a.split_at(i * n);
+            let above = if i == j { &tail[..j] } else { &head[j * n..j * n + j] };
+            let sum: f64 = tail[..j].iter().zip(above).map(|(x, y)| x * y).sum();
+            let rest = a[i * n + j] - sum;
+            if i > j {
+                a[i * n + j] = rest / a[j * n + j];
+            } else if rest > 0.0 {
+                a[j * n + j] = rest.sqrt();
+            } else {
+                return None;
+            }
+        }
+    }
+    Some(())
+}
+
+fn forward(factor: &[f64], n: usize, x: &mut [f64]) {
+    for i in 0..n {
+        let sum: f64 = factor[i * n..i * n + i].iter().zip(&*x).map(|(l, x)| l * x).sum();
+        x[i] = (x[i] - sum) / factor[i * n + i];
+    }
+}
+
+fn backward(factor: &[f64], n: usize, x: &mut [f64]) {
+    for i in (0..n).rev() {
+        let sum: f64 = (i + 1..n).map(|k| factor[k * n + i] * x[k]).sum();
+        x[i] = (x[i] - sum) / factor[i * n + i];
+    }
+}
+
+fn inverse_of(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
+    let mut factor = matrix.to_vec();
+    cholesky(&mut factor, n)?;
+    let mut inverse = vec![0.0; n * n];
+    for (j, column) in inverse.chunks_mut(n).enumerate() {
+        column[j] = 1.0;
+        forward(&factor, n, column);
+        backward(&factor, n, column);
+    }
+    for i in 0..n {
+        for j in 0..i {
+            let mean = 0.5 * (inverse[i * n + j] + inverse[j * n + i]);
+            (inverse[i * n + j], inverse[j * n + i]) = (mean, mean);
+        }
+    }
+    Some(inverse)
+}
+
+/// Largest sum of magnitudes of a row.
+fn norm(matrix: &[f64], n: usize) -> f64 {
+    matrix.chunks(n).map(|row| row.iter().map(|v| v.abs()).sum()).fold(0.0, f64::max)
+}

@@ -1,0 +1,99 @@
+//! The road from a problem to its estimate.
+
+use super::correction::Correction;
+use super::estimate::{Estimate, RunFit, Symmetric};
+use super::evaluation::{Evaluator, Failure, RunFailure};
+use super::noise::Likelihood;
+use super::output_fit::OutputFit;
+use super::problem::{Options, Problem, ProblemError};
+use super::progress::Observer;
+use super::statistics::Statistics;
+use super::termination::Termination;
+use super::unknowns::Unknowns;
+
+/// Estimates the free parameters of a problem by maximum likelihood (output error).
+///
+/// The same problem gives the same bits for every number of threads. The start vector is that of the parameters and runs;
+/// the problem is not changed and can be solved again with other options.
+///
+/// # Errors
+/// Everything that makes the problem impossible, at once. A start that cannot be simulated is not an error but a
+/// [`Termination`], with what is known by then.
+pub fn estimate(
+    problem: &mut Problem<'_>,
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> Result<Estimate, Vec<ProblemError>> {
+    let mistakes = problem.mistakes(options);
+    if !mistakes.is_empty() {
+        return Err(mistakes);
+    }
+    let unknowns = Unknowns::new(problem);
+    let q = problem.outputs.len();
+    let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]));
+    let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
+    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, options);
+    let end = correction.run(observer);
+    let conclusion = if end.is_ok() { correction.conclude() } else { None };
+    let Correction { evaluator, values, weights, history, .. } = correction;
+    let evaluations = (evaluator.evaluations, evaluator.simulations);
+    let responses = evaluator.into_responses();
+
+    let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref());
+    let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);
+    parameters.extend(statistics.derived(problem, &unknowns, &values));
+    let (covariance, correlations) = statistics.matrices(&members);
+    let cost = end.is_ok().then_some(weights.cost);
+    let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
+    let noise_of = |w: &super::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
+    let noise = match &conclusion {
+        Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
+        None => end.is_ok().then(|| noise_of(&weights)),
+    };
+    let exact = problem.outputs.iter().zip(&weights.floored).filter(|(_, floored)| **floored && end.is_ok());
+    Ok(Estimate {
+        parameters,
+        outputs,
+        cost,
+        iterations: history.len().saturating_sub(1),
+        evaluations,
+        history,
+        covered,
+        covariance,
+        correlations,
+        noise,
+        noise_free: exact.map(|(name, _)| name.clone()).collect(),
+        undetermined: statistics.directions,
+        condition: conclusion.map(|c| c.inverse.condition),
+        runs,
+        termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
+    })
+}
+
+/// Compares the final responses with the measurement.
+fn matches(problem: &Problem<'_>, responses: Vec<Vec<f64>>) -> (Vec<OutputFit>, Vec<RunFit>) {
+    let q = problem.outputs.len();
+    let (mut outputs, mut runs) = (Vec::new(), Vec::new());
+    for (run, response) in problem.runs.iter().zip(responses) {
+        for (o, name) in problem.outputs.iter().enumerate() {
+            outputs.push(OutputFit::new(name, &run.name, &run.measured, &response, o, q));
+        }
+        let residuals = run.measured.iter().zip(&response).map(|(z, y)| z - y).collect();
+        runs.push(RunFit { run: run.name.clone(), response, residuals });
+    }
+    (outputs, runs)
+}
+
+/// Why the start values could not be compared.
+fn stopped(problem: &Problem<'_>, failure: RunFailure) -> Termination {
+    let run = problem.runs[failure.run].name.clone();
+    match failure.failure {
+        Failure::Diverged(d) => Termination::Diverged { run, time: d.time, state: d.state, sample: d.sample },
+        Failure::NotFinite { output, sample, param } => Termination::NotFinite {
+            run,
+            output: problem.outputs[output].clone(),
+            sample,
+            parameter: param.map(|k| problem.params[k].quantity.name.clone()),
+        },
+    }
+}

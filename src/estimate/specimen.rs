@@ -1,0 +1,114 @@
+//! Models in closed form for tests, and reproducible noise.
+
+use super::derived::DerivedQuantities;
+use super::problem::{Problem, ProblemRun, Response};
+use crate::simulate::Divergence;
+use fdm_grammar::model::{Origin, Param, Quantity};
+
+/// A free, unbounded, shared parameter.
+pub(super) fn param(name: &str, value: f64) -> Param {
+    let quantity = Quantity { name: name.into(), doc: String::new(), unit: None };
+    let (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
+    Param { quantity, origin: Origin::Declared, value, lower, upper, fixed: false, per_run: false }
+}
+
+/// Outputs (q) and their partials (q by p) at a sample.
+pub(super) type Sample = fn(x: f64, theta: &[f64], y: &mut [f64], partials: &mut [f64]);
+
+/// A response in closed form; it diverges when an output is not finite.
+pub(super) struct Closed {
+    pub(super) x: Vec<f64>,
+    pub(super) q: usize,
+    pub(super) sample: Sample,
+}
+
+impl Response for Closed {
+    fn samples(&self) -> usize {
+        self.x.len()
+    }
+
+    fn outputs(&self) -> usize {
+        self.q
+    }
+
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        let mut partials = vec![0.0; self.q * theta.len()];
+        for (k, x) in self.x.iter().enumerate() {
+            let y = &mut y[k * self.q..(k + 1) * self.q];
+            (self.sample)(*x, theta, y, &mut partials);
+            if y.iter().any(|v| v.is_infinite()) {
+                return Err(Divergence { time: *x, state: Some(0), sample: k });
+            }
+        }
+        Ok(())
+    }
+
+    fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        self.simulate(theta, y)?;
+        let (p, stride) = (theta.len(), columns.len().next_multiple_of(8));
+        let (mut partials, mut unused) = (vec![0.0; self.q * p], vec![0.0; self.q]);
+        jacobian.fill(0.0);
+        for (k, x) in self.x.iter().enumerate() {
+            (self.sample)(*x, theta, &mut unused, &mut partials);
+            for o in 0..self.q {
+                for (c, column) in columns.iter().enumerate() {
+                    jacobian[(k * self.q + o) * stride + c] = partials[o * p + column];
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A run whose measurement is the model at `truth` plus noise (by sample and output).
+pub(super) fn run(
+    name: &str,
+    x: Vec<f64>,
+    q: usize,
+    sample: Sample,
+    truth: &[f64],
+    mut noise: impl FnMut(usize, usize) -> f64,
+) -> ProblemRun<'static> {
+    let mut response = Closed { x, q, sample };
+    let mut measured = vec![0.0; response.samples() * q];
+    let _ = response.simulate(truth, &mut measured);
+    measured.iter_mut().enumerate().for_each(|(k, z)| *z += noise(k / q, k % q));
+    ProblemRun { name: name.into(), response: Box::new(response), measured, start: Vec::new() }
+}
+
+/// A problem with outputs `y0`, `y1`, ...
+pub(super) fn problem(params: Vec<Param>, runs: Vec<ProblemRun<'static>>) -> Problem<'static> {
+    let q = runs.first().map_or(1, |r| r.response.outputs());
+    let outputs = (0..q).map(|o| format!("y{o}")).collect();
+    Problem { params, outputs, runs, derived: DerivedQuantities::none() }
+}
+
+/// `count` abscissae from 0 to `end`.
+pub(super) fn grid(count: usize, end: f64) -> Vec<f64> {
+    (0..count).map(|k| end * k as f64 / (count - 1) as f64).collect()
+}
+
+/// Normal deviates from the counter-based generator splitmix64.
+pub(super) struct Normal(pub(super) u64);
+
+impl Normal {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 * 2f64.powi(-53)
+    }
+
+    /// The next deviate, of standard deviation 1.
+    pub(super) fn next(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (2.0 * std::f64::consts::PI * self.uniform()).cos()
+    }
+}

@@ -1,0 +1,202 @@
+//! From the final information to standard errors, statuses, correlations and the tables of the result.
+
+use super::correction::Conclusion;
+use super::direction::{Direction, undetermined};
+use super::estimate::{ParameterEstimate, Status, Symmetric};
+use super::problem::Problem;
+use super::unknowns::Unknowns;
+
+/// What is known about the unknowns after an estimation.
+pub(super) struct Statistics {
+    /// Status of each unknown.
+    status: Vec<Status>,
+    /// Covariance of all chosen unknowns in the parameters' units, row-major; empty without degrees of freedom.
+    covariance: Vec<f64>,
+    /// Position of an unknown in `covariance`.
+    place: Vec<Option<usize>>,
+    /// Undetermined directions over the chosen unknowns, per parameter unit.
+    null: Vec<Vec<f64>>,
+    /// The same in words.
+    pub(super) directions: Vec<Direction>,
+}
+
+impl Statistics {
+    /// Statistics of an estimation at `values`; without a conclusion nothing was estimated.
+    pub(super) fn new(
+        problem: &Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+        conclusion: Option<&Conclusion>,
+    ) -> Self {
+        let Some(conclusion) = conclusion else {
+            let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
+            return Self { status, covariance: Vec::new(), place, null: Vec::new(), directions: Vec::new() };
+        };
+        let inverse = &conclusion.inverse;
+        let (determined, directions) = undetermined(conclusion, |j| name_of(problem, unknowns, j));
+        let mut status: Vec<Status> = (0..values.len())
+            .map(|j| match () {
+                () if values[j] <= unknowns.lower[j] => Status::AtLowerBound,
+                () if values[j] >= unknowns.upper[j] => Status::AtUpperBound,
+                () => Status::NotDetermined,
+            })
+            .collect();
+        let mut place = vec![None; values.len()];
+        for (k, j) in inverse.chosen.iter().enumerate() {
+            place[*j] = Some(k);
+            if determined[k] {
+                status[*j] = Status::Estimated;
+            }
+        }
+        let scale: Vec<f64> = inverse.chosen.iter().map(|j| conclusion.scale[*j]).collect();
+        let entries = || scale.iter().flat_map(|a| scale.iter().map(move |b| a * b));
+        let mut covariance: Vec<f64> = inverse.values.iter().zip(entries()).map(|(v, s)| v / s).collect();
+        if conclusion.noise.is_none() {
+            covariance.clear();
+        }
+        let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
+        Self { status, covariance, place, null, directions }
+    }
+
+    fn entry(&self, i: usize, j: usize) -> Option<f64> {
+        let n = self.covariance.len().isqrt();
+        self.covariance.get(self.place[i]? * n + self.place[j]?).copied()
+    }
+
+    /// Standard error of an unknown that is determined.
+    fn standard_error(&self, unknown: usize) -> Option<f64> {
+        (self.status[unknown] == Status::Estimated).then(|| self.entry(unknown, unknown)).flatten().map(f64::sqrt)
+    }
+
+    /// Standard error of a quantity with the given gradient (unknown, partial); none when it moves along an
+    /// undetermined direction, when an unknown without influence moves it, or when nothing estimated does.
+    fn delta(&self, gradient: &[(usize, f64)]) -> Option<f64> {
+        /// Share of a move that the differences behind the gradient may leave over.
+        const REST: f64 = 1e-6;
+        if gradient.iter().any(|(_, g)| !g.is_finite()) {
+            return None;
+        }
+        let lost = |j: &usize| self.status[*j] == Status::NotDetermined && self.place[*j].is_none();
+        if gradient.iter().any(|(j, g)| *g != 0.0 && lost(j)) {
+            return None;
+        }
+        for v in &self.null {
+            let parts = || gradient.iter().filter_map(|(j, g)| Some(g * v[self.place[*j]?]));
+            let (sum, sizes) = (parts().sum::<f64>(), parts().map(f64::abs).sum::<f64>());
+            if sum.abs() > REST * sizes {
+                return None;
+            }
+        }
+        let inner =
+            |(i, a): &(usize, f64)| gradient.iter().filter_map(|(j, b)| Some(a * b * self.entry(*i, *j)?)).sum::<f64>();
+        let variance: f64 = gradient.iter().map(inner).sum();
+        (variance > 0.0).then(|| variance.sqrt())
+    }
+
+    /// Every parameter, per-run ones once for every run, and the entries that the covariance covers.
+    pub(super) fn parameters(
+        &self,
+        problem: &Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+    ) -> (Vec<ParameterEstimate>, Vec<usize>, Vec<usize>) {
+        let (mut table, mut covered, mut members) = (Vec::new(), Vec::new(), Vec::new());
+        for (k, param) in problem.params.iter().enumerate() {
+            let copies = if param.per_run { problem.runs.len() } else { 1 };
+            for run in 0..copies {
+                let unknown = unknowns.of(run, k);
+                let status = unknown.map_or(Status::Fixed, |j| self.status[j]);
+                let standard_error = unknown.and_then(|j| self.standard_error(j));
+                if let (Some(j), Some(_)) = (unknown, standard_error) {
+                    covered.push(table.len());
+                    members.push(j);
+                }
+                let start = unknowns.theta[run][k];
+                let bound = |value: f64| value.is_finite().then_some(value);
+                table.push(ParameterEstimate {
+                    name: param.quantity.name.clone(),
+                    run: param.per_run.then(|| problem.runs[run].name.clone()),
+                    value: unknown.map_or(start, |j| values[j]),
+                    standard_error,
+                    unit: param.quantity.unit.as_ref().map(ToString::to_string),
+                    status,
+                    start: Some(start),
+                    lower: bound(param.lower),
+                    upper: bound(param.upper),
+                });
+            }
+        }
+        (table, covered, members)
+    }
+
+    /// Derived quantities, per-run ones once for every run.
+    pub(super) fn derived(
+        &self,
+        problem: &mut Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+    ) -> Vec<ParameterEstimate> {
+        let mut table = Vec::new();
+        let names = problem.derived.names.clone();
+        let rows: Vec<_> = (0..unknowns.runs).map(|run| self.derived_in(problem, unknowns, values, run)).collect();
+        for (i, derived) in names.iter().enumerate() {
+            let copies = if derived.per_run { problem.runs.len() } else { 1 };
+            for (run, row) in rows.iter().enumerate().take(copies) {
+                let (value, standard_error) = row[i];
+                table.push(ParameterEstimate {
+                    name: derived.name.clone(),
+                    run: derived.per_run.then(|| problem.runs[run].name.clone()),
+                    value,
+                    standard_error,
+                    unit: derived.unit.clone(),
+                    status: Status::Derived,
+                    start: None,
+                    lower: None,
+                    upper: None,
+                });
+            }
+        }
+        table
+    }
+
+    /// Values and standard errors of the derived quantities in one run.
+    fn derived_in(
+        &self,
+        problem: &mut Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+        run: usize,
+    ) -> Vec<(f64, Option<f64>)> {
+        let mut theta = unknowns.theta[run].clone();
+        unknowns.assemble(run, values, &mut theta);
+        let places: Vec<usize> = (0..unknowns.columns.len()).map(|c| unknowns.position(run, c)).collect();
+        let size: Vec<f64> = places.iter().map(|j| self.standard_error(*j).unwrap_or(0.0)).collect();
+        let (derived, gradients) = problem.derived.linearise(&theta, &unknowns.columns, &size);
+        let error = |row: &Vec<f64>| {
+            let gradient: Vec<(usize, f64)> = places.iter().copied().zip(row.iter().copied()).collect();
+            self.delta(&gradient)
+        };
+        derived.into_iter().zip(gradients.iter().map(error)).collect()
+    }
+
+    /// Covariance and correlations of the given unknowns.
+    pub(super) fn matrices(&self, members: &[usize]) -> (Symmetric, Symmetric) {
+        let size = members.len();
+        let entry = |i: usize, j: usize| self.entry(i, j).unwrap_or(f64::NAN);
+        let pairs = || members.iter().flat_map(|i| members.iter().map(move |j| (*i, *j)));
+        let covariance = pairs().map(|(i, j)| entry(i, j)).collect();
+        let correlation = |(i, j): (usize, usize)| match i == j {
+            true => 1.0,
+            false => (entry(i, j) / (entry(i, i) * entry(j, j)).sqrt()).clamp(-1.0, 1.0),
+        };
+        let correlations = pairs().map(correlation).collect();
+        (Symmetric { size, values: covariance }, Symmetric { size, values: correlations })
+    }
+}
+
+/// What an unknown is called: its parameter, and its run when it has one.
+fn name_of(problem: &Problem<'_>, unknowns: &Unknowns, unknown: usize) -> String {
+    let (run, param) = unknowns.owner(unknown);
+    let name = &problem.params[param].quantity.name;
+    run.map_or_else(|| name.clone(), |r| format!("{name} of run {}", problem.runs[r].name))
+}

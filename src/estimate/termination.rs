@@ -1,0 +1,97 @@
+//! How an estimation ended.
+
+use serde::Serialize;
+use std::fmt;
+
+/// Why no further correction was needed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reason {
+    /// The last correction is below the tolerance.
+    SmallCorrection,
+    /// What a correction could still gain is lost in the rounding of the cost.
+    Rounding,
+    /// No correction lowers the cost, and the slope is a negligible part of a standard error.
+    Stationary,
+    /// Every unknown stands at a bound with the cost falling beyond it, or has no influence.
+    AllHeld,
+    /// No parameter is free.
+    NothingToEstimate,
+}
+
+/// How an estimation ended.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Termination {
+    /// At a minimum of the cost.
+    Converged(Reason),
+    /// All iterations were used.
+    IterationLimit,
+    /// No correction lowers the cost, though the slope says that one should: a kink in the model, or partials that do
+    /// not fit it.
+    NoProgress,
+    /// The simulation at the start values diverged; nothing was estimated.
+    Diverged {
+        /// The run.
+        run: String,
+        /// Time since the run began, in the model's time unit.
+        time: f64,
+        /// Index of the state, when it can be told.
+        state: Option<usize>,
+        /// The sample (from 0) that was not reached.
+        sample: usize,
+    },
+    /// An output at the start values, or its partial by a parameter, is not finite; nothing was estimated.
+    NotFinite {
+        /// The run.
+        run: String,
+        /// The output.
+        output: String,
+        /// The sample, from 0.
+        sample: usize,
+        /// The parameter, when the output itself is finite.
+        parameter: Option<String>,
+    },
+    /// The observer asked for the end.
+    Interrupted,
+}
+
+impl Termination {
+    /// Whether the estimates are at a minimum.
+    pub fn is_good(&self) -> bool {
+        matches!(self, Self::Converged(_))
+    }
+}
+
+impl fmt::Display for Termination {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Converged(Reason::SmallCorrection) => write!(f, "converged"),
+            Self::Converged(Reason::Rounding) => write!(f, "converged to rounding"),
+            Self::Converged(Reason::Stationary) => write!(f, "converged: no correction lowers the cost any more"),
+            Self::Converged(Reason::AllHeld) => write!(f, "every free parameter is held at a bound"),
+            Self::Converged(Reason::NothingToEstimate) => {
+                write!(f, "no parameter is free: the model was compared only")
+            }
+            Self::IterationLimit => write!(f, "not converged: all iterations were used"),
+            Self::NoProgress => {
+                write!(f, "not converged: no correction lowers the cost, though its slope is not zero here")
+            }
+            Self::Diverged { run, time, .. } => {
+                write!(f, "run `{run}` diverges at time {time} already at the start values")
+            }
+            Self::NotFinite { run, output, sample, parameter: None } => write!(
+                f,
+                "run `{run}`, sample {}: output `{output}` is not a finite number at the start values",
+                sample + 1
+            ),
+            Self::NotFinite { run, output, sample, parameter: Some(parameter) } => write!(
+                f,
+                "run `{run}`, sample {}: the partial of output `{output}` by `{parameter}` is not a finite number at the \
+                 start values",
+                sample + 1
+            ),
+            Self::Interrupted => write!(f, "interrupted"),
+        }
+    }
+}

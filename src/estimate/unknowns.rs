@@ -1,0 +1,94 @@
+//! The vector of unknowns: shared free parameters first, then for every run its own copies of the per-run ones.
+
+use super::problem::Problem;
+
+/// Which entry of the vector is which parameter of which run.
+#[derive(Debug, Clone)]
+pub(super) struct Unknowns {
+    /// Indices into theta of what every run depends on: shared ones, then its own.
+    pub(super) columns: Vec<usize>,
+    /// How many of the columns are shared.
+    pub(super) shared: usize,
+    /// Number of runs.
+    pub(super) runs: usize,
+    /// Least admissible value of each unknown.
+    pub(super) lower: Vec<f64>,
+    /// Greatest admissible value of each unknown.
+    pub(super) upper: Vec<f64>,
+    /// Start value of each unknown.
+    pub(super) start: Vec<f64>,
+    /// All parameters of each run at the start (runs by p).
+    pub(super) theta: Vec<Vec<f64>>,
+}
+
+impl Unknowns {
+    pub(super) fn new(problem: &Problem<'_>) -> Self {
+        let pick = |per_run: bool| {
+            let chosen = problem.params.iter().enumerate().filter(move |(_, p)| !p.fixed && p.per_run == per_run);
+            chosen.map(|(k, _)| k)
+        };
+        let mut columns: Vec<usize> = pick(false).collect();
+        let shared = columns.len();
+        columns.extend(pick(true));
+        let theta: Vec<Vec<f64>> = problem
+            .runs
+            .iter()
+            .map(|run| {
+                let own = |k: usize| run.start.get(k).copied();
+                let params = problem.params.iter().enumerate();
+                params.map(|(k, p)| own(k).filter(|_| p.per_run).unwrap_or(p.value)).collect()
+            })
+            .collect();
+        let mut unknowns = Self {
+            columns,
+            shared,
+            runs: problem.runs.len(),
+            lower: Vec::new(),
+            upper: Vec::new(),
+            start: Vec::new(),
+            theta,
+        };
+        for g in 0..unknowns.len() {
+            let (run, k) = unknowns.owner(g);
+            unknowns.lower.push(problem.params[k].lower);
+            unknowns.upper.push(problem.params[k].upper);
+            unknowns.start.push(unknowns.theta[run.unwrap_or(0)][k]);
+        }
+        unknowns
+    }
+
+    /// Number of unknowns.
+    pub(super) fn len(&self) -> usize {
+        self.shared + self.runs * self.own()
+    }
+
+    /// How many unknowns each run has for itself.
+    fn own(&self) -> usize {
+        self.columns.len() - self.shared
+    }
+
+    /// The unknown behind a column of a run.
+    pub(super) fn position(&self, run: usize, column: usize) -> usize {
+        if column < self.shared { column } else { column + run * self.own() }
+    }
+
+    /// The run that an unknown belongs to (none when shared) and its parameter.
+    pub(super) fn owner(&self, unknown: usize) -> (Option<usize>, usize) {
+        match unknown.checked_sub(self.shared) {
+            None => (None, self.columns[unknown]),
+            Some(k) => (Some(k / self.own()), self.columns[self.shared + k % self.own()]),
+        }
+    }
+
+    /// The unknown that holds a parameter of a run, when it is free.
+    pub(super) fn of(&self, run: usize, param: usize) -> Option<usize> {
+        self.columns.iter().position(|k| *k == param).map(|c| self.position(run, c))
+    }
+
+    /// Writes the unknowns into the parameters of a run.
+    pub(super) fn assemble(&self, run: usize, values: &[f64], theta: &mut [f64]) {
+        for (c, k) in self.columns.iter().enumerate() {
+            theta[*k] = values[self.position(run, c)];
+        }
+    }
+}

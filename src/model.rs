@@ -1,0 +1,231 @@
+//! A model ready for use: its text, what the text means, and the code that computes it.
+//!
+//! **In** the text of a model, from a file, a string or `model!`. **Out** [`Model`], or a [`ModelError`] with every
+//! mistake of the text. **Never** data, and never an output of its own: warnings are handed on.
+//! **Start** at [`Model::from_file`].
+
+use crate::code::Engine;
+use crate::dynamics::{Dynamics, Layout};
+use fdm_grammar::model::Param;
+use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Larger files are surely not models.
+const MOST_BYTES: u64 = 64 << 20;
+
+/// A checked and compiled model; clones share the compiled code.
+#[derive(Clone)]
+pub struct Model {
+    source: Source,
+    compiled: Arc<Compiled>,
+    dynamics: Arc<dyn Dynamics>,
+}
+
+/// Why there is no model.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum ModelError {
+    /// The file could not be read.
+    #[error("{}: {reason}", path.display())]
+    Unreadable {
+        /// The file as the user named it.
+        path: PathBuf,
+        /// What the operating system said, or which limit was passed.
+        reason: String,
+    },
+    /// The text has mistakes. Displayed as one line for each.
+    #[error("{}", lines(text, diagnostics))]
+    Invalid {
+        /// The text and its name.
+        text: Source,
+        /// Every finding, in the order of the text; at least one is an error.
+        diagnostics: Vec<Diagnostic>,
+    },
+}
+
+fn lines(source: &Source, diagnostics: &[Diagnostic]) -> String {
+    diagnostics.iter().map(|d| d.line(source)).collect::<Vec<_>>().join("\n")
+}
+
+impl Model {
+    /// Reads and compiles a `.fdm` file.
+    ///
+    /// # Errors
+    /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
+    /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
+    pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
+        let path = path.as_ref();
+        let bytes =
+            read(path).map_err(|reason| ModelError::Unreadable { path: path.into(), reason: reason.to_string() })?;
+        let name = path.display().to_string();
+        match String::from_utf8(bytes) {
+            Ok(text) => Self::from_text(name, text.strip_prefix('\u{feff}').unwrap_or(&text)),
+            Err(error) => Err(not_text(name, error)),
+        }
+    }
+
+    /// Compiles the text of a model; `name` is what messages call it.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the text.
+    pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ModelError> {
+        let source = Source::new(name, text);
+        match fdm_grammar::compile(&source) {
+            Ok(compiled) => {
+                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
+                Ok(Self { source, compiled: Arc::new(compiled), dynamics })
+            }
+            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
+        }
+    }
+
+    /// The model whose code `model!` wrote; `build` makes it from the layout of the text.
+    ///
+    /// # Panics
+    /// When the text does not compile. `model!` has compiled the same text, so this is a fault of fdm.
+    #[doc(hidden)]
+    pub fn with_code(name: &str, text: &str, build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
+        let source = Source::new(name, text);
+        let compiled = match fdm_grammar::compile(&source) {
+            Ok(compiled) => compiled,
+            Err(diagnostics) => panic!(
+                "this text was compiled by model! and is refused now, which is a fault of fdm:\n{}",
+                lines(&source, &diagnostics)
+            ),
+        };
+        let dynamics = build(compiled.schedule.layout.clone()).into();
+        Self { source, compiled: Arc::new(compiled), dynamics }
+    }
+
+    /// The same model with other values, bounds and attributes of its parameters. Where other parameters are fixed
+    /// now, the derivatives are made anew (as machine code, for `model!` too).
+    ///
+    /// # Panics
+    /// When the parameters are not those of this model.
+    pub fn with_params(&self, params: Vec<Param>) -> Self {
+        let old = &self.compiled.model.params;
+        let same = |(a, b): (&Param, &Param)| a.quantity.name == b.quantity.name;
+        assert!(params.len() == old.len() && params.iter().zip(old).all(same), "the parameters of another model");
+        let refixed = params.iter().zip(old).any(|(a, b)| a.fixed != b.fixed);
+        let mut compiled = (*self.compiled).clone();
+        compiled.model.params = params;
+        let mut dynamics = self.dynamics.clone();
+        if refixed {
+            compiled.schedule = Schedule::new(&mut compiled.model);
+            dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
+        }
+        Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
+    }
+
+    /// The model's own name.
+    pub fn name(&self) -> &str {
+        &self.compiled.model.name
+    }
+
+    /// The text and the name under which messages show it.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// What the text says: names, units, values, bounds, equations.
+    pub fn definition(&self) -> &fdm_grammar::Model {
+        &self.compiled.model
+    }
+
+    /// The straight-line programs.
+    pub fn schedule(&self) -> &Schedule {
+        &self.compiled.schedule
+    }
+
+    /// Sizes, patterns and positions.
+    pub fn layout(&self) -> &Layout {
+        &self.compiled.schedule.layout
+    }
+
+    /// The compiled code.
+    pub fn dynamics(&self) -> &dyn Dynamics {
+        &*self.dynamics
+    }
+
+    /// Findings that did not stop the compilation.
+    pub fn warnings(&self) -> &[Diagnostic] {
+        &self.compiled.warnings
+    }
+}
+
+impl std::fmt::Debug for Model {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Model").field("name", &self.name()).field("source", &self.source.name()).finish_non_exhaustive()
+    }
+}
+
+fn read(path: &Path) -> std::io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let file = File::open(path)?;
+    // opening a directory succeeds on some systems, and what reading it says is about the system
+    if file.metadata()?.is_dir() {
+        return Err(std::io::Error::other("is a directory, not a file"));
+    }
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MOST_BYTES {
+        return Err(std::io::Error::other(format!("is larger than the limit of {} MiB", MOST_BYTES >> 20)));
+    }
+    Ok(bytes)
+}
+
+/// The mistake of a file that is not UTF-8, at its first such byte.
+fn not_text(name: String, error: std::string::FromUtf8Error) -> ModelError {
+    let at = error.utf8_error().valid_up_to();
+    let bytes = error.as_bytes();
+    let hint = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "it begins like UTF-16; save it with the encoding UTF-8",
+        _ if bytes.contains(&0) => "it holds binary data; is it a model?",
+        _ => "save it with the encoding UTF-8",
+    };
+    let byte = bytes.get(at).copied().unwrap_or_default();
+    // up to `at` the text is the file's own, so the place is right
+    let source = Source::new(name, String::from_utf8_lossy(bytes));
+    let span = Span::new(at, at + char::REPLACEMENT_CHARACTER.len_utf8());
+    let message = format!("this is not UTF-8 text: byte {byte:#04x} stands where a character should begin");
+    ModelError::Invalid { text: source, diagnostics: vec![Diagnostic::new(Code::NotText, span, message).hint(hint)] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(bytes: &[u8]) -> String {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("a.fdm");
+        std::fs::write(&path, bytes).expect("file");
+        let error = Model::from_file(&path).expect_err("not a model");
+        error.to_string().replace(&folder.path().display().to_string(), "")
+    }
+
+    #[test]
+    fn bytes_that_are_not_text_have_a_place() {
+        let said = refused(b"model a {\n  state \xe4;\n}");
+        assert!(said.starts_with("/a.fdm:2:9: error[E0106]: this is not UTF-8 text: byte 0xe4"), "{said}");
+        assert!(refused(b"\xff\xfem\0o\0").contains("UTF-16"));
+        assert!(refused(b"\x7fELF\x02\0\xff").contains("binary"));
+    }
+
+    #[test]
+    fn missing_files_and_directories_are_told_by_name() {
+        let folder = tempfile::tempdir().expect("folder");
+        let said = |path: &Path| Model::from_file(path).expect_err("unreadable").to_string();
+        assert!(said(folder.path()).ends_with(": is a directory, not a file"));
+        assert!(said(&folder.path().join("none.fdm")).contains("none.fdm: "));
+    }
+
+    #[test]
+    fn files_beyond_the_limit_are_refused_before_they_are_read_whole() {
+        let folder = tempfile::tempdir().expect("folder");
+        let path = folder.path().join("large.fdm");
+        File::create(&path).and_then(|f| f.set_len(1 << 40)).expect("sparse file");
+        let said = Model::from_file(&path).expect_err("too large").to_string();
+        assert!(said.contains("limit of 64 MiB"), "{said}");
+    }
+}

@@ -1,0 +1,14 @@
+//! What people read: findings about models, tables of estimates, pictures of time histories.
+//!
+//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, JSON, SVG.
+//! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`estimate_table`].
+
+mod diagnostic;
+mod json;
+mod plot;
+mod table;
+
+pub use diagnostic::render;
+pub use json::fit_json;
+pub use plot::{PlotError, TimeHistory, svg};
+pub use table::estimate_table;
