@@ -6,25 +6,27 @@
 #![allow(unsafe_code)]
 
 mod module;
+mod order;
 mod step;
 mod translate;
 
 use super::Tape;
 use crate::dynamics::{Dynamics, Point, Step, Workspace, by_stages, by_stages_with_partials};
-use cranelift_codegen::ir::{InstBuilder, Type, types};
+use cranelift_codegen::ir::{InstBuilder, Value, types};
 use cranelift_frontend::FunctionBuilder;
 use fdm_grammar::schedule::{Layout, Operand, Program, Schedule};
 use module::{Callees, CodeModule};
+use order::order;
 use std::sync::{Mutex, OnceLock};
 use step::Advance;
 use translate::{Leaves, States, Translator, store};
 
-/// Most instructions of a program that is compiled.
+/// Most instructions and results of a program that is compiled.
 const LONGEST: usize = 30_000;
-/// Most instructions of a program that is compiled four times over, as one step.
+/// Most instructions and results of a program that is compiled four times over, as one step.
 const LONGEST_STAGE: usize = 1_500;
 /// Stack of the thread that compiles; pages that are not touched cost nothing.
-const STACK: usize = 256 << 20;
+const STACK: usize = 64 << 20;
 
 /// Why there is no machine code.
 #[derive(Debug, thiserror::Error)]
@@ -138,12 +140,16 @@ impl Jit {
 
     #[cold]
     fn compile(&self, program: &Program) -> Option<Evaluate> {
-        if program.instructions.len() > LONGEST || !is_inside(program, &self.schedule.layout) {
+        if size(program) > LONGEST || !is_inside(program, &self.schedule.layout) {
             return None;
         }
-        self.define(|module, pointer| {
+        self.define(|module| {
+            let pointer = module.pointer();
             let params = [types::F64, pointer, pointer, pointer, pointer];
-            let address = module.define(&params, |builder, callees| evaluation(program, builder, callees))?;
+            let urgent = self.schedule.layout.states.min(program.results.len());
+            let address = module.define(&params, &program.constants, |builder, callees| {
+                evaluation(program, urgent, builder, callees);
+            })?;
             // SAFETY: the function was defined with the parameters of `Evaluate` and the platform's C convention.
             Ok(unsafe { std::mem::transmute::<*const u8, Evaluate>(address) })
         })
@@ -152,12 +158,13 @@ impl Jit {
     #[cold]
     fn compile_step(&self, program: &Program, rows: bool) -> Option<Advance> {
         let layout = &self.schedule.layout;
-        let small = program.instructions.len() <= LONGEST_STAGE && program.results.len() <= LONGEST_STAGE;
-        if !small || program.results.len() < layout.states || !is_inside(program, layout) {
+        let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
+        if size(program) > LONGEST_STAGE || rates.count() < layout.states || !is_inside(program, layout) {
             return None;
         }
-        self.define(|module, pointer| {
-            let address = module.define(&step::params(pointer), |builder, callees| {
+        self.define(|module| {
+            let params = step::params(module.pointer());
+            let address = module.define(&params, &program.constants, |builder, callees| {
                 step::step(program, layout, rows, builder, callees);
             })?;
             // SAFETY: the function was defined with the parameters of `Advance` and the platform's C convention.
@@ -165,14 +172,13 @@ impl Jit {
         })
     }
 
-    /// Makes a function on a thread of its own; `None` when that fails, also because it once panicked before.
-    fn define<F: Send>(&self, make: impl FnOnce(&mut CodeModule, Type) -> Result<F, JitError> + Send) -> Option<F> {
+    /// Makes a function on a thread of its own; `None` when that fails, and ever after the compiler has panicked.
+    fn define<F: Send>(&self, make: impl FnOnce(&mut CodeModule) -> Result<F, JitError> + Send) -> Option<F> {
         let made = apart(|| {
             let mut module = self.module.lock().map_err(|_| JitError::Panicked)?;
-            let pointer = module.pointer()?;
-            make(&mut module, pointer)
+            make(&mut module)
         });
-        made.and_then(|f| f).ok()
+        made.flatten().ok()
     }
 }
 
@@ -239,8 +245,15 @@ fn apart<T: Send>(make: impl FnOnce() -> T + Send) -> Result<T, JitError> {
     })
 }
 
-/// Whether a program reads nothing outside the layout and no value before it is computed: what makes its code safe.
+/// Everything that takes time to compile.
+fn size(program: &Program) -> usize {
+    program.instructions.len() + program.results.len()
+}
+
+/// Whether a program reads nothing outside the layout and no value before it is computed, and all offsets are small
+/// enough for an instruction: what makes its code safe.
 fn is_inside(program: &Program, layout: &Layout) -> bool {
+    const FARTHEST: usize = 1 << 24;
     let inside = |operand: &Operand, values: usize| match *operand {
         Operand::Value(k) => (k as usize) < values,
         Operand::Constant(k) => (k as usize) < program.constants.len(),
@@ -251,24 +264,112 @@ fn is_inside(program: &Program, layout: &Layout) -> bool {
     };
     let mut instructions = program.instructions.iter().enumerate();
     instructions.all(|(k, i)| i.args.iter().all(|a| inside(a, k)))
-        && program
-            .results
-            .iter()
-            .all(|r| inside(&r.operand, program.instructions.len()) && (r.slot as usize) < program.width)
+        && program.results.iter().all(|r| inside(&r.operand, program.instructions.len()))
+        && program.results.iter().all(|r| (r.slot as usize) < program.width)
+        && [program.constants.len(), layout.states, layout.drive(), layout.known, program.width]
+            .into_iter()
+            .all(|length| length < FARTHEST)
 }
 
-/// The body of an [`Evaluate`].
-fn evaluation(program: &Program, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
+/// Opens the only block of a function; its parameters.
+fn entry<const N: usize>(builder: &mut FunctionBuilder<'_>) -> [Value; N] {
     let block = builder.create_block();
     builder.append_block_params_for_function_params(block);
     builder.switch_to_block(block);
     builder.seal_block(block);
-    let [time, x, drive, known, out] = std::array::from_fn(|k| builder.block_params(block)[k]);
-    let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known };
+    std::array::from_fn(|k| builder.block_params(block)[k])
+}
+
+/// The body of an [`Evaluate`].
+fn evaluation(program: &Program, urgent: usize, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
+    let [time, x, drive, known, out] = entry(builder);
+    let constants = callees.constants(builder);
+    let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known, constants };
     let mut translator = Translator::new(program);
-    for result in &program.results {
+    for result in order(program, urgent) {
         let value = translator.value(result.operand, leaves, builder, callees);
         store(builder, value, out, result.slot as usize);
     }
     builder.ins().return_(&[]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::specimen::{blank, random, ship};
+    use fdm_grammar::graph::Leaf;
+    use fdm_grammar::op::{Build, Op};
+
+    #[test]
+    fn programs_become_native_code() {
+        for mut model in [ship(), random(3), random(5), blank(0, 0, &[])] {
+            let schedule = Schedule::new(&mut model);
+            let jit = Jit::new(&schedule).unwrap();
+            for program in [&schedule.rates, &schedule.rates_and_partials, &schedule.outputs_and_partials] {
+                assert!(jit.compile(program).is_some());
+            }
+            assert!(jit.compile_step(&schedule.rates, false).is_some());
+            assert!(jit.compile_step(&schedule.rates_and_partials, true).is_some());
+        }
+    }
+
+    /// A program of one chain, as deep as it is long.
+    fn chain(length: u32) -> Schedule {
+        let mut model = blank(1, 0, &[]);
+        let mut e = model.graph.leaf(Leaf::State(0));
+        let half = model.graph.number(0.5);
+        for k in 0..length {
+            e = match k % 3 {
+                0 => model.graph.apply(Op::Sqrt, &[e]),
+                1 => model.graph.apply(Op::Sub, &[half, e]),
+                _ => model.graph.apply(Op::Abs, &[e]),
+            };
+        }
+        model.states[0].rate = e;
+        Schedule::new(&mut model)
+    }
+
+    #[test]
+    fn deep_programs_compile_and_longer_ones_are_left_to_the_tape() {
+        let schedule = chain(6_000);
+        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_some());
+        let schedule = chain(LONGEST as u32 + 1);
+        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+    }
+
+    #[test]
+    fn a_program_that_reads_outside_its_layout_is_not_compiled() {
+        let mut schedule = Schedule::new(&mut ship());
+        schedule.rates.instructions[0].args[0] = Operand::State(3);
+        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+        let mut schedule = Schedule::new(&mut ship());
+        schedule.rates.instructions[0].args[0] = Operand::Value(0);
+        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+    }
+
+    #[test]
+    #[should_panic(expected = "shorter than the layout")]
+    fn short_arrays_are_refused() {
+        let schedule = Schedule::new(&mut ship());
+        let jit = Jit::new(&schedule).unwrap();
+        let at = Point { t: 0.0, x: &[0.0; 3], drive: &[0.0], known: &[0.0; 2] };
+        jit.rates(at, &mut [0.0; 3], &mut Workspace::default());
+    }
+
+    #[test]
+    fn threads_share_a_model() {
+        let schedule = Schedule::new(&mut ship());
+        let jit = Jit::new(&schedule).unwrap();
+        let known = vec![0.5; schedule.layout.known];
+        let rates = || {
+            let (mut out, at) = ([0.0; 3], Point { t: 0.0, x: &[1.0, 2.0, 3.0], drive: &[0.1], known: &known });
+            jit.rates(at, &mut out, &mut Workspace::new(&jit));
+            out.map(f64::to_bits)
+        };
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(rates)).collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        assert!(results.iter().all(|r| *r == results[0]));
+    }
 }
