@@ -2,3 +2,4 @@
 
 pub mod dynamics;
 pub mod record;
+pub mod report;

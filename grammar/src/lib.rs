@@ -38,8 +38,18 @@ pub struct Compiled {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
-    let tree = syntax::parse(source)?;
-    let (mut model, warnings) = check::check(&tree)?;
-    let schedule = Schedule::new(&mut model);
-    Ok(Compiled { model, schedule, warnings })
+    let (tree, mut findings) = syntax::parse_recovering(source);
+    let Some(tree) = tree else { return Err(findings) };
+    match check::check(&tree) {
+        Ok((mut model, warnings)) if findings.is_empty() => {
+            let schedule = Schedule::new(&mut model);
+            return Ok(Compiled { model, schedule, warnings });
+        }
+        // Whether something is unused or without influence can not be said while statements are missing.
+        Ok(_) => {}
+        Err(more) if findings.is_empty() => findings = more,
+        Err(more) => findings.extend(more.into_iter().filter(Diagnostic::is_error)),
+    }
+    findings.sort_by_key(|f| f.span);
+    Err(findings)
 }

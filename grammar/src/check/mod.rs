@@ -1,6 +1,125 @@
-//! stub
-use crate::{Diagnostic, Model, syntax::SyntaxTree};
-/// stub
-pub fn check(_tree: &SyntaxTree) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
-    Err(Vec::new())
+//! Syntax tree to model: what every name means, what every value may be, which equation belongs to which state,
+//! whether the units agree.
+//!
+//! **In** a [`SyntaxTree`]. **Out** a [`Model`] with warnings, or every mistake that can be found.
+//! **Never** stops at the first mistake, never tells its consequences as mistakes of their own (what depends on
+//! something broken is broken and silent), and never recurses: the nodes of the text stand in an order in which
+//! operands come first, and blocks of them are sorted so that every name is defined before it is used.
+//! **Start** at [`check`]; it is the list of passes.
+
+mod declarations;
+mod delays;
+mod equations;
+mod expressions;
+mod functions;
+mod influence;
+mod kinds;
+mod measures;
+mod model;
+mod names;
+mod order;
+mod start;
+mod units;
+
+#[cfg(test)]
+mod tests;
+
+use crate::diagnostic::{Code, Diagnostic};
+use crate::model::Model;
+use crate::syntax::{Role, SyntaxTree};
+use equations::Equation;
+use expressions::{Expressions, Indices};
+use kinds::Kinds;
+use names::Scope;
+use order::Blocks;
+
+/// Checks a model as written.
+///
+/// # Errors
+/// Every mistake and warning in the order of the text; at least one of them is an error, unless statements are
+/// missing from the tree because the parser could not read (and has told) them: such a tree never makes a model.
+pub fn check(tree: &SyntaxTree) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
+    let mut findings = Vec::new();
+    let model = passes(tree, &mut findings);
+    findings.sort_by_key(|f| (f.span, f.code));
+    findings.dedup();
+    match model {
+        Some(model) => Ok((model, findings)),
+        None => Err(findings),
+    }
+}
+
+fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
+    let mut scope = Scope::new(tree, findings);
+    let equations = equations::read(&mut scope, findings);
+    let scope = &scope;
+    declarations::attributes(scope, findings);
+    outputs(scope, findings);
+
+    let mut blocks = Blocks::new(scope, &equations);
+    let meanings = names::resolve(scope, &blocks, findings);
+    let circular = order::sort(scope, &mut blocks, &meanings, findings);
+    let kinds = Kinds::new(scope, &blocks, &meanings, &circular, findings);
+    let indices = Indices::new(scope, &kinds);
+
+    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    let params = model::params(scope, &kinds, &indices, &ranges);
+    let start: Vec<f64> = params.iter().map(|p| p.value).collect();
+    start::check(scope, &kinds, &expressions, &start, findings);
+    delayed_states(scope, &blocks, &equations, &kinds, &mut expressions, findings);
+    let checked = units::Checked {
+        scope,
+        blocks: &blocks,
+        equations: &equations,
+        meanings: &meanings,
+        kinds: &kinds,
+        expressions: &expressions,
+    };
+    units::check(&checked, findings);
+
+    // what is not read yet, or misspelt, may well be used
+    let guess = |f: &Diagnostic| matches!(f.code, Code::UnknownName | Code::UnknownFunction | Code::NotADerivative);
+    if !scope.is_partial() && !findings.iter().any(guess) {
+        influence::unused(scope, &blocks, &meanings, &kinds, findings);
+    }
+    if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
+        return None;
+    }
+    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
+    influence::without_influence(scope, &blocks, &meanings, &model, findings);
+    Some(model)
+}
+
+fn outputs(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
+    if !scope.is_partial() && !scope.symbols.iter().any(|s| s.role == Role::Output) {
+        let name = &scope.tree.name;
+        let message = format!("the model `{}` has no output", name.text);
+        let finding = Diagnostic::new(Code::NoOutput, name.span, message);
+        findings.push(finding.hint("`output y = ...;` says what is measured"));
+    }
+}
+
+/// Delays of states make delay differential equations, which are not compiled yet.
+fn delayed_states(
+    scope: &Scope<'_>,
+    blocks: &Blocks,
+    equations: &[Equation],
+    kinds: &Kinds,
+    expressions: &mut Expressions,
+    findings: &mut Vec<Diagnostic>,
+) {
+    for block in &blocks.list {
+        let order::Owner::Right(k) = block.owner else { continue };
+        if kinds.of(block.root).broken || !expressions.has_delayed_state(expressions.of(block.root)) {
+            continue;
+        }
+        // the first node with a delayed state is the delay itself, or the name that stands for it
+        let delayed =
+            |e: &&crate::syntax::ExprRef| !kinds.of(**e).broken && expressions.has_delayed_state(expressions.of(**e));
+        let place = blocks.nodes(block).iter().find(delayed).copied().unwrap_or(equations[k].right);
+        let message = "a delayed state in an equation makes a delay differential equation, which is not compiled yet";
+        let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(place), message);
+        findings.push(finding.hint("delays of inputs, and delays in outputs, are compiled"));
+    }
 }

@@ -157,12 +157,11 @@ impl Graph {
     }
 
     fn intern(&mut self, node: Node) -> ExprId {
-        if let Some(e) = self.memo.get(&node) {
-            return *e;
+        let next = ExprId(self.nodes.len() as u32);
+        let e = *self.memo.entry(node).or_insert(next);
+        if e == next {
+            self.nodes.push(node);
         }
-        let e = ExprId(self.nodes.len() as u32);
-        self.nodes.push(node);
-        self.memo.insert(node, e);
         e
     }
 }

@@ -1,10 +1,22 @@
 //! Text to syntax tree.
 //!
 //! **In** a [`crate::Source`]. **Out** a [`SyntaxTree`], exactly as written. **Never** meaning: names are not looked up.
-//! **Start** at [`parse`]; `parse.rs` is the only file that sees the grammar's rules.
+//! **Start** at [`parse`] in `recover.rs`: `scan.rs` makes tokens, `outline.rs` finds the statements in them, `parse.rs`,
+//! the only file that sees the grammar's rules, reads each statement, `slips.rs` explains those that cannot be read.
 
+mod expected;
+mod expression;
+mod outline;
 mod parse;
+mod recover;
+mod scan;
+mod slips;
 mod tree;
+mod words;
 
-pub use parse::parse;
+pub use recover::{parse, parse_recovering};
 pub use tree::*;
+pub use words::{WORDS, WordUse, word_use, words_for};
+
+#[cfg(test)]
+mod tests;

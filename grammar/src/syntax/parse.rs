@@ -1,7 +1,293 @@
-//! stub
-use super::SyntaxTree;
-use crate::{Diagnostic, Source};
-/// stub
-pub fn parse(_source: &Source) -> Result<SyntaxTree, Vec<Diagnostic>> {
-    Err(Vec::new())
+//! The door to the grammar: the only file that sees pest and its rules. One header or one statement at a time.
+
+use super::expected::Want;
+use super::expression::Builder;
+use super::tree::*;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use pest::Parser;
+use pest::error::{ErrorVariant, InputLocation};
+use pest::iterators::Pair;
+
+#[allow(missing_docs, unreachable_pub)]
+mod grammar {
+    #[derive(pest_derive::Parser)]
+    #[grammar = "../fdm.pest"]
+    pub struct Grammar;
+}
+use grammar::{Grammar, Rule};
+
+/// Whether a name can begin with this character.
+pub(super) fn starts_name(c: char) -> bool {
+    c == '_' || c.is_ascii_alphabetic() || !c.is_ascii() && pest::unicode::XID_START(c)
+}
+
+/// Whether a name can go on with this character.
+pub(super) fn continues_name(c: char) -> bool {
+    c == '_' || c.is_ascii_alphanumeric() || !c.is_ascii() && pest::unicode::XID_CONTINUE(c)
+}
+
+/// Why the grammar did not take a text: the byte, and what it would have taken there.
+#[derive(Debug)]
+pub(super) struct Refusal {
+    pub(super) offset: usize,
+    pub(super) wants: Vec<Want>,
+}
+
+/// A name or string with the byte where the text read begins added to its place.
+fn word(pair: &Pair<Rule>, offset: usize, quotes: usize) -> Name {
+    let text = pair.as_str();
+    Name { text: text[quotes..text.len() - quotes].into(), span: span(pair, offset) }
+}
+
+fn span(pair: &Pair<Rule>, offset: usize) -> Span {
+    let span = pair.as_span();
+    Span::new(offset + span.start(), offset + span.end())
+}
+
+/// Reads `model NAME "doc" {`, which begins at byte `offset` of the source.
+pub(super) fn header(text: &str, offset: usize) -> Result<(Name, Option<Name>), Refusal> {
+    let mut parts = read(Rule::header, text, offset)?.into_inner().skip(1);
+    let name = parts
+        .next()
+        .map(|p| word(&p, offset, 0))
+        .unwrap_or_else(|| Name { text: String::new(), span: Span::default() });
+    let doc = parts.find(|p| p.as_rule() == Rule::doc).map(|p| word(&p, offset, 1));
+    Ok((name, doc))
+}
+
+/// Reads one statement without its semicolon, which begins at byte `offset` of the source; its expressions go to the
+/// builder. Findings are mistakes in a statement of the right form; without a statement there is at least one.
+pub(super) fn statement(
+    text: &str,
+    offset: usize,
+    builder: &mut Builder,
+) -> Result<(Option<StatementKind>, Vec<Diagnostic>), Refusal> {
+    let pair = read(Rule::statement, text, offset)?;
+    let mut build = Build { text, offset, builder, findings: Vec::new(), sound: true };
+    let kind = pair.into_inner().next().and_then(|p| build.statement(p)).filter(|_| build.sound);
+    Ok((kind, build.findings))
+}
+
+fn read(rule: Rule, text: &str, offset: usize) -> Result<Pair<'_, Rule>, Refusal> {
+    let error = match Grammar::parse(rule, text) {
+        Ok(mut pairs) => return pairs.next().ok_or(Refusal { offset, wants: Vec::new() }),
+        Err(error) => error,
+    };
+    let (InputLocation::Pos(at) | InputLocation::Span((at, _))) = error.location;
+    let wants = match &error.variant {
+        ErrorVariant::ParsingError { positives, .. } => positives.iter().filter_map(|r| want(*r)).collect(),
+        // pest stops by itself where the machine's stack runs out.
+        ErrorVariant::CustomError { .. } => vec![Want::LessNesting],
+    };
+    Err(Refusal { offset: offset + at, wants })
+}
+
+/// What a rule that did not match would have been, in the words of messages.
+fn want(rule: Rule) -> Option<Want> {
+    Some(match rule {
+        Rule::expression | Rule::number | Rule::sign | Rule::choice | Rule::group | Rule::value => Want::Expression,
+        Rule::name | Rule::declaration => Want::Name,
+        Rule::infix | Rule::arguments => Want::Infix,
+        Rule::doc => Want::Doc,
+        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per => Want::Attribute,
+        Rule::unit => Want::Unit,
+        Rule::word_run => Want::Run,
+        Rule::equals => Want::Equals,
+        Rule::comma => Want::Comma,
+        Rule::close => Want::Close,
+        Rule::bracket => Want::Bracket,
+        Rule::close_bracket => Want::CloseBracket,
+        Rule::brace => Want::Brace,
+        Rule::word_then => Want::Then,
+        Rule::word_else => Want::Else,
+        Rule::word_model => Want::Model,
+        Rule::EOI => Want::End,
+        Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
+        _ => return None,
+    })
+}
+
+/// Turns the pairs of one statement into the types of the tree.
+struct Build<'a> {
+    text: &'a str,
+    offset: usize,
+    builder: &'a mut Builder,
+    findings: Vec<Diagnostic>,
+    /// Whether the statement can be kept.
+    sound: bool,
+}
+
+impl Build<'_> {
+    fn statement(&mut self, pair: Pair<Rule>) -> Option<StatementKind> {
+        let rule = pair.as_rule();
+        let mut parts = pair.into_inner();
+        Some(match rule {
+            Rule::declare => {
+                let keyword = parts.next()?;
+                let role = Role::ALL.into_iter().find(|r| r.keyword() == keyword.as_str())?;
+                let names = parts.filter(|p| p.as_rule() == Rule::declaration);
+                StatementKind::Declare(role, names.filter_map(|p| self.declaration(p)).collect())
+            }
+            Rule::time => StatementKind::Time(word(&parts.nth(1)?, self.offset, 1)),
+            _ => {
+                let left = self.expression(parts.next()?)?;
+                StatementKind::Equation(left, self.expression(parts.nth(1)?)?)
+            }
+        })
+    }
+
+    fn declaration(&mut self, pair: Pair<Rule>) -> Option<Declaration> {
+        let all = span(&pair, self.offset);
+        let mut parts = pair.into_inner();
+        let mut d = Declaration::new(word(&parts.next()?, self.offset, 0), all);
+        let mut seen: Vec<(Rule, Span)> = Vec::new();
+        for part in parts {
+            let (rule, place) = (part.as_rule(), span(&part, self.offset));
+            if let Some((_, first)) = seen.iter().find(|(r, _)| *r == rule) {
+                self.findings.push(repeated(rule, &d.name.text, place, *first));
+                continue;
+            }
+            seen.push((rule, place));
+            match rule {
+                Rule::doc => d.doc = Some(word(&part, self.offset, 1)),
+                Rule::unit => d.unit = self.unit(&part),
+                Rule::value => d.value = self.value(part),
+                Rule::bounds => d.bounds = self.bounds(part, place),
+                Rule::fixed => d.fixed = Some(place),
+                _ => d.per_run = Some(place),
+            }
+        }
+        Some(d)
+    }
+
+    /// `x[3]`, `A[2, 2]` look like units and are the vectors and matrices of later versions.
+    fn unit(&mut self, pair: &Pair<Rule>) -> Option<Name> {
+        let unit = word(pair, self.offset, 1);
+        let size = |part: &str| !part.trim().is_empty() && part.trim().bytes().all(|b| b.is_ascii_digit());
+        if unit.text.trim() == "1" || !unit.text.split(',').all(size) {
+            return Some(unit);
+        }
+        let message = "this version compiles no vectors and matrices";
+        let hint = "declare each element by a name of its own; a pure number has the unit `[1]`";
+        self.findings.push(Diagnostic::new(Code::Unsupported, unit.span, message).hint(hint));
+        self.sound = false;
+        None
+    }
+
+    fn value(&mut self, pair: Pair<Rule>) -> Option<Value> {
+        let part = pair.into_inner().nth(1)?;
+        match part.as_rule() {
+            Rule::free => Some(Value::Free(span(&part, self.offset))),
+            _ => self.expression(part).map(Value::Expr),
+        }
+    }
+
+    fn bounds(&mut self, pair: Pair<Rule>, span: Span) -> Option<Bounds> {
+        let mut limits = pair.into_inner().filter(|p| p.as_rule() == Rule::expression);
+        let lower = self.expression(limits.next()?)?;
+        let upper = self.expression(limits.next()?)?;
+        Some(Bounds { lower, upper, span })
+    }
+
+    /// Walks over the beginnings and ends of the rules in an expression, in the order of the text: nothing recurses.
+    fn expression(&mut self, pair: Pair<Rule>) -> Option<ExprRef> {
+        let mut starts = Vec::new();
+        for token in pair.tokens() {
+            match token {
+                pest::Token::Start { rule, pos } => {
+                    starts.push(pos.pos());
+                    match rule {
+                        Rule::expression => self.builder.begin(),
+                        Rule::arguments => self.builder.begin_call(),
+                        Rule::choice => self.builder.begin_choice(),
+                        _ => {}
+                    }
+                }
+                pest::Token::End { rule, pos } => {
+                    let start = starts.pop()?;
+                    self.end(rule, start, pos.pos());
+                }
+            }
+        }
+        for sign in std::mem::take(&mut self.builder.chained) {
+            let message = "a comparison of a comparison has no meaning";
+            let hint = "join comparisons with `and`: `a < b and b < c`";
+            self.findings.push(Diagnostic::new(Code::Unexpected, sign, message).hint(hint));
+            self.sound = false;
+        }
+        self.builder.take()
+    }
+
+    /// A rule of an expression ends.
+    fn end(&mut self, rule: Rule, start: usize, end: usize) {
+        let text = &self.text[start..end];
+        let span = Span::new(self.offset + start, self.offset + end);
+        match rule {
+            Rule::expression => self.builder.end(),
+            Rule::number => {
+                let value = self.number(text, span);
+                self.builder.operand(Expr::Number(value), span);
+            }
+            Rule::name => self.builder.operand(Expr::Name(text.into()), span),
+            Rule::sign => self.builder.sign(unary(text), span),
+            Rule::infix => self.builder.infix(binary(text), span),
+            Rule::group => self.builder.group(span),
+            Rule::word_if => self.builder.word_if(span.start as usize),
+            Rule::arguments | Rule::choice => self.builder.end_frame(span.end as usize),
+            _ => {}
+        }
+    }
+
+    fn number(&mut self, text: &str, span: Span) -> f64 {
+        let value = text.parse().unwrap_or(f64::NAN);
+        if !value.is_finite() {
+            let message = format!("the number `{}` is too large", super::expected::shown(text));
+            let hint = "the largest number is about 1.8e308";
+            self.findings.push(Diagnostic::new(Code::BadNumber, span, message).hint(hint));
+            self.sound = false;
+        }
+        value
+    }
+}
+
+/// An attribute that a declaration has already.
+fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
+    let what = match rule {
+        Rule::doc => "a second doc string",
+        Rule::unit => "a second unit",
+        Rule::value => "a second value",
+        Rule::bounds => "bounds twice",
+        Rule::fixed => "`fixed` twice",
+        _ => "`per run` twice",
+    };
+    Diagnostic::new(Code::WrongAttribute, second, format!("`{name}` has {what}"))
+        .label(first, "the first is here")
+        .hint("leave one of them out")
+}
+
+fn unary(text: &str) -> UnarySign {
+    match text {
+        "-" => UnarySign::Minus,
+        "+" => UnarySign::Plus,
+        _ => UnarySign::Not,
+    }
+}
+
+fn binary(text: &str) -> BinarySign {
+    match text {
+        "+" => BinarySign::Add,
+        "-" => BinarySign::Subtract,
+        "*" => BinarySign::Multiply,
+        "/" => BinarySign::Divide,
+        "^" => BinarySign::Power,
+        "<" => BinarySign::Less,
+        "<=" => BinarySign::LessEqual,
+        ">" => BinarySign::Greater,
+        ">=" => BinarySign::GreaterEqual,
+        "==" => BinarySign::Equal,
+        "!=" => BinarySign::NotEqual,
+        "and" => BinarySign::And,
+        _ => BinarySign::Or,
+    }
 }

@@ -95,6 +95,9 @@ pub enum Role {
 }
 
 impl Role {
+    /// Every kind.
+    pub const ALL: [Role; 6] = [Self::Input, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
+
     /// The keyword.
     pub fn keyword(self) -> &'static str {
         match self {
@@ -149,6 +152,13 @@ pub struct Declaration {
     pub span: Span,
 }
 
+impl Declaration {
+    /// A name about which nothing else is written.
+    pub fn new(name: Name, span: Span) -> Self {
+        Self { name, doc: None, unit: None, value: None, bounds: None, fixed: None, per_run: None, span }
+    }
+}
+
 /// One statement.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatementKind {
@@ -180,6 +190,8 @@ pub struct SyntaxTree {
     pub statements: Vec<Statement>,
     /// All expressions, operands before the expressions that use them.
     pub expressions: Vec<(Expr, Span)>,
+    /// Names mentioned in statements that could not be read: nothing more is told about them.
+    pub suspended: Vec<String>,
 }
 
 impl SyntaxTree {

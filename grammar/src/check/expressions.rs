@@ -1,0 +1,280 @@
+//! Builds the graph: the nodes of the text in order of definition, each name replaced by what it stands for.
+
+use super::delays::{Delays, MOST_DELAYED};
+use super::functions::Function;
+use super::kinds::Kinds;
+use super::names::{Meaning, Scope};
+use super::order::{Block, Blocks, Owner};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::graph::{Graph, Leaf};
+use crate::op::{Build, ExprId, Op};
+use crate::syntax::{BinarySign, Expr, ExprRef, Role, UnarySign, Value};
+
+/// The index of each symbol among those of its kind in the model.
+pub(super) struct Indices {
+    /// By symbol; among inputs, states, params or derived params, and outputs.
+    pub(super) of: Vec<u32>,
+    /// By symbol: the parameter that is the free initial value of a state.
+    pub(super) initial: Vec<Option<u32>>,
+}
+
+impl Indices {
+    /// Counts in the order of the text.
+    pub(super) fn new(scope: &Scope<'_>, kinds: &Kinds) -> Self {
+        let mut indices = Self { of: vec![0; scope.symbols.len()], initial: vec![None; scope.symbols.len()] };
+        let (mut inputs, mut states, mut params, mut derived, mut outputs) = (0, 0, 0, 0, 0);
+        let next = |count: &mut u32| {
+            *count += 1;
+            *count - 1
+        };
+        for (s, symbol) in scope.valid() {
+            indices.of[s] = match symbol.role {
+                Role::Input => next(&mut inputs),
+                Role::State => next(&mut states),
+                Role::Param if kinds.derived[s] => next(&mut derived),
+                Role::Param => next(&mut params),
+                Role::Output => next(&mut outputs),
+                Role::Const | Role::Let => 0,
+            };
+            if symbol.role == Role::State && matches!(symbol.declaration.value, Some(Value::Free(_))) {
+                indices.initial[s] = Some(next(&mut params));
+            }
+        }
+        indices
+    }
+}
+
+/// A delay in the text.
+pub(super) struct DelayCall {
+    /// Its second argument.
+    pub(super) tau: ExprRef,
+}
+
+/// The graph and where the nodes and names of the text are in it.
+pub(super) struct Expressions {
+    /// All expressions.
+    pub(super) graph: Graph,
+    /// By node of the text; meaningless for broken ones.
+    nodes: Vec<ExprId>,
+    /// By symbol: what its name stands for.
+    symbols: Vec<ExprId>,
+    /// Constants that are not finite although their operands are, with the roots that contain them.
+    pub(super) singular: Vec<(ExprRef, ExprRef)>,
+    /// Every delay.
+    pub(super) delays: Vec<DelayCall>,
+    pushed: Delays,
+}
+
+impl Expressions {
+    /// Translates all blocks.
+    pub(super) fn new(
+        scope: &Scope<'_>,
+        blocks: &Blocks,
+        meanings: &[Meaning],
+        kinds: &Kinds,
+        indices: &Indices,
+        findings: &mut Vec<Diagnostic>,
+    ) -> Self {
+        let mut graph = Graph::default();
+        let nothing = graph.number(0.0);
+        let mut expressions = Self {
+            nodes: vec![nothing; scope.tree.expressions.len()],
+            symbols: vec![nothing; scope.symbols.len()],
+            singular: Vec::new(),
+            delays: Vec::new(),
+            pushed: Delays::default(),
+            graph,
+        };
+        for (s, symbol) in scope.valid().filter(|(s, _)| !kinds.derived[*s]) {
+            let leaf = match symbol.role {
+                Role::Input => Leaf::Input(indices.of[s]),
+                Role::State => Leaf::State(indices.of[s]),
+                Role::Param => Leaf::Param(indices.of[s]),
+                _ => continue,
+            };
+            expressions.symbols[s] = expressions.graph.leaf(leaf);
+        }
+        let mut too_many = false;
+        for block in &blocks.list {
+            for e in blocks.nodes(block).iter().filter(|e| !kinds.of(**e).broken) {
+                let built = match expressions.node(scope, *e, meanings, findings) {
+                    Ok(built) => built,
+                    Err(finding) if !too_many => {
+                        too_many = true;
+                        findings.push(finding);
+                        nothing
+                    }
+                    Err(_) => nothing,
+                };
+                expressions.nodes[e.0 as usize] = built;
+                expressions.watch(scope, block, *e);
+            }
+            if let Owner::Value(s) = block.owner
+                && (matches!(scope.symbols[s].role, Role::Let | Role::Const | Role::Output) || kinds.derived[s])
+            {
+                expressions.symbols[s] = expressions.nodes[block.root.0 as usize];
+            }
+        }
+        expressions
+    }
+
+    /// The expression of a node.
+    pub(super) fn of(&self, e: ExprRef) -> ExprId {
+        self.nodes[e.0 as usize]
+    }
+
+    /// The value of a node that depends on numbers and consts only.
+    pub(super) fn constant(&self, e: ExprRef) -> Option<f64> {
+        self.graph.constant(self.of(e))
+    }
+
+    /// Whether the expression contains a delayed state.
+    pub(super) fn has_delayed_state(&mut self, e: ExprId) -> bool {
+        self.pushed.has_delayed_state(&self.graph, e)
+    }
+
+    fn node(
+        &mut self,
+        scope: &Scope<'_>,
+        e: ExprRef,
+        meanings: &[Meaning],
+        findings: &mut Vec<Diagnostic>,
+    ) -> Result<ExprId, Diagnostic> {
+        let meaning = meanings[e.0 as usize];
+        Ok(match scope.tree.expr(e) {
+            Expr::Number(value) => self.graph.number(*value),
+            Expr::Name(_) => match meaning {
+                Meaning::Symbol(s) => self.symbols[s],
+                Meaning::Time => self.graph.leaf(Leaf::Time),
+                Meaning::Infinity => self.graph.number(f64::INFINITY),
+                _ => self.graph.number(std::f64::consts::PI),
+            },
+            Expr::Unary(UnarySign::Plus, a) => self.of(*a),
+            Expr::Unary(UnarySign::Minus, a) => self.graph.apply(Op::Neg, &[self.nodes[a.0 as usize]]),
+            Expr::Unary(UnarySign::Not, a) => not(&mut self.graph, self.nodes[a.0 as usize]),
+            Expr::Binary(sign, a, b, _) => {
+                binary(&mut self.graph, *sign, self.nodes[a.0 as usize], self.nodes[b.0 as usize])
+            }
+            Expr::If(c, a, b) => {
+                let args = [self.of(*c), self.of(*a), self.of(*b)];
+                self.graph.apply(Op::Select, &args)
+            }
+            Expr::Call(_, arguments) => match meaning {
+                Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
+                Meaning::Function(function) => {
+                    let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
+                    call(&mut self.graph, function, &args)
+                }
+                _ => self.of(e),
+            },
+        })
+    }
+
+    fn delay(
+        &mut self,
+        scope: &Scope<'_>,
+        call: ExprRef,
+        argument: ExprRef,
+        tau: ExprRef,
+        findings: &mut Vec<Diagnostic>,
+    ) -> Result<ExprId, Diagnostic> {
+        if let Some(value) = self.constant(tau)
+            && value < 0.0
+        {
+            let message = format!("a delay of {value} would look into the future");
+            findings.push(Diagnostic::new(Code::BadDelay, scope.tree.span(tau), message).hint("a delay is 0 or more"));
+            return Ok(self.of(argument));
+        }
+        self.delays.push(DelayCall { tau });
+        let (e, tau) = (self.of(argument), self.of(tau));
+        self.pushed.delay(&mut self.graph, e, tau).map_err(|_| {
+            let message = format!("the delays of this model stand for more than {MOST_DELAYED} delayed signals");
+            let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(call), message);
+            finding.hint("delay the signals once, with `let`, and build sums of them")
+        })
+    }
+
+    /// Notes constants that stop being finite here.
+    fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
+        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_)) {
+            return;
+        }
+        let expr = scope.tree.expr(e);
+        let infinite = |e: ExprRef| self.constant(e).is_some_and(|v| !v.is_finite());
+        let own = match expr {
+            Expr::Name(name) => name == "inf",
+            _ => true,
+        };
+        if own && infinite(e) {
+            let mut inherited = false;
+            super::order::each_operand(expr, |operand| inherited |= infinite(operand));
+            if !inherited {
+                self.singular.push((e, block.root));
+            }
+        }
+    }
+}
+
+fn not(graph: &mut Graph, a: ExprId) -> ExprId {
+    let zero = graph.number(0.0);
+    graph.apply(Op::Equal, &[a, zero])
+}
+
+fn binary(graph: &mut Graph, sign: BinarySign, a: ExprId, b: ExprId) -> ExprId {
+    let op = match sign {
+        BinarySign::Add => Op::Add,
+        BinarySign::Subtract => Op::Sub,
+        BinarySign::Multiply => Op::Mul,
+        BinarySign::Divide => Op::Div,
+        BinarySign::Power => Op::Pow,
+        BinarySign::Less => Op::Less,
+        BinarySign::LessEqual => Op::LessEqual,
+        BinarySign::Equal => Op::Equal,
+        BinarySign::Greater => return graph.apply(Op::Less, &[b, a]),
+        BinarySign::GreaterEqual => return graph.apply(Op::LessEqual, &[b, a]),
+        BinarySign::NotEqual => {
+            let equal = graph.apply(Op::Equal, &[a, b]);
+            return not(graph, equal);
+        }
+        BinarySign::And => {
+            let no = graph.number(0.0);
+            return graph.apply(Op::Select, &[a, b, no]);
+        }
+        BinarySign::Or => {
+            let yes = graph.number(1.0);
+            return graph.apply(Op::Select, &[a, yes, b]);
+        }
+    };
+    graph.apply(op, &[a, b])
+}
+
+fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
+    const DEGREE: f64 = std::f64::consts::PI / 180.0;
+    match function {
+        Function::Op(op) if args.len() > op.row().arity => {
+            args.iter().copied().reduce(|a, b| graph.apply(op, &[a, b])).unwrap_or(args[0])
+        }
+        Function::Op(op) => graph.apply(op, args),
+        Function::Clip => {
+            let above = graph.apply(Op::Max, &[args[0], args[1]]);
+            graph.apply(Op::Min, &[above, args[2]])
+        }
+        // max(x - w, 0) + min(x + w, 0): unlike a choice it lets a NaN through
+        Function::Deadzone => {
+            let zero = graph.number(0.0);
+            let (over, under) = (graph.apply(Op::Sub, &[args[0], args[1]]), graph.apply(Op::Add, &[args[0], args[1]]));
+            let (over, under) = (graph.apply(Op::Max, &[over, zero]), graph.apply(Op::Min, &[under, zero]));
+            graph.apply(Op::Add, &[over, under])
+        }
+        Function::DegToRad => {
+            let k = graph.number(DEGREE);
+            graph.apply(Op::Mul, &[k, args[0]])
+        }
+        Function::RadToDeg => {
+            let k = graph.number(1.0 / DEGREE);
+            graph.apply(Op::Mul, &[k, args[0]])
+        }
+        // delays are pushed down before, derivatives stand on left sides
+        Function::Delay | Function::Der => args[0],
+    }
+}

@@ -1,0 +1,110 @@
+//! The functions that users can call: those of the operation table and those that stand for several operations.
+
+use crate::op::{Form, Op, ROWS};
+
+/// A function.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Function {
+    /// A row of the operation table.
+    Op(Op),
+    /// `clip(x, lower, upper)`
+    Clip,
+    /// `deadzone(x, width)`
+    Deadzone,
+    /// `deg2rad(x)`
+    DegToRad,
+    /// `rad2deg(x)`
+    RadToDeg,
+    /// `delay(x, tau)`
+    Delay,
+    /// `der(x)`, the left side of an equation
+    Der,
+}
+
+/// The functions that are no row of the operation table.
+const COMPOSED: &[(&str, Function)] = &[
+    ("clip", Function::Clip),
+    ("deadzone", Function::Deadzone),
+    ("deg2rad", Function::DegToRad),
+    ("rad2deg", Function::RadToDeg),
+    ("delay", Function::Delay),
+    ("der", Function::Der),
+];
+
+/// Described by the language, not compiled by this version.
+const PLANNED: &[&str] = &["lag", "leadlag", "washout", "second_order", "tf", "measured"];
+
+/// What other languages call functions, and how this one writes them.
+const FOREIGN: &[(&str, &str)] = &[
+    ("ln", "log(x)"),
+    ("pow", "x^y"),
+    ("power", "x^y"),
+    ("square", "x^2"),
+    ("sqr", "x^2"),
+    ("arcsin", "asin(x)"),
+    ("arccos", "acos(x)"),
+    ("arctan", "atan(x)"),
+    ("arctan2", "atan2(y, x)"),
+    ("sgn", "sign(x)"),
+    ("fabs", "abs(x)"),
+    ("sat", "clip(x, lower, upper)"),
+    ("saturate", "clip(x, lower, upper)"),
+    ("limit", "clip(x, lower, upper)"),
+    ("clamp", "clip(x, lower, upper)"),
+    ("radians", "deg2rad(x)"),
+    ("degrees", "rad2deg(x)"),
+    ("heaviside", "if x > 0 then 1 else 0"),
+    ("step", "if t > t0 then 1 else 0"),
+    ("diff", "der(x) = ..."),
+    ("ddt", "der(x) = ..."),
+];
+
+impl Function {
+    /// The function with this name.
+    pub(super) fn find(name: &str) -> Option<Self> {
+        let composed = COMPOSED.iter().find(|(n, _)| *n == name).map(|(_, f)| *f);
+        composed.or_else(|| Op::function(name).map(Function::Op))
+    }
+
+    /// Least number of arguments, and whether more are allowed.
+    pub(super) fn arity(self) -> (usize, bool) {
+        match self {
+            Self::Op(op @ (Op::Min | Op::Max)) => (op.row().arity, true),
+            Self::Op(op) => (op.row().arity, false),
+            Self::Clip => (3, false),
+            Self::Deadzone | Self::Delay => (2, false),
+            Self::DegToRad | Self::RadToDeg | Self::Der => (1, false),
+        }
+    }
+
+    /// How a call is written.
+    pub(super) fn form(self, name: &str) -> String {
+        let arguments = match self {
+            Self::Op(Op::Atan2) => "y, x",
+            Self::Op(Op::Min | Op::Max) => "a, b, ...",
+            Self::Op(Op::Hypot) => "x, y",
+            Self::Clip => "x, lower, upper",
+            Self::Deadzone => "x, width",
+            Self::Delay => "x, tau",
+            _ => "x",
+        };
+        format!("{name}({arguments})")
+    }
+
+    /// Every name, for hints.
+    pub(super) fn names() -> impl Iterator<Item = &'static str> {
+        let rows = ROWS.iter().filter(|r| r.form == Form::Function).map(|r| r.name);
+        rows.chain(COMPOSED.iter().map(|(n, _)| *n))
+    }
+}
+
+/// Whether the language describes this function and the compiler does not have it yet.
+pub(super) fn is_planned(name: &str) -> bool {
+    PLANNED.contains(&name)
+}
+
+/// How this language writes what others call `name`.
+pub(super) fn translation(name: &str) -> Option<&'static str> {
+    let lower = name.to_lowercase();
+    FOREIGN.iter().find(|(n, _)| *n == lower).map(|(_, own)| *own)
+}

@@ -1,0 +1,110 @@
+//! Declarations that nothing uses, and parameters that no output depends on.
+
+use super::kinds::Kinds;
+use super::names::{Meaning, Scope, SymbolId};
+use super::order::{Blocks, Owner};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::graph::{Leaf, Node, Signal};
+use crate::model::{Model, Origin};
+use crate::op::ExprId;
+use crate::syntax::{Role, Value};
+
+/// Warns of inputs, params, consts and lets that no other expression mentions.
+pub(super) fn unused(
+    scope: &Scope<'_>,
+    blocks: &Blocks,
+    meanings: &[Meaning],
+    kinds: &Kinds,
+    findings: &mut Vec<Diagnostic>,
+) {
+    let used = mentioned(scope, blocks, meanings);
+    for (s, symbol) in scope.valid().filter(|(s, _)| !used[*s]) {
+        // states and outputs speak for themselves; a param that others define is there to be reported
+        if matches!(symbol.role, Role::State | Role::Output) || kinds.derived[s] {
+            continue;
+        }
+        let name = &symbol.declaration.name;
+        let message = format!("the {} `{}` is not used", symbol.role.keyword(), name.text);
+        findings.push(Diagnostic::new(Code::Unused, name.span, message).hint("remove it or use it in an equation"));
+    }
+}
+
+/// For each symbol whether an expression that is not its own mentions it.
+fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bool> {
+    let mut used = vec![false; scope.symbols.len()];
+    for block in &blocks.list {
+        let own = match block.owner {
+            Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) => Some(s),
+            Owner::Right(_) => None,
+        };
+        for e in blocks.nodes(block) {
+            if let Meaning::Symbol(s) = meanings[e.0 as usize] {
+                used[s] |= own != Some(s);
+            }
+        }
+    }
+    used
+}
+
+/// Warns of free parameters that no output depends on, directly or through states and delays. Parameters that
+/// nothing mentions at all have been told.
+pub(super) fn without_influence(
+    scope: &Scope<'_>,
+    blocks: &Blocks,
+    meanings: &[Meaning],
+    model: &Model,
+    findings: &mut Vec<Diagnostic>,
+) {
+    let reached = reached_params(model);
+    let used = mentioned(scope, blocks, meanings);
+    let state = |k: u32| model.states.get(k as usize).and_then(|s| scope.find(&s.quantity.name));
+    for (k, param) in model.params.iter().enumerate().filter(|(k, p)| !reached[*k] && !p.fixed) {
+        let symbol: Option<SymbolId> = match param.origin {
+            Origin::Declared => scope.find(&param.quantity.name).filter(|s| used[*s]),
+            Origin::FreeInitial(k) => state(k),
+        };
+        let Some(declaration) = symbol.map(|s| scope.symbols[s].declaration) else { continue };
+        let span = match (param.origin, declaration.value) {
+            (Origin::FreeInitial(_), Some(Value::Free(span))) => span,
+            _ => declaration.name.span,
+        };
+        let message = format!("no output depends on `{}`, so it cannot be estimated", model.params[k].quantity.name);
+        let finding = Diagnostic::new(Code::NoInfluence, span, message);
+        findings.push(match param.origin {
+            Origin::Declared => finding.hint("make it `fixed` or add an output that depends on it"),
+            Origin::FreeInitial(_) => {
+                finding.hint("give the state an initial value or add an output that depends on it")
+            }
+        });
+    }
+}
+
+/// Which parameters the outputs depend on.
+fn reached_params(model: &Model) -> Vec<bool> {
+    let graph = &model.graph;
+    let mut reached = vec![false; model.params.len()];
+    let mut seen = vec![false; graph.nodes().len()];
+    let mut open: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
+    while let Some(e) = open.pop() {
+        if std::mem::replace(&mut seen[e.index()], true) {
+            continue;
+        }
+        let mut state = |k: u32| {
+            let state = &model.states[k as usize];
+            open.extend([state.rate, state.initial]);
+        };
+        match graph.node(e) {
+            Node::Leaf(Leaf::Param(k)) => reached[k as usize] = true,
+            Node::Leaf(Leaf::State(k)) => state(k),
+            Node::Leaf(Leaf::Delayed(k)) => {
+                let delayed = graph.delayed()[k as usize];
+                if let Signal::State(k) = delayed.signal {
+                    state(k);
+                }
+                open.push(delayed.tau);
+            }
+            _ => open.extend_from_slice(graph.operands(e)),
+        }
+    }
+    reached
+}

@@ -1,0 +1,265 @@
+//! Numbers and conditions are different things; constants, parameters and what varies come from different places.
+
+use super::functions::Function;
+use super::names::{Meaning, Scope};
+use super::order::{Block, Blocks, Owner};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::syntax::{BinarySign, Expr, ExprRef, Role, UnarySign, Value};
+
+/// On what an expression depends at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Level {
+    /// Numbers and consts.
+    Constant,
+    /// Parameters.
+    Param,
+    /// Time, states, inputs.
+    Varying,
+}
+
+/// What is known of a node, or of what a name stands for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fact {
+    /// On what it depends.
+    pub(super) level: Level,
+    /// A condition, not a number.
+    pub(super) condition: bool,
+    /// Contains a mistake that has been told.
+    pub(super) broken: bool,
+}
+
+/// What is known of all nodes and names.
+pub(super) struct Kinds {
+    /// By node of the text.
+    pub(super) nodes: Vec<Fact>,
+    /// By symbol: what its name stands for in expressions.
+    pub(super) symbols: Vec<Fact>,
+    /// By symbol: a parameter that is defined by others.
+    pub(super) derived: Vec<bool>,
+}
+
+const NUMBER: Fact = Fact { level: Level::Constant, condition: false, broken: false };
+const BROKEN: Fact = Fact { broken: true, ..NUMBER };
+
+impl Kinds {
+    /// Finds the kind and the level of every node, block by block.
+    pub(super) fn new(
+        scope: &Scope<'_>,
+        blocks: &Blocks,
+        meanings: &[Meaning],
+        circular: &[bool],
+        findings: &mut Vec<Diagnostic>,
+    ) -> Self {
+        let symbols = scope.symbols.iter().zip(circular).map(|(symbol, circular)| {
+            let broken = *circular;
+            match symbol.role {
+                Role::Input | Role::State => Fact { level: Level::Varying, ..NUMBER },
+                Role::Param => Fact { level: Level::Param, broken, ..NUMBER },
+                _ => Fact { broken: broken || !matches!(symbol.declaration.value, Some(Value::Expr(_))), ..NUMBER },
+            }
+        });
+        let mut kinds = Self {
+            nodes: vec![NUMBER; scope.tree.expressions.len()],
+            symbols: symbols.collect(),
+            derived: vec![false; scope.symbols.len()],
+        };
+        for block in &blocks.list {
+            let mut judge = Judge { scope, meanings, kinds: &mut kinds, findings };
+            for e in blocks.nodes(block) {
+                let fact = judge.node(*e);
+                judge.kinds.nodes[e.0 as usize] = fact;
+            }
+            let wanted = judge.want(block.root, false, Hint::Number);
+            kinds.finish(scope, blocks, block, meanings, wanted, findings);
+        }
+        kinds
+    }
+
+    /// The fact of a node.
+    pub(super) fn of(&self, e: ExprRef) -> Fact {
+        self.nodes[e.0 as usize]
+    }
+
+    /// Compares what a block depends on with what its owner allows, and says what its name stands for.
+    fn finish(
+        &mut self,
+        scope: &Scope<'_>,
+        blocks: &Blocks,
+        block: &Block,
+        meanings: &[Meaning],
+        sound: bool,
+        findings: &mut Vec<Diagnostic>,
+    ) {
+        let root = &mut self.nodes[block.root.0 as usize];
+        root.broken |= !sound;
+        let most = match block.owner {
+            Owner::Value(s) => match scope.symbols[s].role {
+                Role::Const => Level::Constant,
+                Role::Param | Role::State => Level::Param,
+                _ => Level::Varying,
+            },
+            Owner::Lower(_) | Owner::Upper(_) => Level::Constant,
+            Owner::Right(_) => Level::Varying,
+        };
+        if !root.broken && root.level > most {
+            root.broken = true;
+            findings.push(too_variable(scope, blocks, block, meanings, self, most));
+        }
+        let root = self.nodes[block.root.0 as usize];
+        if let Owner::Value(s) = block.owner {
+            match scope.symbols[s].role {
+                Role::Param => self.derived[s] = !root.broken && root.level == Level::Param,
+                Role::Let | Role::Output | Role::Const => {
+                    self.symbols[s] = Fact { broken: self.symbols[s].broken || root.broken, ..root };
+                }
+                Role::State | Role::Input => {}
+            }
+        }
+    }
+
+    /// The level of a name or of `t`.
+    fn level(&self, meaning: Meaning) -> Level {
+        match meaning {
+            Meaning::Symbol(s) => self.symbols[s].level,
+            Meaning::Time => Level::Varying,
+            _ => Level::Constant,
+        }
+    }
+}
+
+/// What a complaint about the wrong kind suggests.
+#[derive(Clone, Copy, PartialEq)]
+enum Hint {
+    Number,
+    Chain,
+    Condition,
+}
+
+struct Judge<'a, 'b> {
+    scope: &'b Scope<'a>,
+    meanings: &'b [Meaning],
+    kinds: &'b mut Kinds,
+    findings: &'b mut Vec<Diagnostic>,
+}
+
+impl Judge<'_, '_> {
+    fn node(&mut self, e: ExprRef) -> Fact {
+        let meaning = self.meanings[e.0 as usize];
+        match self.scope.tree.expr(e) {
+            Expr::Number(_) => NUMBER,
+            Expr::Name(_) => match meaning {
+                Meaning::Symbol(s) => self.kinds.symbols[s],
+                Meaning::Broken => BROKEN,
+                _ => Fact { level: self.kinds.level(meaning), ..NUMBER },
+            },
+            Expr::Unary(UnarySign::Not, a) => self.joined(&[*a], true, true, Hint::Condition),
+            Expr::Unary(_, a) => self.joined(&[*a], false, false, Hint::Number),
+            Expr::Binary(sign, a, b, _) => match sign {
+                BinarySign::And | BinarySign::Or => self.joined(&[*a, *b], true, true, Hint::Condition),
+                sign if is_comparison(*sign) => self.joined(&[*a, *b], false, true, Hint::Chain),
+                _ => self.joined(&[*a, *b], false, false, Hint::Number),
+            },
+            Expr::If(c, a, b) => {
+                let choice = self.joined(&[*c], true, true, Hint::Condition);
+                let branches = self.joined(&[*a, *b], false, false, Hint::Number);
+                Fact { level: choice.level.max(branches.level), broken: choice.broken || branches.broken, ..NUMBER }
+            }
+            Expr::Call(_, arguments) => {
+                let mut fact = self.joined(arguments, false, false, Hint::Number);
+                fact.broken |= meaning == Meaning::Broken;
+                if meaning == Meaning::Function(Function::Delay) && !fact.broken {
+                    fact.broken = !self.steady_delay(arguments[1]);
+                }
+                fact
+            }
+        }
+    }
+
+    /// The fact of an operation whose operands must all be conditions, or all numbers.
+    fn joined(&mut self, operands: &[ExprRef], conditions: bool, condition: bool, hint: Hint) -> Fact {
+        let mut fact = Fact { condition, ..NUMBER };
+        for operand in operands {
+            let sound = self.want(*operand, conditions, hint);
+            let operand = self.kinds.of(*operand);
+            fact.level = fact.level.max(operand.level);
+            fact.broken |= operand.broken || !sound;
+        }
+        fact
+    }
+
+    /// Tells when an operand is of the wrong kind.
+    fn want(&mut self, e: ExprRef, condition: bool, hint: Hint) -> bool {
+        let fact = self.kinds.of(e);
+        if fact.broken || fact.condition == condition {
+            return true;
+        }
+        let span = self.scope.tree.span(e);
+        let comparison = matches!(self.scope.tree.expr(e), Expr::Binary(sign, ..) if is_comparison(*sign));
+        self.findings.push(match hint {
+            Hint::Condition => {
+                Diagnostic::new(Code::WantedCondition, span, "a condition is needed here, this is a number")
+                    .hint("compare it with something, such as `x > 0`")
+            }
+            Hint::Chain if comparison => {
+                Diagnostic::new(Code::WantedNumber, span, "a number is needed here, this is a condition")
+                    .hint("write `a < b and b < c` instead of `a < b < c`")
+            }
+            _ => Diagnostic::new(Code::WantedNumber, span, "a number is needed here, this is a condition")
+                .hint("`if condition then 1 else 0` makes it a number"),
+        });
+        false
+    }
+
+    fn steady_delay(&mut self, tau: ExprRef) -> bool {
+        let steady = self.kinds.of(tau).level <= Level::Param;
+        if !steady {
+            let finding =
+                Diagnostic::new(Code::BadDelay, self.scope.tree.span(tau), "a delay must not change during the run");
+            self.findings.push(finding.hint("it may depend on params, consts and numbers only"));
+        }
+        steady
+    }
+}
+
+fn is_comparison(sign: BinarySign) -> bool {
+    use BinarySign::*;
+    matches!(sign, Less | LessEqual | Greater | GreaterEqual | Equal | NotEqual)
+}
+
+/// The complaint about a value that depends on what it must not depend on, shown at the name that does it.
+fn too_variable(
+    scope: &Scope<'_>,
+    blocks: &Blocks,
+    block: &Block,
+    meanings: &[Meaning],
+    kinds: &Kinds,
+    most: Level,
+) -> Diagnostic {
+    let mut culprits = blocks.nodes(block).iter().filter(|e| kinds.level(meanings[e.0 as usize]) > most);
+    let culprit = culprits.next().copied().unwrap_or(block.root);
+    let what = match meanings[culprit.0 as usize] {
+        Meaning::Symbol(s) => format!("the {} `{}`", scope.symbols[s].role.keyword(), scope.symbols[s].name()),
+        _ => "the time `t`".to_string(),
+    };
+    let span = scope.tree.span(culprit);
+    match block.owner {
+        Owner::Lower(s) | Owner::Upper(s) => {
+            let message = format!("the bounds of `{}` cannot depend on {what}", scope.symbols[s].name());
+            Diagnostic::new(Code::BadBounds, span, message).hint("bounds are made of numbers and consts")
+        }
+        Owner::Value(s) => {
+            let symbol = &scope.symbols[s];
+            let (subject, hint) = match symbol.role {
+                Role::Const => ("the const", format!("`let {} = ...;` may depend on anything", symbol.name())),
+                Role::Param => ("the param", format!("`let {} = ...;` may depend on anything", symbol.name())),
+                _ => (
+                    "the initial value of",
+                    format!("it may depend on params; `state {} = free` estimates it", symbol.name()),
+                ),
+            };
+            let message = format!("{subject} `{}` cannot depend on {what}", symbol.name());
+            Diagnostic::new(Code::NotConstant, span, message).hint(hint)
+        }
+        Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
+    }
+}

@@ -1,0 +1,155 @@
+//! The checked model from its parts, once no mistake is left.
+
+use super::declarations::Range;
+use super::equations::Equation;
+use super::expressions::{Expressions, Indices};
+use super::kinds::Kinds;
+use super::names::{Scope, Symbol, SymbolId};
+use crate::graph::{Graph, Leaf, Node};
+use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, State};
+use crate::op::{Build, ExprId};
+use crate::syntax::{Name, Role, Value};
+
+/// Parameters in the order of the model: the declared ones and the free initial values.
+pub(super) fn params(scope: &Scope<'_>, kinds: &Kinds, indices: &Indices, ranges: &[Range]) -> Vec<Param> {
+    let mut params = Vec::new();
+    for (s, symbol) in scope.valid() {
+        let declared = symbol.role == Role::Param && !kinds.derived[s];
+        if declared {
+            params.push(declared_param(symbol, ranges[s]));
+        } else if indices.initial[s].is_some() {
+            params.push(free_initial(symbol, indices.of[s]));
+        }
+    }
+    params
+}
+
+fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
+    Param {
+        quantity: quantity(symbol),
+        origin: Origin::Declared,
+        value: range.value,
+        lower: range.lower,
+        upper: range.upper,
+        fixed: symbol.declaration.fixed.is_some(),
+        per_run: symbol.declaration.per_run.is_some(),
+    }
+}
+
+fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
+    let own = quantity(symbol);
+    let doc = if own.doc.is_empty() { String::new() } else { format!("initial value of {}", own.doc) };
+    Param {
+        quantity: Quantity { name: format!("{}(0)", own.name), doc, unit: own.unit },
+        origin: Origin::FreeInitial(state),
+        value: 0.0,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: false,
+        per_run: true,
+    }
+}
+
+fn quantity(symbol: &Symbol<'_>) -> Quantity {
+    Quantity { name: symbol.name().to_string(), doc: text(&symbol.declaration.doc), unit: symbol.unit.clone() }
+}
+
+fn text(doc: &Option<Name>) -> String {
+    doc.as_ref().map_or(String::new(), |d| d.text.clone())
+}
+
+/// Puts the parts together; the model has passed every check.
+pub(super) fn assemble(
+    scope: &Scope<'_>,
+    equations: &[Equation],
+    kinds: &Kinds,
+    indices: &Indices,
+    expressions: Expressions,
+    params: Vec<Param>,
+) -> Model {
+    let mut rates: Vec<Option<ExprId>> = vec![None; scope.symbols.len()];
+    for equation in equations {
+        if let Some(s) = equation.state {
+            rates[s] = Some(expressions.of(equation.right));
+        }
+    }
+    let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
+        Some(Value::Expr(root)) => Some(expressions.of(root)),
+        _ => None,
+    };
+    let mut graph = expressions.graph.clone();
+    let zero = graph.number(0.0);
+    let initial = |graph: &mut Graph, s: SymbolId, symbol: &Symbol<'_>| match indices.initial[s] {
+        Some(k) => graph.leaf(Leaf::Param(k)),
+        None => value(symbol).unwrap_or(zero),
+    };
+    let mut model = Model {
+        name: scope.tree.name.text.clone(),
+        doc: text(&scope.tree.doc),
+        time: scope.time.clone(),
+        inputs: Vec::new(),
+        states: Vec::new(),
+        params,
+        derived: Vec::new(),
+        outputs: Vec::new(),
+        graph: Default::default(),
+    };
+    for (s, symbol) in scope.valid() {
+        let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
+        match symbol.role {
+            Role::Input => model.inputs.push(Input { quantity }),
+            Role::State => {
+                let initial = initial(&mut graph, s, symbol);
+                model.states.push(State { quantity, rate: rates[s].unwrap_or(zero), initial });
+            }
+            Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr }),
+            Role::Output => model.outputs.push(Output { quantity, expr }),
+            Role::Param | Role::Const | Role::Let => {}
+        }
+    }
+    model.graph = graph;
+    drop_unused_delays(&mut model);
+    model
+}
+
+/// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
+/// such, the graph is built anew without them.
+fn drop_unused_delays(model: &mut Model) {
+    let old = std::mem::take(&mut model.graph);
+    let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
+    let outputs = model.outputs.iter().map(|o| o.expr);
+    let mut roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).collect();
+    let used: Vec<ExprId> = old.reachable(roots.iter().copied());
+    let signals = used.iter().filter_map(|e| match old.node(*e) {
+        Node::Leaf(Leaf::Delayed(k)) => Some(old.delayed()[k as usize].tau),
+        _ => None,
+    });
+    let taus: Vec<ExprId> = signals.collect();
+    if taus.len() == old.delayed().len() {
+        model.graph = old;
+        return;
+    }
+    roots.extend(taus);
+    let mut graph = Graph::default();
+    let mut moved = vec![ExprId::NONE; old.nodes().len()];
+    for e in old.reachable(roots) {
+        moved[e.index()] = match old.node(e) {
+            Node::Constant(bits) => graph.number(f64::from_bits(bits)),
+            Node::Leaf(Leaf::Delayed(k)) => {
+                let delayed = old.delayed()[k as usize];
+                graph.delay(delayed.signal, moved[delayed.tau.index()])
+            }
+            Node::Leaf(leaf) => graph.leaf(leaf),
+            Node::Apply(op, args) => {
+                graph.apply(op, &args.map(|a| moved.get(a.index()).copied().unwrap_or(a))[..op.row().arity])
+            }
+        };
+    }
+    for state in &mut model.states {
+        state.rate = moved[state.rate.index()];
+        state.initial = moved[state.initial.index()];
+    }
+    model.outputs.iter_mut().for_each(|o| o.expr = moved[o.expr.index()]);
+    model.derived.iter_mut().for_each(|d| d.expr = moved[d.expr.index()]);
+    model.graph = graph;
+}

@@ -1,0 +1,352 @@
+//! What each name and each call in the text stands for.
+
+use super::functions::{self, Function};
+use super::order::Blocks;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::source::Span;
+use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
+use crate::unit::Unit;
+use std::collections::{HashMap, HashSet};
+
+/// Index of a declared name in [`Scope::symbols`].
+pub(super) type SymbolId = usize;
+
+/// A declared name.
+pub(super) struct Symbol<'a> {
+    /// What it was declared as.
+    pub(super) role: Role,
+    /// What was written about it.
+    pub(super) declaration: &'a Declaration,
+    /// Whether the name means this declaration: neither reserved nor taken by an earlier one.
+    pub(super) valid: bool,
+    /// The declared unit, when it could be read.
+    pub(super) unit: Option<Unit>,
+}
+
+impl Symbol<'_> {
+    /// The name.
+    pub(super) fn name(&self) -> &str {
+        &self.declaration.name.text
+    }
+}
+
+/// Everything that is declared.
+pub(super) struct Scope<'a> {
+    /// The model as written.
+    pub(super) tree: &'a SyntaxTree,
+    /// Declared names in the order of the text.
+    pub(super) symbols: Vec<Symbol<'a>>,
+    /// Unit of `t` and of the time in `der`.
+    pub(super) time: Unit,
+    /// Whether any unit is written in the model.
+    pub(super) has_units: bool,
+    names: HashMap<&'a str, SymbolId>,
+    suspended: HashSet<&'a str>,
+}
+
+/// What a node of the text refers to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// Neither a name nor a call.
+    None,
+    /// A declared name.
+    Symbol(SymbolId),
+    /// `t`
+    Time,
+    /// `pi`
+    Pi,
+    /// `inf`, for bounds.
+    Infinity,
+    /// A function, called with a fitting number of arguments.
+    Function(Function),
+    /// A mistake that has been told.
+    Broken,
+}
+
+impl<'a> Scope<'a> {
+    /// Collects the declarations and the unit of time.
+    pub(super) fn new(tree: &'a SyntaxTree, findings: &mut Vec<Diagnostic>) -> Self {
+        let mut scope = Scope {
+            tree,
+            symbols: Vec::new(),
+            time: Unit::second(),
+            has_units: false,
+            names: HashMap::new(),
+            suspended: tree.suspended.iter().map(String::as_str).collect(),
+        };
+        let mut time: Option<Span> = None;
+        for statement in &tree.statements {
+            match &statement.kind {
+                StatementKind::Declare(role, list) => list.iter().for_each(|d| scope.declare(*role, d, findings)),
+                StatementKind::Time(unit) => match time {
+                    Some(first) => {
+                        let message = "the unit of time is given a second time";
+                        let finding = Diagnostic::new(Code::DeclaredTwice, statement.span, message);
+                        findings.push(finding.label(first, "first given here"));
+                    }
+                    None => {
+                        time = Some(statement.span);
+                        scope.set_time(unit, findings);
+                    }
+                },
+                StatementKind::Equation(..) => {}
+            }
+        }
+        scope
+    }
+
+    /// The declaration that a name means.
+    pub(super) fn find(&self, name: &str) -> Option<SymbolId> {
+        self.names.get(name).copied()
+    }
+
+    /// Whether mistakes with this name are consequences of one that has been told.
+    pub(super) fn is_suspended(&self, name: &str) -> bool {
+        self.suspended.contains(name)
+    }
+
+    /// Whether statements are missing because they could not be read.
+    pub(super) fn is_partial(&self) -> bool {
+        !self.tree.suspended.is_empty()
+    }
+
+    /// Tells nothing about this name any more.
+    pub(super) fn suspend(&mut self, name: &'a str) {
+        self.suspended.insert(name);
+    }
+
+    /// Names that mean their declaration, with their numbers.
+    pub(super) fn valid(&self) -> impl Iterator<Item = (SymbolId, &Symbol<'a>)> {
+        self.symbols.iter().enumerate().filter(|(_, s)| s.valid)
+    }
+
+    fn set_time(&mut self, text: &Name, findings: &mut Vec<Diagnostic>) {
+        self.has_units = true;
+        match read_unit(text, findings) {
+            Some(unit) if unit.same_dimension(&Unit::second()) => self.time = unit,
+            Some(unit) => {
+                let message = format!("`{unit}` is not a unit of time");
+                findings
+                    .push(Diagnostic::new(Code::UnitMismatch, text.span, message).hint("`time [s];` or `time [min];`"));
+            }
+            None => {}
+        }
+    }
+
+    fn declare(&mut self, role: Role, declaration: &'a Declaration, findings: &mut Vec<Diagnostic>) {
+        let name = &declaration.name;
+        let unit = declaration.unit.as_ref().and_then(|u| read_unit(u, findings));
+        self.has_units |= declaration.unit.is_some();
+        let mut valid = false;
+        if let Some(use_) = reserved(&name.text) {
+            let message = format!("`{}` {use_} and cannot be declared", name.text);
+            findings.push(Diagnostic::new(Code::ReservedName, name.span, message).hint("choose another name"));
+            self.suspended.insert(&name.text);
+        } else if let Some(first) = self.find(&name.text) {
+            findings.push(declared_twice(role, name, &self.symbols[first]));
+        } else {
+            valid = true;
+            self.names.insert(&name.text, self.symbols.len());
+        }
+        self.symbols.push(Symbol { role, declaration, valid, unit });
+    }
+}
+
+fn declared_twice(role: Role, name: &Name, first: &Symbol<'_>) -> Diagnostic {
+    let message = format!("`{}` is declared a second time", name.text);
+    let finding = Diagnostic::new(Code::DeclaredTwice, name.span, message)
+        .label(first.declaration.name.span, format!("first declared here, as {}", first.role.keyword()));
+    match (first.role, role) {
+        (Role::Output, Role::Output) => finding.hint("give each output a name of its own"),
+        (_, Role::Output) => finding.hint(format!("an output has a name of its own: `output {0}_m = {0};`", name.text)),
+        _ => finding.hint("remove one of them or choose another name"),
+    }
+}
+
+/// Why a name cannot be declared.
+fn reserved(name: &str) -> Option<&'static str> {
+    match (name, word_use(name)) {
+        ("t", _) => Some("is the time since the run began"),
+        ("pi", _) => Some("is the number 3.14159..."),
+        ("inf", _) => Some("is infinity"),
+        (_, Some(_)) => Some("is a word of the language"),
+        _ if Function::find(name).is_some() => Some("is a function"),
+        _ => None,
+    }
+}
+
+/// Reads a unit; a mistake is shown at its place inside the brackets.
+fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<Unit> {
+    let error = match Unit::parse(&text.text) {
+        Ok(unit) => return Some(unit),
+        Err(error) => error,
+    };
+    let range = text.span.range();
+    // the span may hold the brackets
+    let margin = range.len().saturating_sub(text.text.len()) / 2;
+    let start = range.start + margin + error.range.start;
+    let span = if error.range.is_empty() { text.span } else { Span::new(start, start + error.range.len()) };
+    let finding = Diagnostic::new(Code::UnknownUnit, span, error.message);
+    findings.push(match error.nearest {
+        Some(near) => finding.hint(format!("did you mean `{near}`?")),
+        None => finding,
+    });
+    None
+}
+
+/// What every node of every block refers to; unknown names and functions, wrong argument counts are told.
+pub(super) fn resolve(scope: &Scope<'_>, blocks: &Blocks, findings: &mut Vec<Diagnostic>) -> Vec<Meaning> {
+    let mut resolver = Resolver { scope, unknown: HashMap::new(), findings };
+    let mut meanings = vec![Meaning::None; scope.tree.expressions.len()];
+    for e in &blocks.nodes {
+        let span = scope.tree.span(*e);
+        meanings[e.0 as usize] = match scope.tree.expr(*e) {
+            Expr::Name(name) => resolver.name(name, span),
+            Expr::Call(name, arguments) => resolver.call(name, arguments, span),
+            _ => Meaning::None,
+        };
+    }
+    meanings
+}
+
+struct Resolver<'a, 'b> {
+    scope: &'b Scope<'a>,
+    /// Findings about unknown names, so that each name is told once.
+    unknown: HashMap<&'a str, usize>,
+    findings: &'b mut Vec<Diagnostic>,
+}
+
+/// Further places of an unknown name that are shown.
+const MOST_PLACES: usize = 8;
+
+impl<'a> Resolver<'a, '_> {
+    fn name(&mut self, name: &'a str, span: Span) -> Meaning {
+        match name {
+            _ if self.scope.find(name).is_some() => self.scope.find(name).map_or(Meaning::Broken, Meaning::Symbol),
+            "t" => Meaning::Time,
+            "pi" => Meaning::Pi,
+            "inf" => Meaning::Infinity,
+            _ if self.scope.is_suspended(name) => Meaning::Broken,
+            _ => {
+                self.unknown_name(name, span);
+                Meaning::Broken
+            }
+        }
+    }
+
+    fn unknown_name(&mut self, name: &'a str, span: Span) {
+        if let Some(told) = self.unknown.get(name) {
+            let labels = &mut self.findings[*told];
+            if labels.labels.len() < MOST_PLACES {
+                *labels = labels.clone().label(span, "and here");
+            }
+            return;
+        }
+        let hint = match Function::find(name) {
+            Some(function) => Some(format!("`{name}` is a function: `{}`", function.form(name))),
+            None => self.scope.nearest(name, self.unknown.len(), |_| true),
+        };
+        let finding = Diagnostic::new(Code::UnknownName, span, format!("`{name}` is not declared"));
+        self.unknown.insert(name, self.findings.len());
+        self.findings.push(match hint {
+            Some(hint) => finding.hint(hint),
+            None => finding,
+        });
+    }
+
+    fn call(&mut self, name: &Name, arguments: &[ExprRef], span: Span) -> Meaning {
+        let Some(function) = Function::find(&name.text) else {
+            self.findings.push(unknown_function(self.scope, name));
+            return Meaning::Broken;
+        };
+        let (least, more) = function.arity();
+        let given = arguments.len();
+        if given < least || given > least && !more {
+            self.findings.push(argument_count(function, name, given, span));
+            return Meaning::Broken;
+        }
+        if function == Function::Der {
+            self.findings.push(derivative_elsewhere(self.scope, arguments[0], span));
+            return Meaning::Broken;
+        }
+        Meaning::Function(function)
+    }
+}
+
+fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
+    let text = &name.text;
+    if functions::is_planned(text) {
+        let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
+        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
+    }
+    let message = format!("`{text}` is not a function");
+    let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);
+    if scope.find(text).is_some() {
+        return finding.hint(format!("a product is written with a sign: `{text}*(...)`"));
+    }
+    if let Some(own) = functions::translation(text) {
+        return finding.hint(format!("write `{own}`"));
+    }
+    let short = text.chars().count() <= LONGEST_GUESS;
+    match short.then(|| crate::diagnostic::nearest(text, Function::names())).flatten() {
+        Some(near) => finding.hint(format!("did you mean `{near}`?")),
+        None => finding,
+    }
+}
+
+/// The complaint about a wrong number of arguments.
+pub(super) fn argument_count(function: Function, name: &Name, given: usize, span: Span) -> Diagnostic {
+    let (least, more) = function.arity();
+    let wanted = match (least, more) {
+        (1, false) => "1 argument".to_string(),
+        (n, false) => format!("{n} arguments"),
+        (n, true) => format!("{n} or more arguments"),
+    };
+    let message = format!("`{}` takes {wanted}, {given} given", name.text);
+    Diagnostic::new(Code::ArgumentCount, span, message).hint(format!("`{}`", function.form(&name.text)))
+}
+
+fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Diagnostic {
+    let declared = match scope.tree.expr(argument) {
+        Expr::Name(name) => scope.find(name).map(|s| &scope.symbols[s]),
+        _ => None,
+    };
+    let message = match declared {
+        Some(s) if s.role == Role::Input => {
+            format!("the derivative of the input `{}` is not compiled yet", s.name())
+        }
+        _ => "`der(...)` stands on the left side of an equation only".to_string(),
+    };
+    let finding = Diagnostic::new(Code::Unsupported, span, message);
+    match declared {
+        Some(s) if s.role == Role::Input => {
+            finding.hint("record the derivative as an input of its own, or filter the input with a state")
+        }
+        Some(s) if s.role == Role::State => {
+            finding.hint(format!("name the right side: `let {0}_dot = ...; der({0}) = {0}_dot;`", s.name()))
+        }
+        _ => finding.hint("write a derivative as a state of its own"),
+    }
+}
+
+/// Longer names are not compared with others, and only so many comparisons are made: guessing must stay cheap.
+const LONGEST_GUESS: usize = 48;
+const MOST_COMPARISONS: usize = 500_000;
+
+impl Scope<'_> {
+    /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and not too many
+    /// names have been `guessed` before.
+    pub(super) fn nearest(&self, name: &str, guessed: usize, wanted: impl Fn(&Symbol<'_>) -> bool) -> Option<String> {
+        let length = name.chars().count();
+        if length > LONGEST_GUESS || guessed * self.symbols.len() > MOST_COMPARISONS {
+            return None;
+        }
+        let likely = |s: &&Symbol<'_>| {
+            let own = s.name().chars().count();
+            s.valid && own.abs_diff(length) <= own.max(length).div_ceil(3) && own <= LONGEST_GUESS && wanted(s)
+        };
+        let declared = self.symbols.iter().filter(likely).map(Symbol::name);
+        let near = crate::diagnostic::nearest(name, declared.chain(["t", "pi"]))?;
+        Some(format!("did you mean `{near}`?"))
+    }
+}

@@ -1,0 +1,226 @@
+//! The expressions of a model as blocks, in an order in which every name is defined before it is used.
+
+use super::equations::Equation;
+use super::names::{Meaning, Scope, SymbolId};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::syntax::{Expr, ExprRef, Role, Value};
+use std::collections::{HashMap, HashSet, VecDeque};
+use std::ops::Range;
+
+/// What an expression is to the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Owner {
+    /// The value of a declaration.
+    Value(SymbolId),
+    /// The lower bound.
+    Lower(SymbolId),
+    /// The upper bound.
+    Upper(SymbolId),
+    /// The right side of an equation, by index.
+    Right(usize),
+}
+
+/// One whole expression of the text.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    /// What it is for.
+    pub(super) owner: Owner,
+    /// Its outermost node.
+    pub(super) root: ExprRef,
+    range: Range<usize>,
+}
+
+/// All expressions of a model.
+#[derive(Debug, Default)]
+pub(super) struct Blocks {
+    /// Nodes, block by block, operands before their users.
+    pub(super) nodes: Vec<ExprRef>,
+    /// First in the order of the text; [`sort`] makes it the order of definition.
+    pub(super) list: Vec<Block>,
+}
+
+impl Blocks {
+    /// Collects declarations and equations.
+    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation]) -> Self {
+        let mut blocks = Self::default();
+        let mut seen = vec![false; scope.tree.expressions.len()];
+        let mut add = |owner, root| blocks.add(scope, &mut seen, owner, root);
+        for (s, symbol) in scope.symbols.iter().enumerate() {
+            if let (Some(Value::Expr(root)), true) = (symbol.declaration.value, symbol.role != Role::Input) {
+                add(Owner::Value(s), root);
+            }
+            if let Some(bounds) = symbol.declaration.bounds {
+                add(Owner::Lower(s), bounds.lower);
+                add(Owner::Upper(s), bounds.upper);
+            }
+        }
+        for (k, equation) in equations.iter().enumerate() {
+            add(Owner::Right(k), equation.right);
+        }
+        blocks
+    }
+
+    /// The nodes of a block, operands before their users.
+    pub(super) fn nodes(&self, block: &Block) -> &[ExprRef] {
+        &self.nodes[block.range.clone()]
+    }
+
+    fn add(&mut self, scope: &Scope<'_>, seen: &mut [bool], owner: Owner, root: ExprRef) {
+        let start = self.nodes.len();
+        let mut open = vec![root];
+        while let Some(e) = open.pop() {
+            if !std::mem::replace(&mut seen[e.0 as usize], true) {
+                self.nodes.push(e);
+                each_operand(scope.tree.expr(e), |operand| open.push(operand));
+            }
+        }
+        self.nodes[start..].sort_unstable();
+        self.list.push(Block { owner, root, range: start..self.nodes.len() });
+    }
+}
+
+/// Visits the operands of a node.
+pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
+    match expr {
+        Expr::Number(_) | Expr::Name(_) => {}
+        Expr::Unary(_, a) => visit(*a),
+        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
+        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
+        Expr::Call(_, arguments) => arguments.iter().copied().for_each(visit),
+    }
+}
+
+/// Brings the blocks into the order of definition and tells of circles; the result says for each symbol whether it
+/// is part of one.
+pub(super) fn sort(
+    scope: &Scope<'_>,
+    blocks: &mut Blocks,
+    meanings: &[Meaning],
+    findings: &mut Vec<Diagnostic>,
+) -> Vec<bool> {
+    let count = scope.symbols.len();
+    let mut value: Vec<Option<usize>> = vec![None; count];
+    let defines = |s: SymbolId| !matches!(scope.symbols[s].role, Role::State | Role::Input);
+    for (k, block) in blocks.list.iter().enumerate() {
+        if let Owner::Value(s) = block.owner
+            && defines(s)
+        {
+            value[s] = Some(k);
+        }
+    }
+    let needs: Vec<Vec<SymbolId>> = (0..count)
+        .map(|s| {
+            let nodes = value[s].map_or(&[][..], |k| blocks.nodes(&blocks.list[k]));
+            let mentioned = nodes.iter().filter_map(|e| match meanings[e.0 as usize] {
+                Meaning::Symbol(d) if value[d].is_some() => Some(d),
+                _ => None,
+            });
+            mentioned.collect()
+        })
+        .collect();
+    let mut circular = vec![false; count];
+    let mut order = Vec::with_capacity(blocks.list.len());
+    for group in components(&needs) {
+        if group.len() > 1 || needs[group[0]].contains(&group[0]) {
+            group.iter().for_each(|s| circular[*s] = true);
+            findings.push(circle(scope, &needs, &group));
+        }
+        order.extend(group.iter().filter_map(|s| value[*s]));
+    }
+    let rest = |b: &Block| !matches!(b.owner, Owner::Value(s) if defines(s));
+    order.extend((0..blocks.list.len()).filter(|k| rest(&blocks.list[*k])));
+    blocks.list = order.iter().map(|k| blocks.list[*k].clone()).collect();
+    circular
+}
+
+/// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).
+fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
+    const NEW: usize = usize::MAX;
+    let mut index = vec![NEW; needs.len()];
+    let mut low = vec![0; needs.len()];
+    let mut on_path = vec![false; needs.len()];
+    let (mut path, mut groups, mut next) = (Vec::new(), Vec::new(), 0);
+    for start in 0..needs.len() {
+        let mut calls = if index[start] == NEW { vec![(start, 0)] } else { Vec::new() };
+        while let Some((v, edge)) = calls.pop() {
+            if edge == 0 {
+                (index[v], low[v]) = (next, next);
+                next += 1;
+                path.push(v);
+                on_path[v] = true;
+            } else {
+                low[v] = low[v].min(low[needs[v][edge - 1]]);
+            }
+            let open = (edge..needs[v].len()).find(|k| {
+                let w = needs[v][*k];
+                if index[w] != NEW && on_path[w] {
+                    low[v] = low[v].min(index[w]);
+                }
+                index[w] == NEW
+            });
+            if let Some(k) = open {
+                calls.push((v, k + 1));
+                calls.push((needs[v][k], 0));
+            } else if low[v] == index[v] {
+                let from = path.iter().rposition(|w| *w == v).unwrap_or(0);
+                let group: Vec<_> = path.drain(from..).collect();
+                group.iter().for_each(|w| on_path[*w] = false);
+                groups.push(group);
+            }
+        }
+    }
+    groups
+}
+
+/// The shortest way from `first` back to itself inside its group.
+fn shortest_circle(needs: &[Vec<SymbolId>], group: &[SymbolId], first: SymbolId) -> Vec<SymbolId> {
+    let members: HashSet<SymbolId> = group.iter().copied().collect();
+    let mut before: HashMap<SymbolId, SymbolId> = HashMap::new();
+    let mut queue = VecDeque::from([first]);
+    while let Some(v) = queue.pop_front() {
+        for w in needs[v].iter().filter(|w| members.contains(w)) {
+            if !before.contains_key(w) {
+                before.insert(*w, v);
+                queue.push_back(*w);
+            }
+        }
+    }
+    let mut names = vec![first];
+    let mut at = first;
+    while let Some(v) = before.get(&at) {
+        names.push(*v);
+        at = *v;
+        if at == first {
+            break;
+        }
+    }
+    names.reverse();
+    names
+}
+
+/// Names of a circle that a message shows.
+const LONGEST_CIRCLE: usize = 12;
+
+/// Describes the shortest circle through the member that is declared first.
+fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Diagnostic {
+    let first = group.iter().copied().min().unwrap_or_default();
+    let names = shortest_circle(needs, group, first);
+    let name = |s: &SymbolId| format!("`{}`", scope.symbols[*s].name());
+    let length = names.len() - 1;
+    let chain = if names.len() <= LONGEST_CIRCLE {
+        names.iter().map(name).collect::<Vec<_>>().join(" -> ")
+    } else {
+        let (head, tail) = (&names[..LONGEST_CIRCLE - 3], &names[length - 1..]);
+        let text = |part: &[SymbolId]| part.iter().map(name).collect::<Vec<_>>().join(" -> ");
+        format!("{} -> ... ({length} names) ... -> {}", text(head), text(tail))
+    };
+    let message = match length {
+        1 => format!("`{}` is defined by itself", scope.symbols[first].name()),
+        _ => format!("definitions refer to each other in a circle: {chain}"),
+    };
+    let mut finding = Diagnostic::new(Code::Cycle, scope.symbols[first].declaration.name.span, message);
+    for s in names[1..length].iter().take(LONGEST_CIRCLE) {
+        finding = finding.label(scope.symbols[*s].declaration.name.span, "part of the circle");
+    }
+    finding.hint("break it with a `state`, whose equation may refer to itself")
+}

@@ -1,0 +1,101 @@
+//! What is computed when an estimation starts: constants, derived params, initial values and delays must be finite
+//! there, and delays not negative.
+
+use super::expressions::Expressions;
+use super::kinds::{Kinds, Level};
+use super::names::Scope;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::graph::{Graph, Leaf, Node};
+use crate::syntax::{Role, Value};
+
+/// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
+pub(super) fn check(
+    scope: &Scope<'_>,
+    kinds: &Kinds,
+    expressions: &Expressions,
+    start: &[f64],
+    findings: &mut Vec<Diagnostic>,
+) {
+    let infinite = constants_not_finite(&expressions.graph);
+    let mut told = vec![false; scope.tree.expressions.len()];
+    for (e, root) in &expressions.singular {
+        let present = infinite[expressions.of(*root).index()] && !kinds.of(*root).broken;
+        if present && !std::mem::replace(&mut told[root.0 as usize], true) {
+            let value = expressions.constant(*e).unwrap_or(f64::NAN);
+            let message = if value.is_nan() { "this value is not defined" } else { "this value is infinite" };
+            let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(*e), message);
+            findings.push(
+                finding.hint("look for a division by zero, an overflow, or a root or logarithm of a negative number"),
+            );
+        }
+    }
+    at_start(scope, kinds, expressions, start, &infinite, findings);
+}
+
+/// For each node whether it contains a constant that is not finite.
+fn constants_not_finite(graph: &Graph) -> Vec<bool> {
+    let mut flags: Vec<bool> = Vec::with_capacity(graph.nodes().len());
+    for node in graph.nodes() {
+        flags.push(match node {
+            Node::Constant(bits) => !f64::from_bits(*bits).is_finite(),
+            Node::Leaf(_) => false,
+            Node::Apply(op, args) => args[..op.row().arity].iter().any(|a| flags[a.index()]),
+        });
+    }
+    flags
+}
+
+fn at_start(
+    scope: &Scope<'_>,
+    kinds: &Kinds,
+    expressions: &Expressions,
+    start: &[f64],
+    infinite: &[bool],
+    findings: &mut Vec<Diagnostic>,
+) {
+    let graph = &expressions.graph;
+    let values = values(graph, start);
+    // a start value that is missing or infinite has been told
+    let untold = graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if !start[k as usize].is_finite()));
+    for (s, symbol) in scope.valid() {
+        let Some(Value::Expr(root)) = symbol.declaration.value else { continue };
+        let subject = match symbol.role {
+            Role::Param if kinds.derived[s] => "the param",
+            Role::State => "the initial value of",
+            _ => continue,
+        };
+        let (e, fact) = (expressions.of(root).index(), kinds.of(root));
+        let told = fact.broken || infinite[e] || untold[e];
+        if fact.level == Level::Param && !told && !values[e].is_finite() {
+            let message = format!("{subject} `{}` is not finite at the start values of the params", symbol.name());
+            let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(root), message);
+            findings.push(finding.hint("choose other start values"));
+        }
+    }
+    for call in &expressions.delays {
+        let e = expressions.of(call.tau);
+        let single = matches!(graph.node(e), Node::Leaf(Leaf::Param(_)));
+        if !single && values[e.index()] < 0.0 {
+            let message = format!("this delay is {} at the start values of the params", values[e.index()]);
+            let finding = Diagnostic::new(Code::BadDelay, scope.tree.span(call.tau), message);
+            findings.push(finding.hint("a delay is 0 or more"));
+        }
+    }
+}
+
+/// The values of all nodes at the start values of the parameters; NaN for what varies.
+fn values(graph: &Graph, start: &[f64]) -> Vec<f64> {
+    let mut values: Vec<f64> = Vec::with_capacity(graph.nodes().len());
+    for node in graph.nodes() {
+        values.push(match node {
+            Node::Constant(bits) => f64::from_bits(*bits),
+            Node::Leaf(Leaf::Param(k)) => start[*k as usize],
+            Node::Leaf(_) => f64::NAN,
+            Node::Apply(op, args) => {
+                let at = |i: usize| values.get(args[i].index()).copied().unwrap_or(f64::NAN);
+                (op.row().value)(at(0), at(1), at(2))
+            }
+        });
+    }
+    values
+}

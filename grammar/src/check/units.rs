@@ -1,0 +1,403 @@
+//! Units of all expressions, in one pass over the nodes: what is added, compared or equated must be of one unit.
+//!
+//! Numbers keep the units that were declared: nothing is converted silently inside a model.
+
+use super::equations::Equation;
+use super::expressions::Expressions;
+use super::functions::Function;
+use super::kinds::{Kinds, Level};
+use super::measures::{Measure, Measures, OutOfRange, factor_between};
+use super::names::{Meaning, Scope, SymbolId};
+use super::order::{Block, Blocks, Owner};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::op::Op;
+use crate::source::Span;
+use crate::syntax::{BinarySign, Expr, ExprRef, Role};
+
+/// What the pass reads.
+pub(super) struct Checked<'a, 'b> {
+    pub(super) scope: &'b Scope<'a>,
+    pub(super) blocks: &'b Blocks,
+    pub(super) equations: &'b [Equation],
+    pub(super) meanings: &'b [Meaning],
+    pub(super) kinds: &'b Kinds,
+    pub(super) expressions: &'b Expressions,
+}
+
+/// Tells every disagreement of units.
+pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
+    let mut measures = Measures::new();
+    let scope = checked.scope;
+    let symbols: Vec<Measure> = (0..scope.symbols.len()).map(|s| declared(scope, &mut measures, s)).collect();
+    let time = if scope.has_units { Some(measures.known(scope.time.clone())) } else { None };
+    let nodes = vec![Measure::Broken; scope.tree.expressions.len()];
+    let mut pass = Pass { checked, measures, symbols, time, nodes, findings };
+    for block in &checked.blocks.list {
+        let mut survey = Survey::default();
+        for e in checked.blocks.nodes(block) {
+            let measure = pass.node(*e);
+            pass.nodes[e.0 as usize] = measure;
+            survey.see(checked, *e, measure);
+        }
+        pass.finish(block, survey);
+    }
+}
+
+/// What a name stands for before its value has been looked at.
+fn declared(scope: &Scope<'_>, measures: &mut Measures, s: SymbolId) -> Measure {
+    let symbol = &scope.symbols[s];
+    match (&symbol.unit, &symbol.declaration.unit) {
+        (Some(unit), _) => measures.known(unit.clone()),
+        (None, Some(_)) => Measure::Broken,
+        (None, None) => Measure::Unknown(s),
+    }
+}
+
+/// Which names of one block have units and which have not.
+#[derive(Default)]
+struct Survey {
+    known: bool,
+    unknown: Option<(Span, SymbolId)>,
+}
+
+impl Survey {
+    fn see(&mut self, checked: &Checked<'_, '_>, e: ExprRef, measure: Measure) {
+        if !matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_)) {
+            return;
+        }
+        match measure {
+            Measure::Known(_) => self.known = true,
+            Measure::Unknown(s) if self.unknown.is_none() => self.unknown = Some((checked.scope.tree.span(e), s)),
+            _ => {}
+        }
+    }
+}
+
+struct Pass<'a, 'b, 'c> {
+    checked: &'c Checked<'a, 'b>,
+    measures: Measures,
+    symbols: Vec<Measure>,
+    /// Unit of time; `None` in a model without any unit.
+    time: Option<Measure>,
+    nodes: Vec<Measure>,
+    findings: &'c mut Vec<Diagnostic>,
+}
+
+impl Pass<'_, '_, '_> {
+    fn of(&self, e: ExprRef) -> Measure {
+        self.nodes[e.0 as usize]
+    }
+
+    fn span(&self, e: ExprRef) -> Span {
+        self.checked.scope.tree.span(e)
+    }
+
+    fn node(&mut self, e: ExprRef) -> Measure {
+        if self.checked.kinds.of(e).broken {
+            return Measure::Broken;
+        }
+        let meaning = self.checked.meanings[e.0 as usize];
+        let tree = self.checked.scope.tree;
+        match tree.expr(e) {
+            Expr::Number(_) => Measure::Number,
+            Expr::Name(_) => match meaning {
+                Meaning::Symbol(s) => self.symbols[s],
+                Meaning::Time => self.time.unwrap_or(Measure::Number),
+                _ => Measure::Number,
+            },
+            Expr::Unary(_, a) => self.of(*a),
+            Expr::Binary(sign, a, b, span) => self.binary(*sign, *a, *b, *span, e),
+            Expr::If(_, a, b) => self.agree(&[*a, *b], "the branches of `if`"),
+            Expr::Call(name, arguments) => match meaning {
+                Meaning::Function(function) => self.call(function, &name.text, arguments, e),
+                _ => Measure::Broken,
+            },
+        }
+    }
+
+    fn binary(&mut self, sign: BinarySign, a: ExprRef, b: ExprRef, span: Span, e: ExprRef) -> Measure {
+        let verb = match sign {
+            BinarySign::Multiply | BinarySign::Divide => {
+                let joined = self.measures.joined(self.of(a), self.of(b), sign == BinarySign::Divide);
+                return joined.unwrap_or_else(|OutOfRange| self.out_of_range(e));
+            }
+            BinarySign::Power => return self.power(a, b, e),
+            BinarySign::And | BinarySign::Or => return Measure::Number,
+            BinarySign::Add => "added",
+            BinarySign::Subtract => "subtracted",
+            _ => "compared",
+        };
+        match self.measures.agreed(self.of(a), self.of(b)) {
+            Ok(measure) => measure,
+            Err((x, y)) => {
+                let (left, right) = (self.measures.unit(x), self.measures.unit(y));
+                let message = match factor_between(left, right) {
+                    Some(factor) => format!("{left} and {right} are {verb} without conversion; {factor}"),
+                    None => format!("{left} and {right} cannot be {verb}"),
+                };
+                let finding = Diagnostic::new(Code::UnitMismatch, span, message)
+                    .label(self.span(a), format!("this is in {left}"))
+                    .label(self.span(b), format!("this is in {right}"));
+                self.findings.push(self.conversion(finding, x, y));
+                Measure::Broken
+            }
+        }
+    }
+
+    /// Arguments or branches that must be of one unit.
+    fn agree(&mut self, operands: &[ExprRef], what: &str) -> Measure {
+        let mut all = Measure::Number;
+        let mut first = None;
+        for e in operands {
+            match self.measures.agreed(all, self.of(*e)) {
+                Ok(measure) => {
+                    if first.is_none() && matches!(measure, Measure::Known(_)) {
+                        first = Some(*e);
+                    }
+                    all = measure;
+                }
+                Err((x, y)) => {
+                    let (one, other) = (self.measures.unit(x), self.measures.unit(y));
+                    let factor = factor_between(one, other).map_or(String::new(), |f| format!("; {f}"));
+                    let message = format!("{what} are in {one} and in {other}{factor}");
+                    let finding = Diagnostic::new(Code::UnitMismatch, self.span(*e), message);
+                    let finding = finding.label(self.span(first.unwrap_or(*e)), format!("this is in {one}"));
+                    self.findings.push(self.conversion(finding, x, y));
+                    return Measure::Broken;
+                }
+            }
+        }
+        all
+    }
+
+    fn call(&mut self, function: Function, name: &str, arguments: &[ExprRef], e: ExprRef) -> Measure {
+        let first = self.of(arguments[0]);
+        let what = || format!("the arguments of `{name}`");
+        match function {
+            Function::Op(Op::Abs) => first,
+            Function::Op(Op::Sign) => Measures::ONE,
+            Function::Op(Op::Sqrt) => self.square_root(first, arguments[0]),
+            Function::Op(Op::Min | Op::Max | Op::Hypot) | Function::Clip | Function::Deadzone => {
+                self.agree(arguments, &what())
+            }
+            Function::Op(Op::Atan2) => match self.agree(arguments, &what()) {
+                Measure::Number => Measure::Number,
+                _ => Measures::RADIAN,
+            },
+            Function::Op(op) => {
+                let inverse = matches!(op, Op::Asin | Op::Acos | Op::Atan);
+                match self.pure(name, arguments[0], matches!(op, Op::Sin | Op::Cos | Op::Tan)) {
+                    Measure::Number => Measure::Number,
+                    _ if inverse => Measures::RADIAN,
+                    _ => Measures::ONE,
+                }
+            }
+            Function::DegToRad | Function::RadToDeg => self.angle(function, name, arguments[0]),
+            Function::Delay => {
+                self.delay(arguments[1]);
+                first
+            }
+            Function::Der => self.of(e),
+        }
+    }
+
+    /// The argument of a function that needs a pure number of size 1.
+    fn pure(&mut self, name: &str, argument: ExprRef, angle: bool) -> Measure {
+        let measure = self.of(argument);
+        if let Measure::Known(k) = measure
+            && !self.measures.unit(k).is_one()
+        {
+            let unit = self.measures.unit(k);
+            let wanted = if angle { "an angle in rad" } else { "a pure number" };
+            let hint = match unit.degree_to_radian() {
+                Some(rad) if rad.is_one() => format!("`{name}(deg2rad(...))` converts it"),
+                _ => format!("divide by a reference quantity in {unit}"),
+            };
+            let message = format!("`{name}` needs {wanted}, this is in {unit}");
+            self.findings.push(Diagnostic::new(Code::UnitArgument, self.span(argument), message).hint(hint));
+        }
+        measure
+    }
+
+    fn angle(&mut self, function: Function, name: &str, argument: ExprRef) -> Measure {
+        let Measure::Known(k) = self.of(argument) else { return self.of(argument) };
+        let unit = self.measures.unit(k);
+        let (converted, wanted) = match function {
+            Function::DegToRad => (unit.degree_to_radian(), "deg"),
+            _ => (unit.radian_to_degree(), "rad"),
+        };
+        if let Some(unit) = converted {
+            return self.measures.known(unit);
+        }
+        let message = format!("`{name}` converts angles in {wanted}, this is in {unit}");
+        let finding = Diagnostic::new(Code::UnitArgument, self.span(argument), message);
+        self.findings.push(finding.hint(format!("use it for quantities in {wanted}, {wanted}/s and the like")));
+        Measure::Broken
+    }
+
+    fn square_root(&mut self, measure: Measure, argument: ExprRef) -> Measure {
+        let Measure::Known(k) = measure else { return measure };
+        match self.measures.root(k, 2) {
+            Ok(root) => Measure::Known(root),
+            Err(OutOfRange) => {
+                let unit = self.measures.unit(k);
+                let message = format!("the square root of a quantity in {unit} has no unit");
+                let finding = Diagnostic::new(Code::UnitArgument, self.span(argument), message);
+                self.findings.push(finding.hint("only even powers, such as m^2/s^2, have a square root"));
+                Measure::Broken
+            }
+        }
+    }
+
+    fn power(&mut self, base: ExprRef, exponent: ExprRef, e: ExprRef) -> Measure {
+        if let Measure::Known(k) = self.of(exponent)
+            && !self.measures.unit(k).is_one()
+        {
+            let message = format!("an exponent is a pure number, this is in {}", self.measures.unit(k));
+            self.findings.push(Diagnostic::new(Code::UnitExponent, self.span(exponent), message));
+            return Measure::Broken;
+        }
+        let k = match self.of(base) {
+            Measure::Number if self.of(exponent) != Measure::Number => return Measures::ONE,
+            Measure::Known(k) if self.measures.unit(k).is_one() => return Measures::ONE,
+            Measure::Known(k) => k,
+            other => return other,
+        };
+        let constant = self.checked.kinds.of(exponent).level == Level::Constant;
+        let value = self.checked.expressions.constant(exponent).filter(|_| constant);
+        let Some(value) = value else {
+            let message = format!("a quantity in {} has a constant exponent, this one can vary", self.measures.unit(k));
+            let finding = Diagnostic::new(Code::UnitExponent, self.span(exponent), message);
+            self.findings.push(finding.hint("divide the base by a reference quantity, as in `(x/x0)^n`"));
+            return Measure::Broken;
+        };
+        match rational(value).map(|(p, q)| self.measures.power(k, p).and_then(|u| self.measures.root(u, q))) {
+            Some(Ok(unit)) => Measure::Known(unit),
+            _ if value.abs() > 127.0 => self.out_of_range(e),
+            _ => {
+                let message = format!("a quantity in {} to the power {value} has no unit", self.measures.unit(k));
+                let finding = Diagnostic::new(Code::UnitExponent, self.span(exponent), message);
+                self.findings.push(finding.hint("divide the base by a reference quantity, as in `(x/x0)^n`"));
+                Measure::Broken
+            }
+        }
+    }
+
+    fn delay(&mut self, tau: ExprRef) {
+        if let (Some(time), measure) = (self.time, self.of(tau))
+            && let Err((x, y)) = self.measures.agreed(time, measure)
+        {
+            let (time, unit) = (self.measures.unit(x), self.measures.unit(y));
+            let factor = factor_between(unit, time).map_or(String::new(), |f| format!("; {f}"));
+            let message = format!("a delay is a time in {time}, this is in {unit}{factor}");
+            let finding = Diagnostic::new(Code::UnitMismatch, self.span(tau), message);
+            self.findings.push(self.conversion(finding, x, y));
+        }
+    }
+
+    fn out_of_range(&mut self, e: ExprRef) -> Measure {
+        let message = "the exponents of the unit of this expression are too large";
+        self.findings.push(Diagnostic::new(Code::UnitExponent, self.span(e), message));
+        Measure::Broken
+    }
+
+    /// Compares a block with what it is for, and settles the unit of the name it defines.
+    fn finish(&mut self, block: &Block, mut survey: Survey) {
+        let scope = self.checked.scope;
+        let value = self.of(block.root);
+        match block.owner {
+            Owner::Value(s) => {
+                let symbol = &scope.symbols[s];
+                self.compare(s, value, block.root, "its value");
+                let defines = matches!(symbol.role, Role::Let | Role::Output) || self.checked.kinds.derived[s];
+                if symbol.declaration.unit.is_none() && defines {
+                    self.symbols[s] = if value == Measure::Number { Measure::Unknown(s) } else { value };
+                }
+                if symbol.role == Role::Output && value != Measure::Broken {
+                    survey.known |= symbol.unit.is_some();
+                    self.warn(survey, &format!("the output `{}`", symbol.name()));
+                }
+            }
+            Owner::Lower(s) | Owner::Upper(s) => self.compare(s, value, block.root, "this bound"),
+            Owner::Right(k) => self.equation(k, value, survey),
+        }
+    }
+
+    /// Compares a value or bound with the declared unit.
+    fn compare(&mut self, s: SymbolId, value: Measure, root: ExprRef, what: &str) {
+        let symbol = &self.checked.scope.symbols[s];
+        if symbol.declaration.unit.is_none() {
+            return;
+        }
+        let Err((x, y)) = self.measures.agreed(self.symbols[s], value) else { return };
+        let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+        let message = format!("`{}` is declared in {own}, {what} is in {other}{factor}", symbol.name());
+        let mut finding = Diagnostic::new(Code::UnitMismatch, self.span(root), message);
+        if let Some(unit) = &symbol.declaration.unit {
+            finding = finding.label(unit.span, "declared here");
+        }
+        self.findings.push(self.conversion(finding, x, y));
+    }
+
+    fn equation(&mut self, k: usize, right: Measure, mut survey: Survey) {
+        let equation = &self.checked.equations[k];
+        let Some(s) = equation.state.filter(|_| right != Measure::Broken) else { return };
+        let symbol = &self.checked.scope.symbols[s];
+        match self.symbols[s] {
+            Measure::Known(_) => survey.known = true,
+            Measure::Unknown(_) => survey.unknown = Some((self.span(equation.left), s)),
+            _ => {}
+        }
+        let rate = match self.time {
+            Some(time) => self.measures.joined(self.symbols[s], time, true).unwrap_or(Measure::Broken),
+            None => self.symbols[s],
+        };
+        let Err((x, y)) = self.measures.agreed(rate, right) else {
+            return self.warn(survey, &format!("the equation of `{}`", symbol.name()));
+        };
+        let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+        let message = format!("`der({})` is in {own}, the right side in {other}{factor}", symbol.name());
+        let mut finding = Diagnostic::new(Code::UnitMismatch, self.span(equation.right), message);
+        if let Some(unit) = &symbol.declaration.unit {
+            finding = finding.label(unit.span, "the unit of the state");
+        }
+        self.findings.push(self.conversion(finding, x, y));
+    }
+
+    fn warn(&mut self, survey: Survey, what: &str) {
+        let (true, Some((span, s))) = (survey.known, survey.unknown) else { return };
+        let symbol = &self.checked.scope.symbols[s];
+        let message = format!("the units of {what} cannot be checked: `{}` has no unit", symbol.name());
+        let finding = Diagnostic::new(Code::UnitUnknown, span, message);
+        let place = symbol.declaration.name.span;
+        let finding = if place == span { finding } else { finding.label(place, "declared here") };
+        self.findings.push(finding.hint("declare one, such as `[m/s]`, or `[1]` for a pure number"));
+    }
+
+    /// Adds how one unit becomes the other, or what separates them.
+    fn conversion(&self, finding: Diagnostic, x: u32, y: u32) -> Diagnostic {
+        let (wanted, got) = (self.measures.unit(x), self.measures.unit(y));
+        let same = |a: Option<crate::Unit>, b: &crate::Unit| a.is_some_and(|a| a.same_size(b));
+        if same(got.degree_to_radian(), wanted) || same(wanted.degree_to_radian(), got) {
+            return finding.hint("`deg2rad(...)` and `rad2deg(...)` convert");
+        }
+        let Some(between) = wanted.quotient(got) else { return finding };
+        match got.conversion(wanted) {
+            Some((scale, _)) => finding.hint(format!("convert with a constant, `const c = {scale} [{between}];`")),
+            None => finding.hint(format!("a factor in {between} lies between them")),
+        }
+    }
+}
+
+/// A decimal number as the fraction that it is meant to be, with a denominator up to 12.
+fn rational(value: f64) -> Option<(i32, i32)> {
+    if value.is_nan() || value.abs() > 127.0 {
+        return None;
+    }
+    (1..=12).find_map(|q| {
+        let p = value * f64::from(q);
+        ((p - p.round()).abs() < 1e-9).then_some((p.round() as i32, q))
+    })
+}

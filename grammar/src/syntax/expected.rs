@@ -1,0 +1,353 @@
+//! One statement that the grammar refused, in the user's words: what should stand there, what does, what was meant.
+
+use super::scan::{Kind, Token};
+use super::words::{WordUse, word_use, words_for};
+use crate::diagnostic::{Code, Diagnostic, nearest};
+use crate::source::Span;
+use std::ops::Range;
+
+const DECIMAL_POINT: &str = "a decimal fraction is written with a point: `1.5`";
+
+/// Something that the grammar would have taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Want {
+    Statement,
+    Model,
+    Expression,
+    Name,
+    Run,
+    Equals,
+    Bracket,
+    Then,
+    Else,
+    Unit,
+    Comma,
+    Close,
+    CloseBracket,
+    Brace,
+    End,
+    Infix,
+    Doc,
+    Attribute,
+    LessNesting,
+}
+
+impl Want {
+    /// In messages; things that may but need not stand somewhere are not named.
+    fn words(self) -> Option<&'static str> {
+        Some(match self {
+            Self::Statement | Self::Expression => "an expression",
+            Self::Model => "`model`",
+            Self::Name => "a name",
+            Self::Run => "`run`",
+            Self::Equals => "`=`",
+            Self::Bracket => "`[`",
+            Self::Then => "`then`",
+            Self::Else => "`else`",
+            Self::Unit => "a unit such as `[s]`",
+            Self::Comma => "`,`",
+            Self::Close => "`)`",
+            Self::CloseBracket => "`]`",
+            Self::Brace => "`{`",
+            Self::End => "`;`",
+            Self::Infix | Self::Doc | Self::Attribute | Self::LessNesting => return None,
+        })
+    }
+}
+
+/// A piece of the text in a message: short, and without characters that cannot be seen.
+pub(super) fn shown(text: &str) -> String {
+    let mut short = String::new();
+    for c in text.chars().take(40) {
+        match c {
+            // Controls, joiners and marks that turn the direction of writing.
+            _ if c.is_control() => short.extend(c.escape_default()),
+            '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}' => {
+                short.extend(c.escape_default());
+            }
+            _ => short.push(c),
+        }
+    }
+    if text.chars().nth(40).is_some() { short + "..." } else { short }
+}
+
+/// A statement, the token that the grammar refused, and what it would have taken instead.
+pub(super) struct Expected<'a> {
+    pub(super) text: &'a str,
+    pub(super) tokens: &'a [Token],
+    /// The tokens of the statement, without its semicolon.
+    pub(super) statement: Range<usize>,
+    /// Whether a semicolon (or, after a header, a brace) follows it.
+    pub(super) closed: bool,
+    /// The token; the end of the statement when it stops too early.
+    pub(super) at: usize,
+    pub(super) wants: &'a [Want],
+}
+
+impl Expected<'_> {
+    /// The finding with its hint.
+    pub(super) fn finding(&self) -> Diagnostic {
+        if let Some(found) = self.misspelt_statement().or_else(|| self.double_equals()).or_else(|| self.reserved_name())
+        {
+            return found;
+        }
+        if self.wants(Want::LessNesting) {
+            let message = "nested more deeply than the stack of this thread allows";
+            return Diagnostic::new(Code::TooDeep, self.span(), message);
+        }
+        let expected = self.expected();
+        let after = if expected == "`;`" { format!(" after {}", self.subject()) } else { String::new() };
+        let message = format!("expected {expected}{after}, found {}", self.found());
+        let found = Diagnostic::new(Code::Unexpected, self.span(), message);
+        match self.hint() {
+            Some(hint) => found.hint(hint),
+            None => found,
+        }
+    }
+
+    /// What the statement is about: "the declaration of `x`".
+    pub(super) fn subject(&self) -> String {
+        let first = self.statement.start;
+        let name = |at: usize| shown(self.word(at));
+        match self.word(first) {
+            "der" => format!("the equation of `{}`", name(first + 2)),
+            "time" => "the unit of time".into(),
+            "input" | "state" | "param" | "const" | "let" | "output" => match self.last_declared() {
+                Some(at) => format!("the declaration of `{}`", name(at)),
+                None => format!("`{}`", name(first)),
+            },
+            _ => "the equation".into(),
+        }
+    }
+
+    /// The name whose declaration the token is in: the last one before it that begins a declaration.
+    fn last_declared(&self) -> Option<usize> {
+        let mut depth = 0_usize;
+        let mut last = None;
+        for at in self.statement.start + 1..self.at.min(self.statement.end) {
+            match self.tokens[at].kind {
+                Kind::Open => depth += 1,
+                Kind::Close => depth = depth.saturating_sub(1),
+                Kind::Name if depth == 0 && (at == self.statement.start + 1 || self.word(at - 1) == ",") => {
+                    last = Some(at);
+                }
+                _ => {}
+            }
+        }
+        last
+    }
+
+    /// The text of a token; empty behind the last.
+    fn word(&self, at: usize) -> &str {
+        self.tokens.get(at).map_or("", |t| t.text(self.text))
+    }
+
+    fn kind(&self, at: usize) -> Option<Kind> {
+        self.tokens.get(at).map(|t| t.kind)
+    }
+
+    /// Where the finding is shown: at the token, or behind the last one when the statement stops too early.
+    fn span(&self) -> Span {
+        match self.tokens.get(self.at) {
+            Some(token) if self.at < self.statement.end || self.closed => token.span,
+            _ => {
+                let end = self.tokens[self.at.min(self.tokens.len()) - 1].span.end as usize;
+                Span::new(end, end)
+            }
+        }
+    }
+
+    fn wants(&self, want: Want) -> bool {
+        self.wants.contains(&want)
+    }
+
+    fn expected(&self) -> String {
+        if self.wants(Want::Expression) || self.wants(Want::Statement) {
+            return "an expression".into();
+        }
+        let mut wants = self.wants.to_vec();
+        if wants.contains(&Want::Attribute) {
+            // Behind a declared name much may stand; what is wrong is that the declaration does not end.
+            wants.retain(|w| matches!(w, Want::End));
+        }
+        wants.sort_unstable();
+        wants.dedup();
+        let words: Vec<_> = wants.iter().filter_map(|w| w.words()).collect();
+        match words.split_last() {
+            Some((last, [])) => (*last).into(),
+            Some((last, others)) => format!("{} or {last}", others.join(", ")),
+            None => "something else".into(),
+        }
+    }
+
+    fn found(&self) -> String {
+        match self.tokens.get(self.at) {
+            None => "the end of the text".into(),
+            Some(token) => format!("`{}`", shown(token.text(self.text))),
+        }
+    }
+
+    /// `stat x;`, `parameter k = 3;`
+    fn misspelt_statement(&self) -> Option<Diagnostic> {
+        let (first, second) = (self.statement.start, self.statement.start + 1);
+        if self.at > second || self.kind(first) != Some(Kind::Name) {
+            return None;
+        }
+        if !matches!(self.kind(second), Some(Kind::Name | Kind::Keyword | Kind::Text | Kind::Open | Kind::Semicolon)) {
+            return None;
+        }
+        let word = self.word(first);
+        let meant = match word.to_lowercase().as_str() {
+            "parameter" | "parameters" => "param",
+            "constant" | "constants" => "const",
+            "variable" | "var" | "real" => "state",
+            "der" => return None,
+            _ => nearest(word, words_for(&[WordUse::Statement, WordUse::Planned]))?,
+        };
+        let message = format!("no statement begins with `{}`", shown(word));
+        let found = Diagnostic::new(Code::Unexpected, self.tokens[first].span, message);
+        Some(found.hint(format!("did you mean `{meant}`?")))
+    }
+
+    /// `der(x) == ...` is read as a comparison that nothing is equated to.
+    fn double_equals(&self) -> Option<Diagnostic> {
+        let at = if self.word(self.at) == "==" { self.at } else { self.lone_comparison()? };
+        self.wants(Want::Equals).then(|| {
+            Diagnostic::new(Code::Unexpected, self.tokens[at].span, "expected `=`, found `==`")
+                .hint("equations and values are written with a single `=`; `==` compares")
+        })
+    }
+
+    fn lone_comparison(&self) -> Option<usize> {
+        let mut comparisons = self.statement.clone().filter(|k| self.word(*k) == "==");
+        comparisons.next().filter(|_| self.at == self.statement.end)
+    }
+
+    /// `state in;`
+    fn reserved_name(&self) -> Option<Diagnostic> {
+        let here = self.at < self.statement.end && self.kind(self.at) == Some(Kind::Keyword);
+        (here && self.wants(Want::Name) && !self.wants(Want::Expression)).then(|| {
+            let message = format!("`{}` is a word of the language and cannot be a name", self.word(self.at));
+            Diagnostic::new(Code::ReservedName, self.tokens[self.at].span, message).hint("choose another name")
+        })
+    }
+
+    fn hint(&self) -> Option<String> {
+        let (word, before) =
+            (self.word(self.at), if self.at > self.statement.start { self.word(self.at - 1) } else { "" });
+        self.foreign(word, before)
+            .map(String::from)
+            .or_else(|| self.misspelt_word(word))
+            .or_else(|| self.unfinished(word, before))
+            .or_else(|| self.neighbours(word, before))
+    }
+
+    fn between_numbers(&self) -> bool {
+        let number = |at: usize| self.kind(at) == Some(Kind::Number);
+        self.at > 0 && number(self.at - 1) && number(self.at + 1)
+    }
+
+    /// Signs and forms of other languages.
+    fn foreign(&self, word: &str, before: &str) -> Option<&'static str> {
+        Some(match word {
+            ":=" => "equations and values are written with a single `=`",
+            "**" | ".^" => "a power is written with `^`",
+            ".*" => "a product is written with `*`",
+            "./" => "a quotient is written with `/`",
+            "&&" | "&" => "write `and`",
+            "||" | "|" => "write `or`",
+            "!" => "write `not`",
+            "~=" | "<>" => "write `!=`",
+            "~" if self.wants(Want::Expression) => "write `not`",
+            "=<" => "write `<=`",
+            "=>" => "write `>=`",
+            "+=" | "-=" | "*=" | "/=" => "an equation is written `left = right`",
+            "'" => "a derivative is written `der(x)`",
+            _ if before == "der" => "a derivative is written `der(x)`",
+            "," if self.between_numbers() && !self.wants(Want::CloseBracket) => DECIMAL_POINT,
+            "=" if self.wants(Want::Then) || self.wants(Want::Close) => "a comparison is written with `==`",
+            "." => "parts of submodels are not compiled by this version",
+            "time" => "the time since the run began is `t`",
+            "[" if before == "[" || self.wants(Want::Expression) => "this version compiles no vectors and matrices",
+            "{" if self.wants(Want::Expression) => "expressions are grouped with `(` and `)`",
+            _ => return None,
+        })
+    }
+
+    /// `fixd`, `esle`, and words of the language used as quantities.
+    fn misspelt_word(&self, word: &str) -> Option<String> {
+        if self.at >= self.statement.end {
+            return None;
+        }
+        match self.kind(self.at)? {
+            Kind::Name => {
+                let mut candidates = Vec::new();
+                let mut add = |want, words: &[&'static str]| {
+                    if self.wants(want) {
+                        candidates.extend_from_slice(words);
+                    }
+                };
+                add(Want::Attribute, &["fixed", "per run", "per", "in"]);
+                add(Want::Run, &["run"]);
+                add(Want::Then, &["then"]);
+                add(Want::Else, &["else"]);
+                add(Want::Infix, &["and", "or"]);
+                nearest(word, candidates).map(|meant| format!("did you mean `{meant}`?"))
+            }
+            Kind::Keyword if self.wants(Want::Expression) => {
+                let quantity = !matches!(word_use(word), Some(WordUse::Expression | WordUse::Value) | None);
+                quantity.then(|| format!("`{word}` is a word of the language; give the quantity another name"))
+            }
+            _ => None,
+        }
+    }
+
+    /// Forms that lack a part.
+    fn unfinished(&self, word: &str, before: &str) -> Option<String> {
+        let hint = if self.wants(Want::Then) || self.wants(Want::Else) {
+            "a choice is written `if c then a else b`"
+        } else if self.wants(Want::Bracket)
+            || self.wants(Want::CloseBracket)
+            || self.wants == [Want::Infix, Want::Comma]
+        {
+            "bounds are written `in [lower, upper]`"
+        } else if self.wants(Want::Run) {
+            "a value for each run is marked `per run`"
+        } else if before == "," && self.kind(self.at) == Some(Kind::Number) && self.wants(Want::Name) {
+            DECIMAL_POINT
+        } else if self.wants(Want::Brace) && matches!(word, "-" | "." | ":") {
+            "a name consists of letters, digits and `_`"
+        } else if self.wants(Want::Equals) && !self.wants(Want::Attribute) && self.at == self.statement.end {
+            "an equation is written `der(x) = ...;`"
+        } else {
+            return None;
+        };
+        Some(hint.into())
+    }
+
+    /// Two things side by side with nothing between them.
+    fn neighbours(&self, word: &str, before: &str) -> Option<String> {
+        if self.at >= self.statement.end || self.at == self.statement.start {
+            return None;
+        }
+        let (kind, previous) = (self.kind(self.at)?, self.kind(self.at - 1)?);
+        let sign = matches!(word, "+" | "-");
+        let value = matches!(kind, Kind::Number | Kind::Name) || word == "(" || sign;
+        if self.wants(Want::Attribute) && previous == Kind::Name && self.last_declared() == Some(self.at - 1) && value {
+            let rest = if sign { shown(self.word(self.at + 1)) } else { String::new() };
+            return Some(format!("a value is written `{} = {}{rest}`", shown(before), shown(word)));
+        }
+        if kind == Kind::Unit && self.wants(Want::Infix) {
+            return Some("units stand in declarations; this version compiles no vectors and matrices".into());
+        }
+        if kind == Kind::Text && self.wants(Want::Infix) {
+            return Some("doc strings stand in declarations".into());
+        }
+        let operand = |k| matches!(k, Kind::Number | Kind::Name | Kind::Close);
+        let pair = operand(previous) && before != "]" && (matches!(kind, Kind::Number | Kind::Name) || word == "(");
+        (pair && self.wants(Want::Infix)).then(|| {
+            let argument = if self.wants(Want::Comma) { "arguments are separated by `,`; " } else { "" };
+            format!("{argument}a product is written `{}*{}`", shown(before), shown(word))
+        })
+    }
+}

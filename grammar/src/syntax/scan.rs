@@ -1,0 +1,246 @@
+//! Text to tokens: what the outline and the messages need to know before and beside the grammar.
+//! Spaces and comments vanish here; the grammar reads the same text again with its own, equal lexis.
+
+use super::parse::{continues_name, starts_name};
+use super::words::is_keyword;
+use crate::source::Span;
+
+/// The kind of a token.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// A word that users may declare.
+    Name,
+    /// A word of the grammar.
+    Keyword,
+    /// A number.
+    Number,
+    /// A string with its quotes.
+    Text,
+    /// `[unit]` with its brackets.
+    Unit,
+    /// An opening bracket.
+    Open,
+    /// A closing bracket.
+    Close,
+    /// `;`
+    Semicolon,
+    /// Any other sign, also those that only other languages have (`:=`, `&&`, `**`).
+    Sign,
+    /// A word that begins like a number: `2x`, `1e`, `1.2.3`.
+    Malformed,
+    /// Characters that the language does not use.
+    Junk,
+    /// A string that is not closed on its line.
+    OpenText,
+    /// A `/*` that is not closed.
+    OpenComment,
+}
+
+/// A token and its place.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Token {
+    pub(super) kind: Kind,
+    pub(super) first_on_line: bool,
+    pub(super) span: Span,
+}
+
+impl Token {
+    /// The token as written.
+    pub(super) fn text<'a>(&self, source: &'a str) -> &'a str {
+        &source[self.span.range()]
+    }
+}
+
+/// Signs of more than one character; those of other languages stand here to be recognised in one piece.
+const LONG_SIGNS: [&str; 20] = [
+    "<=", ">=", "==", "!=", ":=", "**", "&&", "||", "~=", "<>", "=<", "=>", "+=", "-=", "*=", "/=", "->", ".*", "./",
+    ".^",
+];
+
+/// All tokens of a text, or the span of the token that is one too many.
+pub(super) fn scan(text: &str, limit: usize) -> Result<Vec<Token>, Span> {
+    let mut scanner = Scanner { text, at: 0, tokens: Vec::new() };
+    // Editors on Windows put a byte order mark before the text.
+    scanner.at = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
+    let mut first_on_line = true;
+    while let Some(c) = scanner.peek() {
+        if c.is_whitespace() {
+            first_on_line |= is_line_end(c);
+            scanner.at += c.len_utf8();
+        } else if scanner.rest().starts_with("//") {
+            scanner.skip(|c| !is_line_end(c));
+        } else {
+            let start = scanner.at;
+            if let Some(kind) = scanner.token(c) {
+                let span = Span::new(start, scanner.at);
+                if scanner.tokens.len() == limit {
+                    return Err(span);
+                }
+                scanner.tokens.push(Token { kind, first_on_line, span });
+                first_on_line = false;
+            } else {
+                first_on_line |= text[start..scanner.at].contains(is_line_end);
+            }
+        }
+    }
+    Ok(scanner.tokens)
+}
+
+struct Scanner<'a> {
+    text: &'a str,
+    at: usize,
+    tokens: Vec<Token>,
+}
+
+impl<'a> Scanner<'a> {
+    fn rest(&self) -> &'a str {
+        &self.text[self.at..]
+    }
+
+    fn peek(&self) -> Option<char> {
+        self.rest().chars().next()
+    }
+
+    fn skip(&mut self, belongs: impl Fn(char) -> bool) {
+        let rest = self.rest();
+        self.at += rest.find(|c| !belongs(c)).unwrap_or(rest.len());
+    }
+
+    /// Moves behind the token that begins with `c`; `None` for a comment.
+    fn token(&mut self, c: char) -> Option<Kind> {
+        let start = self.at;
+        if starts_name(c) {
+            self.skip(continues_name);
+            return Some(if is_keyword(&self.text[start..self.at]) { Kind::Keyword } else { Kind::Name });
+        }
+        let next = self.rest()[c.len_utf8()..].chars().next();
+        if c.is_ascii_digit() || c == '.' && next.is_some_and(|n| n.is_ascii_digit()) {
+            return Some(self.number());
+        }
+        if c == '"' {
+            return Some(self.string());
+        }
+        if self.rest().starts_with("/*") {
+            return self.comment();
+        }
+        Some(self.sign(c))
+    }
+
+    fn number(&mut self) -> Kind {
+        self.skip(|c| c.is_ascii_digit());
+        if self.peek() == Some('.') {
+            self.at += 1;
+            self.skip(|c| c.is_ascii_digit());
+        }
+        let rest = self.rest();
+        if let Some(exponent) = rest.strip_prefix(['e', 'E']) {
+            let digits = exponent.strip_prefix(['+', '-']).unwrap_or(exponent);
+            if digits.starts_with(|c: char| c.is_ascii_digit()) {
+                self.at += rest.len() - digits.len();
+                self.skip(|c| c.is_ascii_digit());
+            }
+        }
+        let end = self.at;
+        self.skip(|c| continues_name(c) || c == '.');
+        // `2.*x` is 2 times x, and MATLAB's `2.^x` 2 to the x: only words that run on are malformed.
+        if self.at == end { Kind::Number } else { Kind::Malformed }
+    }
+
+    fn string(&mut self) -> Kind {
+        self.at += 1;
+        let start = self.at;
+        self.skip(|c| c != '"' && !is_line_end(c));
+        if self.peek() == Some('"') {
+            self.at += 1;
+            return Kind::Text;
+        }
+        self.at = start + self.text[start..self.at].trim_end().len();
+        Kind::OpenText
+    }
+
+    fn comment(&mut self) -> Option<Kind> {
+        match self.rest()[2..].find("*/") {
+            Some(length) => {
+                self.at += length + 4;
+                None
+            }
+            None => {
+                self.at = self.text.len();
+                Some(Kind::OpenComment)
+            }
+        }
+    }
+
+    fn sign(&mut self, c: char) -> Kind {
+        if c == '['
+            && let Some(length) = self.unit()
+        {
+            self.at += length;
+            return Kind::Unit;
+        }
+        let long = LONG_SIGNS.iter().find(|s| self.rest().starts_with(**s));
+        if c.is_ascii() {
+            self.at += long.map_or(1, |s| s.len());
+        }
+        match c {
+            '(' | '[' | '{' => Kind::Open,
+            ')' | ']' | '}' => Kind::Close,
+            ';' => Kind::Semicolon,
+            '+' | '-' | '*' | '/' | '^' | '<' | '>' | '=' | '!' | '&' | '|' | ',' | '.' | ':' | '~' | '\'' => {
+                Kind::Sign
+            }
+            _ => {
+                self.skip(is_junk);
+                Kind::Junk
+            }
+        }
+    }
+
+    /// Length of the `[unit]` here; brackets behind `in` hold bounds, and a unit ends on its line.
+    fn unit(&self) -> Option<usize> {
+        let previous = self.tokens.last();
+        if previous.is_some_and(|p| p.kind == Kind::Keyword && p.text(self.text) == "in") {
+            return None;
+        }
+        let inside = &self.rest()[1..];
+        let end = inside.find([']', '[', '{', '}', ';', '"', '\n', '\r'])?;
+        (inside.as_bytes()[end] == b']').then_some(end + 2)
+    }
+}
+
+fn is_line_end(c: char) -> bool {
+    matches!(c, '\n' | '\r')
+}
+
+fn is_junk(c: char) -> bool {
+    !(c.is_whitespace() || starts_name(c) || c.is_ascii_digit() || "()[]{};+-*/^<>=!&|,.:~'\"".contains(c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kinds(text: &str) -> Vec<(Kind, &str)> {
+        scan(text, usize::MAX).unwrap_or_default().iter().map(|t| (t.kind, t.text(text))).collect()
+    }
+
+    #[test]
+    fn brackets_behind_in_hold_bounds_and_others_units() {
+        let units: Vec<_> = kinds("a [m/s^2] in [0, 1] [in] [1").into_iter().filter(|t| t.1.contains('[')).collect();
+        assert_eq!(units, [(Kind::Unit, "[m/s^2]"), (Kind::Open, "["), (Kind::Unit, "[in]"), (Kind::Open, "[")]);
+    }
+
+    #[test]
+    fn numbers_are_told_from_words_that_begin_like_them() {
+        use Kind::{Malformed, Name, Number, Sign};
+        assert_eq!(kinds("2.*.5"), [(Number, "2."), (Sign, "*"), (Number, ".5")]);
+        assert_eq!(kinds("1e-3-1e x"), [(Number, "1e-3"), (Sign, "-"), (Malformed, "1e"), (Name, "x")]);
+        assert_eq!(kinds("2x 1.2.3 1_0"), [(Malformed, "2x"), (Malformed, "1.2.3"), (Malformed, "1_0")]);
+    }
+
+    #[test]
+    fn the_first_token_beyond_the_limit_is_given() {
+        assert_eq!(scan("a b /* c */ d", 2).err(), Some(Span::new(12, 13)));
+        assert!(scan("a b // c", 2).is_ok());
+    }
+}

@@ -1,0 +1,195 @@
+//! Findings about a model in the look of rustc: code, place, the line with carets, the hint as help.
+
+use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
+use fdm_grammar::{Diagnostic, Source, Span};
+use std::ops::Range;
+
+/// Most bytes under which carets stand; what is longer is recognised by its beginning.
+const MARKED_LENGTH: usize = 80;
+/// Two places further apart than this, in lines or in bytes of one line, are shown one after the other.
+const SHOWN_TOGETHER: usize = 500;
+
+/// All findings in the order given, and a line that counts them ("2 errors, 1 warning"); empty without findings.
+/// `colour` adds ANSI escapes. Long lines and long places are cut, so that the text stays short whatever the model.
+pub fn render(source: &Source, diagnostics: &[Diagnostic], colour: bool) -> String {
+    let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
+    let mut text = String::new();
+    for diagnostic in diagnostics {
+        text.push_str(renderer.render(&[group(source, diagnostic)]).trim_end());
+        text.push_str("\n\n");
+    }
+    if !diagnostics.is_empty() {
+        text.push_str(&count(diagnostics));
+        text.push('\n');
+    }
+    text
+}
+
+fn count(diagnostics: &[Diagnostic]) -> String {
+    let errors = diagnostics.iter().filter(|d| d.is_error()).count();
+    let some = |n: usize, what: &str| (n > 0).then(|| format!("{n} {what}{}", if n == 1 { "" } else { "s" }));
+    let parts = [some(errors, "error"), some(diagnostics.len() - errors, "warning")];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// One finding: its own place, labels near it in the same excerpt, labels far from it in excerpts of their own.
+fn group<'a>(source: &'a Source, diagnostic: &'a Diagnostic) -> Group<'a> {
+    let text = source.text();
+    let level = if diagnostic.is_error() { Level::ERROR } else { Level::WARNING };
+    let place = marked(text, diagnostic.span);
+    let mut together = vec![(AnnotationKind::Primary, place.clone(), None)];
+    let mut apart = Vec::new();
+    for label in &diagnostic.labels {
+        let span = marked(text, label.span);
+        let near = is_near(text, &place, &span);
+        let annotation = (AnnotationKind::Context, span, Some(label.text.as_str()));
+        if near { together.push(annotation) } else { apart.push(annotation) }
+    }
+    let mut group =
+        level.primary_title(diagnostic.message.as_str()).id(diagnostic.code.text()).element(excerpt(source, together));
+    for annotation in apart {
+        group = group.element(excerpt(source, vec![annotation]));
+    }
+    match &diagnostic.hint {
+        Some(hint) => group.element(Level::HELP.message(hint.as_str())),
+        None => group,
+    }
+}
+
+/// The part of a span that carets mark: on its first line, not too long, on character boundaries.
+fn marked(text: &str, span: Span) -> Range<usize> {
+    let start = text.floor_char_boundary(span.range().start);
+    let end = text.floor_char_boundary(span.range().end.min(start + MARKED_LENGTH)).max(start);
+    let line = text[start..end].split(['\n', '\r']).next().unwrap_or("");
+    start..start + line.trim_end().len()
+}
+
+fn is_near(text: &str, a: &Range<usize>, b: &Range<usize>) -> bool {
+    let between = &text[a.start.min(b.start)..a.start.max(b.start)];
+    let lines = between.bytes().filter(|c| *c == b'\n').take(SHOWN_TOGETHER).count();
+    lines < SHOWN_TOGETHER && (lines > 0 || between.len() < SHOWN_TOGETHER / 5)
+}
+
+type Marked<'a> = (AnnotationKind, Range<usize>, Option<&'a str>);
+
+/// The whole lines that hold some places, with carets; the renderer folds the lines between and cuts long ones.
+fn excerpt<'a>(source: &'a Source, places: Vec<Marked<'a>>) -> Snippet<'a, Annotation<'a>> {
+    let text = source.text();
+    let first = places.iter().map(|p| p.1.start).min().unwrap_or(0);
+    let last = places.iter().map(|p| p.1.end).max().unwrap_or(first);
+    let start = text[..first].rfind('\n').map_or(0, |k| k + 1);
+    let end = text[last..].find('\n').map_or(text.len(), |k| last + k);
+    let end = end - usize::from(text[last..end].ends_with('\r'));
+    let annotations =
+        places.into_iter().map(|(kind, span, label)| kind.span(span.start - start..span.end - start).label(label));
+    Snippet::source(&text[start..end])
+        .path(source.name())
+        .line_start(source.position(start as u32).line)
+        .annotations(annotations)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use fdm_grammar::Code;
+
+    fn span_of(text: &str, part: &str) -> Span {
+        let start = text.find(part).unwrap();
+        Span::new(start, start + part.len())
+    }
+
+    #[test]
+    fn a_finding_shows_code_place_line_labels_and_help() {
+        let text = "model m {\r\n\tstate α \"ä\", x;\r\n  param x = 1;\r\n}\r\n";
+        let first = span_of(text, "x;");
+        let second = span_of(text, "x = 1");
+        let found = [
+            Diagnostic::new(Code::DeclaredTwice, second, "`x` is declared a second time")
+                .label(Span::new(first.start as usize, first.start as usize + 1), "first declared here")
+                .hint("choose another name"),
+            Diagnostic::new(Code::Unused, span_of(text, "α"), "nothing uses `α`"),
+        ];
+        let expected = "\
+error[E0202]: `x` is declared a second time
+ --> dir/m.fdm:3:9
+  |
+2 |     state α \"ä\", x;
+  |                  - first declared here
+3 |   param x = 1;
+  |         ^^^^^
+  |
+  = help: choose another name
+
+warning[W0702]: nothing uses `α`
+ --> dir/m.fdm:2:8
+  |
+2 |     state α \"ä\", x;
+  |           ^
+
+1 error, 1 warning
+";
+        assert_eq!(render(&Source::new("dir/m.fdm", text), &found, false), expected);
+    }
+
+    #[test]
+    fn colour_adds_escapes_and_nothing_else() {
+        let source = Source::new("m", "state x;");
+        let found = [Diagnostic::new(Code::Unexpected, Span::new(0, 5), "no")];
+        let plain = render(&source, &found, false);
+        let mut coloured = render(&source, &found, true);
+        assert!(coloured.contains("\u{1b}[") && !plain.contains('\u{1b}'));
+        while let Some(start) = coloured.find('\u{1b}') {
+            let end = start + coloured[start..].find('m').unwrap();
+            coloured.replace_range(start..=end, "");
+        }
+        assert_eq!(coloured, plain);
+    }
+
+    #[test]
+    fn counts_are_in_words_and_nothing_is_said_about_nothing() {
+        let source = Source::new("m", "");
+        let at = |code| Diagnostic::new(code, Span::default(), "no");
+        let last = |found: &[Diagnostic]| render(&source, found, false).lines().last().map(String::from);
+        assert_eq!(last(&[]), None);
+        assert_eq!(last(&[at(Code::Unused)]).as_deref(), Some("1 warning"));
+        assert_eq!(last(&[at(Code::Cycle), at(Code::Unused), at(Code::Cycle)]).as_deref(), Some("2 errors, 1 warning"));
+    }
+
+    #[test]
+    fn long_lines_and_long_places_are_cut() {
+        let text = format!("model m {{ x = {} y {}; }}", "a + ".repeat(100_000), "+ b".repeat(100_000));
+        let source = Source::new("m", text.as_str());
+        let y = span_of(&text, "y");
+        let all = Span::new(10, text.len());
+        let found = [
+            Diagnostic::new(Code::UnknownName, y, "short"),
+            Diagnostic::new(Code::UnitMismatch, all, "long").label(y, "far").label(Span::new(0, 5), "near"),
+        ];
+        let shown = render(&source, &found, false);
+        assert!(shown.len() < 3_000, "{}", shown.len());
+        assert!(shown.contains(" --> m:1:400016\n") && shown.contains("- far") && shown.contains(" near"), "{shown}");
+    }
+
+    #[test]
+    fn distant_lines_are_shown_apart() {
+        let text = format!("first{}second", "\n".repeat(100_000));
+        let found = [Diagnostic::new(Code::DeclaredTwice, span_of(&text, "second"), "twice")
+            .label(span_of(&text, "first"), "here")];
+        let shown = render(&Source::new("m", text), &found, false);
+        assert!(shown.contains("100001 | second") && shown.contains("1 | first"), "{shown}");
+    }
+
+    #[test]
+    fn places_outside_the_text_or_inside_a_character_do_not_panic() {
+        for text in ["", "ä", "ä\n", "\0\u{1b}[31m\u{202e}"] {
+            let source = Source::new("m", text);
+            for (start, end) in [(0, 0), (0, 1), (1, 1), (1, 2), (0, 99), (98, 99), (9, 3)] {
+                let found =
+                    [Diagnostic::new(Code::Unexpected, Span::new(start, end), "no").label(Span::new(end, start), "l")];
+                let shown = render(&source, &found, false);
+                assert!(!shown.contains(['\0', '\u{1b}', '\u{202e}']), "{shown:?}");
+            }
+        }
+    }
+}
