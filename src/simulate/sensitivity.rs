@@ -6,7 +6,7 @@
 
 use super::drive::DriveTable;
 use super::history::History;
-use super::simulator::{Divergence, Simulator, node, two_nodes};
+use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
 use super::tangent::TangentPlan;
 use crate::dynamics::{Dynamics, Layout, Point, Step};
 use fdm_grammar::graph::Signal;
@@ -56,6 +56,7 @@ pub(super) struct Sensitivity {
     lanes: usize,
     stride: usize,
     width: usize,
+    outputs: usize,
     plan: TangentPlan,
     initial: Vec<Scatter>,
     rates_by_delay: Vec<DelayTerm>,
@@ -110,6 +111,7 @@ impl Sensitivity {
             lanes: stage.lanes,
             stride: columns.len().next_multiple_of(VECTOR),
             width: stage.width,
+            outputs: layout.outputs,
             initial: scatter(&p.initial_by_param, layout.initial_by_param.start),
             rates_by_delay: delay_terms(layout),
             outputs_by_param: scatter(&p.outputs_by_param, by_param),
@@ -153,22 +155,20 @@ impl Sensitivity {
     /// One step of the states; their partials go to the buffer of step k.
     #[inline(always)]
     fn advance(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
-        let (t, h) = simulator.grid.step(k);
-        let mut nodes = std::mem::take(&mut simulator.nodes);
-        let (x, next) = two_nodes(&mut nodes, k);
-        let step = Step { t, h, x, drive: simulator.drive.stages(k), known: &simulator.known };
+        let Simulator { dynamics, grid, drive, known, nodes, work, .. } = simulator;
+        let (t, h) = grid.step(k);
+        let (x, next) = two_nodes(nodes, k);
         let partials = &mut self.partials[k % 2];
-        simulator.dynamics.step_with_partials(step, next, partials, &mut simulator.work);
-        let finite = simulator.check(k, next);
-        simulator.nodes = nodes;
+        dynamics.step_with_partials(Step { t, h, x, drive: drive.stages(k), known }, next, partials, work);
+        finite(grid, k, next)?;
         if !self.rates_by_delay.is_empty() {
-            let slopes = simulator.drive.stage_slopes(k);
+            let slopes = drive.stage_slopes(k);
             let delays = slopes.len() / 3;
             for (row, at) in partials.chunks_exact_mut(self.width).zip([0, 1, 1, 2]) {
-                add_delays(&self.rates_by_delay, row, &slopes[at * delays..][..delays], &simulator.known);
+                add_delays(&self.rates_by_delay, row, &slopes[at * delays..][..delays], known);
             }
         }
-        finite
+        Ok(())
     }
 
     /// Outputs and their sensitivities at the sample of node k.
@@ -181,7 +181,7 @@ impl Sensitivity {
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
-        let q = simulator.outputs();
+        let q = self.outputs;
         let y = &mut y[sample * q..][..q];
         let rows = &mut jacobian[sample * q * self.stride..][..q * self.stride];
         if let Some(observed) = &self.observed {
@@ -197,12 +197,12 @@ impl Sensitivity {
             return self.outputs(simulator, sample, k, y, rows);
         }
         let mut in_lanes = std::mem::take(&mut self.rows);
-        let finite = self.outputs(simulator, sample, k, y, &mut in_lanes);
+        let result = self.outputs(simulator, sample, k, y, &mut in_lanes);
         for (row, lanes) in rows.chunks_exact_mut(self.stride.max(1)).zip(in_lanes.chunks_exact(self.lanes.max(1))) {
             gather(&self.lane_of, lanes, row);
         }
         self.rows = in_lanes;
-        finite
+        result
     }
 
     /// The general case: `h_theta + h_x S + h_delay S_delay`, q rows of lanes.
