@@ -50,7 +50,8 @@ fn check(model: &Model, run: &Run, per_interval: usize) {
             simulator.simulate(&moved, &mut y).expect("finite");
             y
         };
-        let h = 2e-4 * theta[*column].abs().max(0.05);
+        // small for delays: a stage that crosses a sample between the differences sees two slopes
+        let h = if name.starts_with("tau") { 2e-6 } else { 2e-4 * theta[*column].abs().max(0.05) };
         let (a, b, c, d) = (at(h), at(-h), at(h / 2.0), at(-h / 2.0));
         let exact: Vec<f64> = (0..rows).map(|r| jacobian[r * stride + lane]).collect();
         let scale = exact.iter().fold(0.0_f64, |s, e| s.max(e.abs()));
@@ -61,9 +62,7 @@ fn check(model: &Model, run: &Run, per_interval: usize) {
             let best = (4.0 * narrow - wide) / 3.0;
             differing += usize::from((best - exact[r]).abs() > 2e-6 * scale);
         }
-        // a delay that carries a stage across a sample bends the response there: differences see both sides
-        let allowed = if name.starts_with("tau") { rows / 50 } else { 0 };
-        assert!(differing <= allowed, "{name}: {differing} of {rows} rows differ from central differences");
+        assert!(differing == 0, "{name}: {differing} of {rows} rows differ from central differences");
     }
     assert!((0..rows).all(|r| jacobian[r * stride + columns.len()..(r + 1) * stride].iter().all(|j| *j == 0.0)));
 }
@@ -135,10 +134,11 @@ fn many_columns_fill_several_registers() {
 #[test]
 fn a_delayed_ramp_has_its_closed_form() {
     // x' = -k x + k u(t - tau), u(s) = s from 0 on: x = s - (1 - exp(-k s))/k with s = t - tau; y shows x still later
-    let text = "model ramp { input u; state x; param k = 1.5, tau = 0.3 in [0, 1], late = 0.2 in [0, 1];
+    let text = "model ramp { input u; state x; param k = 1.5, tau = 0.25 in [0, 1], late = 0.125 in [0, 1];
         der(x) = -k*x + k*delay(u, tau); output y = delay(x, late); }";
     let ramp = model(text);
-    let time: Vec<f64> = (0..=300).map(|k| 0.01 * f64::from(k)).collect();
+    // exact binary fractions: the kink at the end of the delay falls on a step, and its end has not felt it yet
+    let time: Vec<f64> = (0..=300).map(|k| f64::from(k) / 128.0).collect();
     let run = Run {
         name: "ramp".into(),
         inputs: time.clone(),
@@ -154,7 +154,7 @@ fn a_delayed_ramp_has_its_closed_form() {
         ["k", "tau", "late"].iter().map(|n| ramp.definition().param(n).expect("declared")).collect();
     simulator.sensitivities(&ramp.definition().start(), &columns, &mut y, &mut jacobian).expect("finite");
     for (i, t) in time.iter().enumerate() {
-        let (k, s) = (1.5, (t - 0.5).max(0.0));
+        let (k, s) = (1.5, (t - 0.375).max(0.0));
         let decay = (-k * s).exp();
         let value = s - (1.0 - decay) / k;
         let by_k = (1.0 - decay) / (k * k) - s * decay / k;
@@ -162,7 +162,7 @@ fn a_delayed_ramp_has_its_closed_form() {
         for (got, want) in
             [(y[i], value), (jacobian[8 * i], by_k), (jacobian[8 * i + 1], by_delay), (jacobian[8 * i + 2], by_delay)]
         {
-            assert!((got - want).abs() < 2e-6, "t = {t}: {got} instead of {want}");
+            assert!((got - want).abs() < 1e-9, "t = {t}: {got} instead of {want}");
         }
     }
 }

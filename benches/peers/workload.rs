@@ -9,7 +9,7 @@ const COEFFICIENTS: [f64; 11] =
 const INITIAL: [f64; 3] = [7.7, 0.0, 0.0];
 
 /// The same model through the other door.
-pub fn ship_macro() -> Model {
+pub(crate) fn ship_macro() -> Model {
     fdm::model! {
         model manoeuvring_ship "surge, sway and yaw of a ship under rudder" {
           input rudder                  [rad];
@@ -36,14 +36,14 @@ pub fn ship_macro() -> Model {
 }
 
 /// The run of W1, or a hundred of them in one record.
-pub struct Ship {
+pub(crate) struct Ship {
     /// Time and rudder; nothing is measured.
-    pub run: Run,
+    pub(crate) run: Run,
 }
 
 impl Ship {
     /// 600 steps, or 60 000.
-    pub fn new(hundredfold: bool) -> Self {
+    pub(crate) fn new(hundredfold: bool) -> Self {
         let steps = if hundredfold { 60_000 } else { 600 };
         let inputs: Vec<f64> = (0..=steps)
             .map(|k| match hundredfold {
@@ -72,7 +72,7 @@ impl Ship {
     }
 
     /// Parameters in the model's order: the coefficients scaled, the initial values true.
-    pub fn theta(&self, model: &Model, scale: f64) -> Vec<f64> {
+    pub(crate) fn theta(&self, model: &Model, scale: f64) -> Vec<f64> {
         let mut theta = vec![0.0; model.layout().params];
         for (column, value) in
             self.columns(model).into_iter().zip(COEFFICIENTS.map(|c| scale * c).into_iter().chain(INITIAL))
@@ -83,7 +83,7 @@ impl Ship {
     }
 
     /// C1..C11, u(0), v(0), r(0), as W1 orders them.
-    pub fn columns(&self, model: &Model) -> Vec<usize> {
+    pub(crate) fn columns(&self, model: &Model) -> Vec<usize> {
         let coefficients = (1..=11).map(|k| format!("C{k}"));
         let initial = ["u(0)", "v(0)", "r(0)"].map(String::from);
         let find = |name: String| model.definition().param(&name).expect("the model declares it");
@@ -98,14 +98,14 @@ fn rudder(t: f64) -> f64 {
 }
 
 /// States and sensitivities computed by the peers' NumPy reference.
-pub struct Reference {
+pub(crate) struct Reference {
     states: Vec<f64>,
     sensitivities: Vec<f64>,
 }
 
 impl Reference {
     /// The reference of a workload, when the peers have been set up.
-    pub fn load(tag: &str) -> Option<Self> {
+    pub(crate) fn load(tag: &str) -> Option<Self> {
         let home = std::env::var("HOME").unwrap_or_default();
         let folder = PathBuf::from(std::env::var("PEERS_DATA").unwrap_or(format!("{home}/peers-data")));
         let read = |name: String| {
@@ -116,7 +116,7 @@ impl Reference {
     }
 
     /// Largest over columns of max |ours - reference| / max |reference|.
-    pub fn difference(&self, y: &[f64], jacobian: &[f64], stride: usize) -> f64 {
+    pub(crate) fn difference(&self, y: &[f64], jacobian: &[f64], stride: usize) -> f64 {
         let packed: Vec<f64> = jacobian.chunks_exact(stride).flat_map(|row| row[..14].iter().copied()).collect();
         columnwise(y, &self.states, 3).max(columnwise(&packed, &self.sensitivities, 14))
     }

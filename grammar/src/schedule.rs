@@ -102,7 +102,7 @@ pub struct Layout {
 ///
 /// f_theta is written where the sensitivities need it: one row per state, one lane per parameter that is not fixed,
 /// padded to full vectors and beginning on one. Structural zeros are never written; whoever owns the row clears it once.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct StageRow {
     /// Slot of each entry of f_x, in the order of the pattern: full rows for small models, else entries only.
     pub by_state: Vec<u32>,

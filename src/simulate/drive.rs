@@ -2,7 +2,7 @@
 
 use super::grid::Grid;
 use crate::dynamics::Layout;
-use crate::record::Run;
+use crate::record::{Cursor, Run};
 use fdm_grammar::graph::Signal;
 
 /// Values of inputs and delayed inputs where the integrator needs them; delayed states are filled in elsewhere.
@@ -60,14 +60,17 @@ impl DriveTable {
             for k in 0..grid.steps() {
                 let (t, h) = grid.step(k);
                 for (stage, at) in [t, t + 0.5 * h, t + h].into_iter().enumerate() {
-                    let (value, slope) = cursor.at(run, input, at - tau[d]);
+                    // a step that ends on a kink has not felt it yet
+                    let place = cursor.at(&run.time, at - tau[d]);
+                    let (value, slope) =
+                        run.input(input, if stage == 2 { place.from_the_left(&run.time) } else { place });
                     self.stages[(3 * k + stage) * self.width + column] = value;
                     self.stage_slopes[(3 * k + stage) * delays + d] = slope;
                 }
             }
             let mut cursor = Cursor::default();
             for (sample, t) in grid.samples().iter().enumerate() {
-                let (value, slope) = cursor.at(run, input, t - tau[d]);
+                let (value, slope) = run.input(input, cursor.at(&run.time, t - tau[d]));
                 self.samples[sample * self.width + column] = value;
                 self.sample_slopes[sample * delays + d] = slope;
             }
@@ -109,38 +112,5 @@ fn between(a: f64, b: f64, part: f64, held: bool) -> f64 {
         b
     } else {
         a + part * (b - a)
-    }
-}
-
-/// Looks an input up at times that mostly rise, without searching from the beginning.
-#[derive(Debug, Default)]
-struct Cursor {
-    interval: usize,
-}
-
-impl Cursor {
-    /// Value and slope of an input at a time. Before the first sample the first value holds, behind the last the
-    /// last; at a sample the slope is that of the interval which begins there.
-    fn at(&mut self, run: &Run, input: usize, t: f64) -> (f64, f64) {
-        let (time, width, last) = (&run.time, run.held.len(), run.len() - 1);
-        let value = |k: usize| run.inputs[k * width + input];
-        if t < time[0] {
-            return (value(0), 0.0);
-        }
-        if t >= time[last] {
-            return (value(last), 0.0);
-        }
-        while self.interval > 0 && time[self.interval] > t {
-            self.interval -= 1;
-        }
-        while time[self.interval + 1] <= t {
-            self.interval += 1;
-        }
-        let (k, a) = (self.interval, value(self.interval));
-        if run.held[input] {
-            return (a, 0.0);
-        }
-        let slope = (value(k + 1) - a) / (time[k + 1] - time[k]);
-        (a + slope * (t - time[k]), slope)
     }
 }

@@ -5,14 +5,14 @@
 pub struct Grid {
     /// Time of each sample (N).
     samples: Vec<f64>,
-    /// Steps between neighbouring samples, 1 or more.
+    /// Steps between neighbouring samples; 0 where there is nothing to integrate.
     per_interval: usize,
 }
 
 impl Grid {
-    /// `per_interval` steps between any two samples.
+    /// `per_interval` steps between any two samples; 0 for a model without states.
     pub fn new(samples: &[f64], per_interval: usize) -> Self {
-        Self { samples: samples.to_vec(), per_interval: per_interval.max(1) }
+        Self { samples: samples.to_vec(), per_interval }
     }
 
     /// Steps between neighbouring samples.
@@ -33,7 +33,7 @@ impl Grid {
     /// The sample that stands at the beginning of a step, if one does.
     #[inline]
     pub fn sample_at(&self, step: usize) -> Option<usize> {
-        if self.per_interval == 1 {
+        if self.per_interval <= 1 {
             return Some(step);
         }
         step.is_multiple_of(self.per_interval).then(|| step / self.per_interval)

@@ -62,8 +62,7 @@ impl<'a> Simulator<'a> {
                 return Err(Unsuited::HeldAndDelayed { input: input as usize });
             }
         }
-        let times = if layout.states == 0 { &run.time[..run.len().min(1)] } else { &run.time[..] };
-        let grid = Grid::new(times, per_interval);
+        let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
         let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
         Ok(Self {
             dynamics,
@@ -200,7 +199,7 @@ impl<'a> Simulator<'a> {
         }
         let (t, h) = self.grid.step(k);
         let state = x.iter().position(|x| !x.is_finite());
-        Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval() })
+        Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval().max(1) })
     }
 
     /// Time of node k.

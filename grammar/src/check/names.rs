@@ -329,19 +329,22 @@ fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Dia
     }
 }
 
-/// Longer names are not compared with others, and only so many unknown names are: guessing must stay cheap.
+/// Longer names are not compared with others, and only so many comparisons are made: guessing must stay cheap.
 const LONGEST_GUESS: usize = 48;
-const MOST_GUESSES: usize = 64;
+const MOST_COMPARISONS: usize = 500_000;
 
 impl Scope<'_> {
-    /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and no more than
-    /// a few names have been `guessed` before.
+    /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and not too many
+    /// names have been `guessed` before.
     pub(super) fn nearest(&self, name: &str, guessed: usize, wanted: impl Fn(&Symbol<'_>) -> bool) -> Option<String> {
         let length = name.chars().count();
-        if length > LONGEST_GUESS || guessed >= MOST_GUESSES {
+        if length > LONGEST_GUESS || guessed * self.symbols.len() > MOST_COMPARISONS {
             return None;
         }
-        let likely = |s: &&Symbol<'_>| s.valid && wanted(s) && s.name().len().abs_diff(name.len()) <= LONGEST_GUESS;
+        let likely = |s: &&Symbol<'_>| {
+            let own = s.name().chars().count();
+            s.valid && own.abs_diff(length) <= own.max(length).div_ceil(3) && own <= LONGEST_GUESS && wanted(s)
+        };
         let declared = self.symbols.iter().filter(likely).map(Symbol::name);
         let near = crate::diagnostic::nearest(name, declared.chain(["t", "pi"]))?;
         Some(format!("did you mean `{near}`?"))

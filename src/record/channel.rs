@@ -1,0 +1,110 @@
+//! The channels that a model asks for, and where each is read from.
+
+use fdm_grammar::{Model, Unit};
+use std::fmt;
+
+/// What a channel is to a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// The time of the samples.
+    Time,
+    /// Drives the model.
+    Input,
+    /// Is compared with the model.
+    Output,
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Time => "time",
+            Self::Input => "input",
+            Self::Output => "output",
+        })
+    }
+}
+
+/// A signal of a model that a record holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channel {
+    /// Its name in the model.
+    pub name: String,
+    /// Its unit in the model; `None` takes the numbers of the file as they are.
+    pub unit: Option<Unit>,
+}
+
+/// All that a model wants from a record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Channels {
+    /// Unit of the model's time.
+    pub time: Unit,
+    /// Whether time matters; otherwise the run's time counts samples and the file needs no time column.
+    pub timed: bool,
+    /// The least number of samples that are of use.
+    pub samples: usize,
+    /// Inputs in the model's order.
+    pub inputs: Vec<Channel>,
+    /// Outputs in the model's order.
+    pub outputs: Vec<Channel>,
+}
+
+/// The channels of a model: time is wanted by states, delays and explicit time.
+pub fn channels(model: &Model) -> Channels {
+    let channel = |q: &fdm_grammar::model::Quantity| Channel { name: q.name.clone(), unit: q.unit.clone() };
+    let dynamic = !model.states.is_empty();
+    Channels {
+        time: model.time.clone(),
+        timed: dynamic || model.uses_time(),
+        samples: if dynamic { 2 } else { 1 },
+        inputs: model.inputs.iter().map(|i| channel(&i.quantity)).collect(),
+        outputs: model.outputs.iter().map(|o| channel(&o.quantity)).collect(),
+    }
+}
+
+impl Channels {
+    /// Inputs, then outputs.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (Role, &Channel)> {
+        let inputs = self.inputs.iter().map(|c| (Role::Input, c));
+        inputs.chain(self.outputs.iter().map(|c| (Role::Output, c)))
+    }
+
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.all().map(|(_, c)| c.name.as_str())
+    }
+
+    /// Whether an option's name means the time: `t` or `time`, unless the model has a channel of that name.
+    pub(crate) fn means_time(&self, name: &str) -> bool {
+        matches!(name, "t" | "time") && !self.all().any(|(_, c)| c.name == name)
+    }
+}
+
+/// A column that a channel is read from, and how its numbers become the model's: `scale*value + offset`.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Source {
+    /// Index of the column.
+    pub(crate) column: usize,
+    /// Unit of the column, when it has one.
+    pub(crate) unit: Option<String>,
+    /// Factor.
+    pub(crate) scale: f64,
+    /// Added behind the factor.
+    pub(crate) offset: f64,
+}
+
+impl Source {
+    /// A number of the file in the model's unit; the same bits where nothing is to be converted.
+    pub(crate) fn convert(&self, value: f64) -> f64 {
+        if self.scale == 1.0 && self.offset == 0.0 { value } else { value * self.scale + self.offset }
+    }
+}
+
+/// Where everything is read from.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    /// The time column; `None` when samples are counted.
+    pub(crate) time: Option<Source>,
+    /// Inputs in the model's order.
+    pub(crate) inputs: Vec<Source>,
+    /// Outputs in the model's order; `None` where the file has no such column and needs none.
+    pub(crate) outputs: Vec<Option<Source>>,
+}

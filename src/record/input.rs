@@ -1,0 +1,160 @@
+//! The drive between samples: linear or held, with its slope.
+
+use super::run::Run;
+
+/// A time's place among the samples: at or behind sample `left`, `part` of the way to the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// The sample at or before the time; 0 before the record.
+    pub left: usize,
+    /// Part of the interval that has passed, in [0, 1]; 0 outside the record.
+    pub part: f64,
+    /// One over the length of the interval; 0 outside the record, where nothing changes.
+    pub rate: f64,
+}
+
+impl Place {
+    /// The place of `t` in rising times (at least one). At a sample the interval to its right counts; before the
+    /// first and from the last sample on, values stay.
+    pub fn new(time: &[f64], t: f64) -> Self {
+        Self::after(time, time.partition_point(|s| *s <= t), t)
+    }
+
+    /// The same place seen from before: at a sample the interval to its left counts, and before the first there is none.
+    pub fn from_the_left(self, time: &[f64]) -> Self {
+        let at_sample = self.part == 0.0 && (self.rate != 0.0 || self.left + 1 == time.len());
+        match self.left {
+            _ if !at_sample => self,
+            0 => Self { left: 0, part: 0.0, rate: 0.0 },
+            left => Self { left: left - 1, part: 1.0, rate: 1.0 / (time[left] - time[left - 1]) },
+        }
+    }
+
+    /// `count` samples are at or before `t`.
+    fn after(time: &[f64], count: usize, t: f64) -> Self {
+        if count == 0 || count >= time.len() {
+            return Self { left: count.saturating_sub(1), part: 0.0, rate: 0.0 };
+        }
+        let left = count - 1;
+        let rate = 1.0 / (time[count] - time[left]);
+        Self { left, part: (t - time[left]) / (time[count] - time[left]), rate }
+    }
+}
+
+/// Finds places of times that rise, or seldom fall, without searching the whole record each time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Cursor {
+    /// Samples at or before the time asked last.
+    count: usize,
+}
+
+impl Cursor {
+    /// The same place as [`Place::new`]; costs one or two comparisons when `t` is in the last interval or the next,
+    /// and the logarithm of the distance otherwise.
+    pub fn at(&mut self, time: &[f64], t: f64) -> Place {
+        let mut low = self.count.min(time.len());
+        let mut high = low;
+        let mut reach = 1;
+        // samples before `low` are at or before t, samples from `high` on are behind it
+        while low > 0 && time[low - 1] > t {
+            high = low - 1;
+            low = low.saturating_sub(reach);
+            reach *= 2;
+        }
+        while high < time.len() && time[high] <= t {
+            low = high + 1;
+            high = (high + reach).min(time.len());
+            reach *= 2;
+        }
+        self.count = low + time[low..high].partition_point(|s| *s <= t);
+        Place::after(time, self.count, t)
+    }
+}
+
+impl Run {
+    /// Value and slope of an input at a place.
+    pub fn input(&self, input: usize, place: Place) -> (f64, f64) {
+        let width = self.held.len();
+        let left = self.inputs[place.left * width + input];
+        if place.rate == 0.0 || self.held[input] {
+            return (left, 0.0);
+        }
+        let rise = self.inputs[(place.left + 1) * width + input] - left;
+        (left + place.part * rise, place.rate * rise)
+    }
+
+    /// Value and slope of an input at any time; slope of the right side at a sample, 0 outside the record.
+    pub fn input_at(&self, input: usize, t: f64) -> (f64, f64) {
+        self.input(input, Place::new(&self.time, t))
+    }
+
+    /// Values of all inputs (m) at a place.
+    pub fn drive(&self, place: Place, out: &mut [f64]) {
+        for (input, value) in out.iter_mut().enumerate().take(self.held.len()) {
+            *value = self.input(input, place).0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn run() -> Run {
+        Run {
+            name: "r".into(),
+            time: vec![0.0, 1.0, 3.0],
+            inputs: vec![1.0, 10.0, 2.0, 20.0, 6.0, 30.0],
+            held: vec![false, true],
+            measured: Vec::new(),
+            input_gaps: vec![0, 0],
+            output_gaps: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn linear_and_held_values_have_the_slope_of_the_right_side() {
+        let run = run();
+        let cases = [
+            (-1.0, (1.0, 0.0), 10.0),
+            (0.0, (1.0, 1.0), 10.0),
+            (0.25, (1.25, 1.0), 10.0),
+            (1.0, (2.0, 2.0), 20.0),
+            (2.5, (5.0, 2.0), 20.0),
+            (3.0, (6.0, 0.0), 30.0),
+            (9.0, (6.0, 0.0), 30.0),
+        ];
+        for (t, linear, held) in cases {
+            assert_eq!(run.input_at(0, t), linear, "{t}");
+            assert_eq!(run.input_at(1, t), (held, 0.0), "{t}");
+            let mut out = [0.0; 3];
+            run.drive(Place::new(&run.time, t), &mut out);
+            assert_eq!(out, [linear.0, held, 0.0], "{t}");
+        }
+        let single = Run { time: vec![0.0], inputs: vec![4.0, 5.0], ..run };
+        assert_eq!((single.input_at(0, -1.0), single.input_at(0, 0.0)), ((4.0, 0.0), (4.0, 0.0)));
+    }
+
+    #[test]
+    fn seen_from_the_left_a_sample_ends_its_interval() {
+        let run = run();
+        for (t, value) in [(0.0, (1.0, 0.0)), (1.0, (2.0, 1.0)), (2.0, (4.0, 2.0)), (3.0, (6.0, 2.0))] {
+            assert_eq!(run.input(0, Place::new(&run.time, t).from_the_left(&run.time)), value, "{t}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_cursor_finds_what_a_search_finds(
+            steps in prop::collection::vec(0.01..2.0_f64, 1..40),
+            queries in prop::collection::vec(-3.0..60.0_f64, 1..60),
+        ) {
+            let time: Vec<f64> = steps.iter().scan(0.0, |t, s| { *t += s; Some(*t) }).collect();
+            let mut cursor = Cursor::default();
+            for t in queries.iter().chain(&time).chain(time.iter().rev()) {
+                prop_assert_eq!(cursor.at(&time, *t), Place::new(&time, *t));
+            }
+        }
+    }
+}
