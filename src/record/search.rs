@@ -214,7 +214,9 @@ impl Search<'_> {
     fn like(&self, name: &str) -> Option<String> {
         // the distance costs the product of the lengths
         let headings = || self.table.columns.iter().filter(|h| !h.title.is_empty() && h.name.len() <= 100);
-        let near = nearest(name, headings().map(|h| h.name.as_str()));
+        // names of one letter are all equally near
+        let resembles = |other: &&str| other.to_lowercase().contains(|c| name.to_lowercase().contains(c));
+        let near = nearest(name, headings().map(|h| h.name.as_str())).filter(resembles);
         let longer = || {
             let begins = |h: &&Heading| h.name.strip_prefix(name).is_some_and(|r| r.starts_with(['_', '.', ' ', '-']));
             headings().find(begins).map(|h| h.name.as_str())

@@ -141,6 +141,7 @@ fn missing_channels_are_told_together_with_the_nearest_name() {
     assert!(texts[2].contains("--map yaw=COLUMN"), "{}", texts[2]);
     let message = one("t_s,u,y\n0,1,1\n", &uy(), &plain());
     assert!(message.contains("no column for the time `t`") && message.contains("--map \"t=t_s\""), "{message}");
+    assert!(one("t,a,y\n0,1,1\n", &uy(), &plain()).contains("(name the column `u`, or say --map u=COLUMN)"));
     let many: String = (0..500).map(|k| format!("c{k},")).collect();
     let message = one(&format!("{many}u,y\n"), &uy(), &plain());
     assert!(message.contains("and 490 more") && message.len() < 400, "{message}");
