@@ -182,24 +182,10 @@ impl<'a> Simulator<'a> {
     /// One step without sensitivities.
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
         let (t, h) = self.grid.step(k);
-        let mut nodes = std::mem::take(&mut self.nodes);
-        let (x, next) = two_nodes(&mut nodes, k);
+        let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
-        let finite = self.check(k, next);
-        self.nodes = nodes;
-        finite
-    }
-
-    /// The states after step k are finite, or the run has diverged.
-    #[inline]
-    pub(super) fn check(&self, k: usize, x: &[f64]) -> Result<(), Divergence> {
-        if x.iter().all(|x| x.is_finite()) {
-            return Ok(());
-        }
-        let (t, h) = self.grid.step(k);
-        let state = x.iter().position(|x| !x.is_finite());
-        Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval().max(1) })
+        finite(&self.grid, k, next)
     }
 
     /// Time of node k.
@@ -244,6 +230,17 @@ impl<'a> Simulator<'a> {
         self.dynamics.outputs(Point { t, x, drive, known: &self.known }, y, &mut self.work);
         if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
     }
+}
+
+/// The states after step k are finite, or the run has diverged.
+#[inline]
+pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence> {
+    if x.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    let (t, h) = grid.step(k);
+    let state = x.iter().position(|x| !x.is_finite());
+    Err(Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) })
 }
 
 /// Which of the three nodes in turn holds node k.
