@@ -1,5 +1,8 @@
 //! Native code for the programs of a model, made by Cranelift when a program is first asked for.
 //!
+//! **In** a schedule. **Out** [`Jit`]. **Never** an operation that Cranelift could round otherwise than Rust: the
+//! elementary functions are called. **Start** at [`Jit::new`]; `translate.rs` says what each operation becomes.
+//!
 //! Compiling takes about as long as a thousand runs of the tape. What is evaluated once per parameter vector or once
 //! per model (`prepare`, `by_input`) is therefore left to the tape, and so are programs over [`LONGEST`] instructions.
 //! All `unsafe` of the project is in this folder.
@@ -300,11 +303,15 @@ mod tests {
     use fdm_grammar::graph::Leaf;
     use fdm_grammar::op::{Build, Op};
 
+    fn made(schedule: &Schedule) -> Jit {
+        Jit::new(schedule).expect("this machine is supported")
+    }
+
     #[test]
     fn programs_become_native_code() {
-        for mut model in [ship(), random(3), random(5), blank(0, 0, &[])] {
+        for mut model in [ship(), random(3, true), random(5, true), blank(0, 0, &[])] {
             let schedule = Schedule::new(&mut model);
-            let jit = Jit::new(&schedule).unwrap();
+            let jit = made(&schedule);
             for program in [&schedule.rates, &schedule.rates_and_partials, &schedule.outputs_and_partials] {
                 assert!(jit.compile(program).is_some());
             }
@@ -332,26 +339,26 @@ mod tests {
     #[test]
     fn deep_programs_compile_and_longer_ones_are_left_to_the_tape() {
         let schedule = chain(6_000);
-        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_some());
+        assert!(made(&schedule).compile(&schedule.rates).is_some());
         let schedule = chain(LONGEST as u32 + 1);
-        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
     }
 
     #[test]
     fn a_program_that_reads_outside_its_layout_is_not_compiled() {
         let mut schedule = Schedule::new(&mut ship());
         schedule.rates.instructions[0].args[0] = Operand::State(3);
-        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
         let mut schedule = Schedule::new(&mut ship());
         schedule.rates.instructions[0].args[0] = Operand::Value(0);
-        assert!(Jit::new(&schedule).unwrap().compile(&schedule.rates).is_none());
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
     }
 
     #[test]
     #[should_panic(expected = "shorter than the layout")]
     fn short_arrays_are_refused() {
         let schedule = Schedule::new(&mut ship());
-        let jit = Jit::new(&schedule).unwrap();
+        let jit = made(&schedule);
         let at = Point { t: 0.0, x: &[0.0; 3], drive: &[0.0], known: &[0.0; 2] };
         jit.rates(at, &mut [0.0; 3], &mut Workspace::default());
     }
@@ -359,7 +366,7 @@ mod tests {
     #[test]
     fn threads_share_a_model() {
         let schedule = Schedule::new(&mut ship());
-        let jit = Jit::new(&schedule).unwrap();
+        let jit = made(&schedule);
         let known = vec![0.5; schedule.layout.known];
         let rates = || {
             let (mut out, at) = ([0.0; 3], Point { t: 0.0, x: &[1.0, 2.0, 3.0], drive: &[0.1], known: &known });
@@ -368,7 +375,7 @@ mod tests {
         };
         let results: Vec<_> = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..4).map(|_| scope.spawn(rates)).collect();
-            threads.into_iter().map(|t| t.join().unwrap()).collect()
+            threads.into_iter().map(|t| t.join().expect("no thread panics")).collect()
         });
         assert!(results.iter().all(|r| *r == results[0]));
     }
