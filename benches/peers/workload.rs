@@ -21,8 +21,8 @@ pub(crate) fn ship_macro() -> Model {
           const u0 = 7.7                [m/s];
 
           param C1  = -1.0e-2           [1/m], C2  = -3.0 [m], C3  = -1.5e-3 [1/m];
-          param C4  = -1.0e-2           [1/m], C5 = -0.35, C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
-          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5;
+          param C4  = -1.0e-2           [1/m], C5 = -0.35 [1], C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
+          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5 [1];
 
           der(u) = -k*(u^2 - u0^2) + C1*v^2 + C2*r^2 + C3*u^2*rudder^2;
           der(v) = C4*u*v + C5*u*r + C6*u^2*rudder + C7*v*abs(v);
