@@ -256,7 +256,7 @@ fn instead(word: &str) -> Option<&'static str> {
 
 /// Whether a text begins with names between commas, semicolons or tabs and goes on with as many numbers.
 fn is_table(text: &str) -> bool {
-    let mut lines = text.lines().filter(|l| !l.trim().is_empty());
+    let mut lines = text.lines().filter(|l| !l.trim().is_empty() && !l.starts_with("//"));
     let (Some(header), Some(row)) = (lines.next(), lines.next()) else { return false };
     let number = |cell: &str| cell.trim().replace(',', ".").parse::<f64>().is_ok();
     ['\t', ';', ','].iter().any(|mark| {
