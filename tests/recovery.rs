@@ -1,4 +1,5 @@
 //! Known parameters hidden in simulated data, and found again.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use fdm::Model;
 use fdm::estimate::{Changes, Fit, FitOptions, Options, fit};
@@ -184,10 +185,12 @@ fn what_the_user_changes_is_done() {
     let model = Model::from_text("decay.fdm", text).unwrap();
     let run = recorded("decay", &model, &[("k", 0.4), ("a", 1.5)], 50, 0.1, 0.0);
     let changes = Changes { set: vec![("k".into(), 0.8)], free: vec!["k".into()], ..Changes::default() };
-    let found = fit(&model, &[run.clone()], &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
+    let found =
+        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
     check(&found, &[("k", 0.4), ("a", 1.5)], 1e-6);
     let changes = Changes { set: vec![("a".into(), 1.5)], fix: vec!["a".into()], ..Changes::default() };
-    let held = fit(&model, &[run.clone()], &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
+    let held =
+        fit(&model, std::slice::from_ref(&run), &FitOptions { changes, ..FitOptions::default() }, &mut ()).unwrap();
     assert_eq!((value(&held, "k", None), value(&held, "a", None)), (1.0, 1.5));
     let unknown = Changes { set: vec![("kk".into(), 1.0)], ..Changes::default() };
     assert!(fit(&model, &[run], &FitOptions { changes: unknown, ..FitOptions::default() }, &mut ()).is_err());

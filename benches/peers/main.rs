@@ -3,6 +3,7 @@
 //!
 //! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; otherwise our own figures stand alone.
+#![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
 mod start_up;
