@@ -101,6 +101,8 @@ fn rudder(t: f64) -> f64 {
 pub(crate) struct Reference {
     states: Vec<f64>,
     sensitivities: Vec<f64>,
+    measured: Option<Vec<f64>>,
+    deviations: Option<Vec<f64>>,
 }
 
 impl Reference {
@@ -112,7 +114,29 @@ impl Reference {
             let bytes = std::fs::read(folder.join(name)).ok()?;
             Some(bytes.chunks_exact(8).filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?))).collect::<Vec<_>>())
         };
-        Some(Self { states: read(format!("{tag}_xs.bin"))?, sensitivities: read(format!("{tag}_S.bin"))? })
+        Some(Self {
+            states: read(format!("{tag}_xs.bin"))?,
+            sensitivities: read(format!("{tag}_S.bin"))?,
+            measured: read(format!("{tag}_z.bin")),
+            deviations: read(format!("{tag}_sd.bin")),
+        })
+    }
+
+    /// The run with its noisy measurement.
+    pub(crate) fn measured(&self, run: &Run) -> Option<Run> {
+        Some(Run { measured: self.measured.clone()?, ..run.clone() })
+    }
+
+    /// Standard deviations of the measurement noise.
+    pub(crate) fn deviations(&self) -> Option<Vec<Option<f64>>> {
+        Some(self.deviations.as_ref()?.iter().copied().map(Some).collect())
+    }
+
+    /// Mean square of the weighted residuals, as the workload states it.
+    pub(crate) fn cost(&self, residuals: &[f64]) -> Option<f64> {
+        let deviations = self.deviations.as_ref()?;
+        let squares = residuals.iter().enumerate().map(|(k, v)| (v / deviations[k % 3]).powi(2));
+        Some(squares.sum::<f64>() / residuals.len() as f64)
     }
 
     /// Largest over columns of max |ours - reference| / max |reference|.
