@@ -76,9 +76,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let drawn = svg(&histories(&result, &runs)).map_err(|e| Failure::input([e]))?;
         std::fs::write(path, drawn).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
     }
-    let good = result.estimate.termination.is_good();
-    if !good {
-        eprintln!("{}", result.estimate.termination);
+    let (good, termination) = (result.estimate.is_good(), &result.estimate.termination);
+    if !termination.is_good() {
+        eprintln!("{termination}");
+    } else if !good {
+        eprintln!("the data do not determine every parameter: fix some of what is named above, or add runs that move them");
     }
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
