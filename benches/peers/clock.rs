@@ -41,7 +41,7 @@ pub(crate) struct Row {
     pub(crate) what: String,
     /// Median.
     pub(crate) seconds: f64,
-    /// Largest relative difference from the reference; `None` without reference data.
+    /// Largest relative difference from the reference, the cost reached for fits; `None` without reference data.
     pub(crate) difference: Option<f64>,
 }
 
@@ -61,15 +61,24 @@ impl Row {
 
     /// Prints the row and its ratio to the same unit among `limit`.
     pub(crate) fn print(&self, limit: &[Self]) {
-        let same = limit.iter().find(|l| l.workload == self.workload && l.what == self.what);
+        let same = limit.iter().find(|l| l.workload == self.workload && unit(&l.what) == unit(&self.what));
         let ratio = same.map_or(String::from("      -"), |l| format!("{:7.2}", self.seconds / l.seconds));
-        let difference = self.difference.map_or(String::from("no reference"), |d| format!("{d:.1e}"));
+        let difference = match self.difference {
+            None => "no reference".into(),
+            Some(cost) if self.what.starts_with('B') => format!("cost {cost:.9}"),
+            Some(d) => format!("difference {d:.1e}"),
+        };
         println!(
-            "{:8} {:28} {:28} {:10.1} us  x limit {ratio}  difference {difference}",
+            "{:8} {:60} {:28} {:12.1} us  x limit {ratio}  {difference}",
             self.workload,
             self.tool,
             self.what,
             1e6 * self.seconds,
         );
     }
+}
+
+/// The unit of work without what a tool adds in brackets.
+fn unit(what: &str) -> &str {
+    what.split(" (").next().unwrap_or(what)
 }

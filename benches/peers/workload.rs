@@ -21,8 +21,8 @@ pub(crate) fn ship_macro() -> Model {
           const u0 = 7.7                [m/s];
 
           param C1  = -1.0e-2           [1/m], C2  = -3.0 [m], C3  = -1.5e-3 [1/m];
-          param C4  = -1.0e-2           [1/m], C5 = -0.35, C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
-          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5;
+          param C4  = -1.0e-2           [1/m], C5 = -0.35 [1], C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
+          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5 [1];
 
           der(u) = -k*(u^2 - u0^2) + C1*v^2 + C2*r^2 + C3*u^2*rudder^2;
           der(v) = C4*u*v + C5*u*r + C6*u^2*rudder + C7*v*abs(v);
@@ -101,6 +101,8 @@ fn rudder(t: f64) -> f64 {
 pub(crate) struct Reference {
     states: Vec<f64>,
     sensitivities: Vec<f64>,
+    measured: Option<Vec<f64>>,
+    deviations: Option<Vec<f64>>,
 }
 
 impl Reference {
@@ -112,7 +114,29 @@ impl Reference {
             let bytes = std::fs::read(folder.join(name)).ok()?;
             Some(bytes.chunks_exact(8).filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?))).collect::<Vec<_>>())
         };
-        Some(Self { states: read(format!("{tag}_xs.bin"))?, sensitivities: read(format!("{tag}_S.bin"))? })
+        Some(Self {
+            states: read(format!("{tag}_xs.bin"))?,
+            sensitivities: read(format!("{tag}_S.bin"))?,
+            measured: read(format!("{tag}_z.bin")),
+            deviations: read(format!("{tag}_sd.bin")),
+        })
+    }
+
+    /// The run with its noisy measurement.
+    pub(crate) fn measured(&self, run: &Run) -> Option<Run> {
+        Some(Run { measured: self.measured.clone()?, ..run.clone() })
+    }
+
+    /// Standard deviations of the measurement noise.
+    pub(crate) fn deviations(&self) -> Option<Vec<Option<f64>>> {
+        Some(self.deviations.as_ref()?.iter().copied().map(Some).collect())
+    }
+
+    /// Mean square of the weighted residuals, as the workload states it.
+    pub(crate) fn cost(&self, residuals: &[f64]) -> Option<f64> {
+        let deviations = self.deviations.as_ref()?;
+        let squares = residuals.iter().enumerate().map(|(k, v)| (v / deviations[k % 3]).powi(2));
+        Some(squares.sum::<f64>() / residuals.len() as f64)
     }
 
     /// Largest over columns of max |ours - reference| / max |reference|.

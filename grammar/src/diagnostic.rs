@@ -151,10 +151,12 @@ impl Diagnostic {
 /// The candidate that is nearest to `name` as typed, when one is near enough to be meant.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let lower = name.to_lowercase();
+    // a third of the letters may differ, but one of a single letter is another name
+    let near = |distance: usize, length: usize| distance <= (length / 3).max(1) && distance < length;
     candidates
         .into_iter()
         .map(|c| (strsim::damerau_levenshtein(&lower, &c.to_lowercase()), c))
-        .filter(|(distance, c)| *distance <= name.chars().count().max(c.chars().count()).div_ceil(3))
+        .filter(|(distance, c)| near(*distance, name.chars().count().max(c.chars().count())))
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, c)| c)
 }
@@ -175,5 +177,7 @@ mod tests {
     fn nearest_finds_slips_and_refuses_strangers() {
         assert_eq!(nearest("alhpa", ["beta", "alpha"]), Some("alpha"));
         assert_eq!(nearest("xyz", ["beta", "alpha"]), None);
+        assert_eq!((nearest("Q", ["r", "q"]), nearest("w", ["u"])), (Some("q"), None));
+        assert_eq!((nearest("TT", ["T"]), nearest("bias_alpha", ["Z_alpha"])), (Some("T"), None));
     }
 }

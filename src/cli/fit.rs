@@ -165,13 +165,14 @@ fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> {
         for (o, output) in definition.outputs.iter().enumerate() {
             let column = |values: &[f64]| values.iter().skip(o).step_by(q).copied().collect();
             let name = &output.quantity.name;
-            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
+            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
             let quality = fit.estimate.outputs.iter().find(|f| f.name == *name && f.run == run.name);
-            let rms = quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}"));
+            let rms =
+                quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}{unit}"));
             histories.push(TimeHistory {
-                title: format!("{} of {}{rms}{unit}", name, run.name),
+                title: format!("{}: {name} in {}{rms}", fit.model.name(), run.name),
                 time_label: format!("t [{}]", definition.time),
-                value_label: format!("{name}{unit}"),
+                value_label: format!("{name} [{}]", unit.trim()),
                 time: &run.time,
                 measured: column(&run.measured),
                 modelled: column(&result.response),

@@ -97,7 +97,8 @@ mod tests {
         let rates = 0..layout.states;
         let by_state = stage.by_state.iter().map(|slot| *slot as usize);
         let by_delayed = (0..patterns.rates_by_delayed.len()).map(|k| stage.by_delayed + k);
-        let by_param = patterns.rates_by_param.entries().map(|(_, i, j)| stage.by_param(i, j).expect("no parameter is fixed"));
+        let by_param =
+            patterns.rates_by_param.entries().map(|(_, i, j)| stage.by_param(i, j).expect("no parameter is fixed"));
         let mut row = vec![UNTOUCHED.to_bits(); stage.width];
         for (slot, number) in rates.chain(by_state).chain(by_delayed).chain(by_param).zip(numbers) {
             row[slot] = *number;

@@ -100,7 +100,10 @@ impl Sensitivity {
         };
         let terms = |pattern: &fdm_grammar::Pattern, first: usize| -> Vec<OutputTerm> {
             let row = |i: usize| (i * stage.lanes) as u32;
-            pattern.entries().map(|(k, i, j)| OutputTerm { entry: (first + k) as u32, from: row(j), to: row(i) }).collect()
+            pattern
+                .entries()
+                .map(|(k, i, j)| OutputTerm { entry: (first + k) as u32, from: row(j), to: row(i) })
+                .collect()
         };
         let at = |(k, d, j)| Some((layout.tau_by_param.start + k, d, lane(j)?));
         let plan = TangentPlan::new(layout);

@@ -22,10 +22,10 @@ pub struct Divergence {
 /// Why a run cannot be simulated with exact sensitivities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsuited {
-    /// The response to a held input moves in jumps with its delay, so fixed steps see no derivative.
+    /// An output that shows a held input directly moves in jumps with its delay: its derivative is zero or infinite.
     #[error(
-        "input {input} is held between samples and delayed by an estimated delay; fixed steps cannot see how the \
-         response moves with that delay: take the input as linear between samples, or fix the delay"
+        "an output shows an input directly that is held between samples and delayed by an estimated delay: it moves in \
+         jumps with that delay, so that nothing can be estimated from it; take input {input} as linear between samples, or fix the delay"
     )]
     HeldAndDelayed {
         /// Index of the input.
@@ -57,6 +57,7 @@ impl<'a> Simulator<'a> {
         for (d, signal) in layout.delayed.iter().enumerate() {
             if let Signal::Input(input) = *signal
                 && run.held[input as usize]
+                && layout.patterns.outputs_by_delayed.columns.contains(&(d as u32))
                 && layout.patterns.tau_by_param.row(d).next().is_some()
             {
                 return Err(Unsuited::HeldAndDelayed { input: input as usize });

@@ -1,10 +1,10 @@
 //! Which equation belongs to which state.
 
 use super::functions::Function;
-use super::names::{Scope, SymbolId, argument_count};
+use super::names::{Scope, Symbol, SymbolId, argument_count};
 use super::order::each_operand;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Expr, ExprRef, Name, Role, StatementKind};
+use crate::syntax::{BinarySign, Expr, ExprRef, Name, Role, StatementKind};
 
 /// `left = right`, with the state whose derivative stands on the left.
 pub(super) struct Equation {
@@ -26,11 +26,11 @@ pub(super) fn read(scope: &mut Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec
     let mut guesses = 0;
     for statement in &tree.statements {
         let StatementKind::Equation(left, right) = statement.kind else { continue };
-        let state = match derivative_of(scope, left, &mut guesses) {
+        let state = match derivative_of(scope, left, right, &mut guesses) {
             Ok(state) => state,
             Err(finding) => {
                 findings.extend(finding);
-                excuse(scope, left, &mut excused);
+                excuse(scope, left, guesses, &mut excused);
                 None
             }
         };
@@ -64,6 +64,7 @@ fn second_equation(scope: &Scope<'_>, s: SymbolId, left: ExprRef, first: ExprRef
 fn derivative_of(
     scope: &Scope<'_>,
     left: ExprRef,
+    right: ExprRef,
     guesses: &mut usize,
 ) -> Result<Option<SymbolId>, Option<Diagnostic>> {
     let tree = scope.tree;
@@ -72,7 +73,7 @@ fn derivative_of(
             [argument] => differentiated(scope, left, argument, guesses),
             _ => Err(Some(argument_count(Function::Der, name, arguments.len(), tree.span(left)))),
         },
-        Expr::Name(name) => Err(not_a_derivative(scope, left, name)),
+        Expr::Name(name) => Err(not_a_derivative(scope, left, right, name)),
         _ if mentions(scope, left, |e| matches!(e, Expr::Call(name, _) if name.text == "der")) => {
             let message = "an equation is solved for one derivative; other left sides are not compiled yet";
             let finding = Diagnostic::new(Code::Unsupported, tree.span(left), message);
@@ -81,8 +82,40 @@ fn derivative_of(
         _ => {
             let message = "the left side of an equation is the derivative of a state";
             let finding = Diagnostic::new(Code::NotADerivative, tree.span(left), message);
-            Err(Some(finding.hint("write `der(x) = ...;`, or `let name = ...;` for a definition")))
+            Err(Some(finding.hint(match meant(scope, left) {
+                Some((s, Form::Quotient)) => format!("write `der({}) = ...;`", scope.symbols[s].name()),
+                Some((s, Form::Initial)) => {
+                    format!(
+                        "an initial value is given where the state is declared: `state {} = ...;`",
+                        scope.symbols[s].name()
+                    )
+                }
+                None => "write `der(x) = ...;`, or `let name = ...;` for a definition".into(),
+            })))
         }
+    }
+}
+
+/// Left sides of other languages.
+enum Form {
+    /// `dx/dt`
+    Quotient,
+    /// `x(0)`
+    Initial,
+}
+
+/// The state that such a left side means.
+fn meant(scope: &Scope<'_>, left: ExprRef) -> Option<(SymbolId, Form)> {
+    match scope.tree.expr(left) {
+        Expr::Binary(BinarySign::Divide, over, under, _) => match (scope.tree.expr(*over), scope.tree.expr(*under)) {
+            (Expr::Name(over), Expr::Name(under)) if under == "dt" => Some((scope.derivative(over)?, Form::Quotient)),
+            _ => None,
+        },
+        Expr::Call(name, _) => {
+            let state = scope.find(&name.text).filter(|s| scope.symbols[*s].role == Role::State)?;
+            Some((state, Form::Initial))
+        }
+        _ => None,
     }
 }
 
@@ -108,7 +141,7 @@ fn differentiated(
         }
         *guesses += 1;
         let finding = Diagnostic::new(Code::UnknownName, tree.span(argument), format!("`{name}` is not declared"));
-        let near = scope.nearest(name, *guesses, |symbol| symbol.role == Role::State);
+        let near = scope.nearest(name, *guesses, is_state);
         return Err(Some(finding.hint(near.unwrap_or_else(|| format!("`state {name};` declares it")))));
     };
     let symbol = &scope.symbols[s];
@@ -124,7 +157,7 @@ fn differentiated(
     }))
 }
 
-fn not_a_derivative(scope: &Scope<'_>, left: ExprRef, name: &str) -> Option<Diagnostic> {
+fn not_a_derivative(scope: &Scope<'_>, left: ExprRef, right: ExprRef, name: &str) -> Option<Diagnostic> {
     if scope.is_suspended(name) {
         return None;
     }
@@ -136,7 +169,13 @@ fn not_a_derivative(scope: &Scope<'_>, left: ExprRef, name: &str) -> Option<Diag
             let form = format!("give the value where it is declared: `{} {name} = ...;`", role.keyword());
             (role_text(role), form)
         }
-        None => ("is not a derivative", format!("`let {name} = ...;` defines a name, `der({name}) = ...;` a state")),
+        None => match (scope.derivative(name), scope.tree.expr(right)) {
+            (Some(s), _) => ("is not a derivative", format!("write `der({}) = ...;`", scope.symbols[s].name())),
+            (None, Expr::Number(_)) => {
+                ("is not declared", format!("`param {name} = ...;` or `const {name} = ...;` gives a number a name"))
+            }
+            _ => ("is not a derivative", format!("`let {name} = ...;` defines a name, `der({name}) = ...;` a state")),
+        },
     };
     let message = format!("the left side of an equation is the derivative of a state; `{name}` {what}");
     Some(Diagnostic::new(Code::NotADerivative, scope.tree.span(left), message).hint(hint))
@@ -158,8 +197,12 @@ fn mentions(scope: &Scope<'_>, root: ExprRef, wanted: impl Fn(&Expr) -> bool) ->
     found
 }
 
+fn is_state(symbol: &Symbol<'_>) -> bool {
+    symbol.role == Role::State
+}
+
 /// Marks states, and silences undeclared names, that a faulty left side mentions.
-fn excuse<'a>(scope: &mut Scope<'a>, left: ExprRef, excused: &mut [bool]) {
+fn excuse<'a>(scope: &mut Scope<'a>, left: ExprRef, guesses: usize, excused: &mut [bool]) {
     let mut names: Vec<&'a str> = Vec::new();
     let tree = scope.tree;
     each_node(scope, left, |e| match e {
@@ -168,10 +211,12 @@ fn excuse<'a>(scope: &mut Scope<'a>, left: ExprRef, excused: &mut [bool]) {
     });
     let bare = matches!(tree.expr(left), Expr::Name(_));
     for name in names {
-        match scope.find(name) {
-            Some(s) => excused[s] = true,
-            None if bare => scope.suspend(name),
-            None => {}
+        let near = || scope.nearest_name(name, guesses, is_state).filter(|_| !bare).and_then(|near| scope.find(near));
+        if let Some(s) = scope.find(name).or_else(|| scope.derivative(name)).or_else(near) {
+            excused[s] = true;
+        }
+        if bare && scope.find(name).is_none() {
+            scope.suspend(name);
         }
     }
 }

@@ -48,6 +48,7 @@ const FOREIGN: &[(&str, &str)] = &[
     ("sgn", "sign(x)"),
     ("fabs", "abs(x)"),
     ("sat", "clip(x, lower, upper)"),
+    ("saturation", "clip(x, lower, upper)"),
     ("saturate", "clip(x, lower, upper)"),
     ("limit", "clip(x, lower, upper)"),
     ("clamp", "clip(x, lower, upper)"),

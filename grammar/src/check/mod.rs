@@ -18,7 +18,9 @@ mod measures;
 mod model;
 mod names;
 mod order;
+mod remedies;
 mod start;
+mod unchecked;
 mod units;
 
 #[cfg(test)]
@@ -79,7 +81,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     units::check(&checked, findings);
 
     // what is not read yet, or misspelt, may well be used
-    let guess = |f: &Diagnostic| matches!(f.code, Code::UnknownName | Code::UnknownFunction | Code::NotADerivative);
+    let guess = |f: &Diagnostic| GUESSED.contains(&f.code);
     if !scope.is_partial() && !findings.iter().any(guess) {
         influence::unused(scope, &blocks, &meanings, &kinds, findings);
     }
@@ -90,6 +92,10 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     influence::without_influence(scope, &blocks, &meanings, &model, findings);
     Some(model)
 }
+
+/// Mistakes behind which anything may be meant, so that what nothing uses may well be used there.
+const GUESSED: [Code; 5] =
+    [Code::UnknownName, Code::UnknownFunction, Code::ArgumentCount, Code::NotADerivative, Code::Unsupported];
 
 fn outputs(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
     if !scope.is_partial() && !scope.symbols.iter().any(|s| s.role == Role::Output) {

@@ -2,7 +2,7 @@
 
 use super::functions::{self, Function};
 use super::order::Blocks;
-use crate::diagnostic::{Code, Diagnostic};
+use crate::diagnostic::{Code, Diagnostic, Label};
 use crate::source::Span;
 use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
 use crate::unit::Unit;
@@ -19,6 +19,8 @@ pub(super) struct Symbol<'a> {
     pub(super) declaration: &'a Declaration,
     /// Whether the name means this declaration: neither reserved nor taken by an earlier one.
     pub(super) valid: bool,
+    /// Whether another declaration wants the same name.
+    pub(super) contested: bool,
     /// The declared unit, when it could be read.
     pub(super) unit: Option<Unit>,
 }
@@ -42,6 +44,8 @@ pub(super) struct Scope<'a> {
     pub(super) has_units: bool,
     names: HashMap<&'a str, SymbolId>,
     suspended: HashSet<&'a str>,
+    /// `t`, `pi`, functions and so on that were declared in spite of it: what they mean then, nobody knows.
+    misused: HashSet<&'a str>,
 }
 
 /// What a node of the text refers to.
@@ -73,6 +77,7 @@ impl<'a> Scope<'a> {
             has_units: false,
             names: HashMap::new(),
             suspended: tree.suspended.iter().map(String::as_str).collect(),
+            misused: HashSet::new(),
         };
         let mut time: Option<Span> = None;
         for statement in &tree.statements {
@@ -142,13 +147,15 @@ impl<'a> Scope<'a> {
             let message = format!("`{}` {use_} and cannot be declared", name.text);
             findings.push(Diagnostic::new(Code::ReservedName, name.span, message).hint("choose another name"));
             self.suspended.insert(&name.text);
+            self.misused.insert(&name.text);
         } else if let Some(first) = self.find(&name.text) {
             findings.push(declared_twice(role, name, &self.symbols[first]));
+            self.symbols[first].contested = true;
         } else {
             valid = true;
             self.names.insert(&name.text, self.symbols.len());
         }
-        self.symbols.push(Symbol { role, declaration, valid, unit });
+        self.symbols.push(Symbol { role, declaration, valid, contested: false, unit });
     }
 }
 
@@ -223,6 +230,7 @@ impl<'a> Resolver<'a, '_> {
     fn name(&mut self, name: &'a str, span: Span) -> Meaning {
         match name {
             _ if self.scope.find(name).is_some() => self.scope.find(name).map_or(Meaning::Broken, Meaning::Symbol),
+            _ if self.scope.misused.contains(name) => Meaning::Broken,
             "t" => Meaning::Time,
             "pi" => Meaning::Pi,
             "inf" => Meaning::Infinity,
@@ -236,15 +244,15 @@ impl<'a> Resolver<'a, '_> {
 
     fn unknown_name(&mut self, name: &'a str, span: Span) {
         if let Some(told) = self.unknown.get(name) {
-            let labels = &mut self.findings[*told];
-            if labels.labels.len() < MOST_PLACES {
-                *labels = labels.clone().label(span, "and here");
-            }
-            return;
+            return another_place(&mut self.findings[*told], span);
         }
-        let hint = match Function::find(name) {
-            Some(function) => Some(format!("`{name}` is a function: `{}`", function.form(name))),
-            None => self.scope.nearest(name, self.unknown.len(), |_| true),
+        let hint = match (Function::find(name), name) {
+            (Some(function), _) => Some(format!("`{name}` is a function: `{}`", function.form(name))),
+            (None, "e" | "E") => Some("Euler's number is `exp(1)`, its powers are `exp(x)`".into()),
+            (None, _) => match self.scope.derivative(name) {
+                Some(s) => Some(name_of_derivative(self.scope.symbols[s].name())),
+                None => self.scope.nearest(name, self.unknown.len(), |_| true),
+            },
         };
         let finding = Diagnostic::new(Code::UnknownName, span, format!("`{name}` is not declared"));
         self.unknown.insert(name, self.findings.len());
@@ -273,11 +281,28 @@ impl<'a> Resolver<'a, '_> {
     }
 }
 
+/// Notes where else a name occurs; the finding stands at the first place in the text.
+fn another_place(finding: &mut Diagnostic, span: Span) {
+    let first = finding.span.min(span);
+    let later = finding.span.max(span);
+    finding.span = first;
+    if finding.labels.len() < MOST_PLACES {
+        finding.labels.push(Label { span: later, text: "and here".into() });
+    }
+}
+
+fn name_of_derivative(state: &str) -> String {
+    format!("name the right side of its equation: `let {state}_dot = ...; der({state}) = {state}_dot;`")
+}
+
 fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     let text = &name.text;
     if functions::is_planned(text) {
         let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
-        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
+        return Diagnostic::new(Code::Unsupported, name.span, message).hint(match text.as_str() {
+            "measured" => "declare an `input` for the recorded channel",
+            _ => "write its equations with a `state`",
+        });
     }
     let message = format!("`{text}` is not a function");
     let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);
@@ -322,9 +347,7 @@ fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Dia
         Some(s) if s.role == Role::Input => {
             finding.hint("record the derivative as an input of its own, or filter the input with a state")
         }
-        Some(s) if s.role == Role::State => {
-            finding.hint(format!("name the right side: `let {0}_dot = ...; der({0}) = {0}_dot;`", s.name()))
-        }
+        Some(s) if s.role == Role::State => finding.hint(name_of_derivative(s.name())),
         _ => finding.hint("write a derivative as a state of its own"),
     }
 }
@@ -334,9 +357,29 @@ const LONGEST_GUESS: usize = 48;
 const MOST_COMPARISONS: usize = 500_000;
 
 impl Scope<'_> {
+    /// The state whose derivative people call by this name: `xdot`, `x_dot`, `dx`, `d_x`, `dx_dt`.
+    pub(super) fn derivative(&self, name: &str) -> Option<SymbolId> {
+        let state = |name: &str| self.find(name).filter(|s| self.symbols[*s].role == Role::State);
+        let dotted = ["_dot", "dot", "Dot", "_d", "_p"].iter().filter_map(|end| name.strip_suffix(end));
+        let quotient = name.strip_prefix('d').and_then(|rest| rest.strip_suffix("dt"));
+        let quotients = quotient.iter().flat_map(|rest| [rest.trim_end_matches('_'), *rest]).collect::<Vec<_>>();
+        let prefixed = ["d_", "d", "D"].iter().filter_map(|start| name.strip_prefix(start));
+        dotted.chain(quotients).chain(prefixed).find_map(state)
+    }
+
     /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and not too many
     /// names have been `guessed` before.
     pub(super) fn nearest(&self, name: &str, guessed: usize, wanted: impl Fn(&Symbol<'_>) -> bool) -> Option<String> {
+        self.nearest_name(name, guessed, wanted).map(|near| format!("did you mean `{near}`?"))
+    }
+
+    /// The nearest declared name, on the same conditions.
+    pub(super) fn nearest_name(
+        &self,
+        name: &str,
+        guessed: usize,
+        wanted: impl Fn(&Symbol<'_>) -> bool,
+    ) -> Option<&str> {
         let length = name.chars().count();
         if length > LONGEST_GUESS || guessed * self.symbols.len() > MOST_COMPARISONS {
             return None;
@@ -346,7 +389,6 @@ impl Scope<'_> {
             s.valid && own.abs_diff(length) <= own.max(length).div_ceil(3) && own <= LONGEST_GUESS && wanted(s)
         };
         let declared = self.symbols.iter().filter(likely).map(Symbol::name);
-        let near = crate::diagnostic::nearest(name, declared.chain(["t", "pi"]))?;
-        Some(format!("did you mean `{near}`?"))
+        crate::diagnostic::nearest(name, declared.chain(["t", "pi"]))
     }
 }

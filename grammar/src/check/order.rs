@@ -222,5 +222,12 @@ fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Dia
     for s in names[1..length].iter().take(LONGEST_CIRCLE) {
         finding = finding.label(scope.symbols[*s].declaration.name.span, "part of the circle");
     }
-    finding.hint("break it with a `state`, whose equation may refer to itself")
+    let all = |role: Role| names.iter().all(|s| scope.symbols[*s].role == role);
+    finding.hint(if all(Role::Param) || all(Role::Const) {
+        "give one of them a number"
+    } else if length == 1 {
+        "a definition holds at all times: give the new value a name of its own; what changes with time is a `state`"
+    } else {
+        "break it with a `state`, whose equation may refer to itself"
+    })
 }

@@ -9,6 +9,8 @@ use super::kinds::{Kinds, Level};
 use super::measures::{Measure, Measures, OutOfRange, factor_between};
 use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
+use super::remedies;
+use super::unchecked::{Ledger, Survey};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::op::Op;
 use crate::source::Span;
@@ -31,45 +33,31 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
     let symbols: Vec<Measure> = (0..scope.symbols.len()).map(|s| declared(scope, &mut measures, s)).collect();
     let time = if scope.has_units { Some(measures.known(scope.time.clone())) } else { None };
     let nodes = vec![Measure::Broken; scope.tree.expressions.len()];
-    let mut pass = Pass { checked, measures, symbols, time, nodes, findings };
+    let ledger = Ledger::new(scope);
+    let mut pass = Pass { checked, measures, symbols, time, nodes, ledger, findings };
     for block in &checked.blocks.list {
-        let mut survey = Survey::default();
+        let mut survey = pass.ledger.survey();
         for e in checked.blocks.nodes(block) {
             let measure = pass.node(*e);
             pass.nodes[e.0 as usize] = measure;
-            survey.see(checked, *e, measure);
+            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_)) {
+                pass.ledger.see(&mut survey, scope.tree.span(*e), measure);
+            }
         }
         pass.finish(block, survey);
     }
+    pass.ledger.tell(scope, pass.findings);
 }
 
 /// What a name stands for before its value has been looked at.
 fn declared(scope: &Scope<'_>, measures: &mut Measures, s: SymbolId) -> Measure {
     let symbol = &scope.symbols[s];
     match (&symbol.unit, &symbol.declaration.unit) {
+        // which of two declarations is meant, the user will say
+        _ if symbol.contested => Measure::Broken,
         (Some(unit), _) => measures.known(unit.clone()),
         (None, Some(_)) => Measure::Broken,
         (None, None) => Measure::Unknown(s),
-    }
-}
-
-/// Which names of one block have units and which have not.
-#[derive(Default)]
-struct Survey {
-    known: bool,
-    unknown: Option<(Span, SymbolId)>,
-}
-
-impl Survey {
-    fn see(&mut self, checked: &Checked<'_, '_>, e: ExprRef, measure: Measure) {
-        if !matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_)) {
-            return;
-        }
-        match measure {
-            Measure::Known(_) => self.known = true,
-            Measure::Unknown(s) if self.unknown.is_none() => self.unknown = Some((checked.scope.tree.span(e), s)),
-            _ => {}
-        }
     }
 }
 
@@ -80,6 +68,7 @@ struct Pass<'a, 'b, 'c> {
     /// Unit of time; `None` in a model without any unit.
     time: Option<Measure>,
     nodes: Vec<Measure>,
+    ledger: Ledger,
     findings: &'c mut Vec<Diagnostic>,
 }
 
@@ -209,10 +198,7 @@ impl Pass<'_, '_, '_> {
         {
             let unit = self.measures.unit(k);
             let wanted = if angle { "an angle in rad" } else { "a pure number" };
-            let hint = match unit.degree_to_radian() {
-                Some(rad) if rad.is_one() => format!("`{name}(deg2rad(...))` converts it"),
-                _ => format!("divide by a reference quantity in {unit}"),
-            };
+            let hint = remedies::pure(self.checked.scope.tree, name, argument, unit, angle);
             let message = format!("`{name}` needs {wanted}, this is in {unit}");
             self.findings.push(Diagnostic::new(Code::UnitArgument, self.span(argument), message).hint(hint));
         }
@@ -253,8 +239,10 @@ impl Pass<'_, '_, '_> {
         if let Measure::Known(k) = self.of(exponent)
             && !self.measures.unit(k).is_one()
         {
-            let message = format!("an exponent is a pure number, this is in {}", self.measures.unit(k));
-            self.findings.push(Diagnostic::new(Code::UnitExponent, self.span(exponent), message));
+            let unit = self.measures.unit(k);
+            let message = format!("an exponent is a pure number, this is in {unit}");
+            let finding = Diagnostic::new(Code::UnitExponent, self.span(exponent), message);
+            self.findings.push(finding.hint(format!("divide it by a reference quantity in {unit}")));
             return Measure::Broken;
         }
         let k = match self.of(base) {
@@ -315,7 +303,7 @@ impl Pass<'_, '_, '_> {
                 }
                 if symbol.role == Role::Output && value != Measure::Broken {
                     survey.known |= symbol.unit.is_some();
-                    self.warn(survey, &format!("the output `{}`", symbol.name()));
+                    self.ledger.enter(survey, || format!("the output `{}`", symbol.name()));
                 }
             }
             Owner::Lower(s) | Owner::Upper(s) => self.compare(s, value, block.root, "this bound"),
@@ -344,17 +332,14 @@ impl Pass<'_, '_, '_> {
         let equation = &self.checked.equations[k];
         let Some(s) = equation.state.filter(|_| right != Measure::Broken) else { return };
         let symbol = &self.checked.scope.symbols[s];
-        match self.symbols[s] {
-            Measure::Known(_) => survey.known = true,
-            Measure::Unknown(_) => survey.unknown = Some((self.span(equation.left), s)),
-            _ => {}
-        }
+        let left = self.span(equation.left);
+        self.ledger.see(&mut survey, left, self.symbols[s]);
         let rate = match self.time {
             Some(time) => self.measures.joined(self.symbols[s], time, true).unwrap_or(Measure::Broken),
             None => self.symbols[s],
         };
         let Err((x, y)) = self.measures.agreed(rate, right) else {
-            return self.warn(survey, &format!("the equation of `{}`", symbol.name()));
+            return self.ledger.enter(survey, || format!("the equation of `{}`", symbol.name()));
         };
         let (own, other) = (self.measures.unit(x), self.measures.unit(y));
         let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
@@ -366,27 +351,11 @@ impl Pass<'_, '_, '_> {
         self.findings.push(self.conversion(finding, x, y));
     }
 
-    fn warn(&mut self, survey: Survey, what: &str) {
-        let (true, Some((span, s))) = (survey.known, survey.unknown) else { return };
-        let symbol = &self.checked.scope.symbols[s];
-        let message = format!("the units of {what} cannot be checked: `{}` has no unit", symbol.name());
-        let finding = Diagnostic::new(Code::UnitUnknown, span, message);
-        let place = symbol.declaration.name.span;
-        let finding = if place == span { finding } else { finding.label(place, "declared here") };
-        self.findings.push(finding.hint("declare one, such as `[m/s]`, or `[1]` for a pure number"));
-    }
-
     /// Adds how one unit becomes the other, or what separates them.
     fn conversion(&self, finding: Diagnostic, x: u32, y: u32) -> Diagnostic {
-        let (wanted, got) = (self.measures.unit(x), self.measures.unit(y));
-        let same = |a: Option<crate::Unit>, b: &crate::Unit| a.is_some_and(|a| a.same_size(b));
-        if same(got.degree_to_radian(), wanted) || same(wanted.degree_to_radian(), got) {
-            return finding.hint("`deg2rad(...)` and `rad2deg(...)` convert");
-        }
-        let Some(between) = wanted.quotient(got) else { return finding };
-        match got.conversion(wanted) {
-            Some((scale, _)) => finding.hint(format!("convert with a constant, `const c = {scale} [{between}];`")),
-            None => finding.hint(format!("a factor in {between} lies between them")),
+        match remedies::conversion(self.measures.unit(x), self.measures.unit(y)) {
+            Some(hint) => finding.hint(hint),
+            None => finding,
         }
     }
 }

@@ -1,12 +1,13 @@
 //! One statement that the grammar refused, in the user's words: what should stand there, what does, what was meant.
 
 use super::scan::{Kind, Token};
-use super::words::{WordUse, word_use, words_for};
+use super::words::{WordUse, words_for};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
 use std::ops::Range;
 
-const DECIMAL_POINT: &str = "a decimal fraction is written with a point: `1.5`";
+/// What other languages write before a declared name.
+pub(super) const TYPES: [&str; 8] = ["real", "float", "double", "int", "integer", "number", "vector", "var"];
 
 /// Something that the grammar would have taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,8 +88,8 @@ pub(super) struct Expected<'a> {
 impl Expected<'_> {
     /// The finding with its hint.
     pub(super) fn finding(&self) -> Diagnostic {
-        if let Some(found) = self.misspelt_statement().or_else(|| self.double_equals()).or_else(|| self.reserved_name())
-        {
+        let special = self.foreign_statement().or_else(|| self.misspelt_statement()).or_else(|| self.double_equals());
+        if let Some(found) = special.or_else(|| self.trailing_comma()).or_else(|| self.reserved_name()) {
             return found;
         }
         if self.wants(Want::LessNesting) {
@@ -112,6 +113,7 @@ impl Expected<'_> {
         match self.word(first) {
             "der" => format!("the equation of `{}`", name(first + 2)),
             "time" => "the unit of time".into(),
+            _ if self.word(first + 1) == "=" => format!("the equation of `{}`", name(first)),
             "input" | "state" | "param" | "const" | "let" | "output" => match self.last_declared() {
                 Some(at) => format!("the declaration of `{}`", name(at)),
                 None => format!("`{}`", name(first)),
@@ -121,7 +123,7 @@ impl Expected<'_> {
     }
 
     /// The name whose declaration the token is in: the last one before it that begins a declaration.
-    fn last_declared(&self) -> Option<usize> {
+    pub(super) fn last_declared(&self) -> Option<usize> {
         let mut depth = 0_usize;
         let mut last = None;
         for at in self.statement.start + 1..self.at.min(self.statement.end) {
@@ -138,11 +140,11 @@ impl Expected<'_> {
     }
 
     /// The text of a token; empty behind the last.
-    fn word(&self, at: usize) -> &str {
+    pub(super) fn word(&self, at: usize) -> &str {
         self.tokens.get(at).map_or("", |t| t.text(self.text))
     }
 
-    fn kind(&self, at: usize) -> Option<Kind> {
+    pub(super) fn kind(&self, at: usize) -> Option<Kind> {
         self.tokens.get(at).map(|t| t.kind)
     }
 
@@ -157,7 +159,7 @@ impl Expected<'_> {
         }
     }
 
-    fn wants(&self, want: Want) -> bool {
+    pub(super) fn wants(&self, want: Want) -> bool {
         self.wants.contains(&want)
     }
 
@@ -187,6 +189,25 @@ impl Expected<'_> {
         }
     }
 
+    /// `equation`, `end Tank;`: words that structure a model elsewhere.
+    fn foreign_statement(&self) -> Option<Diagnostic> {
+        let word = self.word(self.statement.start);
+        if self.at != self.statement.start + 1 || self.word(self.at) == "=" {
+            return None;
+        }
+        let hint = match word {
+            "equation" | "equations" | "algorithm" | "begin" | "parameters" | "transformed" | "data" => {
+                "there are no sections: declarations and equations stand in any order"
+            }
+            "end" | "endmodel" => "a model ends with `}`",
+            "function" | "def" => "an expression is given a name with `let`",
+            "import" | "include" => "a model is one text",
+            _ => return None,
+        };
+        let message = format!("no statement begins with `{word}`");
+        Some(Diagnostic::new(Code::Unexpected, self.tokens[self.statement.start].span, message).hint(hint))
+    }
+
     /// `stat x;`, `parameter k = 3;`
     fn misspelt_statement(&self) -> Option<Diagnostic> {
         let (first, second) = (self.statement.start, self.statement.start + 1);
@@ -200,9 +221,17 @@ impl Expected<'_> {
         let meant = match word.to_lowercase().as_str() {
             "parameter" | "parameters" => "param",
             "constant" | "constants" => "const",
-            "variable" | "var" | "real" => "state",
+            "variable" => "state",
+            lower if TYPES.contains(&lower) => "state",
             "der" => return None,
-            _ => nearest(word, words_for(&[WordUse::Statement, WordUse::Planned]))?,
+            _ => {
+                let words = words_for(&[WordUse::Statement, WordUse::Planned]);
+                match nearest(word, words.chain(["parameter", "constant"]))? {
+                    "parameter" => "param",
+                    "constant" => "const",
+                    near => near,
+                }
+            }
         };
         let message = format!("no statement begins with `{}`", shown(word));
         let found = Diagnostic::new(Code::Unexpected, self.tokens[first].span, message);
@@ -223,131 +252,24 @@ impl Expected<'_> {
         comparisons.next().filter(|_| self.at == self.statement.end)
     }
 
+    /// `state x, y,` where the next statement begins.
+    fn trailing_comma(&self) -> Option<Diagnostic> {
+        let comma = self.at.checked_sub(1).filter(|at| self.word(*at) == "," && *at > self.statement.start)?;
+        (self.at == self.statement.end && !self.closed && self.wants(Want::Name) && !self.wants(Want::Expression)).then(
+            || {
+                let message = format!("expected `;` after {}, found `,`", self.subject());
+                Diagnostic::new(Code::Unexpected, self.tokens[comma].span, message)
+                    .hint("behind `,` another name is declared")
+            },
+        )
+    }
+
     /// `state in;`
     fn reserved_name(&self) -> Option<Diagnostic> {
         let here = self.at < self.statement.end && self.kind(self.at) == Some(Kind::Keyword);
         (here && self.wants(Want::Name) && !self.wants(Want::Expression)).then(|| {
             let message = format!("`{}` is a word of the language and cannot be a name", self.word(self.at));
             Diagnostic::new(Code::ReservedName, self.tokens[self.at].span, message).hint("choose another name")
-        })
-    }
-
-    fn hint(&self) -> Option<String> {
-        let (word, before) =
-            (self.word(self.at), if self.at > self.statement.start { self.word(self.at - 1) } else { "" });
-        self.foreign(word, before)
-            .map(String::from)
-            .or_else(|| self.misspelt_word(word))
-            .or_else(|| self.unfinished(word, before))
-            .or_else(|| self.neighbours(word, before))
-    }
-
-    fn between_numbers(&self) -> bool {
-        let number = |at: usize| self.kind(at) == Some(Kind::Number);
-        self.at > 0 && number(self.at - 1) && number(self.at + 1)
-    }
-
-    /// Signs and forms of other languages.
-    fn foreign(&self, word: &str, before: &str) -> Option<&'static str> {
-        Some(match word {
-            ":=" => "equations and values are written with a single `=`",
-            "**" | ".^" => "a power is written with `^`",
-            ".*" => "a product is written with `*`",
-            "./" => "a quotient is written with `/`",
-            "&&" | "&" => "write `and`",
-            "||" | "|" => "write `or`",
-            "!" => "write `not`",
-            "~=" | "<>" => "write `!=`",
-            "~" if self.wants(Want::Expression) => "write `not`",
-            "=<" => "write `<=`",
-            "=>" => "write `>=`",
-            "+=" | "-=" | "*=" | "/=" => "an equation is written `left = right`",
-            "'" => "a derivative is written `der(x)`",
-            _ if before == "der" => "a derivative is written `der(x)`",
-            "," if self.between_numbers() && !self.wants(Want::CloseBracket) => DECIMAL_POINT,
-            "=" if self.wants(Want::Then) || self.wants(Want::Close) => "a comparison is written with `==`",
-            "." => "parts of submodels are not compiled by this version",
-            "time" => "the time since the run began is `t`",
-            "[" if before == "[" || self.wants(Want::Expression) => "this version compiles no vectors and matrices",
-            "{" if self.wants(Want::Expression) => "expressions are grouped with `(` and `)`",
-            _ => return None,
-        })
-    }
-
-    /// `fixd`, `esle`, and words of the language used as quantities.
-    fn misspelt_word(&self, word: &str) -> Option<String> {
-        if self.at >= self.statement.end {
-            return None;
-        }
-        match self.kind(self.at)? {
-            Kind::Name => {
-                let mut candidates = Vec::new();
-                let mut add = |want, words: &[&'static str]| {
-                    if self.wants(want) {
-                        candidates.extend_from_slice(words);
-                    }
-                };
-                add(Want::Attribute, &["fixed", "per run", "per", "in"]);
-                add(Want::Run, &["run"]);
-                add(Want::Then, &["then"]);
-                add(Want::Else, &["else"]);
-                add(Want::Infix, &["and", "or"]);
-                nearest(word, candidates).map(|meant| format!("did you mean `{meant}`?"))
-            }
-            Kind::Keyword if self.wants(Want::Expression) => {
-                let quantity = !matches!(word_use(word), Some(WordUse::Expression | WordUse::Value) | None);
-                quantity.then(|| format!("`{word}` is a word of the language; give the quantity another name"))
-            }
-            _ => None,
-        }
-    }
-
-    /// Forms that lack a part.
-    fn unfinished(&self, word: &str, before: &str) -> Option<String> {
-        let hint = if self.wants(Want::Then) || self.wants(Want::Else) {
-            "a choice is written `if c then a else b`"
-        } else if self.wants(Want::Bracket)
-            || self.wants(Want::CloseBracket)
-            || self.wants == [Want::Infix, Want::Comma]
-        {
-            "bounds are written `in [lower, upper]`"
-        } else if self.wants(Want::Run) {
-            "a value for each run is marked `per run`"
-        } else if before == "," && self.kind(self.at) == Some(Kind::Number) && self.wants(Want::Name) {
-            DECIMAL_POINT
-        } else if self.wants(Want::Brace) && matches!(word, "-" | "." | ":") {
-            "a name consists of letters, digits and `_`"
-        } else if self.wants(Want::Equals) && !self.wants(Want::Attribute) && self.at == self.statement.end {
-            "an equation is written `der(x) = ...;`"
-        } else {
-            return None;
-        };
-        Some(hint.into())
-    }
-
-    /// Two things side by side with nothing between them.
-    fn neighbours(&self, word: &str, before: &str) -> Option<String> {
-        if self.at >= self.statement.end || self.at == self.statement.start {
-            return None;
-        }
-        let (kind, previous) = (self.kind(self.at)?, self.kind(self.at - 1)?);
-        let sign = matches!(word, "+" | "-");
-        let value = matches!(kind, Kind::Number | Kind::Name) || word == "(" || sign;
-        if self.wants(Want::Attribute) && previous == Kind::Name && self.last_declared() == Some(self.at - 1) && value {
-            let rest = if sign { shown(self.word(self.at + 1)) } else { String::new() };
-            return Some(format!("a value is written `{} = {}{rest}`", shown(before), shown(word)));
-        }
-        if kind == Kind::Unit && self.wants(Want::Infix) {
-            return Some("units stand in declarations; this version compiles no vectors and matrices".into());
-        }
-        if kind == Kind::Text && self.wants(Want::Infix) {
-            return Some("doc strings stand in declarations".into());
-        }
-        let operand = |k| matches!(k, Kind::Number | Kind::Name | Kind::Close);
-        let pair = operand(previous) && before != "]" && (matches!(kind, Kind::Number | Kind::Name) || word == "(");
-        (pair && self.wants(Want::Infix)).then(|| {
-            let argument = if self.wants(Want::Comma) { "arguments are separated by `,`; " } else { "" };
-            format!("{argument}a product is written `{}*{}`", shown(before), shown(word))
         })
     }
 }

@@ -2,10 +2,12 @@
 //!
 //! **In** a [`crate::Source`]. **Out** a [`SyntaxTree`], exactly as written. **Never** meaning: names are not looked up.
 //! **Start** at [`parse`] in `recover.rs`: `scan.rs` makes tokens, `outline.rs` finds the statements in them, `parse.rs`,
-//! the only file that sees the grammar's rules, reads each statement, `slips.rs` explains those that cannot be read.
+//! the only file that sees the grammar's rules, reads each statement, `slips.rs` says what cannot be read,
+//! `expected.rs` and `hints.rs` what should stand there and what was meant.
 
 mod expected;
 mod expression;
+mod hints;
 mod outline;
 mod parse;
 mod recover;

@@ -37,8 +37,8 @@ pub(super) struct Outline {
     pub(super) header: Option<Extent>,
     /// What stands between the braces, in order; also what stands behind them, when that is no second model.
     pub(super) statements: Vec<Extent>,
-    /// Whether the model's closing brace is there.
-    pub(super) closed: bool,
+    /// The brace that closes the model, when it is there.
+    pub(super) end: Option<usize>,
     /// The first token behind the closing brace.
     pub(super) surplus: Option<usize>,
     /// The deepest nesting of any statement, at most one above [`NESTING_LIMIT`].
@@ -62,11 +62,11 @@ impl Outline {
                 at += 1;
                 continue;
             }
-            if outline.closed && outline.surplus.is_none() {
+            if outline.end.is_some() && outline.surplus.is_none() {
                 outline.surplus = Some(at);
             }
             if cutter.is(at, "}") {
-                outline.closed = true;
+                outline.end.get_or_insert(at);
                 at += 1;
             } else {
                 let (extent, deepest, next) = cutter.statement(at);

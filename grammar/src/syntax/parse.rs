@@ -24,7 +24,12 @@ pub(super) fn starts_name(c: char) -> bool {
 
 /// Whether a name can go on with this character.
 pub(super) fn continues_name(c: char) -> bool {
-    c == '_' || c.is_ascii_alphanumeric() || !c.is_ascii() && pest::unicode::XID_CONTINUE(c)
+    c == '_' || c.is_ascii_alphanumeric() || !c.is_ascii() && !is_middle_dot(c) && pest::unicode::XID_CONTINUE(c)
+}
+
+/// Signs of multiplication that Unicode counts among the letters.
+fn is_middle_dot(c: char) -> bool {
+    matches!(c, '\u{b7}' | '\u{387}')
 }
 
 /// Why the grammar did not take a text: the byte, and what it would have taken there.
@@ -151,7 +156,7 @@ impl Build<'_> {
             seen.push((rule, place));
             match rule {
                 Rule::doc => d.doc = Some(word(&part, self.offset, 1)),
-                Rule::unit => d.unit = self.unit(&part),
+                Rule::unit => d.unit = self.unit(&part, d.value.is_some()),
                 Rule::value => d.value = self.value(part),
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
@@ -161,9 +166,16 @@ impl Build<'_> {
         Some(d)
     }
 
-    /// `x[3]`, `A[2, 2]` look like units and are the vectors and matrices of later versions.
-    fn unit(&mut self, pair: &Pair<Rule>) -> Option<Name> {
+    /// `a = 1 [0, 5]` looks like a unit and lacks the word `in`; `x[3]`, `A[2, 2]` are the vectors and matrices of
+    /// later versions.
+    fn unit(&mut self, pair: &Pair<Rule>, has_value: bool) -> Option<Name> {
         let unit = word(pair, self.offset, 1);
+        if has_value && is_pair_of_numbers(&unit.text) {
+            let message = "this looks like bounds without the word `in`";
+            let hint = format!("bounds are written `in [{}]`, units `[m/s]`", unit.text.trim());
+            self.findings.push(Diagnostic::new(Code::WrongAttribute, unit.span, message).hint(hint));
+            return None;
+        }
         let size = |part: &str| !part.trim().is_empty() && part.trim().bytes().all(|b| b.is_ascii_digit());
         if unit.text.trim() == "1" || !unit.text.split(',').all(size) {
             return Some(unit);
@@ -249,6 +261,10 @@ impl Build<'_> {
         }
         value
     }
+}
+
+fn is_pair_of_numbers(text: &str) -> bool {
+    text.split(',').count() == 2 && text.split(',').all(|part| part.trim().parse::<f64>().is_ok())
 }
 
 /// An attribute that a declaration has already.

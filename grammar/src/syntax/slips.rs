@@ -12,29 +12,43 @@ use std::ops::Range;
 /// Most findings about one text.
 const FINDINGS_LIMIT: usize = 20;
 const MODEL_FORM: &str = "a model is written `model NAME { ... }`";
+const COMMENT_FORM: &str = "a comment begins with `//`";
 
 /// The findings about one text.
 pub(super) struct Slips<'a> {
     text: &'a str,
     tokens: &'a [Token],
     findings: Vec<Diagnostic>,
+    /// Findings beyond the limit.
+    unsaid: usize,
 }
 
 impl<'a> Slips<'a> {
     pub(super) fn new(text: &'a str, tokens: &'a [Token]) -> Self {
-        Self { text, tokens, findings: Vec::new() }
+        Self { text, tokens, findings: Vec::new(), unsaid: 0 }
     }
 
-    /// All findings in the order of the text.
+    /// All findings in the order of the text, and how many there are beyond the limit.
     pub(super) fn finish(mut self) -> Vec<Diagnostic> {
         self.findings.sort_by_key(|f| f.span);
+        if let Some(last) = self.findings.last().filter(|_| self.unsaid > 0) {
+            let (count, plural) = (self.unsaid, if self.unsaid == 1 { "" } else { "s" });
+            let message = format!("{count} more mistake{plural} of grammar behind this place");
+            let rest = Diagnostic::new(Code::Unexpected, last.span, message);
+            self.findings.push(rest.hint("they are shown when those before are mended"));
+        }
         self.findings
     }
 
     /// Takes findings until there are enough.
     pub(super) fn report(&mut self, findings: impl IntoIterator<Item = Diagnostic>) {
-        let room = FINDINGS_LIMIT - self.findings.len();
-        self.findings.extend(findings.into_iter().take(room));
+        for finding in findings {
+            if self.is_full() {
+                self.unsaid += 1;
+            } else {
+                self.findings.push(finding);
+            }
+        }
     }
 
     fn is_full(&self) -> bool {
@@ -61,8 +75,14 @@ impl<'a> Slips<'a> {
                 self.flaw(0);
                 return false;
             }
-            let message = format!("expected `model NAME {{`, found `{}`", self.shown(0));
-            self.report([Diagnostic::new(Code::Unexpected, first.span, message).hint(MODEL_FORM)]);
+            if is_table(self.text) {
+                let message = "this looks like a table of data, not like a model";
+                self.report([
+                    Diagnostic::new(Code::Unexpected, first.span, message).hint("a record is given with `--data`")
+                ]);
+                return false;
+            }
+            self.report([self.no_header(first)]);
             let keyword = |t: &Token| t.kind == Kind::Keyword && self.begins_statement(t);
             if outline.header.is_none() && !self.tokens.iter().any(keyword) {
                 return false;
@@ -72,6 +92,13 @@ impl<'a> Slips<'a> {
         true
     }
 
+    /// Something stands where the model should begin.
+    fn no_header(&self, first: &Token) -> Diagnostic {
+        let message = format!("expected `model NAME {{`, found `{}`", self.shown(0));
+        let found = Diagnostic::new(Code::Unexpected, first.span, message);
+        found.hint(if self.shown(0).starts_with(['%', '#']) { COMMENT_FORM } else { MODEL_FORM })
+    }
+
     fn begins_statement(&self, token: &Token) -> bool {
         matches!(word_use(token.text(self.text)), Some(WordUse::Statement | WordUse::Planned))
     }
@@ -79,7 +106,7 @@ impl<'a> Slips<'a> {
     /// The braces of the model and what stands behind them.
     fn braces(&mut self, outline: &Outline) {
         let comment_open = self.tokens.last().is_some_and(|t| t.kind == Kind::OpenComment);
-        if let Some(header) = outline.header.as_ref().filter(|h| h.closed && !outline.closed && !comment_open) {
+        if let Some(header) = outline.header.as_ref().filter(|h| h.closed && outline.end.is_none() && !comment_open) {
             let found = Diagnostic::new(Code::Unterminated, self.span(header.tokens.end), "this brace is not closed");
             self.report([found.hint("write `}` behind the last statement of the model")]);
         }
@@ -90,8 +117,13 @@ impl<'a> Slips<'a> {
         }
         if let Some(surplus) = outline.surplus {
             let message = format!("the model ends before this `{}`: its brace is closed already", self.shown(surplus));
-            let found = Diagnostic::new(Code::Unexpected, self.span(surplus), message);
-            self.report([found.hint("nothing but comments may follow the `}` that closes the model")]);
+            let found = Diagnostic::new(Code::Unexpected, self.span(surplus), message)
+                .hint("nothing but comments may follow the `}` that closes the model");
+            let brace = outline.end.filter(|end| *end != surplus);
+            self.report([match brace {
+                Some(end) => found.label(self.span(end), "the model ends here"),
+                None => found,
+            }]);
         }
     }
 
@@ -100,7 +132,11 @@ impl<'a> Slips<'a> {
         let first = extent.tokens.start;
         if self.planned(first) {
             let message = format!("this version does not compile `{}` statements yet", self.shown(first));
-            self.report([Diagnostic::new(Code::Unsupported, self.span(first), message)]);
+            let found = Diagnostic::new(Code::Unsupported, self.span(first), message);
+            self.report([match instead(self.tokens[first].text(self.text)) {
+                Some(hint) => found.hint(hint),
+                None => found,
+            }]);
             return true;
         }
         // One finding about depth is enough: the rest of such a statement is not read.
@@ -131,6 +167,7 @@ impl<'a> Slips<'a> {
             return false;
         }
         if self.is_full() {
+            self.unsaid += 1;
             return true;
         }
         let written = self.tokens[at].text(self.text);
@@ -188,11 +225,13 @@ impl<'a> Slips<'a> {
 
     /// Reports what the grammar did not take.
     pub(super) fn refused(&mut self, extent: &Extent, refusal: &Refusal) {
-        if !self.is_full() {
-            let at = self.token_at(&extent.tokens, refusal.offset);
-            let found = self.expected(&extent.tokens, extent.closed, at, &refusal.wants).finding();
-            self.report([found]);
+        if self.is_full() {
+            self.unsaid += 1;
+            return;
         }
+        let at = self.token_at(&extent.tokens, refusal.offset);
+        let found = self.expected(&extent.tokens, extent.closed, at, &refusal.wants).finding();
+        self.report([found]);
     }
 
     /// The token at or behind a byte; the end of the range when none is left.
@@ -203,6 +242,27 @@ impl<'a> Slips<'a> {
     fn expected<'s>(&'s self, tokens: &Range<usize>, closed: bool, at: usize, wants: &'s [Want]) -> Expected<'s> {
         Expected { text: self.text, tokens: self.tokens, statement: tokens.clone(), closed, at, wants }
     }
+}
+
+/// What does the work of a statement that is not compiled yet.
+fn instead(word: &str) -> Option<&'static str> {
+    Some(match word {
+        "noise" => "the noise is estimated; a known standard deviation is given with `--noise NAME=DEVIATION`",
+        "tie" => "`param a = b;` defines one param by another",
+        "use" => "write the equations of the other model here",
+        _ => return None,
+    })
+}
+
+/// Whether a text begins with names between commas, semicolons or tabs and goes on with as many numbers.
+fn is_table(text: &str) -> bool {
+    let mut lines = text.lines().filter(|l| !l.trim().is_empty() && !l.starts_with("//"));
+    let (Some(header), Some(row)) = (lines.next(), lines.next()) else { return false };
+    let number = |cell: &str| cell.trim().replace(',', ".").parse::<f64>().is_ok();
+    ['\t', ';', ','].iter().any(|mark| {
+        let cells = row.split(*mark).count();
+        cells > 1 && cells == header.split(*mark).count() && row.split(*mark).all(|c| c.trim().is_empty() || number(c))
+    })
 }
 
 fn closing(open: &str) -> char {
@@ -235,7 +295,7 @@ fn malformed(written: &str, span: Span) -> Diagnostic {
 fn junk(written: &str, span: Span) -> Diagnostic {
     let first = written.chars().next().unwrap_or(' ');
     let hint = match first {
-        '%' | '#' => "a comment begins with `//`",
+        '%' | '#' => COMMENT_FORM,
         '\u{2212}' | '\u{2013}' | '\u{2014}' => "the minus sign is `-`",
         '×' | '·' | '⋅' | '∙' | '∗' => "a product is written with `*`",
         '÷' | '∕' => "a quotient is written with `/`",

@@ -209,7 +209,7 @@ impl Reader<'_> {
             None => Err(UnitError {
                 range: start..self.at,
                 message: format!("`{}` is not a known unit", shortened(word)),
-                nearest: symbols::nearest(word).map(Into::into),
+                nearest: symbols::nearest(word),
             }),
         }
     }

@@ -211,8 +211,8 @@ pub(super) fn find(text: &str) -> Option<Symbol> {
     })
 }
 
-/// The known symbol that is nearest to an unknown one.
-pub(super) fn nearest(text: &str) -> Option<&'static str> {
+/// The known symbol that is nearest to an unknown one, or the product or quotient that is meant by it.
+pub(super) fn nearest(text: &str) -> Option<String> {
     if text.chars().count() > 12 {
         return None;
     }
@@ -224,6 +224,26 @@ pub(super) fn nearest(text: &str) -> Option<&'static str> {
         ("foot", "ft"),
         ("second", "s"),
         ("seconds", "s"),
+        ("mps", "m/s"),
+        ("fps", "ft/s"),
+        ("kmh", "km/h"),
+        ("kph", "km/h"),
+        ("kmph", "km/h"),
+        ("gpm", "gal/min"),
+        ("inches", "in"),
+        ("kilogram", "kg"),
+        ("gram", "g"),
+        ("pascal", "Pa"),
+        ("joule", "J"),
+        ("watt", "W"),
+        ("hertz", "Hz"),
+        ("amp", "A"),
+        ("ampere", "A"),
+        ("mole", "mol"),
+        ("molar", "M"),
+        ("dimensionless", "1"),
+        ("unitless", "1"),
+        ("none", "1"),
         ("minute", "min"),
         ("hour", "h"),
         ("degree", "deg"),
@@ -245,7 +265,21 @@ pub(super) fn nearest(text: &str) -> Option<&'static str> {
     let word = words.iter().find(|(w, _)| *w == lower || *w == singular).map(|(_, s)| *s);
     let symbols = || ROWS.iter().map(|r| r.name).chain(COMMON.iter().copied());
     let other_case = || symbols().find(|s| s.to_lowercase() == lower);
-    word.or_else(other_case).or_else(|| crate::diagnostic::nearest(text, symbols()))
+    if let Some(known) = word.or_else(other_case) {
+        return Some(known.into());
+    }
+    product(text).or_else(|| crate::diagnostic::nearest(text, symbols()).map(String::from))
+}
+
+/// `N*m` for `Nm`, `kW*h` for `kWh`: up to four symbols of one letter each, or three letters that are two symbols.
+fn product(text: &str) -> Option<String> {
+    let letters: Vec<String> = text.chars().map(String::from).collect();
+    let known = |symbol: &str| find(symbol).is_some();
+    if letters.len() <= 4 && letters.iter().all(|l| known(l)) {
+        return Some(letters.join("*"));
+    }
+    let ends = (1..letters.len()).rev().map(|k| (letters[..k].concat(), letters[k..].concat()));
+    ends.filter(|_| letters.len() <= 3).find(|(a, b)| known(a) && known(b)).map(|(a, b)| format!("{a}*{b}"))
 }
 
 #[cfg(test)]
@@ -286,7 +320,10 @@ mod tests {
         for (text, near) in
             [("Kg", "kg"), ("KPA", "kPa"), ("meters", "m"), ("feet", "ft"), ("degg", "deg"), ("radd", "rad")]
         {
-            assert_eq!(nearest(text), Some(near), "{text}");
+            assert_eq!(nearest(text).as_deref(), Some(near), "{text}");
+        }
+        for (text, product) in [("Nm", "N*m"), ("Nms", "N*m*s"), ("kWh", "kW*h"), ("kgm", "kg*m"), ("mps", "m/s")] {
+            assert_eq!(nearest(text).as_deref(), Some(product), "{text}");
         }
         assert_eq!(nearest("furlongs"), None);
     }

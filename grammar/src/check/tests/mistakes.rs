@@ -41,7 +41,9 @@ fn names_and_functions() {
         ),
         (
             "let p = p; output w = p;",
-            &["2:5 E0206 `p` is defined by itself; break it with a `state`, whose equation may refer to itself"],
+            &[
+                "2:5 E0206 `p` is defined by itself; a definition holds at all times: give the new value a name of its own; what changes with time is a `state`",
+            ],
         ),
     ]);
 }
@@ -150,7 +152,7 @@ fn equations() {
         (
             "q = 1; output w = q;",
             &[
-                "2:1 E0403 the left side of an equation is the derivative of a state; `q` is not a derivative; `let q = ...;` defines a name, `der(q) = ...;` a state",
+                "2:1 E0403 the left side of an equation is the derivative of a state; `q` is not declared; `param q = ...;` or `const q = ...;` gives a number a name",
             ],
         ),
         (
@@ -183,7 +185,7 @@ fn equations() {
         (
             "output w = der(x);",
             &[
-                "2:12 E0405 `der(...)` stands on the left side of an equation only; name the right side: `let x_dot = ...; der(x) = x_dot;`",
+                "2:12 E0405 `der(...)` stands on the left side of an equation only; name the right side of its equation: `let x_dot = ...; der(x) = x_dot;`",
             ],
         ),
     ]);

@@ -101,12 +101,18 @@ fn functions_and_exponents() {
                 "2:14 E0604 a quantity in m has a constant exponent, this one can vary; divide the base by a reference quantity, as in `(x/x0)^n`",
             ],
         ),
-        ("output w = b^x;", &["2:14 E0604 an exponent is a pure number, this is in m"]),
-        ("output w = x^q;", &["2:14 E0604 an exponent is a pure number, this is in 1/s"]),
+        (
+            "output w = b^x;",
+            &["2:14 E0604 an exponent is a pure number, this is in m; divide it by a reference quantity in m"],
+        ),
+        (
+            "output w = x^q;",
+            &["2:14 E0604 an exponent is a pure number, this is in 1/s; divide it by a reference quantity in 1/s"],
+        ),
         ("output w = x^100*x^100;", &["2:12 E0604 the exponents of the unit of this expression are too large"]),
         (
             "output w = sin(2*t);",
-            &["2:16 E0603 `sin` needs an angle in rad, this is in s; divide by a reference quantity in s"],
+            &["2:16 E0603 `sin` needs an angle in rad, this is in s; give the number its unit: `const w = 2 [rad/s];`"],
         ),
     ]);
 }
@@ -156,7 +162,7 @@ fn time() {
         (
             "state z [deg]; der(z) = r; output w = z;",
             &[
-                "2:25 E0602 `der(z)` is in deg/s, the right side in rad/s; they differ by the factor 57.2958 (1 rad/s is 57.2958 deg/s); `deg2rad(...)` and `rad2deg(...)` convert",
+                "2:25 E0602 `der(z)` is in deg/s, the right side in rad/s; they differ by the factor 57.2958 (1 rad/s is 57.2958 deg/s); `rad2deg(...)` converts rad/s to deg/s",
             ],
         ),
         (
@@ -196,13 +202,13 @@ fn undeclared_units() {
         (
             "output w = x*n + x; param n = 2;",
             &[
-                "2:14 W0701 the units of the output `w` cannot be checked: `n` has no unit; declare one, such as `[m/s]`, or `[1]` for a pure number",
+                "2:27 W0701 `n` has no unit: the units of the output `w` cannot be checked; declare one, such as `[m/s]`, or `[1]` for a pure number",
             ],
         ),
         (
             "output w = sin(n)*x; param n = 1;",
             &[
-                "2:16 W0701 the units of the output `w` cannot be checked: `n` has no unit; declare one, such as `[m/s]`, or `[1]` for a pure number",
+                "2:28 W0701 `n` has no unit: the units of the output `w` cannot be checked; declare one, such as `[m/s]`, or `[1]` for a pure number",
             ],
         ),
     ]);

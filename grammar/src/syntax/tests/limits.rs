@@ -102,7 +102,7 @@ fn much_that_is_wrong_takes_linear_time() {
     for piece in cases {
         let start = Instant::now();
         let (_, found) = parse_recovering(&Source::new("m", format!("model m {{ {}", piece.repeat(n))));
-        assert!((1..=20).contains(&found.len()), "{piece}");
+        assert!((1..=21).contains(&found.len()), "{piece}");
         assert!(start.elapsed() < Duration::from_secs(6), "{:?} for {piece}", start.elapsed());
     }
 }
@@ -130,7 +130,7 @@ impl Random {
 fn examine(text: &str) {
     let source = Source::new("m", text);
     let (tree, found) = parse_recovering(&source);
-    assert!(found.len() <= 20 && (tree.is_some() || !found.is_empty()), "{text:?}");
+    assert!(found.len() <= 21 && (tree.is_some() || !found.is_empty()), "{text:?}");
     let inside = |s: crate::Span| s.start <= s.end && text.get(s.range()).is_some();
     assert!(found.iter().all(|f| inside(f.span) && f.is_error() && !f.message.is_empty()), "{found:?} in {text:?}");
     let Some(tree) = tree else { return };
