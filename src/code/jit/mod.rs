@@ -9,25 +9,27 @@
 #![allow(unsafe_code)]
 
 mod module;
-mod order;
+mod plan;
 mod step;
 mod translate;
 
 use super::Tape;
 use crate::dynamics::{Dynamics, Point, Step, Workspace, by_stages, by_stages_with_partials};
-use cranelift_codegen::ir::{InstBuilder, Value, types};
+use cranelift_codegen::ir::{InstBuilder, types};
 use cranelift_frontend::FunctionBuilder;
 use fdm_grammar::schedule::{Layout, Operand, Program, Schedule};
 use module::{Callees, CodeModule};
-use order::order;
+use plan::Plan;
 use std::sync::{Mutex, OnceLock};
 use step::Advance;
-use translate::{Leaves, States, Translator, store};
+use translate::{Leaves, States, Translator};
 
 /// Most instructions and results of a program that is compiled.
 const LONGEST: usize = 30_000;
 /// Most instructions and results of a program that is compiled four times over, as one step.
 const LONGEST_STAGE: usize = 1_500;
+/// Most numbers in the frame of a function: it must fit on the stack of any thread.
+const LARGEST_FRAME: u32 = 8_000;
 /// Stack of the thread that compiles; pages that are not touched cost nothing.
 const STACK: usize = 64 << 20;
 
@@ -146,12 +148,15 @@ impl Jit {
         if size(program) > LONGEST || !is_inside(program, &self.schedule.layout) {
             return None;
         }
+        let plan = Plan::new(program, self.schedule.layout.states.min(program.results.len()));
+        if plan.frame > LARGEST_FRAME {
+            return None;
+        }
         self.define(|module| {
             let pointer = module.pointer();
             let params = [types::F64, pointer, pointer, pointer, pointer];
-            let urgent = self.schedule.layout.states.min(program.results.len());
             let address = module.define(&params, &program.constants, |builder, callees| {
-                evaluation(program, urgent, builder, callees);
+                evaluation(program, &plan, builder, callees);
             })?;
             // SAFETY: the function was defined with the parameters of `Evaluate` and the platform's C convention.
             Ok(unsafe { std::mem::transmute::<*const u8, Evaluate>(address) })
@@ -165,10 +170,11 @@ impl Jit {
         if size(program) > LONGEST_STAGE || rates.count() < layout.states || !is_inside(program, layout) {
             return None;
         }
+        let plan = Plan::new(program, layout.states);
         self.define(|module| {
             let params = step::params(module.pointer());
             let address = module.define(&params, &program.constants, |builder, callees| {
-                step::step(program, layout, rows, builder, callees);
+                step::step(program, &plan, layout, rows, builder, callees);
             })?;
             // SAFETY: the function was defined with the parameters of `Advance` and the platform's C convention.
             Ok(unsafe { std::mem::transmute::<*const u8, Advance>(address) })
@@ -274,26 +280,12 @@ fn is_inside(program: &Program, layout: &Layout) -> bool {
             .all(|length| length < FARTHEST)
 }
 
-/// Opens the only block of a function; its parameters.
-fn entry<const N: usize>(builder: &mut FunctionBuilder<'_>) -> [Value; N] {
-    let block = builder.create_block();
-    builder.append_block_params_for_function_params(block);
-    builder.switch_to_block(block);
-    builder.seal_block(block);
-    std::array::from_fn(|k| builder.block_params(block)[k])
-}
-
 /// The body of an [`Evaluate`].
-fn evaluation(program: &Program, urgent: usize, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
-    let [time, x, drive, known, out] = entry(builder);
-    let constants = callees.constants(builder);
-    let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known, constants };
-    let mut translator = Translator::new(program);
-    for result in order(program, urgent) {
-        let value = translator.value(result.operand, leaves, builder, callees);
-        store(builder, value, out, result.slot as usize);
-    }
-    builder.ins().return_(&[]);
+fn evaluation(program: &Program, plan: &Plan, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
+    let (mut translator, [time, x, drive, known, out]) = Translator::new(program, plan, 0, builder, callees);
+    let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known };
+    translator.point(&leaves, false, Some((out, 0)), &mut []);
+    translator.builder.ins().return_(&[]);
 }
 
 #[cfg(test)]

@@ -59,8 +59,17 @@ elementary! {
 impl CodeModule {
     /// An empty module for this machine.
     pub(super) fn new() -> Result<Self, JitError> {
-        // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
-        let flags = [("opt_level", "speed"), ("enable_verifier", "false"), ("unwind_info", "false")];
+        let flags = [
+            // the graph has no common or constant subexpressions left, and the optimiser would write everything down as
+            // late as it can: long lives, which its register allocator answers with quadratic time and spills
+            ("opt_level", "none"),
+            // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
+            ("enable_verifier", "false"),
+            ("unwind_info", "false"),
+            // a large frame must find the guard page, not step over it
+            ("enable_probestack", "true"),
+            ("probestack_strategy", "inline"),
+        ];
         let mut builder = JITBuilder::with_flags(&flags, default_libcall_names())?;
         for row in ROWS {
             if let Some((address, _)) = function(row.op) {
@@ -135,9 +144,14 @@ pub(super) struct Callees<'a> {
 }
 
 impl Callees<'_> {
+    /// The type of addresses.
+    pub(super) fn pointer(&self) -> Type {
+        self.module.target_config().pointer_type()
+    }
+
     /// The address of the table of constants.
     pub(super) fn constants(&self, builder: &mut FunctionBuilder<'_>) -> Value {
-        let pointer = self.module.target_config().pointer_type();
+        let pointer = self.pointer();
         builder.ins().iconst(pointer, self.constants as i64)
     }
 

@@ -2,12 +2,11 @@
 //!
 //! The order of operations is that of `dynamics::runge_kutta`, so that the results are the same bits. Each stage
 //! computes its rates first: the next stage waits for them, and for nothing else. On x86 a number that goes through
-//! memory is some ten cycles late, so what the next stage waits for must not be spilled; what only the sum at the end
-//! needs is read back from the rows instead.
+//! memory is some ten cycles late, so rates stay in registers until the next stage has begun (unless the program is so
+//! long that this does not matter); for the sum at the end they are read back from the rows.
 
-use super::entry;
 use super::module::Callees;
-use super::order::order;
+use super::plan::Plan;
 use super::translate::{Leaves, States, Translator, load, store};
 use cranelift_codegen::ir::{InstBuilder, Type, Value, types};
 use cranelift_frontend::FunctionBuilder;
@@ -25,48 +24,44 @@ pub(super) fn params(pointer: Type) -> [Type; 7] {
 /// as one row of `rows`.
 pub(super) fn step(
     program: &Program,
+    plan: &Plan,
     layout: &Layout,
     rows: bool,
     builder: &mut FunctionBuilder<'_>,
     callees: &mut Callees<'_>,
 ) {
-    let [t, h, x, drive, known, next, out] = entry(builder);
-    let constants = callees.constants(builder);
     let (n, width) = (layout.states, program.width);
-    let order = if rows { order(program, n) } else { program.results[..n].to_vec() };
-    let half = builder.ins().f64const(0.5);
-    let half = builder.ins().fmul(half, h);
-    let middle = builder.ins().fadd(t, half);
-    let end = builder.ins().fadd(t, h);
+    let (mut translator, params) = Translator::new(program, plan, n, builder, callees);
+    let [t, h, x, drive, known, next, out] = params;
+    let half = translator.builder.ins().f64const(0.5);
+    let half = translator.builder.ins().fmul(half, h);
+    let middle = translator.builder.ins().fadd(t, half);
+    let end = translator.builder.ins().fadd(t, h);
 
-    let mut translator = Translator::new(program);
     let mut slopes: Vec<Vec<Value>> = Vec::with_capacity(4);
     // time, row of the drive, reach from the step's beginning
     let stages = [(t, 0, None), (middle, 1, Some(half)), (middle, 1, Some(half)), (end, 2, Some(h))];
     for (stage, (time, row, reach)) in stages.into_iter().enumerate() {
-        let states = states(x, reach.zip(slopes.last()), n, builder);
-        let drive = (drive, row * layout.drive());
-        let leaves = Leaves { time, states: States::Registers(&states), drive, known, constants };
-        // the third stage stands where the second stood, but for the states
-        translator.forget(stage == 2);
-        let mut rates = vec![time; n];
-        for result in &order {
-            let (slot, value) = (result.slot as usize, translator.value(result.operand, leaves, builder, callees));
-            if let Some(rate) = rates.get_mut(slot) {
-                *rate = value;
-            }
-            if rows {
-                store(builder, value, out, stage * width + slot);
-            }
+        if rows
+            && translator.is_long()
+            && let Some(last) = slopes.last_mut()
+        {
+            *last = (0..n).map(|i| load(translator.builder, out, (stage - 1) * width + i)).collect();
         }
+        let states = states(x, reach.zip(slopes.last()), n, translator.builder);
+        let drive = (drive, row * layout.drive());
+        let leaves = Leaves { time, states: States::Registers(&states), drive, known };
+        let mut rates = vec![time; n];
+        // the third stage stands where the second stood, but for the states
+        translator.point(&leaves, stage == 2, rows.then_some((out, stage * width)), &mut rates);
         slopes.push(rates);
     }
     let again = |builder: &mut FunctionBuilder<'_>, stage: usize, i: usize| match rows && stage < 3 {
         true => load(builder, out, stage * width + i),
         false => slopes[stage][i],
     };
-    finish(h, x, next, n, again, builder);
-    builder.ins().return_(&[]);
+    finish(h, x, next, n, again, translator.builder);
+    translator.builder.ins().return_(&[]);
 }
 
 /// The states of a stage: those of the step's beginning, moved by reach times slope.
