@@ -41,7 +41,9 @@ fn names_and_functions() {
         ),
         (
             "let p = p; output w = p;",
-            &["2:5 E0206 `p` is defined by itself; a definition holds at all times: give the new value a name of its own; what changes with time is a `state`"],
+            &[
+                "2:5 E0206 `p` is defined by itself; a definition holds at all times: give the new value a name of its own; what changes with time is a `state`",
+            ],
         ),
     ]);
 }

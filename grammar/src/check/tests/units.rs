@@ -101,8 +101,14 @@ fn functions_and_exponents() {
                 "2:14 E0604 a quantity in m has a constant exponent, this one can vary; divide the base by a reference quantity, as in `(x/x0)^n`",
             ],
         ),
-        ("output w = b^x;", &["2:14 E0604 an exponent is a pure number, this is in m; divide it by a reference quantity in m"]),
-        ("output w = x^q;", &["2:14 E0604 an exponent is a pure number, this is in 1/s; divide it by a reference quantity in 1/s"]),
+        (
+            "output w = b^x;",
+            &["2:14 E0604 an exponent is a pure number, this is in m; divide it by a reference quantity in m"],
+        ),
+        (
+            "output w = x^q;",
+            &["2:14 E0604 an exponent is a pure number, this is in 1/s; divide it by a reference quantity in 1/s"],
+        ),
         ("output w = x^100*x^100;", &["2:12 E0604 the exponents of the unit of this expression are too large"]),
         (
             "output w = sin(2*t);",
