@@ -242,7 +242,8 @@ impl Schedule {
 
         let graph = &model.graph;
         let (known, layout) = known(model, &d, &bodies);
-        let places: HashMap<ExprId, u32> = known.iter().enumerate().rev().map(|(k, e)| (*e, k as u32)).collect();
+        let mut places: Vec<Option<u32>> = vec![None; graph.nodes().len()];
+        known.iter().enumerate().rev().for_each(|(k, e)| places[e.index()] = Some(k as u32));
         let inputs = layout.inputs as u32;
         let placed = |roots: &[ExprId], slots: Vec<u32>, width: usize| {
             linearise(graph, roots, &slots, width, |e, node| match node {
@@ -251,9 +252,9 @@ impl Schedule {
                     Leaf::State(k) => Operand::State(k),
                     Leaf::Input(k) => Operand::Drive(k),
                     Leaf::Delayed(k) => Operand::Drive(inputs + k),
-                    Leaf::Param(_) => Operand::Known(places[&e]),
+                    Leaf::Param(_) => return places[e.index()].map(Operand::Known),
                 }),
-                Node::Apply(..) => places.get(&e).map(|k| Operand::Known(*k)),
+                Node::Apply(..) => places[e.index()].map(Operand::Known),
                 Node::Constant(_) => None,
             })
         };

@@ -6,23 +6,36 @@ use std::ops::Range;
 
 /// Most bytes under which carets stand; what is longer is recognised by its beginning.
 const MARKED_LENGTH: usize = 80;
+/// Most findings shown; nobody reads more before mending these.
+const MOST_SHOWN: usize = 50;
 /// Two places further apart than this, in lines or in bytes of one line, are shown one after the other.
 const SHOWN_TOGETHER: usize = 500;
 
-/// All findings in the order given, and a line that counts them ("2 errors, 1 warning"); empty without findings.
-/// `colour` adds ANSI escapes. Long lines and long places are cut, so that the text stays short whatever the model.
+/// The first findings in the order given, and a line that counts all of them ("2 errors, 1 warning"); empty without
+/// findings. `colour` adds ANSI escapes. Errors come before warnings when not all can be shown. Long lines and long places are cut, so that the text stays short whatever the model.
 pub fn render(source: &Source, diagnostics: &[Diagnostic], colour: bool) -> String {
     let renderer = if colour { Renderer::styled() } else { Renderer::plain() };
     let mut text = String::new();
-    for diagnostic in diagnostics {
+    for diagnostic in shown(diagnostics) {
         text.push_str(renderer.render(&[group(source, diagnostic)]).trim_end());
         text.push_str("\n\n");
     }
     if !diagnostics.is_empty() {
         text.push_str(&count(diagnostics));
+        if diagnostics.len() > MOST_SHOWN {
+            text.push_str(&format!("; {MOST_SHOWN} are shown"));
+        }
         text.push('\n');
     }
     text
+}
+
+fn shown(diagnostics: &[Diagnostic]) -> Vec<&Diagnostic> {
+    if diagnostics.len() <= MOST_SHOWN {
+        return diagnostics.iter().collect();
+    }
+    let (errors, warnings): (Vec<_>, Vec<_>) = diagnostics.iter().partition(|d| d.is_error());
+    errors.into_iter().chain(warnings).take(MOST_SHOWN).collect()
 }
 
 fn count(diagnostics: &[Diagnostic]) -> String {
@@ -154,6 +167,16 @@ warning[W0702]: nothing uses `α`
         assert_eq!(last(&[]), None);
         assert_eq!(last(&[at(Code::Unused)]).as_deref(), Some("1 warning"));
         assert_eq!(last(&[at(Code::Cycle), at(Code::Unused), at(Code::Cycle)]).as_deref(), Some("2 errors, 1 warning"));
+    }
+
+    #[test]
+    fn of_very_many_findings_the_first_errors_are_shown() {
+        let source = Source::new("m", "state x;");
+        let mut found = vec![Diagnostic::new(Code::Unused, Span::new(6, 7), "nothing uses `x`")];
+        found.extend((0..10_000).map(|_| Diagnostic::new(Code::UnknownName, Span::new(6, 7), "no")));
+        let shown = render(&source, &found, false);
+        assert!(shown.ends_with("\n10000 errors, 1 warning; 50 are shown\n") && !shown.contains("nothing uses"));
+        assert!(shown.len() < 5_000, "{}", shown.len());
     }
 
     #[test]

@@ -4,13 +4,14 @@
 //! **Never** recurses, and never iterates over its hash map: ids depend only on the order of construction.
 //! **Start** at [`Graph`]; the few local simplifications are in `simplify.rs`, printing in `show.rs`.
 
+mod memo;
 mod show;
 mod simplify;
 
 pub use show::{Names, show};
 
 use crate::op::{Args, Build, ExprId, Op};
-use std::collections::HashMap;
+use memo::Memo;
 
 /// What an expression can refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -60,7 +61,7 @@ pub enum Node {
 #[derive(Debug, Clone, Default)]
 pub struct Graph {
     nodes: Vec<Node>,
-    memo: HashMap<Node, ExprId>,
+    memo: Memo,
     delayed: Vec<DelayedSignal>,
 }
 
@@ -157,12 +158,7 @@ impl Graph {
     }
 
     fn intern(&mut self, node: Node) -> ExprId {
-        let next = ExprId(self.nodes.len() as u32);
-        let e = *self.memo.entry(node).or_insert(next);
-        if e == next {
-            self.nodes.push(node);
-        }
-        e
+        ExprId(self.memo.place(&mut self.nodes, node))
     }
 }
 
