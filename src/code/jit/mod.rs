@@ -29,7 +29,7 @@ const LONGEST: usize = 30_000;
 /// Most instructions and results of a program that is compiled four times over, as one step.
 const LONGEST_STAGE: usize = 1_500;
 /// Most numbers in the frame of a function: it must fit on the stack of any thread.
-const LARGEST_FRAME: u32 = 8_000;
+const LARGEST_FRAME: u32 = 16_000;
 /// Stack of the thread that compiles; pages that are not touched cost nothing.
 const STACK: usize = 64 << 20;
 
