@@ -80,7 +80,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if !termination.is_good() {
         eprintln!("{termination}");
     } else if !good {
-        eprintln!("the data do not determine every parameter: fix some of what is named above, or add runs that move them");
+        eprintln!(
+            "the data do not determine every parameter: fix some of what is named above, or add runs that move them"
+        );
     }
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }

@@ -197,7 +197,7 @@ mod tests {
         let time: Vec<f64> = (0..50).map(|k| 0.1 * f64::from(k)).collect();
         let measured = time.iter().map(|t| t.sin() + 0.01).collect();
         let text = svg(&[history(&time, measured)]).unwrap();
-        assert!(text.starts_with("<svg") && text.contains("residual") && text.contains("t [s]"));
+        assert!(text.starts_with("<svg") && text.contains("measured - model") && text.contains("t [s]"));
         assert!(text.matches("<polyline").count() >= 3);
     }
 
