@@ -31,3 +31,8 @@ pub use fdm_grammar::math;
 /// ```
 pub use fdm_macros::model;
 pub use model::{Model, ModelError};
+
+/// The README, whose Rust code is run by the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct Readme;

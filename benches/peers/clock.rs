@@ -3,13 +3,13 @@
 use rustix::time::{ClockId, clock_gettime};
 
 /// Seconds of CPU charged to this process.
-pub fn cpu_seconds() -> f64 {
+pub(crate) fn cpu_seconds() -> f64 {
     let t = clock_gettime(ClockId::ProcessCPUTime);
     t.tv_sec as f64 + 1e-9 * t.tv_nsec as f64
 }
 
 /// Keeps this process and its children on one core; says which.
-pub fn pin() -> String {
+pub(crate) fn pin() -> String {
     let mut cores = rustix::thread::CpuSet::new();
     cores.set(0);
     match rustix::thread::sched_setaffinity(None, &cores) {
@@ -19,7 +19,7 @@ pub fn pin() -> String {
 }
 
 /// Median over at least seven runs and at least a second, after one run to warm up.
-pub fn median_of_runs(mut f: impl FnMut()) -> f64 {
+pub(crate) fn median_of_runs(mut f: impl FnMut()) -> f64 {
     f();
     let (start, mut times) = (std::time::Instant::now(), Vec::new());
     while times.len() < 7 || (start.elapsed().as_secs_f64() < 1.0 && times.len() < 20_000) {
@@ -32,22 +32,22 @@ pub fn median_of_runs(mut f: impl FnMut()) -> f64 {
 }
 
 /// One measured figure.
-pub struct Row {
+pub(crate) struct Row {
     /// Workload, as in docs/benchmarks.md.
-    pub workload: String,
+    pub(crate) workload: String,
     /// Who ran it.
-    pub tool: String,
+    pub(crate) tool: String,
     /// Which unit of work.
-    pub what: String,
+    pub(crate) what: String,
     /// Median.
-    pub seconds: f64,
-    /// Largest relative difference from the reference; `None` without reference data.
-    pub difference: Option<f64>,
+    pub(crate) seconds: f64,
+    /// Largest relative difference from the reference, the cost reached for fits; `None` without reference data.
+    pub(crate) difference: Option<f64>,
 }
 
 impl Row {
     /// A row of the peers' JSON lines.
-    pub fn parse(line: &str) -> Option<Self> {
+    pub(crate) fn parse(line: &str) -> Option<Self> {
         let value: serde_json::Value = serde_json::from_str(line).ok()?;
         let text = |key: &str| value.get(key)?.as_str().map(String::from);
         Some(Self {
@@ -60,16 +60,25 @@ impl Row {
     }
 
     /// Prints the row and its ratio to the same unit among `limit`.
-    pub fn print(&self, limit: &[Self]) {
-        let same = limit.iter().find(|l| l.workload == self.workload && l.what == self.what);
+    pub(crate) fn print(&self, limit: &[Self]) {
+        let same = limit.iter().find(|l| l.workload == self.workload && unit(&l.what) == unit(&self.what));
         let ratio = same.map_or(String::from("      -"), |l| format!("{:7.2}", self.seconds / l.seconds));
-        let difference = self.difference.map_or(String::from("no reference"), |d| format!("{d:.1e}"));
+        let difference = match self.difference {
+            None => "no reference".into(),
+            Some(cost) if self.what.starts_with('B') => format!("cost {cost:.9}"),
+            Some(d) => format!("difference {d:.1e}"),
+        };
         println!(
-            "{:8} {:28} {:28} {:10.1} us  x limit {ratio}  difference {difference}",
+            "{:8} {:60} {:28} {:12.1} us  x limit {ratio}  {difference}",
             self.workload,
             self.tool,
             self.what,
             1e6 * self.seconds,
         );
     }
+}
+
+/// The unit of work without what a tool adds in brackets.
+fn unit(what: &str) -> &str {
+    what.split(" (").next().unwrap_or(what)
 }

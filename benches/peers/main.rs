@@ -2,14 +2,18 @@
 //! Jacobian of an 11-state helicopter), each checked against reference data before it is timed.
 //!
 //! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
-//! data are found, the limit runs first and last in the same run on the same core; otherwise our own figures stand alone.
+//! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
+//! tools run. Otherwise our own figures stand alone.
+#![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
 mod start_up;
 mod workload;
 
 use clock::{Row, median_of_runs};
-use fdm::{Model, simulate::Simulator};
+use fdm::Model;
+use fdm::estimate::{Changes, FitOptions, Noise, Options, fit};
+use fdm::simulate::Simulator;
 use std::path::PathBuf;
 use workload::{Reference, Ship};
 
@@ -26,11 +30,13 @@ fn main() {
         let by_macro = workload::ship_macro();
         for (door, model) in [(".fdm, machine code", &by_file), ("model!", &by_macro)] {
             let ship = Ship::new(hundredfold);
-            let row = residual_and_jacobian(tag, door, model, &ship, reference.as_ref());
-            row.print(&before);
+            residual_and_jacobian(tag, door, model, &ship, reference.as_ref()).print(&before);
+            if let Some(row) = reference.as_ref().and_then(|r| fit_of(tag, door, model, &ship, r)) {
+                row.print(&before);
+            }
         }
     }
-    for row in limit("w1") {
+    for row in peers("w1") {
         row.print(&before);
     }
     start_up::run();
@@ -52,11 +58,44 @@ fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, refe
     Row { workload: tag.into(), tool: format!("fdm ({door})"), what: "A residual+jacobian".into(), seconds, difference }
 }
 
+/// W1 unit B: the whole fit from 1.3 C and the first measured sample, measurement noise known.
+fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Reference) -> Option<Row> {
+    let run = reference.measured(&ship.run)?;
+    let theta = ship.theta(model, 1.3);
+    let coefficients = ship.columns(model).into_iter().take(11);
+    let set = coefficients.map(|k| (model.definition().params[k].quantity.name.clone(), theta[k]));
+    let options = FitOptions {
+        changes: Changes { set: set.collect(), ..Changes::default() },
+        options: Options { noise: Noise::Given(reference.deviations()?), tolerance: 1e-8, ..Options::default() },
+        per_interval: Some(1),
+    };
+    let solve = || fit(model, std::slice::from_ref(&run), &options, &mut ()).expect("W1 can be estimated");
+    let found = solve();
+    assert!(found.estimate.is_good(), "{}", found.estimate.termination);
+    let cost = reference.cost(&found.estimate.runs[0].residuals)?;
+    let seconds = median_of_runs(|| {
+        std::hint::black_box(solve());
+    });
+    let (tool, what) = (format!("fdm ({door})"), "B fit".into());
+    Some(Row { workload: tag.into(), tool, what, seconds, difference: Some(cost) })
+}
+
+/// Rows of every tool when `PEERS` names the peers' folder, else those of the limit.
+fn peers(workload: &str) -> Vec<Row> {
+    let Ok(folder) = std::env::var("PEERS") else { return limit(workload) };
+    let output = std::process::Command::new("sh").arg(PathBuf::from(folder).join("run.sh")).arg(workload).output();
+    output.map_or_else(|_| Vec::new(), |o| rows(&o.stdout))
+}
+
 /// Rows of the hand-written limit, when it has been built.
 fn limit(workload: &str) -> Vec<Row> {
     let home = std::env::var("HOME").unwrap_or_default();
     let target = std::env::var("PEERS_TARGET").unwrap_or(format!("{home}/peers-target"));
     let program = PathBuf::from(target).join("limit/release/limit");
     let Ok(output) = std::process::Command::new(program).arg(workload).output() else { return Vec::new() };
-    String::from_utf8_lossy(&output.stdout).lines().filter_map(Row::parse).collect()
+    rows(&output.stdout)
+}
+
+fn rows(text: &[u8]) -> Vec<Row> {
+    String::from_utf8_lossy(text).lines().filter_map(Row::parse).collect()
 }

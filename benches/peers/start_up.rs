@@ -6,7 +6,7 @@ use fdm::{Model, record::Run, simulate::Simulator};
 const SAMPLES: usize = 7001;
 
 /// Starts this program again for a single measurement, several times, and prints the median.
-pub fn run() {
+pub(crate) fn run() {
     let program = std::env::current_exe().expect("this program has a path");
     let mut rows: Vec<(f64, f64)> = (0..7)
         .filter_map(|_| {
@@ -25,7 +25,7 @@ pub fn run() {
 }
 
 /// CPU seconds since the process began and peak memory in MiB, after the first Jacobian of one 20 s record at 350 Hz.
-pub fn measure() {
+pub(crate) fn measure() {
     let model = Model::from_file("models/hover/model.fdm").expect("the model compiles");
     let run = record();
     let columns: Vec<usize> = (0..model.layout().params).collect();

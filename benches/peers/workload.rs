@@ -9,7 +9,7 @@ const COEFFICIENTS: [f64; 11] =
 const INITIAL: [f64; 3] = [7.7, 0.0, 0.0];
 
 /// The same model through the other door.
-pub fn ship_macro() -> Model {
+pub(crate) fn ship_macro() -> Model {
     fdm::model! {
         model manoeuvring_ship "surge, sway and yaw of a ship under rudder" {
           input rudder                  [rad];
@@ -21,8 +21,8 @@ pub fn ship_macro() -> Model {
           const u0 = 7.7                [m/s];
 
           param C1  = -1.0e-2           [1/m], C2  = -3.0 [m], C3  = -1.5e-3 [1/m];
-          param C4  = -1.0e-2           [1/m], C5 = -0.35, C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
-          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5;
+          param C4  = -1.0e-2           [1/m], C5 = -0.35 [1], C6 = 1.0e-3 [1/m], C7 = -1.0e-2 [1/m];
+          param C8  = -3.0e-4           [1/m^2], C9 = -2.0e-2 [1/m], C10 = -1.2e-4 [1/m^2], C11 = -0.5 [1];
 
           der(u) = -k*(u^2 - u0^2) + C1*v^2 + C2*r^2 + C3*u^2*rudder^2;
           der(v) = C4*u*v + C5*u*r + C6*u^2*rudder + C7*v*abs(v);
@@ -36,14 +36,14 @@ pub fn ship_macro() -> Model {
 }
 
 /// The run of W1, or a hundred of them in one record.
-pub struct Ship {
+pub(crate) struct Ship {
     /// Time and rudder; nothing is measured.
-    pub run: Run,
+    pub(crate) run: Run,
 }
 
 impl Ship {
     /// 600 steps, or 60 000.
-    pub fn new(hundredfold: bool) -> Self {
+    pub(crate) fn new(hundredfold: bool) -> Self {
         let steps = if hundredfold { 60_000 } else { 600 };
         let inputs: Vec<f64> = (0..=steps)
             .map(|k| match hundredfold {
@@ -72,7 +72,7 @@ impl Ship {
     }
 
     /// Parameters in the model's order: the coefficients scaled, the initial values true.
-    pub fn theta(&self, model: &Model, scale: f64) -> Vec<f64> {
+    pub(crate) fn theta(&self, model: &Model, scale: f64) -> Vec<f64> {
         let mut theta = vec![0.0; model.layout().params];
         for (column, value) in
             self.columns(model).into_iter().zip(COEFFICIENTS.map(|c| scale * c).into_iter().chain(INITIAL))
@@ -83,7 +83,7 @@ impl Ship {
     }
 
     /// C1..C11, u(0), v(0), r(0), as W1 orders them.
-    pub fn columns(&self, model: &Model) -> Vec<usize> {
+    pub(crate) fn columns(&self, model: &Model) -> Vec<usize> {
         let coefficients = (1..=11).map(|k| format!("C{k}"));
         let initial = ["u(0)", "v(0)", "r(0)"].map(String::from);
         let find = |name: String| model.definition().param(&name).expect("the model declares it");
@@ -98,25 +98,49 @@ fn rudder(t: f64) -> f64 {
 }
 
 /// States and sensitivities computed by the peers' NumPy reference.
-pub struct Reference {
+pub(crate) struct Reference {
     states: Vec<f64>,
     sensitivities: Vec<f64>,
+    measured: Option<Vec<f64>>,
+    deviations: Option<Vec<f64>>,
 }
 
 impl Reference {
     /// The reference of a workload, when the peers have been set up.
-    pub fn load(tag: &str) -> Option<Self> {
+    pub(crate) fn load(tag: &str) -> Option<Self> {
         let home = std::env::var("HOME").unwrap_or_default();
         let folder = PathBuf::from(std::env::var("PEERS_DATA").unwrap_or(format!("{home}/peers-data")));
         let read = |name: String| {
             let bytes = std::fs::read(folder.join(name)).ok()?;
             Some(bytes.chunks_exact(8).filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?))).collect::<Vec<_>>())
         };
-        Some(Self { states: read(format!("{tag}_xs.bin"))?, sensitivities: read(format!("{tag}_S.bin"))? })
+        Some(Self {
+            states: read(format!("{tag}_xs.bin"))?,
+            sensitivities: read(format!("{tag}_S.bin"))?,
+            measured: read(format!("{tag}_z.bin")),
+            deviations: read(format!("{tag}_sd.bin")),
+        })
+    }
+
+    /// The run with its noisy measurement.
+    pub(crate) fn measured(&self, run: &Run) -> Option<Run> {
+        Some(Run { measured: self.measured.clone()?, ..run.clone() })
+    }
+
+    /// Standard deviations of the measurement noise.
+    pub(crate) fn deviations(&self) -> Option<Vec<Option<f64>>> {
+        Some(self.deviations.as_ref()?.iter().copied().map(Some).collect())
+    }
+
+    /// Mean square of the weighted residuals, as the workload states it.
+    pub(crate) fn cost(&self, residuals: &[f64]) -> Option<f64> {
+        let deviations = self.deviations.as_ref()?;
+        let squares = residuals.iter().enumerate().map(|(k, v)| (v / deviations[k % 3]).powi(2));
+        Some(squares.sum::<f64>() / residuals.len() as f64)
     }
 
     /// Largest over columns of max |ours - reference| / max |reference|.
-    pub fn difference(&self, y: &[f64], jacobian: &[f64], stride: usize) -> f64 {
+    pub(crate) fn difference(&self, y: &[f64], jacobian: &[f64], stride: usize) -> f64 {
         let packed: Vec<f64> = jacobian.chunks_exact(stride).flat_map(|row| row[..14].iter().copied()).collect();
         columnwise(y, &self.states, 3).max(columnwise(&packed, &self.sensitivities, 14))
     }

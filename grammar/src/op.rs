@@ -103,7 +103,7 @@ ops! {
         };
     Neg Prefix "-" 1 value |a, _b, _c| -a, complex |a, _b, _c| -a,
         tangent |b, _x, _y, d| d[0].map(|a| b.apply(Op::Neg, &[a]));
-    Pow Infix "^" 2 value |a, b, _c| math::pow(a, b), complex |a, b, _c| a.powc(b),
+    Pow Infix "^" 2 value |a, b, _c| math::pow(a, b), complex |a, b, _c| complex_pow(a, b),
         tangent |b, x, y, d| {
             let base = d[0].map(|da| {
                 let one = b.number(1.0);
@@ -132,15 +132,15 @@ ops! {
         });
     Tan Function "tan" 1 value |a, _b, _c| math::tan(a), complex |a, _b, _c| a.tan(),
         tangent |b, _x, y, d| d[0].map(|da| { let q = one_plus_square(b, y); b.apply(Op::Mul, &[q, da]) });
-    Asin Function "asin" 1 value |a, _b, _c| math::asin(a), complex |a, _b, _c| a.asin(),
+    Asin Function "asin" 1 value |a, _b, _c| math::asin(a), complex |a, _b, _c| complex_asin(a),
         tangent |b, x, _y, d| d[0].map(|da| { let r = root_one_minus_square(b, x[0]); b.apply(Op::Div, &[da, r]) });
-    Acos Function "acos" 1 value |a, _b, _c| math::acos(a), complex |a, _b, _c| a.acos(),
+    Acos Function "acos" 1 value |a, _b, _c| math::acos(a), complex |a, _b, _c| complex_acos(a),
         tangent |b, x, _y, d| d[0].map(|da| {
             let r = root_one_minus_square(b, x[0]);
             let q = b.apply(Op::Div, &[da, r]);
             b.apply(Op::Neg, &[q])
         });
-    Atan Function "atan" 1 value |a, _b, _c| math::atan(a), complex |a, _b, _c| a.atan(),
+    Atan Function "atan" 1 value |a, _b, _c| math::atan(a), complex |a, _b, _c| complex_atan(a),
         tangent |b, x, _y, d| d[0].map(|da| { let q = one_plus_square(b, x[0]); b.apply(Op::Div, &[da, q]) });
     Atan2 Function "atan2" 2 value |a, b, _c| math::atan2(a, b), complex |a, b, _c| complex_atan2(a, b),
         tangent |b, x, _y, d| {
@@ -253,12 +253,46 @@ fn root_one_minus_square(b: &mut dyn Build, x: ExprId) -> ExprId {
 
 /// The angle of (x, y) continued to complex arguments, on the branch of the real parts.
 fn complex_atan2(y: Complex64, x: Complex64) -> Complex64 {
-    let turn = |q: Complex64, offset: f64| q.atan() + offset;
+    let turn = |q: Complex64, offset: f64| complex_atan(q) + offset;
     if x.re.abs() >= y.re.abs() {
         let offset = if x.re >= 0.0 { 0.0 } else { std::f64::consts::PI.copysign(y.re) };
         turn(y / x, offset)
     } else {
         -turn(x / y, 0.0) + std::f64::consts::FRAC_PI_2.copysign(y.re)
+    }
+}
+
+/// Inverse functions whose imaginary part keeps its digits however small it is: num-complex takes them from the
+/// logarithm of a modulus next to one, where a complex step vanishes. After Kahan, Branch cuts for complex elementary functions (1987).
+fn complex_asin(a: Complex64) -> Complex64 {
+    let (below, above) = ((1.0 - a).sqrt(), (1.0 + a).sqrt());
+    Complex64::new(a.re.atan2((below * above).re), (below.conj() * above).im.asinh())
+}
+
+/// As [`complex_asin`].
+fn complex_acos(a: Complex64) -> Complex64 {
+    let (below, above) = ((1.0 - a).sqrt(), (1.0 + a).sqrt());
+    Complex64::new(2.0 * below.re.atan2(above.re), (above.conj() * below).im.asinh())
+}
+
+/// As [`complex_asin`].
+fn complex_atan(a: Complex64) -> Complex64 {
+    let (x, y) = (a.re, a.im);
+    let angle = (2.0 * x).atan2((1.0 - x) * (1.0 + x) - y * y) / 2.0;
+    Complex64::new(angle, (4.0 * y / (x * x + (1.0 - y) * (1.0 - y))).ln_1p() / 4.0)
+}
+
+/// A power of a negative number exists for whole exponents only, and has no derivative by the exponent.
+fn complex_pow(a: Complex64, b: Complex64) -> Complex64 {
+    const LONGEST: f64 = 1024.0;
+    if b.im == 0.0 && b.re.fract() == 0.0 && b.re.abs() <= LONGEST {
+        a.powi(b.re as i32)
+    } else if a.re > 0.0 {
+        a.powc(b)
+    } else if a.re == 0.0 && a.im == 0.0 && b.re > 0.0 {
+        Complex64::ZERO
+    } else {
+        Complex64::new(f64::NAN, f64::NAN)
     }
 }
 

@@ -102,7 +102,7 @@ pub struct Layout {
 ///
 /// f_theta is written where the sensitivities need it: one row per state, one lane per parameter that is not fixed,
 /// padded to full vectors and beginning on one. Structural zeros are never written; whoever owns the row clears it once.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct StageRow {
     /// Slot of each entry of f_x, in the order of the pattern: full rows for small models, else entries only.
     pub by_state: Vec<u32>,
@@ -132,14 +132,15 @@ impl StageRow {
         let place = |(k, i, j): (usize, usize, usize)| (n + if dense { i * n + j } else { k }) as u32;
         let after_state = n + if dense { n * n } else { by_state.len() };
         let forcing = (after_state + by_delayed.len()).next_multiple_of(Self::VECTOR);
-        let mut free = 0;
-        let lane = model.params.iter().map(|p| {
-            let lane = (!p.fixed).then_some(free);
-            free += u32::from(!p.fixed);
-            lane
-        });
-        let lane = lane.collect();
-        let lanes = (free as usize).next_multiple_of(Self::VECTOR);
+        // shared parameters first, then those of each run: the order in which estimation asks for them
+        let mut lane = vec![None; model.params.len()];
+        let free = |per_run: bool| {
+            let params = model.params.iter().enumerate();
+            params.filter(move |(_, p)| !p.fixed && p.per_run == per_run).map(|(k, _)| k)
+        };
+        let order: Vec<usize> = free(false).chain(free(true)).collect();
+        order.iter().enumerate().for_each(|(l, k)| lane[*k] = Some(l as u32));
+        let lanes = order.len().next_multiple_of(Self::VECTOR);
         let by_state = by_state.entries().map(place).collect();
         Self { by_state, dense, by_delayed: after_state, forcing, lanes, lane, width: forcing + n * lanes }
     }

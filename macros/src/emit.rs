@@ -238,10 +238,13 @@ fn build(sizes: &Sizes) -> TokenStream {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fdm_grammar::schedule::Placed;
 
     fn printed(constants: &[f64], instructions: &[(Op, [Operand; 3])], results: &[Operand]) -> String {
         let instructions = instructions.iter().map(|(op, args)| Instruction { op: *op, args: *args }).collect();
-        body(&Program { constants: constants.to_vec(), instructions, results: results.to_vec() }).to_string()
+        let placed = |(slot, operand): (usize, &Operand)| Placed { slot: slot as u32, operand: *operand };
+        let (results, width) = (results.iter().enumerate().map(placed).collect(), results.len());
+        body(&Program { constants: constants.to_vec(), instructions, results, width }).to_string()
     }
 
     #[test]

@@ -76,9 +76,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let drawn = svg(&histories(&result, &runs)).map_err(|e| Failure::input([e]))?;
         std::fs::write(path, drawn).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
     }
-    let good = result.estimate.termination.is_good();
-    if !good {
-        eprintln!("{}", result.estimate.termination);
+    let (good, termination) = (result.estimate.is_good(), &result.estimate.termination);
+    if !termination.is_good() {
+        eprintln!("{termination}");
+    } else if !good {
+        eprintln!("the data do not determine every parameter: fix some of what is named above, or add runs that move them");
     }
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
@@ -165,13 +167,14 @@ fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> {
         for (o, output) in definition.outputs.iter().enumerate() {
             let column = |values: &[f64]| values.iter().skip(o).step_by(q).copied().collect();
             let name = &output.quantity.name;
-            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
+            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
             let quality = fit.estimate.outputs.iter().find(|f| f.name == *name && f.run == run.name);
-            let rms = quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}"));
+            let rms =
+                quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}{unit}"));
             histories.push(TimeHistory {
-                title: format!("{} of {}{rms}{unit}", name, run.name),
+                title: format!("{}: {name} in {}{rms}", fit.model.name(), run.name),
                 time_label: format!("t [{}]", definition.time),
-                value_label: format!("{name}{unit}"),
+                value_label: format!("{name} [{}]", unit.trim()),
                 time: &run.time,
                 measured: column(&run.measured),
                 modelled: column(&result.response),

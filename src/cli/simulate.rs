@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 }
 
 fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Response<'a>, Failure> {
-    let mut theta = initial_guess(model.definition(), model.dynamics(), run);
+    let mut theta = initial_guess(&model.definition().params, model.dynamics(), run);
     for (value, param) in theta.iter_mut().zip(&model.definition().params) {
         if arguments.subject.set.iter().any(|(name, _)| *name == param.quantity.name) {
             *value = param.value;

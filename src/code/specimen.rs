@@ -29,8 +29,13 @@ impl Xorshift {
             3 => -0.0,
             4 => 1e300,
             5 => 1e-310,
-            _ => (self.bits() >> 11) as f64 / (1u64 << 53) as f64 * 6.0 - 3.0,
+            _ => self.ordinary(),
         }
+    }
+
+    /// Between -3 and 3.
+    fn ordinary(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64 * 6.0 - 3.0
     }
 }
 
@@ -99,15 +104,17 @@ pub(super) fn ship() -> Model {
     model
 }
 
-/// A model made up from a seed: every operation, shared parts, nested choices, delays, values that overflow.
-pub(super) fn random(seed: u64) -> Model {
+/// A model made up from a seed: every operation, shared parts, nested choices, delays; on request values that are
+/// infinite, denormal or at the edge of a domain.
+pub(super) fn random(seed: u64, special: bool) -> Model {
     let mut random = Xorshift(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1);
     let (n, m, p) = (random.below(4), random.below(3), random.below(5));
-    let params: Vec<f64> = (0..p).map(|_| random.number()).collect();
+    let number = if special { Xorshift::number } else { Xorshift::ordinary };
+    let params: Vec<f64> = (0..p).map(|_| number(&mut random)).collect();
     let mut model = blank(n, m, &params);
     let g = &mut model.graph;
     let mut pool: Vec<ExprId> = (0..p as u32).map(|k| g.leaf(Leaf::Param(k))).collect();
-    let constants: Vec<ExprId> = (0..3).map(|_| g.number(random.number())).collect();
+    let constants: Vec<ExprId> = (0..3).map(|_| g.number(number(&mut random))).collect();
     pool.extend(constants);
     grow(g, &mut pool, 12, &mut random);
     let of_params = pool.clone();
@@ -118,7 +125,9 @@ pub(super) fn random(seed: u64) -> Model {
         let tau = of_params[random.below(of_params.len())];
         pool.push(g.delay(Signal::State(k), tau));
     }
-    grow(g, &mut pool, 60, &mut random);
+    // some fit into registers, some do not
+    let size = if seed % 16 == 5 { 600 } else { 60 };
+    grow(g, &mut pool, size, &mut random);
     for state in &mut model.states {
         state.rate = pool[pool.len() - 1 - random.below(pool.len().min(20))];
         state.initial = of_params[random.below(of_params.len())];

@@ -219,3 +219,35 @@ impl Registers {
         registers
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::specimen::blank;
+    use fdm_grammar::graph::Leaf;
+    use fdm_grammar::op::Build;
+
+    #[test]
+    fn registers_are_taken_again() {
+        let mut model = blank(1, 0, &[]);
+        let mut e = model.graph.leaf(Leaf::State(0));
+        for _ in 0..50_000 {
+            let square = model.graph.apply(Op::Mul, &[e, e]);
+            let sine = model.graph.apply(Op::Sin, &[square]);
+            e = model.graph.apply(Op::Add, &[sine, square]);
+        }
+        model.states[0].rate = e;
+        let tape = Tape::new(&Schedule::new(&mut model));
+        assert_eq!(tape.rates.codes.len(), 150_000);
+        assert!(tape.rates.places < 10, "{} places", tape.rates.places);
+    }
+
+    #[test]
+    fn memory_of_another_model_is_made_to_fit() {
+        let tape = Tape::new(&Schedule::new(&mut blank(3, 0, &[])));
+        let mut rates = [1.0; 3];
+        let at = Point { t: 0.0, x: &[1.0; 3], drive: &[], known: &[] };
+        tape.rates(at, &mut rates, &mut Workspace::default());
+        assert_eq!(rates, [0.0; 3]);
+    }
+}

@@ -1,5 +1,383 @@
-//! temp
-#![allow(missing_docs)]
-pub struct Verification;
-pub struct Discrepancy;
-pub fn verify() {}
+//! What `fdm check` runs before anyone trusts a derivative: every partial of every program against the derivative that
+//! a complex step finds in the program without partials (Squire and Trapp 1998), structural zeros included.
+
+use super::scatter::{Nominal, Scatter};
+use super::sides::{Sides, Site};
+use fdm_grammar::graph::{Leaf, Names};
+use fdm_grammar::model::Model;
+use fdm_grammar::schedule::{Layout, Program, Schedule};
+use std::collections::BTreeMap;
+
+/// Relative deviations above this are failures. Both derivatives are exact up to rounding, and what rounding does
+/// to the symbolic one is measured and allowed for; a term that weighs less than this everywhere harms no estimation.
+pub const TOLERANCE: f64 = 1e-8;
+
+/// Slopes that are zero for every purpose: on the way to them numbers lose their digits.
+const NOTHING: f64 = 1e-90;
+
+/// Slopes that are infinite for every purpose, and what a step across one finds at least.
+const INFINITE: f64 = 1e100;
+const STEEP: f64 = 1e12;
+
+/// Points that are compared, when the model is not so large that fewer must do.
+const POINTS: usize = 12;
+
+/// Points that are tried for each one wanted.
+const TRIALS: usize = 4;
+
+/// Operations that may be spent: about a second.
+const BUDGET: usize = 40_000_000;
+
+/// An entry whose two derivatives differ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Discrepancy {
+    /// What was differentiated: `der(x)`, an output, the initial value `x(0)`, the time of a `delay(...)`.
+    pub equation: String,
+    /// By what it was differentiated; nothing when it is the value itself that differs between two programs.
+    pub by: Option<String>,
+    /// What the program of partials says.
+    pub symbolic: f64,
+    /// What the complex step found.
+    pub numeric: f64,
+    /// Their difference, relative to the greater of them; less where rounding explains it.
+    pub relative: f64,
+}
+
+/// What a verification found.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Verification {
+    /// Points at which everything was compared.
+    pub points: usize,
+    /// Points that were passed over because an equation had no finite value there.
+    pub skipped: usize,
+    /// Comparisons made, structural zeros included.
+    pub compared: usize,
+    /// The largest deviation, failure or not; none when everything was equal.
+    pub worst: Option<Discrepancy>,
+    /// Entries beyond [`TOLERANCE`], each at its worst point, ordered by equation.
+    pub failures: Vec<Discrepancy>,
+}
+
+impl Verification {
+    /// Whether there was a point to compare at, and no failure.
+    pub fn passed(&self) -> bool {
+        self.points > 0 && self.failures.is_empty()
+    }
+}
+
+/// Compares all partials of a model at points around the nominal ones.
+///
+/// Near kinks (`abs`, `min`, `if`) both derivatives take the branch of the real values, so they agree there too.
+///
+/// # Panics
+/// When `nominal` has fewer values than the model.
+pub fn verify(model: &Model, schedule: &Schedule, nominal: &Nominal) -> Verification {
+    let mut comparison = Comparison::new(model, schedule);
+    let wanted = comparison.affordable();
+    for k in 0..wanted * TRIALS {
+        if comparison.found.points == wanted {
+            break;
+        }
+        let site = comparison.sides.site(model, Scatter::new(k), nominal);
+        if comparison.sides.values(&site).iter().all(|v| v.is_finite()) {
+            comparison.found.points += 1;
+            comparison.compare(&site);
+        } else {
+            comparison.found.skipped += 1;
+        }
+    }
+    comparison.finish()
+}
+
+struct Comparison<'a> {
+    model: &'a Model,
+    schedule: &'a Schedule,
+    layout: &'a Layout,
+    sides: Sides<'a>,
+    found: Verification,
+    /// Failures by equation and leaf (none: the value).
+    failures: BTreeMap<(usize, Option<usize>), Discrepancy>,
+}
+
+impl<'a> Comparison<'a> {
+    fn new(model: &'a Model, schedule: &'a Schedule) -> Self {
+        let (layout, found, failures) = (&schedule.layout, Verification::default(), BTreeMap::new());
+        Self { model, schedule, layout, sides: Sides::new(schedule), found, failures }
+    }
+
+    fn affordable(&self) -> usize {
+        let s = self.schedule;
+        let sum = |programs: [&Program; 3]| programs.map(|p| p.instructions.len()).into_iter().sum::<usize>();
+        let plain = sum([&s.prepare, &s.rates, &s.outputs]) + self.sides.equations();
+        let partials = sum([&s.rates_and_partials, &s.outputs_and_partials, &s.by_input]);
+        (BUDGET / (self.sides.leaves() * plain + partials + 1)).clamp(1, POINTS)
+    }
+
+    fn compare(&mut self, site: &Site) {
+        let mut symbolic = self.sides.symbolic(site);
+        for (i, value) in self.sides.values(site).into_iter().enumerate() {
+            self.judge(i, None, (symbolic.values[i], 0.0), value);
+        }
+        symbolic.entries.sort_by_key(|e| e.leaf);
+        let mut column = vec![(0.0, 0.0); self.sides.equations()];
+        let free: Vec<usize> = (0..self.sides.leaves()).filter(|leaf| self.is_free(*leaf)).collect();
+        for leaf in free {
+            column.fill((0.0, 0.0));
+            let first = symbolic.entries.partition_point(|e| e.leaf < leaf);
+            for entry in symbolic.entries[first..].iter().take_while(|e| e.leaf == leaf) {
+                column[entry.equation] = (entry.value, entry.noise);
+            }
+            for (i, numeric) in self.sides.numeric(site, leaf).into_iter().enumerate() {
+                self.judge(i, Some(leaf), column[i], numeric);
+            }
+        }
+    }
+
+    /// Fixed parameters are not differentiated by.
+    fn is_free(&self, leaf: usize) -> bool {
+        let param = leaf.checked_sub(self.layout.states + self.layout.drive());
+        param.is_none_or(|k| !self.model.params[k].fixed)
+    }
+
+    /// Compares the symbolic value, of which rounding may have made the noise, with the numeric one.
+    fn judge(&mut self, equation: usize, leaf: Option<usize>, (symbolic, noise): (f64, f64), numeric: f64) {
+        let infinite = (symbolic.is_nan() || symbolic.abs() >= INFINITE) && numeric.abs() > STEEP;
+        if infinite || !numeric.is_finite() {
+            // a slope like that of a root at zero, which the step only finds steep; overflow on the way
+            return;
+        }
+        self.found.compared += 1;
+        if symbolic == numeric {
+            return;
+        }
+        let scale = symbolic.abs().max(numeric.abs()) + noise / TOLERANCE + NOTHING;
+        let relative = if symbolic.is_finite() { (symbolic - numeric).abs() / scale } else { f64::INFINITY };
+        let beyond = |d: Option<&Discrepancy>| d.is_none_or(|d| relative > d.relative);
+        let (worst, fails) = (beyond(self.found.worst.as_ref()), relative > TOLERANCE);
+        let fails = fails && beyond(self.failures.get(&(equation, leaf)));
+        if worst || fails {
+            let (equation_name, by) = (self.equation_name(equation), leaf.map(|l| self.leaf_name(l)));
+            let discrepancy = Discrepancy { equation: equation_name, by, symbolic, numeric, relative };
+            if worst {
+                self.found.worst = Some(discrepancy.clone());
+            }
+            if fails {
+                self.failures.insert((equation, leaf), discrepancy);
+            }
+        }
+    }
+
+    fn equation_name(&self, k: usize) -> String {
+        let (n, q) = (self.layout.states, self.layout.outputs);
+        let state = |i: usize| &self.model.states[i].quantity.name;
+        if k < n {
+            format!("der({})", state(k))
+        } else if k < n + q {
+            self.model.outputs[k - n].quantity.name.clone()
+        } else if k < n + q + n {
+            format!("{}(0)", state(k - n - q))
+        } else {
+            format!("the time of {}", self.model.leaf(Leaf::Delayed((k - n - q - n) as u32)))
+        }
+    }
+
+    fn leaf_name(&self, k: usize) -> String {
+        let (n, m, delayed) = (self.layout.states, self.layout.inputs, self.layout.delayed.len());
+        self.model.leaf(if k < n {
+            Leaf::State(k as u32)
+        } else if k < n + m {
+            Leaf::Input((k - n) as u32)
+        } else if k < n + m + delayed {
+            Leaf::Delayed((k - n - m) as u32)
+        } else {
+            Leaf::Param((k - n - m - delayed) as u32)
+        })
+    }
+
+    fn finish(mut self) -> Verification {
+        self.found.failures = self.failures.into_values().collect();
+        self.found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::specimen::{blank, quantity, random, ship};
+    use crate::code::{Engine, compile};
+    use crate::dynamics::{Point, Workspace};
+    use fdm_grammar::model::Output;
+    use fdm_grammar::op::{Build, Op, ROWS};
+    use fdm_grammar::schedule::{Instruction, Operand};
+
+    fn check(model: &Model, schedule: &Schedule) -> Verification {
+        verify(model, schedule, &Nominal::start(model))
+    }
+
+    /// The ship with a delay, an input in an output, and initial values that depend on parameters.
+    fn rich() -> Model {
+        let mut model = ship();
+        let g = &mut model.graph;
+        let (tau, c, d) = (g.leaf(Leaf::Param(1)), g.leaf(Leaf::Param(2)), g.leaf(Leaf::Input(0)));
+        let tau = g.apply(Op::Exp, &[tau]);
+        let late = g.delay(fdm_grammar::graph::Signal::State(0), tau);
+        let product = g.apply(Op::Mul, &[late, c]);
+        let sum = g.apply(Op::Add, &[product, d]);
+        model.outputs.push(Output { quantity: quantity("late"), expr: sum });
+        let rate = model.states[2].rate;
+        model.states[2].rate = g.apply(Op::Add, &[rate, product]);
+        model.states[1].initial = g.apply(Op::Mul, &[c, c]);
+        model
+    }
+
+    #[test]
+    fn exact_derivatives_pass() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let found = check(&model, &schedule);
+        assert!(found.passed(), "{found:?}");
+        assert_eq!((found.points, found.skipped), (POINTS, 0));
+        let (equations, leaves) = (3 + 4 + 3 + 1, 3 + 1 + 1 + 11);
+        assert_eq!(found.compared, POINTS * equations * (leaves + 1), "the whole matrix, zeros included");
+        assert!(found.worst.is_none_or(|d| d.relative < 1e-13));
+    }
+
+    #[test]
+    fn models_that_nobody_would_write_pass() {
+        for seed in 0..2000 {
+            let mut model = random(seed, false);
+            let schedule = Schedule::new(&mut model);
+            let found = check(&model, &schedule);
+            // an infinite slope times zero is NaN in the symbolic derivative: a fit would stop there, so it is told
+            let wrong: Vec<_> = found.failures.iter().filter(|d| d.symbolic.is_finite()).collect();
+            assert!(wrong.is_empty(), "{seed}: {wrong:#?}");
+        }
+    }
+
+    /// The operation as an output of a model with three states.
+    fn alone(op: Op) -> Model {
+        let mut model = blank(3, 0, &[]);
+        let args = [0, 1, 2].map(|k| model.graph.leaf(Leaf::State(k)));
+        let expr = model.graph.apply(op, &args[..op.row().arity]);
+        model.outputs.push(Output { quantity: quantity(op.row().name), expr });
+        model
+    }
+
+    #[test]
+    fn every_operation_by_complex_step_and_by_differences() {
+        for row in ROWS {
+            let mut model = alone(row.op);
+            let schedule = Schedule::new(&mut model);
+            let nominal = Nominal { x: Some(vec![0.6, 0.3, -0.4]), ..Nominal::start(&model) };
+            let found = verify(&model, &schedule, &nominal);
+            assert!(found.passed(), "{}: {found:#?}", row.name);
+
+            let tape = compile(&schedule, Engine::Tape);
+            let mut work = Workspace::new(&*tape);
+            let outputs = |x: &[f64], out: &mut [f64], partials: bool, work: &mut Workspace| {
+                let at = Point { t: 0.0, x, drive: &[], known: &[0.0; 3] };
+                if partials { tape.outputs_and_partials(at, out, work) } else { tape.outputs(at, out, work) }
+            };
+            for x in [[0.6, 0.3, -0.4], [0.2, 0.9, 1.5]] {
+                let mut exact = vec![0.0; schedule.layout.output_slots()];
+                outputs(&x, &mut exact, true, &mut work);
+                let mut dense = [0.0; 3];
+                for (k, _, j) in schedule.layout.patterns.outputs_by_state.entries() {
+                    dense[j] = exact[1 + k];
+                }
+                for j in 0..3 {
+                    let mut sides = [0.0; 2];
+                    for (side, h) in sides.iter_mut().zip([1e-6, -1e-6]) {
+                        let mut moved = x;
+                        moved[j] += h;
+                        outputs(&moved, std::slice::from_mut(side), false, &mut work);
+                    }
+                    let difference = (sides[0] - sides[1]) / 2e-6;
+                    assert!((difference - dense[j]).abs() < 1e-8, "{} by {j}: {difference} {}", row.name, dense[j]);
+                }
+            }
+        }
+    }
+
+    fn negate(program: &mut Program, k: usize) {
+        let operand = program.results[k].operand;
+        program.instructions.push(Instruction { op: Op::Neg, args: [operand; 3] });
+        program.results[k].operand = Operand::Value(program.instructions.len() as u32 - 1);
+    }
+
+    fn clear(program: &mut Program, k: usize) {
+        program.constants.push(0.0);
+        program.results[k].operand = Operand::Constant(program.constants.len() as u32 - 1);
+    }
+
+    #[test]
+    fn every_wrong_entry_is_caught() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let programs: [fn(&mut Schedule) -> &mut Program; 3] =
+            [|s| &mut s.rates_and_partials, |s| &mut s.outputs_and_partials, |s| &mut s.by_input];
+        for program in programs {
+            for k in 0..program(&mut schedule.clone()).results.len() {
+                for spoil in [negate, clear] {
+                    let mut wrong = schedule.clone();
+                    spoil(program(&mut wrong), k);
+                    let found = check(&model, &wrong);
+                    assert_eq!(found.failures.len(), 1, "result {k}: {:#?}", found.failures);
+                    assert!(!found.passed() && found.worst.as_ref() == found.failures.first());
+                }
+            }
+        }
+        for k in schedule.layout.initial_by_param.clone().chain(schedule.layout.tau_by_param.clone()) {
+            let mut wrong = schedule.clone();
+            negate(&mut wrong.prepare, k);
+            assert!(!check(&model, &wrong).failures.is_empty(), "known {k}");
+        }
+    }
+
+    #[test]
+    fn a_zero_that_is_none_is_caught_and_named() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let patterns = &schedule.layout.patterns;
+        for (position, i, j) in patterns.rates_by_state.entries() {
+            let mut wrong = schedule.clone();
+            let pattern = &mut wrong.layout.patterns.rates_by_state;
+            pattern.columns.remove(position);
+            pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
+            wrong.layout.stage.by_state.remove(position);
+            let found = check(&model, &wrong);
+            assert_eq!(found.failures.len(), 1, "{i} {j}");
+            assert_eq!(found.failures[0].equation, format!("der(x{i})"));
+            assert_eq!((found.failures[0].by.as_deref(), found.failures[0].symbolic), (Some(&*format!("x{j}")), 0.0));
+        }
+        for (position, i, j) in patterns.rates_by_param.entries() {
+            let mut wrong = schedule.clone();
+            let pattern = &mut wrong.layout.patterns.rates_by_param;
+            pattern.columns.remove(position);
+            pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
+            let found = check(&model, &wrong);
+            assert_eq!((found.failures.len(), found.failures[0].by.as_deref()), (1, Some(&*format!("p{j}"))));
+        }
+    }
+
+    #[test]
+    fn fixed_parameters_are_not_asked_for() {
+        let mut model = rich();
+        model.params[0].fixed = true;
+        let schedule = Schedule::new(&mut model);
+        assert!(check(&model, &schedule).passed());
+    }
+
+    #[test]
+    fn a_model_without_a_usable_point_does_not_pass() {
+        let mut model = blank(1, 0, &[]);
+        let x = model.graph.leaf(Leaf::State(0));
+        let (square, one) = (model.graph.apply(Op::Mul, &[x, x]), model.graph.number(-1.0));
+        let below = model.graph.apply(Op::Sub, &[one, square]);
+        model.states[0].rate = model.graph.apply(Op::Log, &[below]);
+        let schedule = Schedule::new(&mut model);
+        let found = check(&model, &schedule);
+        assert_eq!((found.points, found.skipped, found.compared), (0, POINTS * TRIALS, 0));
+        assert!(!found.passed() && found.failures.is_empty());
+    }
+}

@@ -1,6 +1,6 @@
 //! Combinations of parameters that the data do not determine, in words.
 
-use super::correction::Conclusion;
+use super::conclusion::Conclusion;
 use serde::Serialize;
 
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.

@@ -102,7 +102,8 @@ pub struct Estimate {
     /// Covariance R of the measurement noise (q by q): as given, or estimated with degrees of freedom taken off; 0
     /// for an output that was never measured. None when nothing was estimated or no degree of freedom is left.
     pub noise: Option<Symmetric>,
-    /// Outputs that the model matches to rounding: their noise, and the standard errors, stand for rounding only.
+    /// Outputs that the model matches to 1e-10 of their magnitude: data without noise, where noise covariance and
+    /// standard errors stand for rounding only.
     pub noise_free: Vec<String>,
     /// What the data do not determine.
     pub undetermined: Vec<Direction>,

@@ -3,15 +3,13 @@
 //! Runs are worked off in parallel, each into memory of its own; what follows is summed in the order of the runs, so
 //! that the number of threads does not change a bit.
 
+use super::bend;
 use super::information::{Linearised, Sums};
 use super::problem::{Problem, ProblemRun};
 use super::unknowns::Unknowns;
 use crate::simulate::Divergence;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
-
-/// Part of a step over which the bend of the response is measured.
-const AHEAD: f64 = 0.1;
 
 /// Why a run could not be compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,10 +92,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             unknowns.assemble(r, values, &mut state.theta);
             state.failure = state.evaluate(unknowns, buffers, q, want).err();
         };
-        match &mut self.states[..] {
-            [one] => work((0, one)),
-            many => many.par_iter_mut().enumerate().for_each(work),
-        }
+        each(&mut self.states, work);
         match want {
             Want::Response => self.simulations += 1,
             Want::Sensitivities(_) => self.evaluations += 1,
@@ -124,7 +119,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
         inverse_noise: &[f64],
         bend: &mut [f64],
     ) -> Result<(), RunFailure> {
-        let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + AHEAD * s).collect();
+        let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + bend::AHEAD * s).collect();
         self.evaluate(&ahead, Want::Response)?;
         self.evaluations += 1;
         let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
@@ -135,7 +130,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| step[unknowns.position(r, c)]).collect();
             state.failure = state.bend(unknowns, buffers, q, &own, inverse_noise).err();
         };
-        self.states.par_iter_mut().enumerate().for_each(work);
+        each(&mut self.states, work);
         bend.fill(0.0);
         for (run, state) in self.states.iter().enumerate() {
             if let Some(failure) = state.failure {
@@ -169,6 +164,22 @@ impl<'e, 'a> Evaluator<'e, 'a> {
     }
 }
 
+/// Works on every run; a single one stays in its thread.
+fn each<S: Send>(states: &mut [S], work: impl Fn((usize, &mut S)) + Send + Sync) {
+    match states {
+        [one] => work((0, one)),
+        many => many.par_iter_mut().enumerate().for_each(work),
+    }
+}
+
+fn borrow(buffers: &Mutex<Vec<Vec<f64>>>) -> Vec<f64> {
+    buffers.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
+}
+
+fn give_back(buffers: &Mutex<Vec<Vec<f64>>>, buffer: Vec<f64>) {
+    buffers.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+}
+
 impl RunState<'_, '_> {
     fn evaluate(
         &mut self,
@@ -181,12 +192,11 @@ impl RunState<'_, '_> {
             self.run.response.simulate(&self.theta, &mut self.y).map_err(Failure::Diverged)?;
             return self.compare(q);
         };
-        let lock = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut jacobian = lock().pop().unwrap_or_default();
+        let mut jacobian = borrow(buffers);
         let stride = unknowns.columns.len().next_multiple_of(8);
         jacobian.resize(self.y.len() * stride, 0.0);
         let result = self.linearise(unknowns, &mut jacobian, stride, q, whitener);
-        lock().push(jacobian);
+        give_back(buffers, jacobian);
         result
     }
 
@@ -198,36 +208,15 @@ impl RunState<'_, '_> {
         step: &[f64],
         inverse_noise: &[f64],
     ) -> Result<(), Failure> {
-        let lock = || buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut jacobian = lock().pop().unwrap_or_default();
+        let mut jacobian = borrow(buffers);
         let stride = step.len().next_multiple_of(8);
         jacobian.resize(self.y.len() * stride, 0.0);
         let response = &mut self.run.response;
         let result = response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, &mut jacobian);
-        self.bend.clear();
+        let at = Linearised { outputs: q, measured: &self.run.measured, y: &self.y, jacobian: &jacobian, stride };
         self.bend.resize(step.len(), 0.0);
-        let mut second = vec![0.0; q];
-        for sample in (0..self.y.len()).step_by(q) {
-            for (o, second) in second.iter_mut().enumerate() {
-                let k = sample + o;
-                let slope: f64 = jacobian[k * stride..].iter().zip(step).map(|(j, s)| j * s).sum();
-                let secant = (self.ahead[k] - self.y[k]) / AHEAD;
-                // a difference that rounding explains is none
-                let rounding = 64.0 * f64::EPSILON * self.y[k].abs() / AHEAD;
-                let bent = (secant - slope).abs() > rounding && !self.run.measured[k].is_nan();
-                *second = if bent { 2.0 / AHEAD * (secant - slope) } else { 0.0 };
-            }
-            for (o, row) in inverse_noise.chunks(q).enumerate() {
-                let weighted: f64 = row.iter().zip(&second).map(|(r, s)| r * s).sum();
-                if self.run.measured[sample + o].is_nan() {
-                    continue;
-                }
-                for (b, j) in self.bend.iter_mut().zip(&jacobian[(sample + o) * stride..]) {
-                    *b += weighted * j;
-                }
-            }
-        }
-        lock().push(jacobian);
+        bend::project(&at, &self.ahead, step, inverse_noise, &mut self.bend);
+        give_back(buffers, jacobian);
         result.map_err(Failure::Diverged)
     }
 
@@ -276,7 +265,8 @@ impl RunState<'_, '_> {
             return Ok(());
         }
         let residuals = self.y.iter().zip(&self.run.measured).map(|(y, z)| z - y).enumerate();
-        let bad = residuals.filter(|(k, _)| !self.run.measured[*k].is_nan()).find(|(_, v)| !(v.abs() < 1e150));
+        let bad =
+            residuals.filter(|(k, _)| !self.run.measured[*k].is_nan()).find(|(_, v)| v.is_nan() || v.abs() > 1e150);
         let k = bad.map_or(0, |(k, _)| k);
         Err(Failure::NotFinite { output: k % q, sample: k / q, param: None })
     }

@@ -111,7 +111,7 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
 
 /// Start values of all parameters for a run; free initial values from the data unless they were set by hand.
 fn start(model: &Model, run: &Run, changes: &Changes) -> Vec<f64> {
-    let mut theta = initial_guess(model.definition(), model.dynamics(), run);
+    let mut theta = initial_guess(&model.definition().params, model.dynamics(), run);
     for (k, param) in model.definition().params.iter().enumerate() {
         if changes.set.iter().any(|(name, _)| *name == param.quantity.name) {
             theta[k] = param.value;

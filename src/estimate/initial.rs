@@ -3,20 +3,21 @@
 use crate::dynamics::{Dynamics, Point, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
-use fdm_grammar::model::{Model, Origin};
+use fdm_grammar::model::{Origin, Param};
 
 /// Corrections before a nonlinear output is given up.
 const CORRECTIONS: usize = 20;
 
-/// Start values of all parameters (p) for one run: those of the model, except that a free initial state is guessed
+/// Start values of all parameters (p) for one run: their own, except that a free initial state is guessed
 /// from the first measured value of an output that shows this state and no other (`y = x`, `y = k x + c`, `y = tan(x)`).
-/// A state that no output shows so keeps the model's value.
-pub fn initial_guess(model: &Model, dynamics: &dyn Dynamics, run: &Run) -> Vec<f64> {
-    let mut theta = model.start();
+/// A state that no output shows so keeps
+/// the parameter's value (0 unless the user set another).
+pub fn initial_guess(params: &[Param], dynamics: &dyn Dynamics, run: &Run) -> Vec<f64> {
+    let mut theta: Vec<f64> = params.iter().map(|p| p.value).collect();
     let layout = dynamics.layout();
     let (mut work, mut known) = (Workspace::new(dynamics), vec![0.0; layout.known]);
     dynamics.prepare(&theta, &mut known, &mut work);
-    for (k, param) in model.params.iter().enumerate() {
+    for (k, param) in params.iter().enumerate() {
         let Origin::FreeInitial(state) = param.origin else { continue };
         let guesses = (0..layout.outputs).filter(|o| shown(dynamics, *o) == Some(state as usize));
         let mut guesses = guesses.filter_map(|o| invert(dynamics, run, o, state as usize, &known, &mut work));
@@ -81,4 +82,93 @@ fn invert(
         x[state] = next;
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::specimen::param;
+    use super::*;
+    use crate::dynamics::{Layout, Patterns};
+    use fdm_grammar::Pattern;
+
+    /// y0 = 2 x0 + 3 + u, y1 = x0 + x1, y2 = tan(x1 delayed); x2 is not seen.
+    struct Shown(Layout);
+
+    impl Dynamics for Shown {
+        fn layout(&self) -> &Layout {
+            &self.0
+        }
+        fn prepare(&self, _: &[f64], _: &mut [f64], _: &mut Workspace) {}
+        fn rates(&self, _: Point<'_>, _: &mut [f64], _: &mut Workspace) {}
+        fn rates_and_partials(&self, _: Point<'_>, _: &mut [f64], _: &mut Workspace) {}
+        fn outputs(&self, _: Point<'_>, _: &mut [f64], _: &mut Workspace) {}
+        fn by_input(&self, _: Point<'_>, _: &mut [f64], _: &mut Workspace) {}
+        fn outputs_and_partials(&self, at: Point<'_>, out: &mut [f64], _: &mut Workspace) {
+            let (x, past) = (at.x, at.drive[1]);
+            let values = [2.0 * x[0] + 3.0 + at.drive[0], x[0] + x[1], past.tan()];
+            out.copy_from_slice(&[&values[..], &[2.0, 1.0, 1.0, 1.0 / past.cos().powi(2)]].concat());
+        }
+    }
+
+    fn pattern(rows: &[&[u32]]) -> Pattern {
+        let ends = rows.iter().scan(0, |end, r| {
+            *end += r.len() as u32;
+            Some(*end)
+        });
+        Pattern { rows: std::iter::once(0).chain(ends).collect(), columns: rows.concat() }
+    }
+
+    fn shown() -> Shown {
+        let none = |rows: usize| pattern(&vec![&[][..]; rows]);
+        let patterns = Patterns {
+            rates_by_state: none(3),
+            rates_by_delayed: none(3),
+            rates_by_param: none(3),
+            rates_by_input: none(3),
+            outputs_by_state: pattern(&[&[0], &[0, 1], &[]]),
+            outputs_by_delayed: pattern(&[&[], &[], &[0]]),
+            outputs_by_param: none(3),
+            outputs_by_input: pattern(&[&[0], &[], &[]]),
+            initial_by_param: none(3),
+            tau_by_param: none(1),
+        };
+        Shown(Layout {
+            states: 3,
+            inputs: 1,
+            params: 4,
+            outputs: 3,
+            delayed: vec![Signal::State(1)],
+            known: 0,
+            initial: 0..0,
+            tau: 0..0,
+            initial_by_param: 0..0,
+            tau_by_param: 0..0,
+            derived: 0..0,
+            observed: Vec::new(),
+            stage: Default::default(),
+            patterns,
+        })
+    }
+
+    #[test]
+    fn states_are_guessed_from_the_outputs_that_show_them() {
+        let mut params = vec![param("a", 7.0), param("x0(0)", 0.0), param("x1(0)", 0.0), param("x2(0)", 0.0)];
+        for (k, p) in params.iter_mut().skip(1).enumerate() {
+            p.origin = Origin::FreeInitial(k as u32);
+        }
+        let run = Run {
+            name: "r".into(),
+            time: vec![0.0, 1.0],
+            inputs: vec![10.0, 20.0],
+            held: vec![false],
+            measured: vec![14.0, 5.0, f64::NAN, 0.0, 0.0, 0.5],
+            input_gaps: vec![0],
+            output_gaps: vec![0, 0, 1],
+        };
+        let guess = initial_guess(&params, &shown(), &run);
+        assert_eq!((guess[0], guess[1], guess[3]), (7.0, 0.5, 0.0));
+        assert!((guess[2] - 0.5f64.atan()).abs() < 1e-12, "the first sample that is not empty counts");
+        params[1].upper = 0.25;
+        assert_eq!(initial_guess(&params, &shown(), &run)[1], 0.25);
+    }
 }

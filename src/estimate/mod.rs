@@ -1,13 +1,18 @@
 //! Estimation: the parameters with which a model matches measured runs best, and how well they are known.
 //!
 //! **In** a [`Problem`]: parameters, runs with their [`Response`] and measurement. **Out** an [`Estimate`]: values,
-//! standard errors, noise covariance, residuals, and how the iteration ended. **Never** reads
-//! files or prints. **Start** at [`fit()`], the road from a model and its runs, and [`estimate()`]; the iteration is in `correction.rs`, its road is
+//! standard errors, noise covariance, residuals, and how the iteration ended. **Never** simulates by itself, reads
+//! files or prints. **Start** at [`fit()`], the road from a model and its runs, and [`estimate()`]; its road is in `solve.rs`:
 //!
 //! `evaluation` (all runs) -> `information` (sums over samples) -> `noise` (weights, cost) -> `quadratic` (all unknowns)
-//! -> `step` (within bounds) -> `correction` (accept or damp) -> `statistics` -> `estimate`.
+//! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
+//! `estimate`.
 
+mod bend;
+#[cfg(test)]
+mod certified;
 mod changes;
+mod conclusion;
 mod correction;
 mod derived;
 mod direction;
@@ -30,6 +35,7 @@ mod step;
 mod termination;
 #[cfg(test)]
 mod tests;
+mod trial;
 mod triangle;
 mod unknowns;
 

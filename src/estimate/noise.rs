@@ -2,7 +2,7 @@
 //!
 //! With estimated covariance the cost is the concentrated one: R is a function of the residuals, so that cost and
 //! weights agree at every point and no separate relaxation is needed. A residual that vanishes (noise-free data) would
-//! make the weights infinite; variances are therefore floored at (1e-12 of the output's own magnitude)^2, below which the
+//! make the weights infinite; variances are therefore floored at (1e-14 of the output's own magnitude)^2, below which the
 //! cost continues along its tangent. Estimates do not depend on the floor, and their standard errors then stand for it.
 
 use nalgebra::{DMatrix, SymmetricEigen};
@@ -20,7 +20,10 @@ pub enum Noise {
 }
 
 /// Residual variance that counts as zero, relative to the square of the output's magnitude.
-const FLOOR: f64 = 1e-24;
+const FLOOR: f64 = 1e-28;
+
+/// Residual variance that is the rounding of a simulation, relative to the same.
+const EXACT: f64 = 1e-20;
 
 /// What does not change during an estimation.
 #[derive(Debug, Clone)]
@@ -43,8 +46,8 @@ pub(super) struct Weights {
     pub(super) covariance: Vec<f64>,
     /// W with W'W = R^-1, q by q; diagonal unless the noise is full.
     pub(super) whitener: Vec<f64>,
-    /// Outputs whose variance is the floor (q).
-    pub(super) floored: Vec<bool>,
+    /// Outputs that are matched to rounding (q).
+    pub(super) exact: Vec<bool>,
 }
 
 impl Likelihood {
@@ -98,7 +101,7 @@ impl Likelihood {
             let floor = FLOOR * self.magnitude[o].powi(2);
             let known = if let Noise::Given(given) = &self.noise { given[o].map(|s| s * s) } else { None };
             let variance = known.unwrap_or((sum / n).max(floor));
-            weights.floored[o] = known.is_none() && sum / n < floor;
+            weights.exact[o] = known.is_none() && sum / n < EXACT * self.magnitude[o].powi(2);
             weights.covariance[at] = variance;
             weights.whitener[at] = 1.0 / variance.sqrt();
             weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
@@ -126,13 +129,15 @@ impl Likelihood {
             weights.cost += 0.5 * n * (eigenvalues[k].max(0.0) / value + value.ln()) + n * self.magnitude[k].ln();
             weights.rounding += 4.0 * f64::EPSILON * n * (1.0 / value.sqrt() + 1.0);
             for a in 0..q {
-                weights.floored[a] |= eigenvalues[k] < floor && eigenvectors[(a, k)].abs() > 0.1;
                 weights.whitener[k * q + a] = eigenvectors[(a, k)] / (self.magnitude[a] * value.sqrt());
                 for b in 0..q {
                     let part = eigenvectors[(a, k)] * value * eigenvectors[(b, k)];
                     weights.covariance[a * q + b] += part * self.magnitude[a] * self.magnitude[b];
                 }
             }
+        }
+        for (a, exact) in weights.exact.iter_mut().enumerate() {
+            *exact = moments[a * q + a] / n < EXACT * self.magnitude[a].powi(2);
         }
         weights
     }
@@ -161,7 +166,14 @@ impl Likelihood {
 impl Weights {
     fn blank(q: usize) -> Self {
         let (covariance, whitener) = (vec![0.0; q * q], vec![0.0; q * q]);
-        Self { cost: 0.0, rounding: 0.0, covariance, whitener, floored: vec![false; q] }
+        Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q] }
+    }
+
+    /// R^-1, q by q; zero for outputs that were never measured.
+    pub(super) fn inverse(&self) -> Vec<f64> {
+        let (q, w) = (self.exact.len(), &self.whitener);
+        let entry = |a: usize, b: usize| (0..q).map(|k| w[k * q + a] * w[k * q + b]).sum();
+        (0..q * q).map(|k| entry(k / q, k % q)).collect()
     }
 }
 
@@ -181,7 +193,7 @@ mod tests {
         assert!((cost(4.0 * 0.25) - (2.0 + 2.0 * 0.25f64.ln())).abs() < 1e-14);
         assert!(cost(0.0).is_finite());
         assert!(cost(0.0) < cost(1e-24) && cost(1e-24) < cost(8e-24), "monotonic through the floor");
-        assert!(likelihood.weights(&[0.0]).floored[0]);
+        assert!(likelihood.weights(&[0.0]).exact[0]);
     }
 
     #[test]

@@ -151,7 +151,7 @@ impl<'a> Problem<'a> {
             let (parameter, value) = (p.quantity.name.clone(), *own.unwrap_or(&p.value));
             if !value.is_finite() {
                 found.push(ProblemError::NotFinite { parameter, run: own.map(|_| run.name.clone()) });
-            } else if !p.fixed && !(p.lower <= value && value <= p.upper) {
+            } else if !p.fixed && (value < p.lower || value > p.upper) {
                 let (lower, upper) = (p.lower, p.upper);
                 found.push(ProblemError::OutsideBounds { parameter, value, lower, upper });
             }

@@ -49,7 +49,7 @@ impl Quadratic {
     ) {
         self.size = unknowns.len();
         self.width = self.size + 1;
-        let q = weights.floored.len();
+        let q = weights.exact.len();
         let factor = |group: usize| if full { 1.0 } else { weights.whitener[group * q + group] };
         let groups = if full { 1 } else { q };
         self.hessian.clear();

@@ -50,7 +50,7 @@ pub fn estimate(
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
         None => end.is_ok().then(|| noise_of(&weights)),
     };
-    let exact = problem.outputs.iter().zip(&weights.floored).filter(|(_, floored)| **floored && end.is_ok());
+    let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
     Ok(Estimate {
         parameters,
         outputs,

@@ -1,6 +1,6 @@
 //! From the final information to standard errors, statuses, correlations and the tables of the result.
 
-use super::correction::Conclusion;
+use super::conclusion::Conclusion;
 use super::direction::{Direction, undetermined};
 use super::estimate::{ParameterEstimate, Status, Symmetric};
 use super::problem::Problem;

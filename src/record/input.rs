@@ -20,16 +20,6 @@ impl Place {
         Self::after(time, time.partition_point(|s| *s <= t), t)
     }
 
-    /// The same place seen from before: at a sample the interval to its left counts, and before the first there is none.
-    pub fn from_the_left(self, time: &[f64]) -> Self {
-        let at_sample = self.part == 0.0 && (self.rate != 0.0 || self.left + 1 == time.len());
-        match self.left {
-            _ if !at_sample => self,
-            0 => Self { left: 0, part: 0.0, rate: 0.0 },
-            left => Self { left: left - 1, part: 1.0, rate: 1.0 / (time[left] - time[left - 1]) },
-        }
-    }
-
     /// `count` samples are at or before `t`.
     fn after(time: &[f64], count: usize, t: f64) -> Self {
         if count == 0 || count >= time.len() {
@@ -134,14 +124,6 @@ mod tests {
         }
         let single = Run { time: vec![0.0], inputs: vec![4.0, 5.0], ..run };
         assert_eq!((single.input_at(0, -1.0), single.input_at(0, 0.0)), ((4.0, 0.0), (4.0, 0.0)));
-    }
-
-    #[test]
-    fn seen_from_the_left_a_sample_ends_its_interval() {
-        let run = run();
-        for (t, value) in [(0.0, (1.0, 0.0)), (1.0, (2.0, 1.0)), (2.0, (4.0, 2.0)), (3.0, (6.0, 2.0))] {
-            assert_eq!(run.input(0, Place::new(&run.time, t).from_the_left(&run.time)), value, "{t}");
-        }
     }
 
     proptest! {

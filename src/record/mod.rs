@@ -2,17 +2,19 @@
 //!
 //! **In** CSV files, the channels that a model asks for. **Out** [`Run`]s in the model's units, the drive between
 //! their samples; errors that name file, line and column. **Never** simulates or judges the model.
-//! **Start** at [`read()`]: `text` (bytes) -> `dialect` -> `table` -> `channel` (which columns) -> `samples` -> [`Run`].
+//! **Start** at [`read()`]: `text` (bytes) -> `dialect` -> `table` -> `search` (which columns) -> `samples` -> [`Run`].
 
 mod bridge;
 mod cell;
 mod channel;
 mod dialect;
 mod error;
+mod fault;
 mod input;
 mod read;
 mod run;
 mod samples;
+mod search;
 mod summary;
 mod table;
 mod text;
@@ -20,7 +22,8 @@ mod write;
 
 pub use channel::{Channel, Channels, Role, channels};
 pub use dialect::{Delimiter, Dialect, Mark};
-pub use error::{Fault, Problem, RecordError};
+pub use error::{Names, Problem, RecordError};
+pub use fault::Fault;
 pub use input::{Cursor, Place};
 pub use read::{ReadOptions, read};
 pub use run::Run;

@@ -1,11 +1,13 @@
 //! A file becomes a run: the columns that a model wants, the rows that the user selects, the units of the model.
 
 use super::bridge;
-use super::channel::{self, Channels, Plan, Role, Source};
+use super::channel::{Channel, Channels, Plan, Role, Source};
 use super::dialect::Dialect;
-use super::error::{Fault, Names, Problem, RecordError};
+use super::error::{Names, Problem, RecordError};
+use super::fault::Fault;
 use super::run::Run;
 use super::samples::{self, Samples};
+use super::search;
 use super::summary::{self, ChannelSource, Note, Sampling, Summary};
 use super::table::Table;
 use fdm_grammar::diagnostic::nearest;
@@ -58,7 +60,7 @@ fn assemble(
 ) -> Result<(Run, Summary), Vec<Problem>> {
     let mut problems = check_options(channels, options);
     let mut notes = Vec::new();
-    let plan = channel::plan(table, channels, options, &mut notes).map_err(|p| problems.extend(p));
+    let plan = search::plan(table, channels, options, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
     let samples = samples::collect(table, &plan, channels.timed, options)?;
     check_amount(table, &plan, channels, options, &samples)?;
@@ -130,7 +132,7 @@ fn check_amount(
         let source = plan.outputs[k].as_ref().filter(|_| options.require_outputs)?;
         empty(&samples.measured, q, k).then_some((Role::Output, &channels.outputs[k], source))
     };
-    let problem = |(role, channel, source): (Role, &channel::Channel, &Source)| {
+    let problem = |(role, channel, source): (Role, &Channel, &Source)| {
         let fault = Fault::NoValues { role, channel: channel.name.clone() };
         fault.anywhere().column(&table.columns[source.column].title)
     };

@@ -3,7 +3,8 @@
 use super::cell::{self, Cell};
 use super::channel::{Plan, Source};
 use super::dialect::{Delimiter, Mark};
-use super::error::{Fault, Problem, excerpt};
+use super::error::{Problem, excerpt};
+use super::fault::Fault;
 use super::read::ReadOptions;
 use super::table::{Row, Table};
 use csv::ByteRecord;

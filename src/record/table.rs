@@ -1,7 +1,8 @@
 //! A text file as a table: titles of columns with their units, and rows of cells with their lines.
 
 use super::dialect::{self, Delimiter};
-use super::error::{Fault, Names, Problem};
+use super::error::{Names, Problem};
+use super::fault::Fault;
 use super::text;
 use csv::ByteRecord;
 use std::path::Path;

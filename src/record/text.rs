@@ -1,7 +1,8 @@
 //! The text of a file: read whole, without byte order mark and comments, checked to be text.
 
 use super::cell;
-use super::error::{Fault, Problem};
+use super::error::Problem;
+use super::fault::Fault;
 use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
@@ -173,7 +174,7 @@ mod tests {
         assert_eq!(text(b"% t [s], phi [deg]\n0, 1\n").trim(), "t [s], phi [deg]\n0, 1");
         for bytes in [&b"0,1\n1,2\n"[..], b"# made on Monday by hand\n0 1\n", b"# t,x\n# 2 kn\n0,1\n"] {
             let problem = decode(bytes.to_vec()).unwrap_err();
-            assert!(matches!(problem.fault, Fault::NoHeader(_)), "{problem}");
+            assert!(matches!(*problem.fault, Fault::NoHeader(_)), "{problem}");
         }
         assert_eq!(decode(b"\n\n1;2\n".to_vec()).unwrap_err().line, Some(3));
     }
@@ -181,9 +182,9 @@ mod tests {
     #[test]
     fn what_is_not_text_is_refused_with_its_line() {
         let problem = decode(b"t,x\n0,1\n0,\xb0\n".to_vec()).unwrap_err();
-        assert_eq!((problem.line, problem.fault), (Some(3), Fault::NotText));
+        assert_eq!((problem.line, *problem.fault), (Some(3), Fault::NotText));
         assert!(decode(vec![0xff, 0xfe, b't', 0]).unwrap_err().hint.unwrap().contains("UTF-16"));
-        assert_eq!(decode(b" \n\r\n# only\n".to_vec()).unwrap_err().fault, Fault::Empty);
-        assert_eq!(decode(Vec::new()).unwrap_err().fault, Fault::Empty);
+        assert_eq!(decode(b" \n\r\n# only\n".to_vec()).unwrap_err().fault.as_ref(), &Fault::Empty);
+        assert_eq!(decode(Vec::new()).unwrap_err().fault.as_ref(), &Fault::Empty);
     }
 }

@@ -1,7 +1,8 @@
 //! Columns of numbers to a file that [`super::read()`] reads back to the same bits.
 
 use super::dialect::{Delimiter, Dialect, Mark};
-use super::error::{Fault, RecordError};
+use super::error::RecordError;
+use super::fault::Fault;
 use super::text;
 use std::io::{self, Write};
 use std::path::Path;

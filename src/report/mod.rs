@@ -6,9 +6,11 @@
 mod diagnostic;
 mod json;
 mod plot;
+mod summary;
 mod table;
 
 pub use diagnostic::render;
 pub use json::fit_json;
 pub use plot::{PlotError, TimeHistory, svg};
+pub use summary::{check_json, check_text};
 pub use table::estimate_table;

@@ -30,7 +30,7 @@ pub struct PlotError(String);
 const MOST_POINTS: usize = 2000;
 const PANEL: (u32, u32) = (920, 380);
 
-const MEASURED: RGBColor = RGBColor(0x66, 0x66, 0x66);
+const MEASURED: RGBColor = RGBColor(0xa8, 0xa8, 0xa8);
 const MODELLED: RGBColor = RGBColor(0xc4, 0x3b, 0x1d);
 const RESIDUAL: RGBColor = RGBColor(0x1d, 0x5f, 0xa8);
 
@@ -57,9 +57,10 @@ fn draw(panel: &DrawingArea<SVGBackend<'_>, Shift>, history: &TimeHistory<'_>) -
     let residual: Vec<f64> = history.measured.iter().zip(&history.modelled).map(|(z, y)| z - y).collect();
     let values = range(history.measured.iter().chain(&history.modelled));
     let label = &history.value_label;
-    let lines = [("measured", MEASURED, &history.measured), ("model", MODELLED, &history.modelled)];
+    let lines = [("measured", MEASURED, 3, &history.measured), ("model", MODELLED, 1, &history.modelled)];
     chart(&upper, Some(&history.title), history, values, label, &lines)?;
-    chart(&lower, None, history, range(residual.iter()), "residual", &[("measured - model", RESIDUAL, &residual)])
+    let lines = [("measured - model", RESIDUAL, 1, &residual)];
+    chart(&lower, None, history, range(residual.iter()), "measured - model", &lines)
 }
 
 fn chart(
@@ -68,7 +69,7 @@ fn chart(
     history: &TimeHistory<'_>,
     values: Range<f64>,
     label: &str,
-    lines: &[(&str, RGBColor, &Vec<f64>)],
+    lines: &[(&str, RGBColor, u32, &Vec<f64>)],
 ) -> Result<(), PlotError> {
     let mut builder = ChartBuilder::on(area);
     builder.margin(8).set_label_area_size(LabelAreaPosition::Left, 72);
@@ -76,28 +77,33 @@ fn chart(
     if let Some(title) = title {
         builder.caption(title, ("sans-serif", 16));
     }
+    let smallest = 1e-9 * (values.end - values.start);
     let mut chart = builder.build_cartesian_2d(range(history.time.iter()), values).map_err(refused)?;
     let mut mesh = chart.configure_mesh();
     mesh.light_line_style(WHITE).y_desc(label).y_labels(if title.is_none() { 4 } else { 6 });
-    mesh.y_label_formatter(&|v| short(*v)).x_label_formatter(&|v| short(*v));
+    let label_of = |v: &f64| if v.abs() < smallest { short(0.0) } else { short(*v) };
+    mesh.y_label_formatter(&label_of).x_label_formatter(&|v| short(*v));
     if title.is_none() {
         mesh.x_desc(history.time_label.as_str());
     }
     mesh.draw().map_err(refused)?;
-    for (name, colour, values) in lines {
+    for (name, colour, width, values) in lines {
         let mut series = Vec::new();
         for piece in pieces(history.time, values) {
-            series.push(LineSeries::new(piece, colour.stroke_width(1)));
+            series.push(LineSeries::new(piece, colour.stroke_width(*width)));
         }
         for (k, line) in series.into_iter().enumerate() {
             let drawn = chart.draw_series(line).map_err(refused)?;
-            if k == 0 {
-                let colour = *colour;
+            if k == 0 && lines.len() > 1 {
+                let (colour, width) = (*colour, *width);
                 drawn
                     .label(*name)
-                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
+                    .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(width + 1)));
             }
         }
+    }
+    if lines.len() == 1 {
+        return Ok(());
     }
     let mut legend = chart.configure_series_labels();
     legend.background_style(WHITE.mix(0.8)).position(SeriesLabelPosition::UpperRight).draw().map_err(refused)

@@ -39,7 +39,7 @@ fn parameters(parameters: &[ParameterEstimate]) -> String {
     }
     let shift = usize::from(several);
     for column in [1, 2, 3] {
-        align_right(&mut table, column + shift);
+        aligned_right(&mut table, column + shift);
     }
     trimmed(&table)
 }
@@ -59,7 +59,7 @@ fn outputs(estimate: &Estimate) -> String {
             o.compared.to_string(),
         ]);
     }
-    (2..7).for_each(|column| align_right(&mut table, column));
+    (2..7).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
 }
 
@@ -107,7 +107,7 @@ fn status(p: &ParameterEstimate) -> String {
 }
 
 /// A number with this many significant digits, as a decimal where that is short.
-pub(crate) fn digits(v: f64, significant: usize) -> String {
+pub(super) fn digits(v: f64, significant: usize) -> String {
     if v == 0.0 || !v.is_finite() {
         return format!("{v}");
     }
@@ -120,20 +120,20 @@ pub(crate) fn digits(v: f64, significant: usize) -> String {
     format!("{v:.decimals$}")
 }
 
-fn plain(header: &[&str]) -> Table {
+pub(super) fn plain(header: &[&str]) -> Table {
     let mut table = Table::new();
     table.load_style(NOTHING).set_header(header.iter().copied());
     table
 }
 
-fn align_right(table: &mut Table, column: usize) {
+pub(super) fn aligned_right(table: &mut Table, column: usize) {
     if let Some(column) = table.column_mut(column) {
         column.set_cell_alignment(CellAlignment::Right);
     }
 }
 
 /// Without the blanks that fill the last column.
-fn trimmed(table: &Table) -> String {
+pub(super) fn trimmed(table: &Table) -> String {
     table.to_string().lines().map(|l| format!("{}\n", l.trim_end())).collect()
 }
 

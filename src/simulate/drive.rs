@@ -1,6 +1,7 @@
 //! What drives the model at the stages of every step and at every sample: inputs, and inputs delayed.
 
 use super::grid::Grid;
+use super::moments::{Follower, StageValues};
 use crate::dynamics::Layout;
 use crate::record::{Cursor, Run};
 use fdm_grammar::graph::Signal;
@@ -56,16 +57,13 @@ impl DriveTable {
         for (d, signal) in self.delayed.clone().into_iter().enumerate() {
             let Signal::Input(input) = signal else { continue };
             let (input, delays, column) = (input as usize, self.delayed.len(), self.inputs + d);
-            let mut cursor = Cursor::default();
+            let mut follower = Follower::default();
             for k in 0..grid.steps() {
                 let (t, h) = grid.step(k);
-                for (stage, at) in [t, t + 0.5 * h, t + h].into_iter().enumerate() {
-                    // a step that ends on a kink has not felt it yet
-                    let place = cursor.at(&run.time, at - tau[d]);
-                    let (value, slope) =
-                        run.input(input, if stage == 2 { place.from_the_left(&run.time) } else { place });
-                    self.stages[(3 * k + stage) * self.width + column] = value;
-                    self.stage_slopes[(3 * k + stage) * delays + d] = slope;
+                let StageValues { value, slope } = follower.step(run, input, t - tau[d], h);
+                for stage in 0..3 {
+                    self.stages[(3 * k + stage) * self.width + column] = value[stage];
+                    self.stage_slopes[(3 * k + stage) * delays + d] = slope[stage];
                 }
             }
             let mut cursor = Cursor::default();

@@ -7,12 +7,19 @@ pub struct Grid {
     samples: Vec<f64>,
     /// Steps between neighbouring samples; 0 where there is nothing to integrate.
     per_interval: usize,
+    /// Beginning and length of each step.
+    steps: Vec<(f64, f64)>,
 }
 
 impl Grid {
     /// `per_interval` steps between any two samples; 0 for a model without states.
     pub fn new(samples: &[f64], per_interval: usize) -> Self {
-        Self { samples: samples.to_vec(), per_interval }
+        let mut steps = Vec::with_capacity(samples.len().saturating_sub(1) * per_interval);
+        for pair in samples.windows(2) {
+            let h = (pair[1] - pair[0]) / per_interval as f64;
+            steps.extend((0..per_interval).map(|k| (pair[0] + h * k as f64, h)));
+        }
+        Self { samples: samples.to_vec(), per_interval, steps }
     }
 
     /// Steps between neighbouring samples.
@@ -26,8 +33,9 @@ impl Grid {
     }
 
     /// Number of steps.
+    #[inline]
     pub fn steps(&self) -> usize {
-        self.samples.len().saturating_sub(1) * self.per_interval
+        self.steps.len()
     }
 
     /// The sample that stands at the beginning of a step, if one does.
@@ -42,11 +50,7 @@ impl Grid {
     /// Beginning and length of a step.
     #[inline]
     pub fn step(&self, k: usize) -> (f64, f64) {
-        let (interval, within) =
-            if self.per_interval == 1 { (k, 0) } else { (k / self.per_interval, k % self.per_interval) };
-        let (from, to) = (self.samples[interval], self.samples[interval + 1]);
-        let h = (to - from) / self.per_interval as f64;
-        (from + h * within as f64, h)
+        self.steps[k]
     }
 }
 

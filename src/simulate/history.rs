@@ -5,6 +5,7 @@
 //! sensitivities in the same way: they are the exact derivative of what is interpolated.
 
 use super::grid::Grid;
+use super::sensitivity::accumulate;
 
 /// States, rates and their sensitivities at the nodes of the last steps.
 #[derive(Debug, Clone, Default)]
@@ -61,6 +62,7 @@ impl History {
 
     /// Value and slope of a state at a time not after the newest node; adds the sensitivity of the value to `lanes`.
     /// Before the first node of the run the initial value holds.
+    #[inline(always)]
     pub(super) fn at(&self, t: f64, state: usize, lanes: &mut [f64]) -> (f64, f64) {
         let newest = self.nodes - 1;
         let oldest = self.nodes.saturating_sub(self.capacity);
@@ -85,10 +87,10 @@ impl History {
         (sum(&w.value), sum(&w.slope))
     }
 
+    #[inline(always)]
     fn gather<const K: usize>(&self, lanes: &mut [f64], terms: [(f64, &Vec<f64>, usize); K]) {
         for (weight, from, row) in terms {
-            let from = &from[row * self.lanes..][..self.lanes];
-            lanes.iter_mut().zip(from).for_each(|(l, s)| *l = weight.mul_add(*s, *l));
+            accumulate(weight, &from[row * self.lanes..][..self.lanes], lanes);
         }
     }
 }

@@ -11,6 +11,7 @@ mod accuracy;
 mod drive;
 mod grid;
 mod history;
+mod moments;
 mod sensitivity;
 mod simulator;
 mod tangent;

@@ -6,7 +6,7 @@
 
 use super::drive::DriveTable;
 use super::history::History;
-use super::simulator::{Divergence, Simulator, node, two_nodes};
+use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
 use super::tangent::TangentPlan;
 use crate::dynamics::{Dynamics, Layout, Point, Step};
 use fdm_grammar::graph::Signal;
@@ -37,6 +37,17 @@ struct DelayTerm {
     written: bool,
 }
 
+/// Adds `entry * row` of sensitivities to a row of outputs.
+#[derive(Debug, Clone, Copy)]
+struct OutputTerm {
+    /// Position of the entry of h_x or h_delay in the result.
+    entry: u32,
+    /// First lane of the row that is read.
+    from: u32,
+    /// First lane of the row that is added to.
+    to: u32,
+}
+
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
@@ -45,10 +56,13 @@ pub(super) struct Sensitivity {
     lanes: usize,
     stride: usize,
     width: usize,
+    outputs: usize,
     plan: TangentPlan,
     initial: Vec<Scatter>,
     rates_by_delay: Vec<DelayTerm>,
     outputs_by_param: Vec<Scatter>,
+    outputs_by_state: Vec<OutputTerm>,
+    outputs_by_delayed: Vec<OutputTerm>,
     /// (position of tau_theta in known, delayed signal, lane)
     tau: Vec<(usize, usize, usize)>,
     /// For each output the state that it is, when every output is a state.
@@ -84,6 +98,13 @@ impl Sensitivity {
             let entries = pattern.entries();
             entries.filter_map(|(k, i, j)| to(i, j).map(|to| Scatter { from: (first + k) as u32, to })).collect()
         };
+        let terms = |pattern: &fdm_grammar::Pattern, first: usize| -> Vec<OutputTerm> {
+            let row = |i: usize| (i * stage.lanes) as u32;
+            pattern
+                .entries()
+                .map(|(k, i, j)| OutputTerm { entry: (first + k) as u32, from: row(j), to: row(i) })
+                .collect()
+        };
         let at = |(k, d, j)| Some((layout.tau_by_param.start + k, d, lane(j)?));
         let plan = TangentPlan::new(layout);
         let by_param = layout.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len();
@@ -93,9 +114,12 @@ impl Sensitivity {
             lanes: stage.lanes,
             stride: columns.len().next_multiple_of(VECTOR),
             width: stage.width,
+            outputs: layout.outputs,
             initial: scatter(&p.initial_by_param, layout.initial_by_param.start),
             rates_by_delay: delay_terms(layout),
             outputs_by_param: scatter(&p.outputs_by_param, by_param),
+            outputs_by_state: terms(&p.outputs_by_state, layout.outputs),
+            outputs_by_delayed: terms(&p.outputs_by_delayed, layout.outputs + p.outputs_by_state.len()),
             tau: p.tau_by_param.entries().filter_map(at).collect(),
             observed: layout.observed.iter().copied().collect(),
             s: Aligned::new(n * stage.lanes),
@@ -134,22 +158,20 @@ impl Sensitivity {
     /// One step of the states; their partials go to the buffer of step k.
     #[inline(always)]
     fn advance(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
-        let (t, h) = simulator.grid.step(k);
-        let mut nodes = std::mem::take(&mut simulator.nodes);
-        let (x, next) = two_nodes(&mut nodes, k);
-        let step = Step { t, h, x, drive: simulator.drive.stages(k), known: &simulator.known };
+        let Simulator { dynamics, grid, drive, known, nodes, work, .. } = simulator;
+        let (t, h) = grid.step(k);
+        let (x, next) = two_nodes(nodes, k);
         let partials = &mut self.partials[k % 2];
-        simulator.dynamics.step_with_partials(step, next, partials, &mut simulator.work);
-        let finite = simulator.check(k, next);
-        simulator.nodes = nodes;
+        dynamics.step_with_partials(Step { t, h, x, drive: drive.stages(k), known }, next, partials, work);
+        finite(grid, k, next)?;
         if !self.rates_by_delay.is_empty() {
-            let slopes = simulator.drive.stage_slopes(k);
+            let slopes = drive.stage_slopes(k);
             let delays = slopes.len() / 3;
             for (row, at) in partials.chunks_exact_mut(self.width).zip([0, 1, 1, 2]) {
-                add_delays(&self.rates_by_delay, row, &slopes[at * delays..][..delays], &simulator.known);
+                add_delays(&self.rates_by_delay, row, &slopes[at * delays..][..delays], known);
             }
         }
-        finite
+        Ok(())
     }
 
     /// Outputs and their sensitivities at the sample of node k.
@@ -162,14 +184,15 @@ impl Sensitivity {
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
-        let q = simulator.outputs();
+        let q = self.outputs;
         let y = &mut y[sample * q..][..q];
         let rows = &mut jacobian[sample * q * self.stride..][..q * self.stride];
-        if let (Some(observed), true) = (&self.observed, self.lane_of.is_empty()) {
+        if let Some(observed) = &self.observed {
             let x = &simulator.nodes[node(k)];
             for ((state, y), row) in observed.iter().zip(y).zip(rows.chunks_exact_mut(self.stride.max(1))) {
                 *y = x[*state as usize];
-                copy_vectors(&self.s[*state as usize * self.stride..][..self.stride], row);
+                let lanes = &self.s[*state as usize * self.lanes..][..self.lanes];
+                if self.lane_of.is_empty() { copy_vectors(lanes, row) } else { gather(&self.lane_of, lanes, row) }
             }
             return Ok(());
         }
@@ -177,16 +200,16 @@ impl Sensitivity {
             return self.outputs(simulator, sample, k, y, rows);
         }
         let mut in_lanes = std::mem::take(&mut self.rows);
-        let finite = self.outputs(simulator, sample, k, y, &mut in_lanes);
+        let result = self.outputs(simulator, sample, k, y, &mut in_lanes);
         for (row, lanes) in rows.chunks_exact_mut(self.stride.max(1)).zip(in_lanes.chunks_exact(self.lanes.max(1))) {
-            row.fill(0.0);
-            row.iter_mut().zip(&self.lane_of).for_each(|(r, l)| *r = lanes[*l as usize]);
+            gather(&self.lane_of, lanes, row);
         }
         self.rows = in_lanes;
-        finite
+        result
     }
 
     /// The general case: `h_theta + h_x S + h_delay S_delay`, q rows of lanes.
+    #[inline(always)]
     fn outputs(
         &mut self,
         simulator: &mut Simulator<'_>,
@@ -198,7 +221,9 @@ impl Sensitivity {
         let dynamics = simulator.dynamics;
         let layout = dynamics.layout();
         let (q, lanes, t) = (layout.outputs, self.lanes, simulator.run.time[sample]);
-        self.delay_signals(layout, simulator.history.as_ref(), sample, t, &simulator.known, &mut simulator.drive);
+        if !layout.delayed.is_empty() {
+            self.delay_signals(layout, simulator.history.as_ref(), sample, t, &simulator.known, &mut simulator.drive);
+        }
         let x = &simulator.nodes[node(k)];
         let at = Point { t, x, drive: simulator.drive.sample(sample), known: &simulator.known };
         dynamics.outputs_and_partials(at, &mut self.output, &mut simulator.work);
@@ -207,17 +232,17 @@ impl Sensitivity {
         for c in &self.outputs_by_param {
             rows[c.to as usize] = self.output[c.from as usize];
         }
-        let (by_state, by_delayed) = (&layout.patterns.outputs_by_state, &layout.patterns.outputs_by_delayed);
-        let terms = [(by_state, &self.s[..], q), (by_delayed, &self.delayed[..], q + by_state.len())];
-        for (pattern, from, first) in terms {
-            for (k, i, j) in pattern.entries() {
-                accumulate(self.output[first + k], &from[j * lanes..][..lanes], &mut rows[i * lanes..][..lanes]);
+        for (terms, from) in [(&self.outputs_by_state, &self.s[..]), (&self.outputs_by_delayed, &self.delayed[..])] {
+            for term in terms {
+                let (from, to) = (&from[term.from as usize..][..lanes], &mut rows[term.to as usize..][..lanes]);
+                accumulate(self.output[term.entry as usize], from, to);
             }
         }
         if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
     }
 
     /// Delayed signals at a sample with their sensitivities: the signal's own, and -slope times tau_theta.
+    #[inline(always)]
     fn delay_signals(
         &mut self,
         layout: &Layout,
@@ -245,6 +270,7 @@ impl Sensitivity {
     }
 
     /// Adds node k to the history with rates and their sensitivities on both sides.
+    #[inline(always)]
     fn remember(&mut self, simulator: &mut Simulator<'_>, k: usize) {
         let Some(mut history) = simulator.history.take() else { return };
         let dynamics = simulator.dynamics;
@@ -298,9 +324,22 @@ fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64
     }
 }
 
-/// `to += a from`
-fn accumulate(a: f64, from: &[f64], to: &mut [f64]) {
-    to.iter_mut().zip(from).for_each(|(t, f)| *t = a.mul_add(*f, *t));
+/// `to += a from`, whole vectors. Inlined into [`March`], where a fused multiply-add is one instruction.
+#[inline(always)]
+pub(super) fn accumulate(a: f64, from: &[f64], to: &mut [f64]) {
+    for (t, f) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
+        for l in 0..VECTOR {
+            t[l] = a.mul_add(f[l], t[l]);
+        }
+    }
+}
+
+/// The chosen lanes, then zeros.
+#[inline(always)]
+fn gather(lane_of: &[u32], lanes: &[f64], row: &mut [f64]) {
+    let (chosen, rest) = row.split_at_mut(lane_of.len());
+    chosen.iter_mut().zip(lane_of).for_each(|(r, l)| *r = lanes[*l as usize]);
+    rest.fill(0.0);
 }
 
 /// Copies whole vectors without a call.

@@ -22,10 +22,10 @@ pub struct Divergence {
 /// Why a run cannot be simulated with exact sensitivities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsuited {
-    /// The response to a held input moves in jumps with its delay, so fixed steps see no derivative.
+    /// An output that shows a held input directly moves in jumps with its delay: its derivative is zero or infinite.
     #[error(
-        "input {input} is held between samples and delayed by an estimated delay; fixed steps cannot see how the \
-         response moves with that delay: take the input as linear between samples, or fix the delay"
+        "an output shows an input directly that is held between samples and delayed by an estimated delay: it moves in \
+         jumps with that delay, so that nothing can be estimated from it; take input {input} as linear between samples, or fix the delay"
     )]
     HeldAndDelayed {
         /// Index of the input.
@@ -57,6 +57,7 @@ impl<'a> Simulator<'a> {
         for (d, signal) in layout.delayed.iter().enumerate() {
             if let Signal::Input(input) = *signal
                 && run.held[input as usize]
+                && layout.patterns.outputs_by_delayed.columns.contains(&(d as u32))
                 && layout.patterns.tau_by_param.row(d).next().is_some()
             {
                 return Err(Unsuited::HeldAndDelayed { input: input as usize });
@@ -182,24 +183,10 @@ impl<'a> Simulator<'a> {
     /// One step without sensitivities.
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
         let (t, h) = self.grid.step(k);
-        let mut nodes = std::mem::take(&mut self.nodes);
-        let (x, next) = two_nodes(&mut nodes, k);
+        let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
-        let finite = self.check(k, next);
-        self.nodes = nodes;
-        finite
-    }
-
-    /// The states after step k are finite, or the run has diverged.
-    #[inline]
-    pub(super) fn check(&self, k: usize, x: &[f64]) -> Result<(), Divergence> {
-        if x.iter().all(|x| x.is_finite()) {
-            return Ok(());
-        }
-        let (t, h) = self.grid.step(k);
-        let state = x.iter().position(|x| !x.is_finite());
-        Err(Divergence { time: t + h, state, sample: k / self.grid.per_interval().max(1) })
+        finite(&self.grid, k, next)
     }
 
     /// Time of node k.
@@ -244,6 +231,17 @@ impl<'a> Simulator<'a> {
         self.dynamics.outputs(Point { t, x, drive, known: &self.known }, y, &mut self.work);
         if y.iter().all(|y| y.is_finite()) { Ok(()) } else { Err(Divergence { time: t, state: None, sample }) }
     }
+}
+
+/// The states after step k are finite, or the run has diverged.
+#[inline]
+pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence> {
+    if x.iter().all(|x| x.is_finite()) {
+        return Ok(());
+    }
+    let (t, h) = grid.step(k);
+    let state = x.iter().position(|x| !x.is_finite());
+    Err(Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) })
 }
 
 /// Which of the three nodes in turn holds node k.

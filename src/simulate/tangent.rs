@@ -198,20 +198,14 @@ impl<S: Simd> Step<'_, S> {
 /// functions would be compiled without the wide registers.
 #[inline(always)]
 fn load<V: Copy, const L: usize>(from: &[V], at: usize, any: V) -> [V; L] {
-    let from = &from[at..at + L];
     let mut v = [any; L];
-    for l in 0..L {
-        v[l] = from[l];
-    }
+    v.copy_from_slice(&from[at..at + L]);
     v
 }
 
 #[inline(always)]
 fn store<V: Copy, const L: usize>(to: &mut [V], at: usize, v: [V; L]) {
-    let to = &mut to[at..at + L];
-    for l in 0..L {
-        to[l] = v[l];
-    }
+    to[at..at + L].copy_from_slice(&v);
 }
 
 /// `a x + y`

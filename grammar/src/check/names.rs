@@ -352,9 +352,9 @@ fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Dia
     }
 }
 
-/// Longer names are not compared with others, and only so many unknown names are: guessing must stay cheap.
+/// Longer names are not compared with others, and only so many comparisons are made: guessing must stay cheap.
 const LONGEST_GUESS: usize = 48;
-const MOST_GUESSES: usize = 64;
+const MOST_COMPARISONS: usize = 500_000;
 
 impl Scope<'_> {
     /// The state whose derivative people call by this name: `xdot`, `x_dot`, `dx`, `d_x`, `dx_dt`.
@@ -367,8 +367,8 @@ impl Scope<'_> {
         dotted.chain(quotients).chain(prefixed).find_map(state)
     }
 
-    /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and no more than
-    /// a few names have been `guessed` before.
+    /// "did you mean ...?" with the nearest declared name that `wanted` accepts, when one is near and not too many
+    /// names have been `guessed` before.
     pub(super) fn nearest(&self, name: &str, guessed: usize, wanted: impl Fn(&Symbol<'_>) -> bool) -> Option<String> {
         self.nearest_name(name, guessed, wanted).map(|near| format!("did you mean `{near}`?"))
     }
@@ -381,10 +381,13 @@ impl Scope<'_> {
         wanted: impl Fn(&Symbol<'_>) -> bool,
     ) -> Option<&str> {
         let length = name.chars().count();
-        if length > LONGEST_GUESS || guessed >= MOST_GUESSES {
+        if length > LONGEST_GUESS || guessed * self.symbols.len() > MOST_COMPARISONS {
             return None;
         }
-        let likely = |s: &&Symbol<'_>| s.valid && wanted(s) && s.name().len().abs_diff(name.len()) <= LONGEST_GUESS;
+        let likely = |s: &&Symbol<'_>| {
+            let own = s.name().chars().count();
+            s.valid && own.abs_diff(length) <= own.max(length).div_ceil(3) && own <= LONGEST_GUESS && wanted(s)
+        };
         let declared = self.symbols.iter().filter(likely).map(Symbol::name);
         crate::diagnostic::nearest(name, declared.chain(["t", "pi"]))
     }

@@ -1,30 +1,37 @@
 //! Native code for the programs of a model, made by Cranelift when a program is first asked for.
 //!
+//! **In** a schedule. **Out** [`Jit`]. **Never** an operation that Cranelift could round otherwise than Rust: the
+//! elementary functions are called. **Start** at [`Jit::new`]; `translate.rs` says what each operation becomes.
+//!
 //! Compiling takes about as long as a thousand runs of the tape. What is evaluated once per parameter vector or once
 //! per model (`prepare`, `by_input`) is therefore left to the tape, and so are programs over [`LONGEST`] instructions.
 //! All `unsafe` of the project is in this folder.
 #![allow(unsafe_code)]
 
 mod module;
+mod plan;
 mod step;
 mod translate;
 
 use super::Tape;
 use crate::dynamics::{Dynamics, Point, Step, Workspace, by_stages, by_stages_with_partials};
-use cranelift_codegen::ir::{InstBuilder, Type, types};
+use cranelift_codegen::ir::{InstBuilder, types};
 use cranelift_frontend::FunctionBuilder;
 use fdm_grammar::schedule::{Layout, Operand, Program, Schedule};
 use module::{Callees, CodeModule};
+use plan::Plan;
 use std::sync::{Mutex, OnceLock};
 use step::Advance;
-use translate::{Leaves, States, Translator, store};
+use translate::{Leaves, States, Translator};
 
-/// Most instructions of a program that is compiled.
+/// Most instructions and results of a program that is compiled.
 const LONGEST: usize = 30_000;
-/// Most instructions of a program that is compiled four times over, as one step.
+/// Most instructions and results of a program that is compiled four times over, as one step.
 const LONGEST_STAGE: usize = 1_500;
+/// Most numbers in the frame of a function: it must fit on the stack of any thread.
+const LARGEST_FRAME: u32 = 8_000;
 /// Stack of the thread that compiles; pages that are not touched cost nothing.
-const STACK: usize = 256 << 20;
+const STACK: usize = 64 << 20;
 
 /// Why there is no machine code.
 #[derive(Debug, thiserror::Error)]
@@ -138,12 +145,19 @@ impl Jit {
 
     #[cold]
     fn compile(&self, program: &Program) -> Option<Evaluate> {
-        if program.instructions.len() > LONGEST || !is_inside(program, &self.schedule.layout) {
+        if size(program) > LONGEST || !is_inside(program, &self.schedule.layout) {
             return None;
         }
-        self.define(|module, pointer| {
+        let plan = Plan::new(program, self.schedule.layout.states.min(program.results.len()));
+        if plan.frame > LARGEST_FRAME {
+            return None;
+        }
+        self.define(|module| {
+            let pointer = module.pointer();
             let params = [types::F64, pointer, pointer, pointer, pointer];
-            let address = module.define(&params, |builder, callees| evaluation(program, builder, callees))?;
+            let address = module.define(&params, &program.constants, |builder, callees| {
+                evaluation(program, &plan, builder, callees);
+            })?;
             // SAFETY: the function was defined with the parameters of `Evaluate` and the platform's C convention.
             Ok(unsafe { std::mem::transmute::<*const u8, Evaluate>(address) })
         })
@@ -152,27 +166,28 @@ impl Jit {
     #[cold]
     fn compile_step(&self, program: &Program, rows: bool) -> Option<Advance> {
         let layout = &self.schedule.layout;
-        let small = program.instructions.len() <= LONGEST_STAGE && program.results.len() <= LONGEST_STAGE;
-        if !small || program.results.len() < layout.states || !is_inside(program, layout) {
+        let rates = program.results.iter().take(layout.states).enumerate().filter(|(i, r)| r.slot as usize == *i);
+        if size(program) > LONGEST_STAGE || rates.count() < layout.states || !is_inside(program, layout) {
             return None;
         }
-        self.define(|module, pointer| {
-            let address = module.define(&step::params(pointer), |builder, callees| {
-                step::step(program, layout, rows, builder, callees);
+        let plan = Plan::new(program, layout.states);
+        self.define(|module| {
+            let params = step::params(module.pointer());
+            let address = module.define(&params, &program.constants, |builder, callees| {
+                step::step(program, &plan, layout, rows, builder, callees);
             })?;
             // SAFETY: the function was defined with the parameters of `Advance` and the platform's C convention.
             Ok(unsafe { std::mem::transmute::<*const u8, Advance>(address) })
         })
     }
 
-    /// Makes a function on a thread of its own; `None` when that fails, also because it once panicked before.
-    fn define<F: Send>(&self, make: impl FnOnce(&mut CodeModule, Type) -> Result<F, JitError> + Send) -> Option<F> {
+    /// Makes a function on a thread of its own; `None` when that fails, and ever after the compiler has panicked.
+    fn define<F: Send>(&self, make: impl FnOnce(&mut CodeModule) -> Result<F, JitError> + Send) -> Option<F> {
         let made = apart(|| {
             let mut module = self.module.lock().map_err(|_| JitError::Panicked)?;
-            let pointer = module.pointer()?;
-            make(&mut module, pointer)
+            make(&mut module)
         });
-        made.and_then(|f| f).ok()
+        made.flatten().ok()
     }
 }
 
@@ -239,8 +254,15 @@ fn apart<T: Send>(make: impl FnOnce() -> T + Send) -> Result<T, JitError> {
     })
 }
 
-/// Whether a program reads nothing outside the layout and no value before it is computed: what makes its code safe.
+/// Everything that takes time to compile.
+fn size(program: &Program) -> usize {
+    program.instructions.len() + program.results.len()
+}
+
+/// Whether a program reads nothing outside the layout and no value before it is computed, and all offsets are small
+/// enough for an instruction: what makes its code safe.
 fn is_inside(program: &Program, layout: &Layout) -> bool {
+    const FARTHEST: usize = 1 << 24;
     let inside = |operand: &Operand, values: usize| match *operand {
         Operand::Value(k) => (k as usize) < values,
         Operand::Constant(k) => (k as usize) < program.constants.len(),
@@ -251,24 +273,102 @@ fn is_inside(program: &Program, layout: &Layout) -> bool {
     };
     let mut instructions = program.instructions.iter().enumerate();
     instructions.all(|(k, i)| i.args.iter().all(|a| inside(a, k)))
-        && program
-            .results
-            .iter()
-            .all(|r| inside(&r.operand, program.instructions.len()) && (r.slot as usize) < program.width)
+        && program.results.iter().all(|r| inside(&r.operand, program.instructions.len()))
+        && program.results.iter().all(|r| (r.slot as usize) < program.width)
+        && [program.constants.len(), layout.states, layout.drive(), layout.known, program.width]
+            .into_iter()
+            .all(|length| length < FARTHEST)
 }
 
 /// The body of an [`Evaluate`].
-fn evaluation(program: &Program, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
-    let block = builder.create_block();
-    builder.append_block_params_for_function_params(block);
-    builder.switch_to_block(block);
-    builder.seal_block(block);
-    let [time, x, drive, known, out] = std::array::from_fn(|k| builder.block_params(block)[k]);
+fn evaluation(program: &Program, plan: &Plan, builder: &mut FunctionBuilder<'_>, callees: &mut Callees<'_>) {
+    let (mut translator, [time, x, drive, known, out]) = Translator::new(program, plan, 0, builder, callees);
     let leaves = Leaves { time, states: States::Memory(x), drive: (drive, 0), known };
-    let mut translator = Translator::new(program);
-    for result in &program.results {
-        let value = translator.value(result.operand, leaves, builder, callees);
-        store(builder, value, out, result.slot as usize);
+    translator.point(&leaves, false, Some((out, 0)), &mut []);
+    translator.builder.ins().return_(&[]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::specimen::{blank, random, ship};
+    use fdm_grammar::graph::Leaf;
+    use fdm_grammar::op::{Build, Op};
+
+    fn made(schedule: &Schedule) -> Jit {
+        Jit::new(schedule).expect("this machine is supported")
     }
-    builder.ins().return_(&[]);
+
+    #[test]
+    fn programs_become_native_code() {
+        for mut model in [ship(), random(3, true), random(5, true), blank(0, 0, &[])] {
+            let schedule = Schedule::new(&mut model);
+            let jit = made(&schedule);
+            for program in [&schedule.rates, &schedule.rates_and_partials, &schedule.outputs_and_partials] {
+                assert!(jit.compile(program).is_some());
+            }
+            assert!(jit.compile_step(&schedule.rates, false).is_some());
+            assert!(jit.compile_step(&schedule.rates_and_partials, true).is_some());
+        }
+    }
+
+    /// A program of one chain, as deep as it is long.
+    fn chain(length: u32) -> Schedule {
+        let mut model = blank(1, 0, &[]);
+        let mut e = model.graph.leaf(Leaf::State(0));
+        let half = model.graph.number(0.5);
+        for k in 0..length {
+            e = match k % 3 {
+                0 => model.graph.apply(Op::Sqrt, &[e]),
+                1 => model.graph.apply(Op::Sub, &[half, e]),
+                _ => model.graph.apply(Op::Abs, &[e]),
+            };
+        }
+        model.states[0].rate = e;
+        Schedule::new(&mut model)
+    }
+
+    #[test]
+    fn deep_programs_compile_and_longer_ones_are_left_to_the_tape() {
+        let schedule = chain(6_000);
+        assert!(made(&schedule).compile(&schedule.rates).is_some());
+        let schedule = chain(LONGEST as u32 + 1);
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
+    }
+
+    #[test]
+    fn a_program_that_reads_outside_its_layout_is_not_compiled() {
+        let mut schedule = Schedule::new(&mut ship());
+        schedule.rates.instructions[0].args[0] = Operand::State(3);
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
+        let mut schedule = Schedule::new(&mut ship());
+        schedule.rates.instructions[0].args[0] = Operand::Value(0);
+        assert!(made(&schedule).compile(&schedule.rates).is_none());
+    }
+
+    #[test]
+    #[should_panic(expected = "shorter than the layout")]
+    fn short_arrays_are_refused() {
+        let schedule = Schedule::new(&mut ship());
+        let jit = made(&schedule);
+        let at = Point { t: 0.0, x: &[0.0; 3], drive: &[0.0], known: &[0.0; 2] };
+        jit.rates(at, &mut [0.0; 3], &mut Workspace::default());
+    }
+
+    #[test]
+    fn threads_share_a_model() {
+        let schedule = Schedule::new(&mut ship());
+        let jit = made(&schedule);
+        let known = vec![0.5; schedule.layout.known];
+        let rates = || {
+            let (mut out, at) = ([0.0; 3], Point { t: 0.0, x: &[1.0, 2.0, 3.0], drive: &[0.1], known: &known });
+            jit.rates(at, &mut out, &mut Workspace::new(&jit));
+            out.map(f64::to_bits)
+        };
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..4).map(|_| scope.spawn(rates)).collect();
+            threads.into_iter().map(|t| t.join().expect("no thread panics")).collect()
+        });
+        assert!(results.iter().all(|r| *r == results[0]));
+    }
 }

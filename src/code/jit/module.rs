@@ -2,19 +2,22 @@
 
 use super::JitError;
 use cranelift_codegen::Context;
-use cranelift_codegen::ir::{AbiParam, FuncRef, Function, Type, types};
+use cranelift_codegen::ir::{AbiParam, FuncRef, Function, InstBuilder, Type, Value, types};
 use cranelift_frontend::{FunctionBuilder, FunctionBuilderContext};
 use cranelift_jit::{JITBuilder, JITModule};
 use cranelift_module::{FuncId, Linkage, Module, default_libcall_names};
 use fdm_grammar::math;
 use fdm_grammar::op::{Op, ROWS};
+use std::mem::ManuallyDrop;
 
 /// Executable memory and what is needed to add to it.
 pub(super) struct CodeModule {
-    /// Taken only when this is dropped.
-    module: Option<JITModule>,
+    /// Taken when this is dropped, not before.
+    module: ManuallyDrop<JITModule>,
     context: Context,
     scratch: FunctionBuilderContext,
+    /// What the code refers to by address.
+    tables: Vec<Box<[f64]>>,
     /// For each operation the function that computes it, unless the hardware does.
     elementary: Vec<Option<FuncId>>,
 }
@@ -56,8 +59,17 @@ elementary! {
 impl CodeModule {
     /// An empty module for this machine.
     pub(super) fn new() -> Result<Self, JitError> {
-        // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
-        let flags = [("opt_level", "speed"), ("enable_verifier", "false"), ("unwind_info", "false")];
+        let flags = [
+            // the graph has no common or constant subexpressions left, and the optimiser would write everything down as
+            // late as it can: long lives, which its register allocator answers with quadratic time and spills
+            ("opt_level", "none"),
+            // a straight line of verified arithmetic: nothing to unwind, nothing that Cranelift should check again
+            ("enable_verifier", "false"),
+            ("unwind_info", "false"),
+            // a large frame must find the guard page, not step over it
+            ("enable_probestack", "true"),
+            ("probestack_strategy", "inline"),
+        ];
         let mut builder = JITBuilder::with_flags(&flags, default_libcall_names())?;
         for row in ROWS {
             if let Some((address, _)) = function(row.op) {
@@ -78,26 +90,33 @@ impl CodeModule {
             });
         }
         let context = module.make_context();
-        Ok(Self { module: Some(module), context, scratch: FunctionBuilderContext::new(), elementary })
+        let (module, scratch) = (ManuallyDrop::new(module), FunctionBuilderContext::new());
+        Ok(Self { module, context, scratch, tables: Vec::new(), elementary })
     }
 
     /// The type of addresses.
-    pub(super) fn pointer(&self) -> Result<Type, JitError> {
-        self.module.as_ref().map(|m| m.target_config().pointer_type()).ok_or(JitError::Panicked)
+    pub(super) fn pointer(&self) -> Type {
+        self.module.target_config().pointer_type()
     }
 
-    /// Compiles a function of these parameters without result; its address is valid as long as this lives.
+    /// Compiles a function of these parameters without result, which may refer to a table of constants; its address
+    /// is valid as long as this lives.
     pub(super) fn define(
         &mut self,
         params: &[Type],
+        constants: &[f64],
         body: impl FnOnce(&mut FunctionBuilder<'_>, &mut Callees<'_>),
     ) -> Result<*const u8, JitError> {
-        let module = self.module.as_mut().ok_or(JitError::Panicked)?;
+        let module = &mut *self.module;
         module.clear_context(&mut self.context);
         self.context.func.signature.params = params.iter().map(|t| AbiParam::new(*t)).collect();
         let id = module.declare_anonymous_function(&self.context.func.signature)?;
+        let table: Box<[f64]> = constants.into();
+        let address = table.as_ptr();
+        self.tables.push(table);
         let mut builder = FunctionBuilder::new(&mut self.context.func, &mut self.scratch);
-        let mut callees = Callees { module, elementary: &self.elementary, referred: vec![None; ROWS.len()] };
+        let mut callees =
+            Callees { module, constants: address, elementary: &self.elementary, referred: vec![None; ROWS.len()] };
         body(&mut builder, &mut callees);
         builder.finalize(module.target_config());
         module.define_function(id, &mut self.context)?;
@@ -108,22 +127,34 @@ impl CodeModule {
 
 impl Drop for CodeModule {
     fn drop(&mut self) {
-        if let Some(module) = self.module.take() {
-            // SAFETY: `Jit` owns this module and the only copies of its addresses, and it is being dropped: nobody can
-            // be inside a function nor call one afterwards.
-            unsafe { module.free_memory() };
-        }
+        // SAFETY: taken here only, and `self` is not used afterwards.
+        let module = unsafe { ManuallyDrop::take(&mut self.module) };
+        // SAFETY: `Jit` owns this module and the only copies of its addresses, and it is being dropped: nobody can be
+        // inside a function nor call one afterwards.
+        unsafe { module.free_memory() };
     }
 }
 
-/// Elementary functions as the function under construction refers to them.
+/// What the function under construction refers to.
 pub(super) struct Callees<'a> {
     module: &'a mut JITModule,
+    constants: *const f64,
     elementary: &'a [Option<FuncId>],
     referred: Vec<Option<FuncRef>>,
 }
 
 impl Callees<'_> {
+    /// The type of addresses.
+    pub(super) fn pointer(&self) -> Type {
+        self.module.target_config().pointer_type()
+    }
+
+    /// The address of the table of constants.
+    pub(super) fn constants(&self, builder: &mut FunctionBuilder<'_>) -> Value {
+        let pointer = self.pointer();
+        builder.ins().iconst(pointer, self.constants as i64)
+    }
+
     /// The function that computes an operation; `None` when the hardware does.
     pub(super) fn of(&mut self, op: Op, function: &mut Function) -> Option<FuncRef> {
         let id = self.elementary[op as usize]?;

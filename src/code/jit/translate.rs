@@ -1,22 +1,22 @@
 //! One program to Cranelift's notation: what each operation is in machine code.
 //!
-//! Cranelift computes pure values when something with an effect asks for them, so the order of the stores is the order
-//! of the code. Each result is therefore translated with what it needs, just before it is stored; loads stand beside
-//! their use and become operands of the arithmetic instead of occupying registers.
+//! Loads stand beside their use, not at the entry: so they become operands of the arithmetic instead of occupying
+//! registers. A choice becomes a jump over a move on x86; conditions of a simulation seldom change from one step to
+//! the next, so the jump is predicted and nothing waits for the condition.
 
 use super::module::Callees;
+use super::plan::{FAR, Plan, Task};
 use cranelift_codegen::ir::condcodes::FloatCC;
-use cranelift_codegen::ir::{InstBuilder, MemFlagsData, Value, types};
+use cranelift_codegen::ir::{InstBuilder, MemFlagsData, StackSlotData, StackSlotKind, Value, types};
 use cranelift_frontend::FunctionBuilder;
 use fdm_grammar::op::Op;
 use fdm_grammar::schedule::{Instruction, Operand, Program};
 
-/// Where leaves are found.
-#[derive(Clone, Copy)]
+/// Where leaves are found at one point.
 pub(super) struct Leaves<'a> {
     pub(super) time: Value,
     pub(super) states: States<'a>,
-    /// Address of the drive, and the bytes to skip.
+    /// Address of the drive, and the numbers to skip.
     pub(super) drive: (Value, usize),
     /// Address of what `prepare` computed.
     pub(super) known: Value,
@@ -36,118 +36,193 @@ pub(super) enum States<'a> {
 struct Translated {
     number: Value,
     flag: Option<Value>,
+    /// It was made for the point before, and stays in its register.
+    inherited: bool,
 }
 
-/// A program while it is translated.
-pub(super) struct Translator<'p> {
-    program: &'p Program,
+/// A program while it is translated, as often as it has points.
+pub(super) struct Translator<'a, 'f, 'm> {
+    pub(super) builder: &'a mut FunctionBuilder<'f>,
+    callees: &'a mut Callees<'m>,
+    program: &'a Program,
+    plan: &'a Plan,
     /// Instructions that depend on a state.
     varies: Vec<bool>,
     done: Vec<Option<Translated>>,
-    pending: Vec<u32>,
+    /// Address of the program's constants.
+    constants: Value,
+    /// Address of the values that wait, and behind them the states.
+    frame: Value,
 }
 
-impl<'p> Translator<'p> {
-    pub(super) fn new(program: &'p Program) -> Self {
-        let mut varies: Vec<bool> = Vec::with_capacity(program.instructions.len());
-        for instruction in &program.instructions {
-            let moves = |o: &Operand| match o {
-                Operand::State(_) => true,
-                Operand::Value(k) => varies[*k as usize],
-                _ => false,
-            };
-            let v = instruction.args.iter().any(moves);
-            varies.push(v);
-        }
-        Self { program, varies, done: vec![None; program.instructions.len()], pending: Vec::new() }
+impl<'a, 'f, 'm> Translator<'a, 'f, 'm> {
+    /// Opens the function that evaluates a program as planned, with `states` states in registers; also its parameters.
+    pub(super) fn new<const N: usize>(
+        program: &'a Program,
+        plan: &'a Plan,
+        states: usize,
+        builder: &'a mut FunctionBuilder<'f>,
+        callees: &'a mut Callees<'m>,
+    ) -> (Self, [Value; N]) {
+        let block = builder.create_block();
+        builder.append_block_params_for_function_params(block);
+        builder.switch_to_block(block);
+        builder.seal_block(block);
+        let params = std::array::from_fn(|k| builder.block_params(block)[k]);
+        let bytes = 8 * (plan.frame + states as u32);
+        let slot = StackSlotData::new(StackSlotKind::ExplicitSlot, bytes, 3);
+        let slot = builder.create_sized_stack_slot(slot);
+        let pointer = callees.pointer();
+        let frame = builder.ins().stack_addr(pointer, slot, 0);
+        let constants = callees.constants(builder);
+        let done = vec![None; program.instructions.len()];
+        (Self { builder, callees, program, varies: varying(program), plan, done, constants, frame }, params)
     }
 
-    /// Forgets what was translated for one point, before the next; time and drive may stay the same.
-    pub(super) fn forget(&mut self, same_drive: bool) {
-        for (done, varies) in self.done.iter_mut().zip(&self.varies) {
-            if *varies || !same_drive {
-                *done = None;
-            }
-        }
+    /// Whether the program is so long that nothing stays in a register from its beginning to its end.
+    pub(super) fn is_long(&self) -> bool {
+        self.plan.tasks.len() > 4 * FAR
     }
 
-    /// Translates a result and everything that it needs and that is not there yet.
-    pub(super) fn value(
+    /// Translates the program for one point. Results are stored at `out` (address and numbers to skip); those in the
+    /// first slots are also returned in `first`. `same_drive`: only the states differ from the point before.
+    pub(super) fn point(
         &mut self,
-        operand: Operand,
-        leaves: Leaves<'_>,
-        builder: &mut FunctionBuilder<'_>,
-        callees: &mut Callees<'_>,
-    ) -> Value {
-        if let Operand::Value(k) = operand {
-            self.pending.push(k);
-        }
-        while let Some(k) = self.pending.last().copied() {
-            let instruction = self.program.instructions[k as usize];
-            let missing = |o: &Operand| matches!(o, Operand::Value(v) if self.done[*v as usize].is_none());
-            if self.done[k as usize].is_some() {
-                self.pending.pop();
-            } else if let Some(Operand::Value(v)) = instruction.args.iter().find(|o| missing(o)) {
-                self.pending.push(*v);
-            } else {
-                self.done[k as usize] = Some(self.instruction(instruction, leaves, builder, callees));
-                self.pending.pop();
+        leaves: &Leaves<'_>,
+        same_drive: bool,
+        out: Option<(Value, usize)>,
+        first: &mut [Value],
+    ) {
+        self.forget(same_drive && !self.is_long());
+        self.put_states_aside(leaves);
+        for position in 0..self.plan.tasks.len() {
+            match self.plan.tasks[position] {
+                Task::Compute(k) if self.done[k as usize].is_some() => {}
+                Task::Compute(k) => {
+                    let made = self.instruction(self.program.instructions[k as usize], leaves, position);
+                    self.done[k as usize] = Some(made);
+                    if let Some(place) = self.plan.waits[k as usize] {
+                        store(self.builder, made.number, self.frame, place as usize);
+                    }
+                }
+                Task::Write(result) => {
+                    let value = self.operand(result.operand, leaves, position);
+                    if let Some((address, skipped)) = out {
+                        store(self.builder, value, address, skipped + result.slot as usize);
+                    }
+                    if let Some(kept) = first.get_mut(result.slot as usize) {
+                        *kept = value;
+                    }
+                }
             }
         }
-        self.operand(operand, leaves, builder)
     }
 
-    fn operand(&self, operand: Operand, leaves: Leaves<'_>, builder: &mut FunctionBuilder<'_>) -> Value {
+    fn forget(&mut self, same_drive: bool) {
+        for (done, varies) in self.done.iter_mut().zip(&self.varies) {
+            *done = done.filter(|_| same_drive && !varies).map(|d| Translated { inherited: true, ..d });
+        }
+    }
+
+    /// States in registers are wanted again when those are long taken by others.
+    fn put_states_aside(&mut self, leaves: &Leaves<'_>) {
+        if let States::Registers(states) = leaves.states
+            && self.plan.tasks.len() > FAR
+        {
+            for (k, state) in states.iter().enumerate() {
+                store(self.builder, *state, self.frame, self.plan.frame as usize + k);
+            }
+        }
+    }
+
+    fn operand(&mut self, operand: Operand, leaves: &Leaves<'_>, position: usize) -> Value {
         match operand {
-            Operand::Value(k) => self.done[k as usize].map_or(leaves.time, |t| t.number),
-            Operand::Constant(k) => builder.ins().f64const(self.program.constants[k as usize]),
+            Operand::Value(k) => match (self.done[k as usize], self.plan.waits[k as usize]) {
+                (Some(made), Some(place)) if !made.inherited && self.plan.is_far(k, position) => {
+                    load(self.builder, self.frame, place as usize)
+                }
+                (Some(made), _) => made.number,
+                // the plan computes operands first
+                (None, _) => leaves.time,
+            },
+            Operand::Constant(k) => load(self.builder, self.constants, k as usize),
             Operand::Time => leaves.time,
             Operand::State(k) => match leaves.states {
-                States::Memory(address) => load(builder, address, k as usize),
+                States::Memory(address) => load(self.builder, address, k as usize),
+                States::Registers(_) if position > FAR => {
+                    load(self.builder, self.frame, self.plan.frame as usize + k as usize)
+                }
                 States::Registers(values) => values[k as usize],
             },
-            Operand::Drive(k) => load(builder, leaves.drive.0, leaves.drive.1 + k as usize),
-            Operand::Known(k) => load(builder, leaves.known, k as usize),
+            Operand::Drive(k) => load(self.builder, leaves.drive.0, leaves.drive.1 + k as usize),
+            Operand::Known(k) => load(self.builder, leaves.known, k as usize),
         }
     }
 
-    fn instruction(
-        &self,
-        instruction: Instruction,
-        leaves: Leaves<'_>,
-        builder: &mut FunctionBuilder<'_>,
-        callees: &mut Callees<'_>,
-    ) -> Translated {
-        let (op, arity) = (instruction.op, instruction.op.row().arity);
+    fn instruction(&mut self, instruction: Instruction, leaves: &Leaves<'_>, position: usize) -> Translated {
+        let (op, args) = (instruction.op, instruction.args);
+        let plain = |number| Translated { number, flag: None, inherited: false };
         if op == Op::Select {
-            let flag = self.flag(instruction.args[0], leaves, builder);
-            let [a, b] = [1, 2].map(|k| self.operand(instruction.args[k], leaves, builder));
-            return Translated { number: builder.ins().select(flag, a, b), flag: None };
+            let flag = self.flag(args[0], leaves, position);
+            let [a, b] = [args[1], args[2]].map(|o| self.operand(o, leaves, position));
+            return plain(self.builder.ins().select(flag, a, b));
         }
-        let a = self.operand(instruction.args[0], leaves, builder);
-        let b = if arity > 1 { self.operand(instruction.args[1], leaves, builder) } else { a };
+        if op == Op::Mul
+            && let Some(other) = self.doubled(&instruction)
+        {
+            let a = self.operand(other, leaves, position);
+            return plain(self.builder.ins().fadd(a, a));
+        }
+        let arity = op.row().arity;
+        let a = self.operand(args[0], leaves, position);
+        let b = if arity > 1 { self.operand(args[1], leaves, position) } else { a };
         if op.is_condition() {
-            return condition(op, a, b, builder);
+            return condition(op, a, b, self.builder);
         }
-        let number = match callees.of(op, builder.func) {
+        plain(match self.callees.of(op, self.builder.func) {
             Some(function) => {
-                let call = builder.ins().call(function, &[a, b][..arity]);
-                builder.inst_results(call)[0]
+                let call = self.builder.ins().call(function, &[a, b][..arity]);
+                self.builder.inst_results(call)[0]
             }
-            None => inline(op, a, b, builder),
-        };
-        Translated { number, flag: None }
+            None => inline(op, a, b, self.builder),
+        })
+    }
+
+    /// The other factor of a product with two: their sum is the same to the bit, and on most machines the adders have
+    /// less to do than the multipliers.
+    fn doubled(&self, instruction: &Instruction) -> Option<Operand> {
+        let two = |o: Operand| matches!(o, Operand::Constant(k) if self.program.constants[k as usize] == 2.0);
+        let [a, b, _] = instruction.args;
+        if two(a) { Some(b) } else { two(b).then_some(a) }
     }
 
     /// Whether a condition holds: is not zero, as in [`fdm_grammar::math::select`].
-    fn flag(&self, operand: Operand, leaves: Leaves<'_>, builder: &mut FunctionBuilder<'_>) -> Value {
-        let known = if let Operand::Value(k) = operand { self.done[k as usize].and_then(|t| t.flag) } else { None };
-        known.unwrap_or_else(|| {
-            let number = self.operand(operand, leaves, builder);
-            let zero = builder.ins().f64const(0.0);
-            builder.ins().fcmp(FloatCC::NotEqual, number, zero)
-        })
+    fn flag(&mut self, operand: Operand, leaves: &Leaves<'_>, position: usize) -> Value {
+        if let Operand::Value(k) = operand
+            && let Some(Translated { flag: Some(flag), inherited, .. }) = self.done[k as usize]
+            && (inherited || !self.plan.is_far(k, position))
+        {
+            return flag;
+        }
+        let number = self.operand(operand, leaves, position);
+        let zero = self.builder.ins().f64const(0.0);
+        self.builder.ins().fcmp(FloatCC::NotEqual, number, zero)
     }
+}
+
+/// For each instruction whether it depends on a state.
+fn varying(program: &Program) -> Vec<bool> {
+    let mut varies: Vec<bool> = Vec::with_capacity(program.instructions.len());
+    for instruction in &program.instructions {
+        let moves = |o: &Operand| match o {
+            Operand::State(_) => true,
+            Operand::Value(k) => varies[*k as usize],
+            _ => false,
+        };
+        let v = instruction.args.iter().any(moves);
+        varies.push(v);
+    }
+    varies
 }
 
 fn condition(op: Op, a: Value, b: Value, builder: &mut FunctionBuilder<'_>) -> Translated {
@@ -158,7 +233,7 @@ fn condition(op: Op, a: Value, b: Value, builder: &mut FunctionBuilder<'_>) -> T
     };
     let flag = builder.ins().fcmp(relation, a, b);
     let (one, zero) = (builder.ins().f64const(1.0), builder.ins().f64const(0.0));
-    Translated { number: builder.ins().select(flag, one, zero), flag: Some(flag) }
+    Translated { number: builder.ins().select(flag, one, zero), flag: Some(flag), inherited: false }
 }
 
 /// What hardware computes; equal to [`fdm_grammar::math`] to the bit, NaN for NaN.

@@ -149,3 +149,22 @@ fn branches_that_are_never_taken_may_be_infinite() {
     let model = good("const a = 0; state x; der(x) = if a > 0 then 1/a else x; output y = x;");
     assert_eq!(value(&model, model.states[0].rate, &[("x", 2.0)]), 2.0);
 }
+
+#[test]
+fn only_signals_that_are_used_are_delayed() {
+    let model = good("input u; param a = 1, b = 2; let v = delay(u, a); output y = delay(v, b) + 3*delay(v, b + 1);");
+    let taus: Vec<_> = model.graph.delayed().iter().map(|d| show(&model.graph, d.tau, &model)).collect();
+    assert_eq!(taus, ["a + b", "a + (b + 1)"]);
+    assert_eq!(model.params.iter().map(|p| p.lower).collect::<Vec<_>>(), [0.0, 0.0]);
+}
+
+#[test]
+fn a_checked_model_compiles() {
+    let text = "model roll { input aileron [deg]; state p [deg/s], phi [deg] = free; param L = -2 in [-10, 0] [1/s],
+        K = 3 [1/s^2], tau = 0.1 in [0, 0.5] [s], off = 0 [deg] per run; der(p) = L*p + K*delay(aileron + off, tau);
+        der(phi) = p; output phi_m [deg] = phi, r [deg/s] = if abs(p) > 1 then p else 0; }";
+    let compiled = crate::compile(&crate::Source::new("roll.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+    assert!(compiled.warnings.is_empty(), "{:?}", compiled.warnings);
+    let layout = &compiled.schedule.layout;
+    assert_eq!((layout.states, layout.inputs, layout.params, layout.outputs, layout.delayed.len()), (2, 1, 5, 2, 1));
+}

@@ -1,0 +1,60 @@
+//! A program in complex numbers: what a step into the imaginary direction makes of its results.
+
+use fdm_grammar::schedule::{Operand, Program};
+use num_complex::Complex64;
+
+/// Where a program is evaluated; the slices are as in [`crate::dynamics::Point`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ComplexPoint<'a> {
+    pub(super) t: f64,
+    pub(super) x: &'a [Complex64],
+    pub(super) drive: &'a [Complex64],
+    pub(super) known: &'a [Complex64],
+}
+
+/// Evaluates a program; `values` is memory that evaluations reuse. Slots that the program does not write stay zero.
+pub(super) fn evaluate(program: &Program, at: ComplexPoint<'_>, values: &mut Vec<Complex64>) -> Vec<Complex64> {
+    let operand = |operand: Operand, values: &[Complex64]| match operand {
+        Operand::Value(k) => values[k as usize],
+        Operand::Constant(k) => program.constants[k as usize].into(),
+        Operand::Time => at.t.into(),
+        Operand::State(k) => at.x[k as usize],
+        Operand::Drive(k) => at.drive[k as usize],
+        Operand::Known(k) => at.known[k as usize],
+    };
+    values.clear();
+    for instruction in &program.instructions {
+        let [a, b, c] = instruction.args.map(|o| operand(o, values));
+        // decisions must be those of the real program, also where the continuation has a value and the function none
+        let re = (instruction.op.row().value)(a.re, b.re, c.re);
+        let im = (instruction.op.row().complex)(a, b, c).im;
+        values.push(if re.is_nan() { Complex64::new(re, re) } else { Complex64::new(re, im) });
+    }
+    let mut results = vec![Complex64::ZERO; program.width];
+    for result in &program.results {
+        results[result.slot as usize] = operand(result.operand, values);
+    }
+    results
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::Tape;
+    use crate::code::specimen::ship;
+    use crate::dynamics::{Dynamics, Point, Workspace};
+    use fdm_grammar::Schedule;
+
+    #[test]
+    fn real_arguments_give_the_real_values() {
+        let schedule = Schedule::new(&mut ship());
+        let (x, drive, known) = ([7.0, -0.2, 0.01], [0.3], vec![0.4; schedule.layout.known]);
+        let mut rates = [0.0; 3];
+        let tape = Tape::new(&schedule);
+        tape.rates(Point { t: 0.0, x: &x, drive: &drive, known: &known }, &mut rates, &mut Workspace::new(&tape));
+        let complex = |values: &[f64]| values.iter().map(|v| Complex64::from(*v)).collect::<Vec<_>>();
+        let (x, drive, known) = (complex(&x), complex(&drive), complex(&known));
+        let at = ComplexPoint { t: 0.0, x: &x, drive: &drive, known: &known };
+        assert_eq!(evaluate(&schedule.rates, at, &mut Vec::new()), complex(&rates));
+    }
+}

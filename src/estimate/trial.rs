@@ -1,0 +1,181 @@
+//! Trying one correction: a full Gauss-Newton step first, so that well-behaved problems converge quadratically; when it
+//! is refused, damped steps (Levenberg, Marquardt) that are bent along the curve of the response.
+
+use super::correction::Correction;
+use super::evaluation::Want;
+use super::noise::Weights;
+use super::step::constrained;
+
+/// First damping after a full step was refused; columns have unit norm.
+pub(super) const DAMPING: f64 = 1e-3;
+/// Damping that is as good as none.
+const UNDAMPED: f64 = 1e-12;
+/// Damping at which a correction cannot be told from none.
+const HOPELESS: f64 = 1e15;
+/// Largest believable bend of a step, relative to the step.
+const BELIEF: f64 = 0.75;
+/// Trials in a row after which damping rises faster, and steps are so short that they need no bending.
+const PATIENCE: usize = 12;
+
+/// An accepted correction.
+pub(super) struct Accepted {
+    /// Its largest part, in standard errors.
+    pub(super) step: f64,
+    /// Its damping.
+    pub(super) damping: f64,
+    /// How many were refused before it.
+    pub(super) refused: usize,
+}
+
+impl Correction<'_, '_, '_> {
+    /// Tries corrections with rising damping until one is accepted; none when there is no hope left. A gain that is
+    /// `unmeasurable` in the cost is tried once, undamped, and taken on trust.
+    pub(super) fn correct(&mut self, unmeasurable: bool) -> Option<Accepted> {
+        if unmeasurable {
+            self.damping = 0.0;
+        }
+        for refused in 0.. {
+            if self.damping > HOPELESS || (unmeasurable && refused > 0) {
+                return None;
+            }
+            if !self.propose(refused) {
+                continue;
+            }
+            if !self.set_trial() {
+                return None;
+            }
+            let (promise, damping) = (self.quadratic.reduction(&self.step), self.damping);
+            let step = self.largest_in_errors();
+            if let Some(gain) = self.attempt(unmeasurable, refused == 0) {
+                self.damp_less(gain / promise, unmeasurable);
+                return Some(Accepted { step, damping, refused });
+            }
+            self.damp_more(if refused < PATIENCE { 2.0 } else { 8.0 });
+        }
+        None
+    }
+
+    /// Computes the step under the current damping; false when it cannot be believed and damping was raised.
+    fn propose(&mut self, refused: usize) -> bool {
+        if self.damping == 0.0 {
+            return true;
+        }
+        if !constrained(&self.quadratic, &self.room, self.damping, &mut self.step) {
+            self.damp_more(2.0);
+            return false;
+        }
+        let bend = if refused < PATIENCE { self.bend() } else { 0.0 };
+        let believed = bend <= BELIEF;
+        if !believed {
+            self.damp_more(if bend.is_nan() { 8.0 } else { (bend / BELIEF).clamp(2.0, 8.0) });
+        }
+        believed
+    }
+
+    /// Bends the damped step along the curve of the response (geodesic acceleration, Transtrum and Sethna 2012). Gives
+    /// the bend relative to the step: a step that is bent too much is too long to be believed.
+    fn bend(&mut self) -> f64 {
+        let scale = &self.quadratic.scale;
+        let unscaled = |v: &[f64]| {
+            let parts = v.iter().zip(scale).map(|(v, d)| if *d > 0.0 { v / d } else { 0.0 });
+            parts.collect::<Vec<f64>>()
+        };
+        let mut slope = vec![0.0; self.step.len()];
+        let inverse_noise = self.weights.inverse();
+        self.fresh = false;
+        if self.evaluator.bend(&self.values, &unscaled(&self.step), &inverse_noise, &mut slope).is_err() {
+            return f64::INFINITY;
+        }
+        let inside = |j: &usize| self.room.down[*j] < self.step[*j] && self.step[*j] < self.room.up[*j];
+        let moving: Vec<usize> = (0..self.step.len()).filter(inside).collect();
+        let bend = self.quadratic.apply_inverse(&moving, self.damping, &unscaled(&slope));
+        let Some(bend) = bend else { return f64::INFINITY };
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let ratio = 2.0 * norm(&bend) / norm(&self.step);
+        for (j, (s, b)) in self.step.iter_mut().zip(&bend).enumerate() {
+            *s = (*s - 0.5 * b).max(self.room.down[j]).min(self.room.up[j]);
+        }
+        ratio
+    }
+
+    /// Applies the scaled step, times the gain, to the current estimates; what reaches a bound stands on it to the bit; false when nothing changes.
+    fn set_trial(&mut self) -> bool {
+        let gain = self.options.gain;
+        for (j, s) in self.step.iter_mut().enumerate() {
+            let scale = self.quadratic.scale[j];
+            let (lower, upper) = (self.unknowns.lower[j], self.unknowns.upper[j]);
+            self.trial[j] = if *s < 0.0 && *s <= self.room.down[j] {
+                lower
+            } else if *s > 0.0 && *s >= self.room.up[j] {
+                upper
+            } else if scale > 0.0 {
+                *s *= gain;
+                (self.values[j] + *s / scale).max(lower).min(upper)
+            } else {
+                self.values[j]
+            };
+        }
+        self.trial != self.values
+    }
+
+    /// Evaluates the trial; when it is better it becomes the current point, and what it gained is returned. The first
+    /// trial is usually accepted and gets its sensitivities at once, later ones must show their cost first.
+    fn attempt(&mut self, unmeasurable: bool, bold: bool) -> Option<f64> {
+        let trial = std::mem::take(&mut self.trial);
+        let accepted = self.compare(&trial, unmeasurable, bold && !self.likelihood.is_full());
+        let Some(weights) = accepted else {
+            self.trial = trial;
+            return None;
+        };
+        let gain = self.weights.cost - weights.cost;
+        self.evaluator.keep();
+        self.weights = weights;
+        self.trial = std::mem::replace(&mut self.values, trial);
+        let values = self.values.clone();
+        self.settle(&values);
+        Some(gain)
+    }
+
+    fn compare(&mut self, trial: &[f64], unmeasurable: bool, bold: bool) -> Option<Weights> {
+        let allowed = if unmeasurable { self.weights.cost + self.weights.rounding } else { self.weights.cost };
+        let better = |w: &Weights| w.cost < allowed || (unmeasurable && w.cost == allowed);
+        if bold {
+            return self.linearise(trial, None).ok().filter(better);
+        }
+        self.fresh = false;
+        self.evaluator.evaluate(trial, Want::Response).ok()?;
+        let weights = self.likelihood.weights(&self.evaluator.moments);
+        if !better(&weights) {
+            return None;
+        }
+        self.linearise(trial, Some(weights)).ok()
+    }
+
+    fn damp_more(&mut self, factor: f64) {
+        self.damping = if self.damping > 0.0 { self.damping * factor } else { self.level };
+    }
+
+    /// `ratio`: gain over promise. Damping falls as long as steps succeed, though they gain little: along a curved
+    /// valley it is better to be refused now and then than to crawl.
+    fn damp_less(&mut self, ratio: f64, unmeasurable: bool) {
+        if unmeasurable {
+            self.damping = 0.0;
+        } else if self.damping > 0.0 {
+            self.level = (self.damping * 0.2).max(UNDAMPED);
+            self.damping = if ratio > 0.9 || self.level == UNDAMPED { 0.0 } else { self.level };
+        }
+    }
+
+    /// Makes the last, tiny correction; its sensitivities are those of the point before.
+    pub(super) fn finish(&mut self) {
+        if !self.set_trial() || self.evaluator.evaluate(&self.trial, Want::Response).is_err() {
+            return;
+        }
+        let weights = self.likelihood.weights(&self.evaluator.moments);
+        if weights.cost <= self.weights.cost + self.weights.rounding {
+            self.evaluator.keep();
+            std::mem::swap(&mut self.values, &mut self.trial);
+            self.weights = weights;
+        }
+    }
+}

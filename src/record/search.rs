@@ -1,0 +1,269 @@
+//! The search for the columns of a file that hold a model's channels, and for the conversion of their units.
+
+use super::channel::{Channel, Channels, Plan, Role, Source};
+use super::error::{Names, Problem, excerpt};
+use super::fault::Fault;
+use super::read::ReadOptions;
+use super::summary::Note;
+use super::table::{Heading, Table};
+use fdm_grammar::Unit;
+use fdm_grammar::diagnostic::nearest;
+
+/// Finds the columns of all channels.
+///
+/// A column is taken whose title or name (title without unit) is the channel's name or what `--map` says; failing
+/// that, the only one that differs in upper and lower case alone. The time is in the column `t`, else `time` in any
+/// case, else `T`. `--map channel=name [unit]` also gives the unit of a column that has none.
+pub(crate) fn plan(
+    table: &Table,
+    channels: &Channels,
+    options: &ReadOptions,
+    notes: &mut Vec<Note>,
+) -> Result<Plan, Vec<Problem>> {
+    let mut search = Search { table, channels, options, notes, problems: Vec::new() };
+    search.check_map();
+    let time = search.time();
+    let inputs: Vec<_> = channels.inputs.iter().map(|c| search.channel(Role::Input, c)).collect();
+    let outputs: Vec<_> = channels.outputs.iter().map(|c| search.channel(Role::Output, c)).collect();
+    let problems = search.problems;
+    if problems.is_empty() {
+        Ok(Plan { time, inputs: inputs.into_iter().flatten().collect(), outputs })
+    } else {
+        Err(problems)
+    }
+}
+
+struct Search<'a> {
+    table: &'a Table,
+    channels: &'a Channels,
+    options: &'a ReadOptions,
+    notes: &'a mut Vec<Note>,
+    problems: Vec<Problem>,
+}
+
+/// A column and the unit that `--map` gives it.
+type Found = (usize, Option<String>);
+
+impl Search<'_> {
+    /// Every `--map` names a channel of the model, once.
+    fn check_map(&mut self) {
+        let channels = self.channels;
+        for (k, (channel, _)) in self.options.map.iter().enumerate() {
+            let time = self.channels.means_time(channel);
+            if !time && !channels.names().any(|n| n == channel) {
+                let hint = nearest(channel, channels.names()).map(|n| format!("did you mean `{n}`?"));
+                let known = Names::new(std::iter::once("t").chain(channels.names()));
+                let fault = Fault::UnknownChannel { option: "--map", channel: channel.clone(), channels: known };
+                self.problems.push(fault.anywhere().maybe_hint(hint));
+            }
+            let same = |other: &str| other == channel || (time && self.channels.means_time(other));
+            if self.options.map[..k].iter().any(|(other, _)| same(other)) {
+                self.problems.push(Fault::MappedTwice(channel.clone()).anywhere());
+            }
+        }
+    }
+
+    fn mapped(&self, is_channel: impl Fn(&str) -> bool) -> Option<(&str, &str)> {
+        self.options.map.iter().find(|(c, _)| is_channel(c)).map(|(c, column)| (c.as_str(), column.as_str()))
+    }
+
+    fn time(&mut self) -> Option<Source> {
+        let mapped = self.mapped(|c| self.channels.means_time(c)).map(|(c, t)| (c.to_string(), t.to_string()));
+        let found = match mapped {
+            Some((channel, column)) => self.mapped_column(&channel, &column)?,
+            // without dynamics, time only selects
+            None if !self.channels.timed && self.options.from.is_none() && self.options.to.is_none() => return None,
+            None => match self.time_column() {
+                Ok(Some(column)) => (column, None),
+                Ok(None) if !self.channels.timed => return None,
+                Ok(None) => {
+                    self.missing_time();
+                    return None;
+                }
+                Err(problem) => {
+                    self.problems.push(problem);
+                    return None;
+                }
+            },
+        };
+        let channel = Channel { name: "t".into(), unit: Some(self.channels.time.clone()) };
+        self.source(Role::Time, &channel, found)
+    }
+
+    /// The column that holds the time by its name.
+    fn time_column(&self) -> Result<Option<usize>, Problem> {
+        let of_channel = |name: &str| self.channels.all().any(|(_, c)| c.name == name);
+        let mapped = |h: &Heading| self.options.map.iter().any(|(_, c)| *c == h.title || *c == h.name);
+        let is_time =
+            |h: &Heading| h.unit.as_deref().is_none_or(|u| self.is_time_unit(u)) && !of_channel(&h.name) && !mapped(h);
+        let named = |wanted: &dyn Fn(&str) -> bool| self.unique(|h| wanted(&h.name) && is_time(h));
+        for wanted in
+            [&(|n: &str| n == "t") as &dyn Fn(&str) -> bool, &|n| n.eq_ignore_ascii_case("time"), &|n| n == "T"]
+        {
+            if let Some(column) = named(wanted)? {
+                return Ok(Some(column));
+            }
+        }
+        Ok(None)
+    }
+
+    fn is_time_unit(&self, unit: &str) -> bool {
+        Unit::parse(unit).is_ok_and(|u| u.conversion(&self.channels.time).is_some())
+    }
+
+    fn missing_time(&mut self) {
+        let columns = self.table.titles();
+        let like = |h: &&Heading| {
+            let lower = h.name.to_lowercase();
+            let named = ["t_", "t.", "time", "zeit", "temps"].into_iter().any(|p| lower.starts_with(p));
+            named || h.unit.as_deref().is_some_and(|u| self.is_time_unit(u))
+        };
+        let likely = self.table.columns.iter().find(like).map(|h| excerpt(&h.title));
+        let hint = match likely {
+            Some(title) => format!("if `{title}` holds the time, say --map \"t={title}\""),
+            None => "name the column `t` or `time`, or say --map t=COLUMN".into(),
+        };
+        let fault = Fault::Missing { role: Role::Time, channel: "t".into(), columns };
+        self.problems.push(fault.anywhere().hint(hint));
+    }
+
+    fn channel(&mut self, role: Role, channel: &Channel) -> Option<Source> {
+        let mapped = self.mapped(|c| c == channel.name).map(|(_, column)| column.to_string());
+        let found = match mapped {
+            Some(column) => self.mapped_column(&channel.name, &column)?,
+            None => match self.column(&channel.name) {
+                Ok(Some(column)) => (column, None),
+                Ok(None) => {
+                    self.missing(role, channel);
+                    return None;
+                }
+                Err(problem) => {
+                    self.problems.push(problem);
+                    return None;
+                }
+            },
+        };
+        self.source(role, channel, found)
+    }
+
+    /// The column of that title or name.
+    fn column(&self, name: &str) -> Result<Option<usize>, Problem> {
+        let taken =
+            |h: &Heading| self.channels.all().any(|(_, c)| c.name != name && (c.name == h.name || c.name == h.title));
+        if let Some(column) = self.unique(|h| h.title == name)? {
+            return Ok(Some(column));
+        }
+        if let Some(column) = self.unique(|h| h.name == name)? {
+            return Ok(Some(column));
+        }
+        let lower = name.to_lowercase();
+        self.unique(|h| (h.name.to_lowercase() == lower || h.title.to_lowercase() == lower) && !taken(h))
+    }
+
+    /// The column that a `--map` names, and the unit that it gives.
+    fn mapped_column(&mut self, channel: &str, text: &str) -> Option<Found> {
+        let as_typed = self.column(text.trim());
+        let given = Heading::new(text);
+        let found = match (as_typed, given.unit) {
+            (Ok(None), Some(unit)) => self.column(&given.name).map(|c| c.map(|c| (c, Some(unit)))),
+            (other, _) => other.map(|c| c.map(|c| (c, None))),
+        };
+        match found {
+            Ok(Some(found)) => return Some(found),
+            Ok(None) => {
+                let columns = self.table.titles();
+                let hint = self.like(&given.name).map(|title| format!("did you mean `{title}`?"));
+                let fault = Fault::UnknownColumn { channel: channel.into(), column: excerpt(text), columns };
+                self.problems.push(fault.anywhere().maybe_hint(hint));
+            }
+            Err(problem) => self.problems.push(problem),
+        }
+        None
+    }
+
+    /// The only column of a kind.
+    fn unique(&self, wanted: impl Fn(&Heading) -> bool) -> Result<Option<usize>, Problem> {
+        let mut found = self.table.columns.iter().enumerate().filter(|(_, h)| !h.title.is_empty() && wanted(h));
+        let first = found.next();
+        let count = 1 + found.count();
+        match first {
+            Some((_, h)) if count > 1 => {
+                let problem = Fault::Ambiguous { name: excerpt(&h.name), count }.at(self.table.header_line);
+                Err(problem
+                    .hint("rename the columns, or say --map CHANNEL=TITLE with a title that only one of them has"))
+            }
+            first => Ok(first.map(|(column, _)| column)),
+        }
+    }
+
+    fn missing(&mut self, role: Role, channel: &Channel) {
+        if role == Role::Output && !self.options.require_outputs {
+            self.notes.push(Note::NotMeasured { output: channel.name.clone() });
+            return;
+        }
+        let name = &channel.name;
+        let hint = match self.like(name) {
+            Some(title) => format!("if `{title}` is meant, say --map \"{name}={title}\""),
+            None => format!("name the column `{name}`, or say --map {name}=COLUMN"),
+        };
+        let fault = Fault::Missing { role, channel: name.clone(), columns: self.table.titles() };
+        self.problems.push(fault.anywhere().hint(hint));
+    }
+
+    /// Title of the column whose name is nearest, or begins with the name.
+    fn like(&self, name: &str) -> Option<String> {
+        // the distance costs the product of the lengths
+        let headings = || self.table.columns.iter().filter(|h| !h.title.is_empty() && h.name.len() <= 100);
+        // names of one letter are all equally near
+        let resembles = |other: &&str| other.to_lowercase().contains(|c| name.to_lowercase().contains(c));
+        let near = nearest(name, headings().map(|h| h.name.as_str())).filter(resembles);
+        let longer = || {
+            let begins = |h: &&Heading| h.name.strip_prefix(name).is_some_and(|r| r.starts_with(['_', '.', ' ', '-']));
+            headings().find(begins).map(|h| h.name.as_str())
+        };
+        let name = near.or_else(longer)?;
+        headings().find(|h| h.name == name).map(|h| excerpt(&h.title))
+    }
+
+    /// The conversion from the column's unit to the channel's.
+    fn source(&mut self, role: Role, channel: &Channel, (column, given): Found) -> Option<Source> {
+        let heading = &self.table.columns[column];
+        let unit = given.or_else(|| heading.unit.clone());
+        let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0 };
+        let (Some(from), Some(to)) = (&unit, &channel.unit) else {
+            if unit.is_some() != channel.unit.is_some() {
+                self.notes.push(Note::UnitAssumed {
+                    role,
+                    channel: channel.name.clone(),
+                    column: heading.title.clone(),
+                    unit: unit.or_else(|| channel.unit.as_ref().map(|u| u.text().to_string())).unwrap_or_default(),
+                    stated_by_column: heading.unit.is_some() || channel.unit.is_none(),
+                });
+            }
+            return Some(same);
+        };
+        let (name, expected) = (channel.name.clone(), to.text().to_string());
+        let known = match Unit::parse(from) {
+            Ok(known) => known,
+            Err(error) => {
+                let hint = error.nearest.map_or_else(
+                    || {
+                        format!(
+                            "write it as in `m/s^2`, `deg/s` or `1`, after the name in brackets: `{name} [{expected}]`"
+                        )
+                    },
+                    |near| format!("did you mean `{near}`?"),
+                );
+                let fault = Fault::UnknownUnit { unit: excerpt(from), role, channel: name, expected };
+                self.problems.push(fault.at(self.table.header_line).column(&heading.title).hint(hint));
+                return None;
+            }
+        };
+        let Some((scale, offset)) = known.conversion(to) else {
+            let fault = Fault::Incompatible { found: excerpt(from), expected, role, channel: name };
+            self.problems.push(fault.at(self.table.header_line).column(&heading.title));
+            return None;
+        };
+        Some(Source { scale, offset, ..same })
+    }
+}

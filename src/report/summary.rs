@@ -1,0 +1,133 @@
+//! A model at a glance: what it declares, how sparse its derivatives are, and whether they were confirmed.
+
+use super::table::{aligned_right, digits, plain, trimmed};
+use crate::Model;
+use crate::code::{TOLERANCE, Verification};
+use fdm_grammar::model::{Param, Quantity};
+use serde_json::{Value, json};
+
+/// Declarations as a table, then a line on the programs and one on the derivatives.
+pub fn check_text(model: &Model, verification: &Verification) -> String {
+    let definition = model.definition();
+    let title = if definition.doc.is_empty() { String::new() } else { format!(": {}", definition.doc) };
+    let mut text = format!("{}{title}\n\n{}\n", model.name(), declarations(model));
+    let (layout, schedule) = (model.layout(), model.schedule());
+    let p = &layout.patterns;
+    if layout.states > 0 {
+        text.push_str(&format!(
+            "f_x has {} structural nonzeros of {}, f_theta {} of {}; ",
+            p.rates_by_state.len(),
+            layout.states * layout.states,
+            p.rates_by_param.len(),
+            layout.states * layout.params,
+        ));
+    }
+    text.push_str(&format!(
+        "{} operations for rates with partials, {} for outputs with partials\n",
+        schedule.rates_and_partials.instructions.len(),
+        schedule.outputs_and_partials.instructions.len(),
+    ));
+    text.push_str(&verdict(verification));
+    text
+}
+
+/// The same for other programs.
+pub fn check_json(model: &Model, verification: &Verification) -> Value {
+    let definition = model.definition();
+    let quantity =
+        |q: &Quantity| json!({ "name": q.name, "unit": q.unit.as_ref().map(ToString::to_string), "doc": q.doc });
+    let finite = |v: f64| v.is_finite().then_some(v);
+    let param = |p: &Param| {
+        let mut value = quantity(&p.quantity);
+        value["value"] = json!(p.value);
+        value["lower"] = json!(finite(p.lower));
+        value["upper"] = json!(finite(p.upper));
+        value["fixed"] = json!(p.fixed);
+        value["per_run"] = json!(p.per_run);
+        value
+    };
+    let found = |d: &crate::code::Discrepancy| {
+        json!({ "equation": d.equation, "by": d.by, "symbolic": finite(d.symbolic), "numeric": finite(d.numeric),
+                "relative": finite(d.relative) })
+    };
+    json!({
+        "model": model.name(),
+        "inputs": definition.inputs.iter().map(|i| quantity(&i.quantity)).collect::<Vec<_>>(),
+        "states": definition.states.iter().map(|s| quantity(&s.quantity)).collect::<Vec<_>>(),
+        "parameters": definition.params.iter().map(param).collect::<Vec<_>>(),
+        "derived": definition.derived.iter().map(|d| quantity(&d.quantity)).collect::<Vec<_>>(),
+        "outputs": definition.outputs.iter().map(|o| quantity(&o.quantity)).collect::<Vec<_>>(),
+        "derivatives": {
+            "passed": verification.passed(),
+            "points": verification.points,
+            "skipped": verification.skipped,
+            "compared": verification.compared,
+            "worst": verification.worst.as_ref().map(found),
+            "failures": verification.failures.iter().map(found).collect::<Vec<_>>(),
+        },
+    })
+}
+
+fn declarations(model: &Model) -> String {
+    let definition = model.definition();
+    let mut table = plain(&["", "name", "unit", "start", "bounds", "meaning"]);
+    let mut add = |role: &str, q: &Quantity, start: String, bounds: String| {
+        let unit = q.unit.as_ref().map_or(String::new(), ToString::to_string);
+        table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
+    };
+    definition.inputs.iter().for_each(|i| add("input", &i.quantity, String::new(), String::new()));
+    definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));
+    for p in &definition.params {
+        let role = match (p.fixed, p.per_run) {
+            (true, _) => "param, fixed",
+            (_, true) => "param, per run",
+            _ => "param",
+        };
+        add(role, &p.quantity, digits(p.value, 6), bounds(p));
+    }
+    definition.derived.iter().for_each(|d| add("derived", &d.quantity, String::new(), String::new()));
+    definition.outputs.iter().for_each(|o| add("output", &o.quantity, String::new(), String::new()));
+    aligned_right(&mut table, 3);
+    trimmed(&table)
+}
+
+fn bounds(p: &Param) -> String {
+    if p.lower == f64::NEG_INFINITY && p.upper == f64::INFINITY {
+        return String::new();
+    }
+    format!("[{}, {}]", p.lower, p.upper)
+}
+
+fn verdict(v: &Verification) -> String {
+    let skipped = if v.skipped > 0 { format!(" ({} more had no finite value)", v.skipped) } else { String::new() };
+    if v.points == 0 {
+        return format!(
+            "the derivatives could not be checked: no point around the start values has finite values{skipped}\n"
+        );
+    }
+    let mut text = format!(
+        "derivatives: {} entries, structural zeros included, compared with complex steps at {} points{skipped}: ",
+        v.compared, v.points
+    );
+    match (&v.failures[..], &v.worst) {
+        ([], None) => text.push_str("all equal\n"),
+        ([], Some(worst)) => {
+            text.push_str(&format!(
+                "all agree, largest relative difference {:.1e} in {}\n",
+                worst.relative,
+                name(worst)
+            ));
+        }
+        (failures, _) => {
+            text.push_str(&format!("{} differ by more than {TOLERANCE:.0e}:\n", failures.len()));
+            for d in failures.iter().take(20) {
+                text.push_str(&format!("  {}: {} instead of {}\n", name(d), d.symbolic, d.numeric));
+            }
+        }
+    }
+    text
+}
+
+fn name(d: &crate::code::Discrepancy) -> String {
+    d.by.as_ref().map_or_else(|| d.equation.clone(), |by| format!("d {} / d {by}", d.equation))
+}

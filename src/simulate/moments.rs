@@ -1,0 +1,140 @@
+//! A delayed input seen by a Runge-Kutta step: stage values with the moments of the true signal.
+//!
+//! A recorded input has kinks (jumps, when it is held) at its samples, and a delay carries them into the middle of steps,
+//! where sampling the input at three points would leave an error of second order and a response that bends whenever a
+//! stage crosses a kink. For a linear system the classical Runge-Kutta step sees its input u(s), s in [0, 1], through
+//!
+//! `(u0 + 4 um + u1)/6 = M0`, `u0/6 + um/3 = M1`, `(u0 + um)/12 = M2`, with `Mk = integral of (1 - s)^k/k! u(s) ds`
+//!
+//! up to its own order. Three stage values that have the true moments therefore lose nothing to kinks; where there is none they
+//! are the signal's values. The moments are smooth in the delay, jumps included, and so is the response: the derivative
+//! by the delay is that of the same moments.
+
+use crate::record::{Place, Run};
+
+/// Values and slopes at the three stages of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct StageValues {
+    pub(super) value: [f64; 3],
+    pub(super) slope: [f64; 3],
+}
+
+/// Follows a delayed input from step to step.
+#[derive(Debug, Default)]
+pub(super) struct Follower {
+    /// Samples at or before the beginning of the step.
+    count: usize,
+}
+
+/// Abscissae of the two-point Gauss rule on [0, 1]: exact for a linear signal times a moment's weight.
+const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+
+impl Follower {
+    /// The input over `from..from + h`, both already delayed.
+    pub(super) fn step(&mut self, run: &Run, input: usize, from: f64, h: f64) -> StageValues {
+        let (time, to) = (&run.time, from + h);
+        while self.count < time.len() && time[self.count] <= from {
+            self.count += 1;
+        }
+        while self.count > 0 && time[self.count - 1] > from {
+            self.count -= 1;
+        }
+        if self.count == time.len() || time[self.count] >= to {
+            let at = |t: f64| run.input(input, region(time, self.count, t));
+            let [(a, p), (b, q), (c, r)] = [at(from), at(from + 0.5 * h), at(to)];
+            return StageValues { value: [a, b, c], slope: [p, q, r] };
+        }
+        let (mut value, mut slope) = ([0.0; 3], [0.0; 3]);
+        let (mut k, mut begin) = (self.count, from);
+        loop {
+            let end = time.get(k).map_or(to, |t| t.min(to));
+            for x in GAUSS {
+                let t = begin + x * (end - begin);
+                let (u, du) = run.input(input, region(time, k, t));
+                let weight = 0.5 * (end - begin) / h;
+                add(&mut value, (t - from) / h, weight * u);
+                add(&mut slope, (t - from) / h, weight * du);
+            }
+            if end >= to {
+                break;
+            }
+            // a jump at a kink: a slope concentrated there
+            let jump = run.input(input, region(time, k + 1, end)).0 - run.input(input, region(time, k, end)).0;
+            add(&mut slope, (end - from) / h, jump / h);
+            (k, begin) = (k + 1, end);
+        }
+        StageValues { value: stages(value), slope: stages(slope) }
+    }
+}
+
+/// Where `t` is, taken as if `count` samples were at or before it: kinks belong to the side that is asked for.
+fn region(time: &[f64], count: usize, t: f64) -> Place {
+    if count == 0 || count >= time.len() {
+        return Place { left: count.saturating_sub(1), part: 0.0, rate: 0.0 };
+    }
+    let (left, length) = (count - 1, time[count] - time[count - 1]);
+    Place { left, part: (t - time[left]) / length, rate: 1.0 / length }
+}
+
+/// Adds the moments of an amount at s.
+fn add(moments: &mut [f64; 3], s: f64, amount: f64) {
+    let rest = 1.0 - s;
+    moments[0] += amount;
+    moments[1] += rest * amount;
+    moments[2] += 0.5 * rest * rest * amount;
+}
+
+/// The stage values that have these moments.
+fn stages([m0, m1, m2]: [f64; 3]) -> [f64; 3] {
+    let middle = 6.0 * m1 - 12.0 * m2;
+    let first = 24.0 * m2 - 6.0 * m1;
+    [first, middle, 6.0 * m0 - first - 4.0 * middle]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(held: bool) -> Run {
+        let (time, inputs) = (vec![0.0, 1.0, 2.5, 3.0], vec![1.0, 3.0, -1.0, 2.0]);
+        let (held, measured) = (vec![held], Vec::new());
+        Run { name: "r".into(), time, inputs, held, measured, input_gaps: vec![0], output_gaps: Vec::new() }
+    }
+
+    #[test]
+    fn without_kinks_the_stages_are_the_values() {
+        let got = Follower::default().step(&run(false), 0, 0.2, 0.5);
+        let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-14);
+        assert!(near(got.value, [1.4, 1.9, 2.4]) && near(got.slope, [2.0; 3]), "{got:?}");
+    }
+
+    #[test]
+    fn moments_are_those_of_the_signal() {
+        for held in [false, true] {
+            let (run, from, h) = (run(held), -0.4, 3.7);
+            let StageValues { value: [a, b, c], .. } = Follower::default().step(&run, 0, from, h);
+            let (n, mut moments) = (200_000, [0.0; 3]);
+            for k in 0..n {
+                let s = (f64::from(k) + 0.5) / f64::from(n);
+                add(&mut moments, s, run.input_at(0, from + s * h).0 / f64::from(n));
+            }
+            let got = [(a + 4.0 * b + c) / 6.0, a / 6.0 + b / 3.0, (a + b) / 12.0];
+            for (got, want) in got.iter().zip(moments) {
+                assert!((got - want).abs() < 2e-5, "{held}: {got} {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn slopes_are_derivatives_by_the_shift_also_across_jumps() {
+        for held in [false, true] {
+            let (run, from, h, step) = (run(held), 0.7, 2.1, 1e-5);
+            let at = |from: f64| Follower::default().step(&run, 0, from, h);
+            let (low, high, middle) = (at(from - step), at(from + step), at(from));
+            for k in 0..3 {
+                let difference = (high.value[k] - low.value[k]) / (2.0 * step);
+                assert!((difference - middle.slope[k]).abs() < 1e-6, "{held} {k}: {difference} {}", middle.slope[k]);
+            }
+        }
+    }
+}
