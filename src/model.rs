@@ -57,8 +57,7 @@ impl Model {
     /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
-        let bytes =
-            read(path).map_err(|reason| ModelError::Unreadable { path: path.into(), reason: reason.to_string() })?;
+        let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
         let name = path.display().to_string();
         match String::from_utf8(bytes) {
             Ok(text) => Self::from_text(name, text.strip_prefix('\u{feff}').unwrap_or(&text)),
@@ -163,6 +162,13 @@ impl Model {
 impl std::fmt::Debug for Model {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Model").field("name", &self.name()).field("source", &self.source.name()).finish_non_exhaustive()
+    }
+}
+
+fn reason(error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "there is no such file".into(),
+        _ => error.to_string(),
     }
 }
 
