@@ -73,6 +73,12 @@ impl Desk {
         Outcome { code: status.code(), out: text(&out), err: text(&err) }.sober()
     }
 
+    /// The model is right, and so are its derivatives.
+    fn checks(&self, model: &Path) {
+        let outcome = self.run([OsStr::new("check"), model.as_os_str()]);
+        assert_eq!(outcome.code, Some(0), "{}", outcome.err);
+    }
+
     fn simulate(&self, model: &Path, record: &Path) -> Outcome {
         self.run([OsStr::new("simulate"), model.as_os_str(), OsStr::new("--data"), record.as_os_str()])
     }
@@ -183,6 +189,7 @@ fn sixty_dependent_squarings() {
     let (mut y, mut jacobian) = (vec![0.0], vec![0.0; 8]);
     simulator.sensitivities(&[1.0], &[0], &mut y, &mut jacobian).expect("finite");
     assert_eq!((y[0], jacobian[0]), (1.0, 2.0_f64.powi(60)));
+    desk.checks(&desk.path("squares.fdm"));
 }
 
 #[test]
@@ -193,6 +200,7 @@ fn ten_thousand_lets_in_a_chain() {
     let text = format!("model chain {{\n  input u;\n{lets}  let l0 = u;\n  output y = l10000;\n}}\n");
     let table = desk.simulate(&desk.file("chain.fdm", text), &desk.record()).table();
     assert!(table.iter().enumerate().all(|(k, row)| row[1] == 10_000.0 + (1 + k % 3) as f64));
+    desk.checks(&desk.path("chain.fdm"));
 }
 
 #[test]
@@ -206,6 +214,11 @@ fn a_thousand_params_states_and_outputs() {
     for (k, row) in table.iter().enumerate() {
         assert!((0..1000).all(|o| row[1 + o] == (o + 1 + k % 3) as f64), "row {k}");
     }
+    desk.checks(&desk.path("wide.fdm"));
+    // measured is none of them
+    let (model, record) = (desk.path("wide.fdm"), desk.path("run.csv"));
+    let fit = [OsStr::new("fit"), model.as_os_str(), OsStr::new("--data"), record.as_os_str()];
+    desk.run(fit).refused(&["no column for the output `y0`", "980 more problems"]);
 }
 
 #[test]

@@ -151,8 +151,8 @@ impl Diagnostic {
 /// The candidate that is nearest to `name` as typed, when one is near enough to be meant.
 pub fn nearest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let lower = name.to_lowercase();
-    // a third of the letters may differ, but one of a single letter is another name
-    let near = |distance: usize, length: usize| distance <= (length / 3).max(1) && distance < length;
+    // a third of the letters may differ; a single letter that differs is another name
+    let near = |distance: usize, length: usize| distance <= ((length + 1) / 3).max(1) && distance < length;
     candidates
         .into_iter()
         .map(|c| (strsim::damerau_levenshtein(&lower, &c.to_lowercase()), c))

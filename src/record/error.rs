@@ -85,13 +85,19 @@ impl fmt::Display for Problem {
 }
 
 impl fmt::Display for RecordError {
-    /// One line for each problem: `run.csv: line 7, column `phi`: found `abc`, expected a number (hint)`.
+    /// One line for each problem: `run.csv: line 7, column `phi`: found `abc`, expected a number (hint)`; of very many the
+    /// first, and how many there are beyond.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (k, problem) in self.problems.iter().enumerate() {
+        const SHOWN: usize = 20;
+        for (k, problem) in self.problems.iter().take(SHOWN).enumerate() {
             let newline = if k == 0 { "" } else { "\n" };
             write!(f, "{newline}{}: {problem}", self.file)?;
         }
-        Ok(())
+        match self.problems.len().saturating_sub(SHOWN) {
+            0 => Ok(()),
+            1 => write!(f, "\n{}: 1 more problem", self.file),
+            more => write!(f, "\n{}: {more} more problems", self.file),
+        }
     }
 }
 
