@@ -15,7 +15,7 @@ use num_complex::Complex64;
 const STEP: f64 = 1e-30;
 
 /// Disturbed evaluations from which rounding is estimated, and how much more there may be of it.
-const DISTURBANCES: usize = 3;
+pub(super) const DISTURBANCES: usize = 3;
 const MARGIN: f64 = 16.0;
 
 /// Where a model is looked at.

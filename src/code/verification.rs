@@ -2,7 +2,7 @@
 //! a complex step finds in the program without partials (Squire and Trapp 1998), structural zeros included.
 
 use super::scatter::{Nominal, Scatter};
-use super::sides::{Sides, Site};
+use super::sides::{DISTURBANCES, Sides, Site};
 use fdm_grammar::graph::{Leaf, Names};
 use fdm_grammar::model::Model;
 use fdm_grammar::schedule::{Layout, Program, Schedule};
@@ -25,8 +25,8 @@ const POINTS: usize = 12;
 /// Points that are tried for each one wanted.
 const TRIALS: usize = 4;
 
-/// Operations that may be spent: about a second.
-const BUDGET: usize = 40_000_000;
+/// Operations that may be spent: a fraction of a second, so that checking stays quicker than compiling.
+const BUDGET: usize = 10_000_000;
 
 /// An entry whose two derivatives differ.
 #[derive(Debug, Clone, PartialEq)]
@@ -110,7 +110,7 @@ impl<'a> Comparison<'a> {
         let sum = |programs: [&Program; 3]| programs.map(|p| p.instructions.len()).into_iter().sum::<usize>();
         let plain = sum([&s.prepare, &s.rates, &s.outputs]) + self.sides.equations();
         let partials = sum([&s.rates_and_partials, &s.outputs_and_partials, &s.by_input]);
-        (BUDGET / (self.sides.leaves() * plain + partials + 1)).clamp(1, POINTS)
+        (BUDGET / (self.sides.leaves() * plain + (1 + DISTURBANCES) * partials + 1)).clamp(1, POINTS)
     }
 
     fn compare(&mut self, site: &Site) {
