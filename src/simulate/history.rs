@@ -5,7 +5,7 @@
 //! sensitivities in the same way: they are the exact derivative of what is interpolated.
 
 use super::grid::Grid;
-use super::sensitivity::accumulate;
+use super::vectors::accumulate;
 
 /// States, rates and their sensitivities at the nodes of the last steps.
 #[derive(Debug, Clone, Default)]

@@ -15,6 +15,7 @@ mod moments;
 mod sensitivity;
 mod simulator;
 mod tangent;
+mod vectors;
 
 pub use accuracy::{Accuracy, choose_steps, integration_error};
 pub use grid::Grid;

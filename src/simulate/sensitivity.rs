@@ -8,12 +8,10 @@ use super::drive::DriveTable;
 use super::history::History;
 use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
 use super::tangent::TangentPlan;
+use super::vectors::{Aligned, VECTOR, accumulate, copy_vectors, gather};
 use crate::dynamics::{Dynamics, Layout, Point, Step};
 use fdm_grammar::graph::Signal;
 use pulp::{Simd, WithSimd};
-
-/// Numbers in the widest register, to which rows are padded.
-const VECTOR: usize = fdm_grammar::schedule::StageRow::VECTOR;
 
 /// Copies one number of a result to a lane.
 #[derive(Debug, Clone, Copy)]
@@ -324,32 +322,6 @@ fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64
     }
 }
 
-/// `to += a from`, whole vectors. Inlined into [`March`], where a fused multiply-add is one instruction.
-#[inline(always)]
-pub(super) fn accumulate(a: f64, from: &[f64], to: &mut [f64]) {
-    for (t, f) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
-        for l in 0..VECTOR {
-            t[l] = a.mul_add(f[l], t[l]);
-        }
-    }
-}
-
-/// The chosen lanes, then zeros.
-#[inline(always)]
-fn gather(lane_of: &[u32], lanes: &[f64], row: &mut [f64]) {
-    let (chosen, rest) = row.split_at_mut(lane_of.len());
-    chosen.iter_mut().zip(lane_of).for_each(|(r, l)| *r = lanes[*l as usize]);
-    rest.fill(0.0);
-}
-
-/// Copies whole vectors without a call.
-#[inline(always)]
-fn copy_vectors(from: &[f64], to: &mut [f64]) {
-    for (t, f) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
-        *t = *f;
-    }
-}
-
 /// The loop over the steps, compiled for the machine's widest registers.
 struct March<'m, 'a> {
     sensitivity: &'m mut Sensitivity,
@@ -384,37 +356,5 @@ impl WithSimd for March<'_, '_> {
             }
         }
         simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, y, jacobian))
-    }
-}
-
-/// Numbers that begin on a cache line, so that no vector straddles two.
-struct Aligned {
-    numbers: Vec<f64>,
-    start: usize,
-    len: usize,
-}
-
-impl Aligned {
-    fn new(len: usize) -> Self {
-        let numbers = vec![0.0; len + VECTOR];
-        // 64 bytes; an address that cannot be aligned only costs speed
-        let start = numbers.as_ptr().align_offset(64);
-        Self { numbers, start: if start < VECTOR { start } else { 0 }, len }
-    }
-}
-
-impl std::ops::Deref for Aligned {
-    type Target = [f64];
-
-    #[inline(always)]
-    fn deref(&self) -> &[f64] {
-        &self.numbers[self.start..self.start + self.len]
-    }
-}
-
-impl std::ops::DerefMut for Aligned {
-    #[inline(always)]
-    fn deref_mut(&mut self) -> &mut [f64] {
-        &mut self.numbers[self.start..self.start + self.len]
     }
 }

@@ -1,0 +1,151 @@
+//! Sizes, patterns and positions of everything that the programs read and write.
+
+use crate::derive::Pattern;
+use crate::graph::Signal;
+use crate::model::Model;
+use std::ops::Range;
+
+/// Sizes, patterns and positions of everything that the programs read and write.
+///
+/// Results of `rates_and_partials` are arranged for the integrator (see [`StageRow`]); those of
+/// `outputs_and_partials` are outputs (q), then the entries of h_x, h_delay, h_theta; of `by_input` the entries of f_u and h_u,
+/// each group in the order of its pattern.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// Number of states n.
+    pub states: usize,
+    /// Number of inputs m.
+    pub inputs: usize,
+    /// Number of parameters p, fixed ones included.
+    pub params: usize,
+    /// Number of outputs q.
+    pub outputs: usize,
+    /// Delayed signals; they follow the inputs in the drive.
+    pub delayed: Vec<Signal>,
+    /// Length of the array that `prepare` fills.
+    pub known: usize,
+    /// Initial values in `known`.
+    pub initial: Range<usize>,
+    /// Delays in `known`, one for each delayed signal.
+    pub tau: Range<usize>,
+    /// Entries of x0_theta in `known`.
+    pub initial_by_param: Range<usize>,
+    /// Entries of tau_theta in `known`.
+    pub tau_by_param: Range<usize>,
+    /// Values of derived parameters in `known`.
+    pub derived: Range<usize>,
+    /// For each output the state that it is, when it is one and nothing else (q).
+    pub observed: Vec<Option<u32>>,
+    /// Patterns, named by row and column.
+    pub patterns: Patterns,
+    /// Where `rates_and_partials` writes.
+    pub stage: StageRow,
+}
+
+/// The result of `rates_and_partials`: rates (n), f_x, the entries of f_delay, then f_theta in lanes.
+///
+/// f_theta is written where the sensitivities need it: one row per state, one lane per parameter that is not fixed,
+/// padded to full vectors and beginning on one. Structural zeros are never written; whoever owns the row clears it once.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct StageRow {
+    /// Slot of each entry of f_x, in the order of the pattern: full rows for small models, else entries only.
+    pub by_state: Vec<u32>,
+    /// Whether f_x is written as full rows (n by n, from slot n on).
+    pub dense: bool,
+    /// First entry of f_delay.
+    pub by_delayed: usize,
+    /// First lane of f_theta, a multiple of [`StageRow::VECTOR`].
+    pub forcing: usize,
+    /// Lanes of each row of f_theta, a multiple of [`StageRow::VECTOR`].
+    pub lanes: usize,
+    /// Lane of each parameter; none for fixed ones (p).
+    pub lane: Vec<Option<u32>>,
+    /// Length of the row, a multiple of [`StageRow::VECTOR`].
+    pub width: usize,
+}
+
+impl StageRow {
+    /// Numbers in the widest register.
+    pub const VECTOR: usize = 8;
+    /// Models with at most this many states have full rows of f_x.
+    pub const MOST_DENSE: usize = 6;
+
+    pub(super) fn new(model: &Model, by_state: &Pattern, by_delayed: &Pattern) -> Self {
+        let n = model.states.len();
+        let dense = n <= Self::MOST_DENSE;
+        let place = |(k, i, j): (usize, usize, usize)| (n + if dense { i * n + j } else { k }) as u32;
+        let after_state = n + if dense { n * n } else { by_state.len() };
+        let forcing = (after_state + by_delayed.len()).next_multiple_of(Self::VECTOR);
+        // shared parameters first, then those of each run: the order in which estimation asks for them
+        let mut lane = vec![None; model.params.len()];
+        let free = |per_run: bool| {
+            let params = model.params.iter().enumerate();
+            params.filter(move |(_, p)| !p.fixed && p.per_run == per_run).map(|(k, _)| k)
+        };
+        let order: Vec<usize> = free(false).chain(free(true)).collect();
+        order.iter().enumerate().for_each(|(l, k)| lane[*k] = Some(l as u32));
+        let lanes = order.len().next_multiple_of(Self::VECTOR);
+        let by_state = by_state.entries().map(place).collect();
+        Self { by_state, dense, by_delayed: after_state, forcing, lanes, lane, width: forcing + n * lanes }
+    }
+
+    /// Slot of the derivative of rate i by parameter j, which is not fixed.
+    pub fn by_param(&self, i: usize, j: usize) -> Option<usize> {
+        self.lane[j].map(|lane| self.forcing + i * self.lanes + lane as usize)
+    }
+
+    /// Slots in the order rates, f_x, f_delay, f_theta, entries in the order of their patterns.
+    pub(super) fn slots(&self, n: usize, by_delayed: &Pattern, by_param: &Pattern) -> Vec<u32> {
+        let delayed = (0..by_delayed.len()).map(|k| (self.by_delayed + k) as u32);
+        let param = by_param.entries().filter_map(|(_, i, j)| self.by_param(i, j)).map(|slot| slot as u32);
+        (0..n as u32).chain(self.by_state.iter().copied()).chain(delayed).chain(param).collect()
+    }
+}
+
+/// The sparsity of all Jacobians.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Patterns {
+    /// f_x, n by n.
+    pub rates_by_state: Pattern,
+    /// f_delay, n by delayed signals.
+    pub rates_by_delayed: Pattern,
+    /// f_theta, n by p.
+    pub rates_by_param: Pattern,
+    /// f_u, n by m.
+    pub rates_by_input: Pattern,
+    /// h_x, q by n.
+    pub outputs_by_state: Pattern,
+    /// h_delay, q by delayed signals.
+    pub outputs_by_delayed: Pattern,
+    /// h_theta, q by p.
+    pub outputs_by_param: Pattern,
+    /// h_u, q by m.
+    pub outputs_by_input: Pattern,
+    /// x0_theta, n by p.
+    pub initial_by_param: Pattern,
+    /// tau_theta, delayed signals by p.
+    pub tau_by_param: Pattern,
+}
+
+impl Layout {
+    /// Length of the drive: inputs and delayed signals.
+    pub fn drive(&self) -> usize {
+        self.inputs + self.delayed.len()
+    }
+
+    /// Length of the result of `rates_and_partials`.
+    pub fn rate_slots(&self) -> usize {
+        self.stage.width
+    }
+
+    /// Length of the result of `outputs_and_partials`.
+    pub fn output_slots(&self) -> usize {
+        let p = &self.patterns;
+        self.outputs + p.outputs_by_state.len() + p.outputs_by_delayed.len() + p.outputs_by_param.len()
+    }
+
+    /// Length of the result of `by_input`.
+    pub fn input_slots(&self) -> usize {
+        self.patterns.rates_by_input.len() + self.patterns.outputs_by_input.len()
+    }
+}

@@ -1,0 +1,154 @@
+//! Straight-line programs: what the tape interprets, Cranelift translates and `model!` prints as Rust.
+//!
+//! **In** a checked [`Model`] and its [`Derivatives`]. **Out** [`Schedule`]: six [`Program`]s and the [`Layout`]
+//! of their arguments and results. **Never** control flow: a choice is an operation. **Start** at [`Schedule::new`].
+//!
+//! Everything that depends on parameters alone is computed once per parameter vector by `prepare`, whose results are
+//! the `known` array of the other programs. Shared subexpressions are computed once in each program.
+
+mod layout;
+mod program;
+
+pub use layout::{Layout, Patterns, StageRow};
+pub use program::{Instruction, Operand, Placed, Program};
+
+use crate::derive::{Derivatives, Jacobian, differentiate};
+use crate::graph::{Graph, Leaf, Node};
+use crate::model::Model;
+use crate::op::ExprId;
+use program::linearise;
+
+/// The six programs of a model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Schedule {
+    /// Sizes, patterns, positions.
+    pub layout: Layout,
+    /// Parameters to `known`.
+    pub prepare: Program,
+    /// Rates f.
+    pub rates: Program,
+    /// Rates and their partials.
+    pub rates_and_partials: Program,
+    /// Outputs h.
+    pub outputs: Program,
+    /// Outputs and their partials.
+    pub outputs_and_partials: Program,
+    /// Partials by inputs (linearisation, checks).
+    pub by_input: Program,
+}
+
+impl Schedule {
+    /// Differentiates the model and orders everything; derivative nodes join the model's graph.
+    pub fn new(model: &mut Model) -> Self {
+        let d = differentiate(model);
+        let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
+        let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
+        let with = |head: &[ExprId], jacobians: [&Jacobian; 3]| {
+            let tail = jacobians.into_iter().flat_map(|j| j.entries.iter().copied());
+            head.iter().copied().chain(tail).collect::<Vec<_>>()
+        };
+        let full_rates = with(&rates, [&d.rates.state, &d.rates.delayed, &d.rates.param]);
+        let full_outputs = with(&outputs, [&d.outputs.state, &d.outputs.delayed, &d.outputs.param]);
+        let by_input = [&d.rates.input.entries[..], &d.outputs.input.entries[..]].concat();
+        let bodies = [&full_rates[..], &full_outputs[..], &by_input[..]].concat();
+
+        let graph = &model.graph;
+        let (known, layout) = known(model, &d, &bodies);
+        let mut places: Vec<Option<u32>> = vec![None; graph.nodes().len()];
+        known.iter().enumerate().rev().for_each(|(k, e)| places[e.index()] = Some(k as u32));
+        let inputs = layout.inputs as u32;
+        let placed = |roots: &[ExprId], slots: Vec<u32>, width: usize| {
+            linearise(graph, roots, &slots, width, |e, node| match node {
+                Node::Leaf(leaf) => Some(match leaf {
+                    Leaf::Time => Operand::Time,
+                    Leaf::State(k) => Operand::State(k),
+                    Leaf::Input(k) => Operand::Drive(k),
+                    Leaf::Delayed(k) => Operand::Drive(inputs + k),
+                    Leaf::Param(_) => return places[e.index()].map(Operand::Known),
+                }),
+                Node::Apply(..) => places[e.index()].map(Operand::Known),
+                Node::Constant(_) => None,
+            })
+        };
+        let body = |roots: &[ExprId]| placed(roots, (0..roots.len() as u32).collect(), roots.len());
+        let (stage, patterns) = (&layout.stage, &layout.patterns);
+        let in_stage = stage.slots(layout.states, &patterns.rates_by_delayed, &patterns.rates_by_param);
+        let in_order: Vec<u32> = (0..known.len() as u32).collect();
+        Self {
+            prepare: linearise(graph, &known, &in_order, known.len(), |_, node| match node {
+                Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
+                _ => None,
+            }),
+            rates: body(&rates),
+            rates_and_partials: placed(&full_rates, in_stage, stage.width),
+            outputs: body(&outputs),
+            outputs_and_partials: body(&full_outputs),
+            by_input: body(&by_input),
+            layout,
+        }
+    }
+}
+
+/// What `prepare` computes: initial values, delays, their partials, derived parameters, and every expression of
+/// parameters alone on which something that varies depends.
+fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Layout) {
+    let graph = &model.graph;
+    let mut known: Vec<ExprId> = Vec::new();
+    let mut append = |list: &mut dyn Iterator<Item = ExprId>| {
+        let start = known.len();
+        known.extend(list);
+        start..known.len()
+    };
+    let initial = append(&mut model.states.iter().map(|s| s.initial));
+    let tau = append(&mut graph.delayed().iter().map(|s| s.tau));
+    let initial_by_param = append(&mut d.initial.entries.iter().copied());
+    let tau_by_param = append(&mut d.tau.entries.iter().copied());
+    let derived = append(&mut model.derived.iter().map(|s| s.expr));
+
+    let varies = graph.depends(|leaf| !matches!(leaf, Leaf::Param(_)));
+    let is_known = |e: ExprId| !varies[e.index()] && graph.constant(e).is_none();
+    let mut wanted = vec![false; graph.nodes().len()];
+    bodies.iter().for_each(|r| wanted[r.index()] = true);
+    for k in (0..wanted.len()).rev() {
+        if wanted[k] && varies[k] {
+            graph.operands(ExprId(k as u32)).iter().for_each(|a| wanted[a.index()] = true);
+        }
+    }
+    known.extend((0..wanted.len() as u32).map(ExprId).filter(|e| wanted[e.index()] && is_known(*e)));
+
+    let layout = Layout {
+        states: model.states.len(),
+        inputs: model.inputs.len(),
+        params: model.params.len(),
+        outputs: model.outputs.len(),
+        delayed: graph.delayed().iter().map(|s| s.signal).collect(),
+        known: known.len(),
+        initial,
+        tau,
+        initial_by_param,
+        tau_by_param,
+        derived,
+        stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
+        observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
+        patterns: Patterns {
+            rates_by_state: d.rates.state.pattern.clone(),
+            rates_by_delayed: d.rates.delayed.pattern.clone(),
+            rates_by_param: d.rates.param.pattern.clone(),
+            rates_by_input: d.rates.input.pattern.clone(),
+            outputs_by_state: d.outputs.state.pattern.clone(),
+            outputs_by_delayed: d.outputs.delayed.pattern.clone(),
+            outputs_by_param: d.outputs.param.pattern.clone(),
+            outputs_by_input: d.outputs.input.pattern.clone(),
+            initial_by_param: d.initial.pattern.clone(),
+            tau_by_param: d.tau.pattern.clone(),
+        },
+    };
+    (known, layout)
+}
+
+fn observed(graph: &Graph, e: ExprId) -> Option<u32> {
+    match graph.node(e) {
+        Node::Leaf(Leaf::State(k)) => Some(k),
+        _ => None,
+    }
+}
