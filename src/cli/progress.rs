@@ -1,14 +1,18 @@
 //! Shows that work is going on: a live line on a terminal, a line for each iteration elsewhere, nothing when asked to be quiet.
+//! An interrupt ends the work after the iteration in hand, and what was reached is printed.
 
 use fdm::estimate::{Iteration, Observer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Watches an estimation.
 pub(crate) struct Progress {
     bar: ProgressBar,
     lines: bool,
+    interrupted: Arc<AtomicBool>,
 }
 
 impl Progress {
@@ -21,7 +25,13 @@ impl Progress {
             bar.set_style(style);
         }
         bar.enable_steady_tick(std::time::Duration::from_millis(100));
-        Self { bar, lines: !quiet && !terminal }
+        let interrupted = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+            // a second one ends the program at once; where handlers cannot be had the first does
+            let _ = signal_hook::flag::register_conditional_default(signal, Arc::clone(&interrupted));
+            let _ = signal_hook::flag::register(signal, Arc::clone(&interrupted));
+        }
+        Self { bar, lines: !quiet && !terminal, interrupted }
     }
 
     /// Says what is being done.
@@ -44,6 +54,6 @@ impl Observer for Progress {
         let Iteration { number, cost, step, refused, .. } = iteration;
         let tried = if *refused > 0 { format!(", {refused} refused") } else { String::new() };
         self.say(&format!("iteration {number:3}   cost {cost:.9e}   largest step {step:.2e} standard errors{tried}"));
-        ControlFlow::Continue(())
+        if self.interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 }
