@@ -7,6 +7,7 @@ use super::initial::initial_guess;
 use super::problem::{Options, Problem, ProblemError, ProblemRun};
 use super::progress::Observer;
 use super::solve::estimate;
+use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
 use crate::simulate::{Accuracy, Simulator, Unsuited, choose_steps, integration_error};
@@ -73,7 +74,7 @@ const MOST_ROUNDS: usize = 3;
 /// estimates, the fit goes on from there with finer ones.
 ///
 /// # Errors
-/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](super::Termination).
+/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`].
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
     let mut params = model.definition().params.clone();
     options.changes.apply(&mut params).map_err(FitError::Changes)?;
@@ -90,8 +91,9 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
     loop {
         let estimate = estimate_once(&model, runs, &starts, &steps, &options.options, observer)?;
         let integration = check(&model, runs, &estimate, &starts, &steps)?;
-        let coarse = integration.iter().any(|a| a.error > COARSE);
-        if !coarse || options.per_interval.is_some() || round == MOST_ROUNDS || estimate.runs.is_empty() {
+        let fine = integration.iter().all(|a| a.error <= COARSE);
+        let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
+        if fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS {
             return Ok(Fit { model, estimate, integration });
         }
         let mut finer = steps.clone();

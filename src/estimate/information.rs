@@ -1,10 +1,11 @@
 //! Sums over the samples of one run: products of the rows [J v], or their triangle.
 //!
 //! Rows are gathered in blocks, with the residual as one more lane, so that one sweep gives J'J, J'v and v'v. The
-//! update runs over contiguous lanes and is compiled for the processor's vector width; lanes do not mix and products
-//! are not fused, so that every width gives the same bits.
+//! update runs over contiguous lanes in the processor's widest registers; lanes do not mix and every product is
+//! fused with its sum, so that every width gives the same bits.
 
 use super::triangle;
+use pulp::{Simd, WithSimd};
 
 /// Lanes of the longest vector that the loops are laid out for.
 const LANES: usize = 8;
@@ -49,7 +50,7 @@ impl Sums {
             None => {
                 for output in 0..q {
                     for k in (output..at.y.len()).step_by(q).filter(|k| !at.measured[*k].is_nan()) {
-                        self.add_row(output, |row, columns| at.add(k, 1.0, row, columns));
+                        self.add_row(output, |row, columns| at.copy(k, row, columns));
                     }
                     self.flush(output);
                 }
@@ -58,6 +59,7 @@ impl Sums {
                 for sample in (0..at.y.len()).step_by(q).filter(|k| !at.measured[*k].is_nan()) {
                     for mix in w.chunks(q) {
                         self.add_row(0, |row, columns| {
+                            row.fill(0.0);
                             mix.iter().enumerate().for_each(|(o, f)| at.add(sample + o, *f, row, columns));
                         });
                     }
@@ -76,17 +78,16 @@ impl Sums {
         }
     }
 
-    /// Works off the rows gathered so far; the block is zero afterwards.
+    /// Works off the rows gathered so far.
     fn flush(&mut self, group: usize) {
         let (size, order) = ((self.columns + 1) * self.width, self.columns + 1);
         let sums = &mut self.values[group * size..(group + 1) * size];
         if self.precise {
             triangle::reduce(sums, order, &mut self.block[..self.filled * self.width], self.width, &mut self.work);
         } else if self.filled > 0 {
-            let (block, width) = (&self.block, self.width);
-            pulp::Arch::new().dispatch(|| add_products(block, width, order, sums));
+            self.block[self.filled * self.width..].fill(0.0);
+            pulp::Arch::new().dispatch(Products { block: &self.block, width: self.width, order, sums });
         }
-        self.block.fill(0.0);
         self.filled = 0;
     }
 }
@@ -106,6 +107,18 @@ pub(super) struct Linearised<'a> {
 }
 
 impl Linearised<'_> {
+    /// Writes the row [J v] of cell k.
+    #[inline(always)]
+    fn copy(&self, k: usize, row: &mut [f64], columns: usize) {
+        let jacobian = &self.jacobian[k * self.stride..][..self.stride];
+        // whole vectors, without a call; lanes behind the columns are zero
+        for (r, j) in row.as_chunks_mut::<LANES>().0.iter_mut().zip(jacobian.as_chunks::<LANES>().0) {
+            *r = *j;
+        }
+        row[columns..].fill(0.0);
+        row[columns] = self.measured[k] - self.y[k];
+    }
+
     /// Adds `factor` times the row [J v] of cell k.
     #[inline(always)]
     fn add(&self, k: usize, factor: f64, row: &mut [f64], columns: usize) {
@@ -117,27 +130,38 @@ impl Linearised<'_> {
     }
 }
 
-/// sums += block' block, upper triangle in whole lanes. Unused rows of the block are zero.
-#[inline(always)]
-fn add_products(block: &[f64], width: usize, order: usize, sums: &mut [f64]) {
-    let block = &block[..ROWS * width];
-    for (i, sums) in sums.chunks_exact_mut(width).take(order).enumerate() {
-        let mut factors = [0.0; ROWS];
-        for (f, row) in factors.iter_mut().zip(block.chunks_exact(width)) {
-            *f = row[i];
-        }
-        let first = i / LANES * LANES;
-        for c in (first..width).step_by(LANES) {
-            let target = &mut sums[c..c + LANES];
-            let mut total = [0.0; LANES];
-            total.copy_from_slice(target);
-            for (f, row) in factors.iter().zip(block.chunks_exact(width)) {
-                let lanes = &row[c..c + LANES];
-                for l in 0..LANES {
-                    total[l] += f * lanes[l];
+/// sums += block' block, upper triangle in whole vectors. Unused rows of the block are zero.
+struct Products<'a> {
+    block: &'a [f64],
+    width: usize,
+    order: usize,
+    sums: &'a mut [f64],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { block, width, order, sums } = self;
+        let (vectors, sums) = (S::as_simd_f64s(&block[..ROWS * width]).0, S::as_mut_simd_f64s(sums).0);
+        let across = width / S::F64_LANES;
+        let mut i = 0;
+        while i < order {
+            // two rows of sums share every vector that is loaded
+            let rows = if i + 1 < order { 2 } else { 1 };
+            for c in i / S::F64_LANES..across {
+                let mut total = [sums[i * across + c], sums[(i + rows - 1) * across + c]];
+                for k in 0..ROWS {
+                    let lanes = vectors[k * across + c];
+                    let factors = [block[k * width + i], block[k * width + i + 1 - (2 - rows)]];
+                    total[0] = simd.mul_add_f64s(simd.splat_f64s(factors[0]), lanes, total[0]);
+                    total[1] = simd.mul_add_f64s(simd.splat_f64s(factors[1]), lanes, total[1]);
                 }
+                sums[i * across + c] = total[0];
+                sums[(i + rows - 1) * across + c] = total[rows - 1];
             }
-            target.copy_from_slice(&total);
+            i += rows;
         }
     }
 }
