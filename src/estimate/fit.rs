@@ -65,7 +65,7 @@ impl fmt::Display for FitError {
 impl std::error::Error for FitError {}
 
 /// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
-const COARSE: f64 = 1e-6;
+const COARSE: f64 = 1e-7;
 const MOST_ROUNDS: usize = 3;
 
 /// Fits a model to runs: all that `fdm fit` does, but reading and printing.
