@@ -20,7 +20,7 @@ struct Arguments {
     #[command(subcommand)]
     verb: Verb,
     /// Threads to use; the results do not depend on it [default: all cores]
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", display_order = 1000)]
     threads: Option<usize>,
 }
 
