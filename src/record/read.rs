@@ -65,6 +65,7 @@ fn assemble(
     let samples = samples::collect(table, &plan, channels.timed, options)?;
     check_amount(table, &plan, channels, options, &samples)?;
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
+    notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let run = finish(name, samples, &plan, channels, options, &mut notes)?;
     let names: Vec<_> = names(channels).collect();

@@ -111,6 +111,8 @@ pub enum Note {
         /// Line of the first.
         line: usize,
     },
+    /// The last line has no line end: the file may have been cut in its last number.
+    OpenEnd,
     /// Inputs without a value in some samples: bridged in time, or the sample is not compared where time is no matter.
     Bridged {
         /// The input.
@@ -152,6 +154,9 @@ impl fmt::Display for Note {
             }
             Self::Repeated { rows, line } => {
                 write!(f, "{rows} row(s) repeat the row before, first in line {line}; they are used once")
+            }
+            Self::OpenEnd => {
+                write!(f, "the last line has no line end; if the file was cut, its last number may be short")
             }
             Self::Bridged { input, gaps, in_time: true } => {
                 write!(f, "the input `{input}` has no value in {gaps} sample(s); its neighbours in time bridge them")

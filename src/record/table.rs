@@ -19,6 +19,8 @@ pub(crate) struct Table {
     pub(crate) delimiter: Delimiter,
     /// The columns, in the order of the file; those without a title are kept with an empty name.
     pub(crate) columns: Vec<Heading>,
+    /// Whether the last line ends as a line; a file that was cut does not.
+    pub(crate) ended: bool,
 }
 
 /// The title of a column.
@@ -81,9 +83,9 @@ impl Table {
     /// Reads the header of a text.
     pub(crate) fn new(bytes: Vec<u8>) -> Result<Self, Problem> {
         let text = text::decode(bytes)?;
-        let delimiter = dialect::sniff(&text);
+        let (delimiter, ended) = (dialect::sniff(&text), text.ends_with(['\n', '\r']));
         let text = if delimiter == Delimiter::Spaces { dialect::collapse(&text) } else { text };
-        let mut table = Self { text, body: 0, header_line: 1, delimiter, columns: Vec::new() };
+        let mut table = Self { text, body: 0, header_line: 1, delimiter, columns: Vec::new(), ended };
         let mut record = ByteRecord::new();
         let mut rows = table.rows();
         let Some(row) = rows.read(&mut record)? else { return Err(Fault::Empty.anywhere()) };

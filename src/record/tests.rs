@@ -449,3 +449,13 @@ proptest! {
         let _ = read_bytes(&bytes, &uy(), &plain());
     }
 }
+
+#[test]
+fn a_last_line_without_its_end_is_told() {
+    for (text, open) in
+        [("t,u,y\n0,1,1\n1,2,2.5\n", false), ("t,u,y\n0,1,1\n1,2,2", true), ("t u y\r\n0 1 1\r\n1 2 2\r\n", false)]
+    {
+        let (_, summary) = good(text, &uy(), &plain());
+        assert_eq!(summary.notes.contains(&Note::OpenEnd), open, "{text:?}: {:?}", summary.notes);
+    }
+}
