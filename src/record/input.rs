@@ -20,8 +20,9 @@ impl Place {
         Self::after(time, time.partition_point(|s| *s <= t), t)
     }
 
-    /// `count` samples are at or before `t`.
-    fn after(time: &[f64], count: usize, t: f64) -> Self {
+    /// The place of `t` taken as if `count` samples were at or before it: which side of a sample counts is the
+    /// caller's choice.
+    pub fn after(time: &[f64], count: usize, t: f64) -> Self {
         if count == 0 || count >= time.len() {
             return Self { left: count.saturating_sub(1), part: 0.0, rate: 0.0 };
         }
@@ -39,6 +40,11 @@ pub struct Cursor {
 }
 
 impl Cursor {
+    /// Samples at or before the time that was asked last.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
     /// The same place as [`Place::new`]; costs one or two comparisons when `t` is in the last interval or the next,
     /// and the logarithm of the distance otherwise.
     pub fn at(&mut self, time: &[f64], t: f64) -> Place {
@@ -77,13 +83,6 @@ impl Run {
     pub fn input_at(&self, input: usize, t: f64) -> (f64, f64) {
         self.input(input, Place::new(&self.time, t))
     }
-
-    /// Values of all inputs (m) at a place.
-    pub fn drive(&self, place: Place, out: &mut [f64]) {
-        for (input, value) in out.iter_mut().enumerate().take(self.held.len()) {
-            *value = self.input(input, place).0;
-        }
-    }
 }
 
 #[cfg(test)]
@@ -118,9 +117,6 @@ mod tests {
         for (t, linear, held) in cases {
             assert_eq!(run.input_at(0, t), linear, "{t}");
             assert_eq!(run.input_at(1, t), (held, 0.0), "{t}");
-            let mut out = [0.0; 3];
-            run.drive(Place::new(&run.time, t), &mut out);
-            assert_eq!(out, [linear.0, held, 0.0], "{t}");
         }
         let single = Run { time: vec![0.0], inputs: vec![4.0, 5.0], ..run };
         assert_eq!((single.input_at(0, -1.0), single.input_at(0, 0.0)), ((4.0, 0.0), (4.0, 0.0)));

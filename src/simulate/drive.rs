@@ -54,9 +54,10 @@ impl DriveTable {
 
     /// Fills in the delayed inputs for new delays (one per delayed signal).
     pub(super) fn delay(&mut self, tau: &[f64], run: &Run, grid: &Grid) {
-        for (d, signal) in self.delayed.clone().into_iter().enumerate() {
-            let Signal::Input(input) = signal else { continue };
-            let (input, delays, column) = (input as usize, self.delayed.len(), self.inputs + d);
+        let delays = self.delayed.len();
+        for d in 0..delays {
+            let Signal::Input(input) = self.delayed[d] else { continue };
+            let (input, column) = (input as usize, self.inputs + d);
             let mut follower = Follower::default();
             for k in 0..grid.steps() {
                 let (t, h) = grid.step(k);

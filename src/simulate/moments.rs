@@ -10,7 +10,7 @@
 //! are the signal's values. The moments are smooth in the delay, jumps included, and so is the response: the derivative
 //! by the delay is that of the same moments.
 
-use crate::record::{Place, Run};
+use crate::record::{Cursor, Place, Run};
 
 /// Values and slopes at the three stages of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,8 +22,7 @@ pub(super) struct StageValues {
 /// Follows a delayed input from step to step.
 #[derive(Debug, Default)]
 pub(super) struct Follower {
-    /// Samples at or before the beginning of the step.
-    count: usize,
+    cursor: Cursor,
 }
 
 /// Abscissae of the two-point Gauss rule on [0, 1]: exact for a linear signal times a moment's weight.
@@ -33,24 +32,20 @@ impl Follower {
     /// The input over `from..from + h`, both already delayed.
     pub(super) fn step(&mut self, run: &Run, input: usize, from: f64, h: f64) -> StageValues {
         let (time, to) = (&run.time, from + h);
-        while self.count < time.len() && time[self.count] <= from {
-            self.count += 1;
-        }
-        while self.count > 0 && time[self.count - 1] > from {
-            self.count -= 1;
-        }
-        if self.count == time.len() || time[self.count] >= to {
-            let at = |t: f64| run.input(input, region(time, self.count, t));
+        self.cursor.at(time, from);
+        let count = self.cursor.count();
+        if count == time.len() || time[count] >= to {
+            let at = |t: f64| run.input(input, Place::after(time, count, t));
             let [(a, p), (b, q), (c, r)] = [at(from), at(from + 0.5 * h), at(to)];
             return StageValues { value: [a, b, c], slope: [p, q, r] };
         }
         let (mut value, mut slope) = ([0.0; 3], [0.0; 3]);
-        let (mut k, mut begin) = (self.count, from);
+        let (mut k, mut begin) = (count, from);
         loop {
             let end = time.get(k).map_or(to, |t| t.min(to));
             for x in GAUSS {
                 let t = begin + x * (end - begin);
-                let (u, du) = run.input(input, region(time, k, t));
+                let (u, du) = run.input(input, Place::after(time, k, t));
                 let weight = 0.5 * (end - begin) / h;
                 add(&mut value, (t - from) / h, weight * u);
                 add(&mut slope, (t - from) / h, weight * du);
@@ -59,21 +54,13 @@ impl Follower {
                 break;
             }
             // a jump at a kink: a slope concentrated there
-            let jump = run.input(input, region(time, k + 1, end)).0 - run.input(input, region(time, k, end)).0;
+            let jump =
+                run.input(input, Place::after(time, k + 1, end)).0 - run.input(input, Place::after(time, k, end)).0;
             add(&mut slope, (end - from) / h, jump / h);
             (k, begin) = (k + 1, end);
         }
         StageValues { value: stages(value), slope: stages(slope) }
     }
-}
-
-/// Where `t` is, taken as if `count` samples were at or before it: kinks belong to the side that is asked for.
-fn region(time: &[f64], count: usize, t: f64) -> Place {
-    if count == 0 || count >= time.len() {
-        return Place { left: count.saturating_sub(1), part: 0.0, rate: 0.0 };
-    }
-    let (left, length) = (count - 1, time[count] - time[count - 1]);
-    Place { left, part: (t - time[left]) / length, rate: 1.0 / length }
 }
 
 /// Adds the moments of an amount at s.
