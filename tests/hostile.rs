@@ -317,6 +317,13 @@ fn options_that_fit_nothing() {
         with(verb, &["--every", "0"]).refused(&["--every 0"]);
         with(verb, &["--from", "5"]).refused(&["--from"]);
         with(verb, &["--wrong"]).refused(&["--wrong"]);
+        with(verb, &["--steps", "0"]).refused(&["--steps"]);
+        with(verb, &["--threads", "0"]).refused(&["--threads"]);
+        with(verb, &["--threads", "60000"]).refused(&["--threads", "1024"]);
+        let moving = desk.file("moving.fdm", "model moving { state x = 1; output y = x; param a = 1; der(x) = -a*x; }");
+        let record = desk.record();
+        let data = [OsStr::new("--data"), record.as_os_str(), OsStr::new("--steps"), OsStr::new("900000000")];
+        desk.run([OsStr::new(verb), moving.as_os_str()].into_iter().chain(data)).refused(&["900000000 steps"]);
     }
     with("fit", &["--noise", "nonsense"]).refused(&["--noise nonsense", "expected NAME=VALUE"]);
     with("fit", &["--noise", "y=-1"]).refused(&["noise"]);

@@ -9,6 +9,7 @@ use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
 use fdm::record::{Run, Summary};
 use fdm::report::{TimeHistory, estimate_table, fit_json, svg};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,7 +38,7 @@ pub(crate) struct Arguments {
     tolerance: f64,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
-    steps: Option<usize>,
+    steps: Option<NonZeroUsize>,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -65,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             tolerance: arguments.tolerance,
             ..Options::default()
         },
-        per_interval: arguments.steps,
+        per_interval: arguments.steps.map(NonZeroUsize::get),
     };
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);

@@ -20,8 +20,8 @@ struct Arguments {
     #[command(subcommand)]
     verb: Verb,
     /// Threads to use; the results do not depend on it [default: all cores]
-    #[arg(long, global = true, value_name = "N", display_order = 1000)]
-    threads: Option<usize>,
+    #[arg(long, global = true, value_name = "N", display_order = 1000, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -38,7 +38,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     if let Some(threads) = arguments.threads {
         // the pool can be set once only; nothing has used it yet
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),

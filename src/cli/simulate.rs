@@ -9,6 +9,7 @@ use fdm::estimate::initial_guess;
 use fdm::record::{Column, Dialect, Run, write, write_to};
 use fdm::simulate::{Accuracy, Divergence, Simulator, choose_steps};
 use serde_json::json;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -21,7 +22,7 @@ pub(crate) struct Arguments {
     records: Records,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
-    steps: Option<usize>,
+    steps: Option<NonZeroUsize>,
     /// Print JSON
     #[arg(long, conflicts_with = "output")]
     json: bool,
@@ -80,7 +81,7 @@ fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Res
     }
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
     let accuracy = match arguments.steps {
-        Some(per_interval) => Accuracy { per_interval, error: f64::NAN },
+        Some(steps) => Accuracy { per_interval: steps.get(), error: f64::NAN },
         None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;

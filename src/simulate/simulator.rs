@@ -19,6 +19,9 @@ pub struct Divergence {
     pub sample: usize,
 }
 
+/// Most steps of a run; every step keeps its time and its drive.
+const MOST_STEPS: usize = 20_000_000;
+
 /// Why a run cannot be simulated with exact sensitivities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsuited {
@@ -30,6 +33,14 @@ pub enum Unsuited {
     HeldAndDelayed {
         /// Index of the input.
         input: usize,
+    },
+    /// The steps would not fit into memory.
+    #[error("{per_interval} steps between samples are more than {MOST_STEPS} in a run of {samples} samples")]
+    TooManySteps {
+        /// Steps between samples.
+        per_interval: usize,
+        /// Samples of the run.
+        samples: usize,
     },
 }
 
@@ -51,9 +62,12 @@ impl<'a> Simulator<'a> {
     /// Prepares a run; `per_interval` steps between samples.
     ///
     /// # Errors
-    /// [`Unsuited`] when sensitivities would be silently zero.
+    /// [`Unsuited`] when sensitivities would be silently zero, or the steps do not fit into memory.
     pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
         let layout = dynamics.layout();
+        if layout.states > 0 && per_interval.saturating_mul(run.len()) > MOST_STEPS {
+            return Err(Unsuited::TooManySteps { per_interval, samples: run.len() });
+        }
         for (d, signal) in layout.delayed.iter().enumerate() {
             if let Signal::Input(input) = *signal
                 && run.held[input as usize]
