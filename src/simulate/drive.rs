@@ -55,13 +55,13 @@ impl DriveTable {
     /// Fills in the delayed inputs for new delays (one per delayed signal).
     pub(super) fn delay(&mut self, tau: &[f64], run: &Run, grid: &Grid) {
         let delays = self.delayed.len();
-        for d in 0..delays {
+        for (d, tau) in tau.iter().enumerate() {
             let Signal::Input(input) = self.delayed[d] else { continue };
             let (input, column) = (input as usize, self.inputs + d);
             let mut follower = Follower::default();
             for k in 0..grid.steps() {
                 let (t, h) = grid.step(k);
-                let StageValues { value, slope } = follower.step(run, input, t - tau[d], h);
+                let StageValues { value, slope } = follower.step(run, input, t - tau, h);
                 for stage in 0..3 {
                     self.stages[(3 * k + stage) * self.width + column] = value[stage];
                     self.stage_slopes[(3 * k + stage) * delays + d] = slope[stage];
@@ -69,7 +69,7 @@ impl DriveTable {
             }
             let mut cursor = Cursor::default();
             for (sample, t) in grid.samples().iter().enumerate() {
-                let (value, slope) = run.input(input, cursor.at(&run.time, t - tau[d]));
+                let (value, slope) = run.input(input, cursor.at(&run.time, t - tau));
                 self.samples[sample * self.width + column] = value;
                 self.sample_slopes[sample * delays + d] = slope;
             }
