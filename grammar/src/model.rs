@@ -23,6 +23,8 @@ pub struct Quantity {
 pub struct Input {
     /// Name, doc, unit.
     pub quantity: Quantity,
+    /// Made from `measured(.)`: the recorded channel of this output drives the model. None for a declared input.
+    pub measured: Option<u32>,
 }
 
 /// A state with its equation.
@@ -45,6 +47,15 @@ pub enum Origin {
     FreeInitial(u32),
 }
 
+/// What was known about a parameter before these data: a normal distribution (the field's a-priori weighting).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Mean, in the parameter's unit.
+    pub mean: f64,
+    /// Standard deviation, above 0.
+    pub deviation: f64,
+}
+
 /// A number that the model leaves open.
 #[derive(Debug, Clone)]
 pub struct Param {
@@ -62,6 +73,8 @@ pub struct Param {
     pub fixed: bool,
     /// Has a value of its own in every run.
     pub per_run: bool,
+    /// What was known before; the copies of every run have it each.
+    pub prior: Option<Prior>,
 }
 
 /// A parameter that is defined by others (`param b = 2*a`): reported, not estimated.
@@ -80,6 +93,8 @@ pub struct Output {
     pub quantity: Quantity,
     /// An expression of everything.
     pub expr: ExprId,
+    /// Standard deviation of the measurement noise, when it is known (`noise y = 0.02;`).
+    pub noise: Option<f64>,
 }
 
 /// A checked model.

@@ -45,7 +45,16 @@ pub(super) fn quantity(name: impl Into<String>) -> Quantity {
 
 pub(super) fn param(name: impl Into<String>, value: f64) -> Param {
     let (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
-    Param { quantity: quantity(name), origin: Origin::Declared, value, lower, upper, fixed: false, per_run: false }
+    Param {
+        quantity: quantity(name),
+        origin: Origin::Declared,
+        value,
+        lower,
+        upper,
+        fixed: false,
+        per_run: false,
+        prior: None,
+    }
 }
 
 /// A model without equations: `states` states that rest at zero.
@@ -54,7 +63,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         name: "specimen".into(),
         doc: String::new(),
         time: Unit::second(),
-        inputs: (0..inputs).map(|k| Input { quantity: quantity(format!("u{k}")) }).collect(),
+        inputs: (0..inputs).map(|k| Input { quantity: quantity(format!("u{k}")), measured: None }).collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),
         derived: Vec::new(),
@@ -99,7 +108,7 @@ pub(super) fn ship() -> Model {
     }
     model.states.iter_mut().zip(rates).for_each(|(s, rate)| s.rate = rate);
     model.states[0].initial = u0;
-    let outputs = [u, v, r].map(|x| Output { quantity: quantity("y"), expr: x });
+    let outputs = [u, v, r].map(|x| Output { quantity: quantity("y"), expr: x, noise: None });
     model.outputs = outputs.into();
     model
 }
@@ -134,7 +143,7 @@ pub(super) fn random(seed: u64, special: bool) -> Model {
     }
     for k in 0..random.below(4) {
         let expr = pool[pool.len() - 1 - random.below(pool.len().min(20))];
-        model.outputs.push(Output { quantity: quantity(format!("y{k}")), expr });
+        model.outputs.push(Output { quantity: quantity(format!("y{k}")), expr, noise: None });
     }
     if let Some(e) = of_params.last() {
         model.derived.push(Derived { quantity: quantity("d"), expr: *e });

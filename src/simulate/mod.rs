@@ -12,6 +12,7 @@ mod drive;
 mod grid;
 mod history;
 mod moments;
+mod observation;
 mod sensitivity;
 mod simulator;
 mod tangent;

@@ -33,6 +33,7 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
         upper: range.upper,
         fixed: symbol.declaration.fixed.is_some(),
         per_run: symbol.declaration.per_run.is_some(),
+        prior: None,
     }
 }
 
@@ -47,6 +48,7 @@ fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: true,
+        prior: None,
     }
 }
 
@@ -97,13 +99,13 @@ pub(super) fn assemble(
     for (s, symbol) in scope.valid() {
         let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
         match symbol.role {
-            Role::Input => model.inputs.push(Input { quantity }),
+            Role::Input => model.inputs.push(Input { quantity, measured: None }),
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
                 model.states.push(State { quantity, rate: rates[s].unwrap_or(zero), initial });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr }),
-            Role::Output => model.outputs.push(Output { quantity, expr }),
+            Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
             Role::Param | Role::Const | Role::Let => {}
         }
     }
