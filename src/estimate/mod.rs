@@ -28,6 +28,9 @@ mod output_fit;
 mod problem;
 mod progress;
 mod quadratic;
+#[cfg(test)]
+mod resumption;
+mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
@@ -51,5 +54,5 @@ pub use noise::Noise;
 pub use output_fit::OutputFit;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use solve::estimate;
+pub use solve::{estimate, estimate_from};
 pub use termination::{Reason, Termination};
