@@ -8,6 +8,8 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
 //! `estimate`.
 
+#[cfg(test)]
+mod belief;
 mod bend;
 #[cfg(test)]
 mod certified;
@@ -25,6 +27,7 @@ mod initial;
 mod keeper;
 mod noise;
 mod output_fit;
+mod priors;
 mod problem;
 mod progress;
 mod quadratic;
