@@ -9,6 +9,8 @@
 //! `estimate`.
 
 mod attempt;
+#[cfg(test)]
+mod belief;
 mod bend;
 #[cfg(test)]
 mod certified;
@@ -33,6 +35,13 @@ mod problem;
 mod progress;
 mod quadratic;
 mod shooting;
+mod priors;
+mod problem;
+mod progress;
+mod quadratic;
+#[cfg(test)]
+mod resumption;
+mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
@@ -63,4 +72,5 @@ pub use progress::{Iteration, Observer};
 pub use shooting::Shooting;
 pub use solve::estimate;
 pub use start::starts;
+pub use solve::{estimate, estimate_from};
 pub use termination::{Reason, Termination};
