@@ -2,13 +2,14 @@
 
 use super::changes::{ChangeError, Changes};
 use super::derived::DerivedQuantities;
-use super::estimate::Estimate;
+use super::estimate::{Estimate, RunFit};
 use super::initial::initial_guess;
 use super::problem::{Options, Problem, ProblemError, ProblemRun};
 use super::progress::Observer;
 use super::solve::estimate;
 use super::termination::Termination;
 use crate::model::Model;
+use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
 use crate::simulate::{Accuracy, Simulator, Unsuited, choose_steps, integration_error};
 use std::fmt;
@@ -33,6 +34,8 @@ pub struct Fit {
     pub estimate: Estimate,
     /// Steps and integration error of each run at the estimates.
     pub integration: Vec<Accuracy>,
+    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated.
+    pub quality: Vec<OutputQuality>,
 }
 
 /// Why nothing was estimated: every reason that was found.
@@ -94,7 +97,7 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
         let fine = integration.iter().all(|a| a.error <= COARSE);
         let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
         if fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS {
-            return Ok(Fit { model, estimate, integration });
+            return Ok(finished(model, runs, estimate, integration));
         }
         let mut finer = steps.clone();
         for (k, run) in runs.iter().enumerate() {
@@ -104,11 +107,17 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
         }
         if finer == steps {
             // halving does not help: kinks, or a response on the edge of divergence
-            return Ok(Fit { model, estimate, integration });
+            return Ok(finished(model, runs, estimate, integration));
         }
         steps = finer;
         round += 1;
     }
+}
+
+fn finished(model: Model, runs: &[Run], estimate: Estimate, integration: Vec<Accuracy>) -> Fit {
+    let judge = |(run, fit): (&Run, &RunFit)| run_quality(&model, run, &fit.response);
+    let quality = runs.iter().zip(&estimate.runs).flat_map(judge).collect();
+    Fit { model, estimate, integration, quality }
 }
 
 /// Start values of all parameters for a run; free initial values from the data unless they were set by hand.
