@@ -4,7 +4,6 @@ use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
-use super::output_fit::OutputFit;
 use super::priors::Priors;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
@@ -12,6 +11,7 @@ use super::snapshot::Snapshot;
 use super::statistics::Statistics;
 use super::termination::Termination;
 use super::unknowns::Unknowns;
+use crate::quality::OutputFit;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
