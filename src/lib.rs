@@ -7,6 +7,7 @@ mod model;
 pub mod record;
 pub mod report;
 pub mod simulate;
+pub mod store;
 
 pub use fdm_grammar::math;
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].
