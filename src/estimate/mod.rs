@@ -8,11 +8,13 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
 //! `estimate`.
 
+mod attempt;
 mod bend;
 #[cfg(test)]
 mod certified;
 mod changes;
 mod conclusion;
+mod continuation;
 mod correction;
 mod derived;
 mod direction;
@@ -20,17 +22,21 @@ mod direction;
 mod estimate;
 mod evaluation;
 mod fit;
+mod fit_error;
 mod information;
 mod initial;
 mod keeper;
 mod noise;
 mod output_fit;
+mod plain;
 mod problem;
 mod progress;
 mod quadratic;
+mod shooting;
 mod solve;
 #[cfg(test)]
 mod specimen;
+mod start;
 mod statistics;
 mod step;
 mod termination;
@@ -40,16 +46,21 @@ mod trial;
 mod triangle;
 mod unknowns;
 
+pub use attempt::attempt;
 pub use changes::{ChangeError, Changes};
+pub use continuation::Continuation;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use direction::Direction;
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
-pub use fit::{Fit, FitError, FitOptions, fit};
+pub use fit::{Fit, FitOptions, changed, fit};
+pub use fit_error::FitError;
 pub use initial::initial_guess;
 pub use keeper::Keeper;
 pub use noise::Noise;
 pub use output_fit::OutputFit;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
+pub use shooting::Shooting;
 pub use solve::estimate;
+pub use start::starts;
 pub use termination::{Reason, Termination};
