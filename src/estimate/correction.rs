@@ -8,6 +8,7 @@ use super::noise::{Likelihood, Weights};
 use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::quadratic::{Inverse, Quadratic};
+use super::snapshot::Snapshot;
 use super::step::{Room, constrained};
 use super::termination::{Reason, Termination};
 use super::trial::{self, Accepted};
@@ -35,6 +36,8 @@ pub(super) struct Correction<'c, 'e, 'a> {
     /// The last damping above 0: where to go back to when a full step fails.
     pub(super) level: f64,
     pub(super) precise: bool,
+    /// What the correction before promised, when the cost could not measure it; infinite otherwise.
+    pub(super) last: f64,
     /// Whether the evaluator's sums belong to the current estimates.
     pub(super) fresh: bool,
     pub(super) history: Vec<Iteration>,
@@ -63,26 +66,35 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             damping: 0.0,
             level: trial::DAMPING,
             precise: false,
+            last: f64::INFINITY,
             fresh: false,
             history: Vec::new(),
         }
     }
 
-    /// Corrects the start values until the end.
+    /// Corrects the start values, or goes on from a state that was kept, until the end.
     ///
     /// # Errors
     /// The run that cannot be simulated at the start values.
-    pub(super) fn run(&mut self, observer: &mut dyn Observer) -> Result<Termination, RunFailure> {
-        self.start()?;
+    pub(super) fn run(
+        &mut self,
+        resume: Option<Snapshot>,
+        observer: &mut dyn Observer,
+    ) -> Result<Termination, RunFailure> {
+        let interrupted = match resume {
+            Some(snapshot) => self.restore(snapshot).map(|()| false)?,
+            None => {
+                self.start()?;
+                self.record_start(observer)
+            }
+        };
         if self.values.is_empty() {
-            self.record_start(observer);
             return Ok(Termination::Converged(Reason::NothingToEstimate));
         }
-        if self.record_start(observer) {
+        if interrupted {
             return Ok(Termination::Interrupted);
         }
-        let mut last = f64::INFINITY;
-        for iteration in 0.. {
+        loop {
             if !self.quadratic.is_finite() {
                 return Ok(Termination::NoProgress);
             }
@@ -97,11 +109,11 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             }
             // while corrections shrink they are made, though the cost cannot measure them any more
             let unmeasurable = promise <= self.weights.rounding;
-            if unmeasurable && promise >= last {
+            if unmeasurable && promise >= self.last {
                 return Ok(Termination::Converged(Reason::Rounding));
             }
-            last = if unmeasurable { promise } else { f64::INFINITY };
-            if iteration >= self.options.iterations {
+            self.last = if unmeasurable { promise } else { f64::INFINITY };
+            if self.history.len() > self.options.iterations {
                 return Ok(Termination::IterationLimit);
             }
             let before = self.weights.cost;
@@ -112,10 +124,9 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 return Ok(Termination::Interrupted);
             }
         }
-        Ok(Termination::IterationLimit)
     }
 
-    fn start(&mut self) -> Result<(), RunFailure> {
+    pub(super) fn start(&mut self) -> Result<(), RunFailure> {
         let values = self.values.clone();
         self.weights = self.linearise(&values, None)?;
         self.evaluator.keep();
@@ -229,6 +240,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let Accepted { step, damping, refused } = accepted;
         let iteration = Iteration { number, cost, change: cost - before, damping, step, refused };
         self.history.push(iteration);
+        observer.state(&|| self.snapshot());
         observer.iteration(&iteration).is_break()
     }
 }

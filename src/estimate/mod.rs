@@ -32,7 +32,10 @@ mod plain;
 mod problem;
 mod progress;
 mod quadratic;
+#[cfg(test)]
+mod resumption;
 mod shooting;
+mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
@@ -61,6 +64,6 @@ pub use output_fit::OutputFit;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
 pub use shooting::Shooting;
-pub use solve::estimate;
+pub use solve::{estimate, estimate_from};
 pub use start::starts;
 pub use termination::{Reason, Termination};

@@ -220,6 +220,7 @@ pub enum ProblemError {
     NoiseCount { given: usize, outputs: usize },
     BadNoise { output: String, value: f64 },
     BadOption { option: &'static str, value: f64, wanted: &'static str },
+    ForeignState { reason: &'static str },
 }
 
 impl fmt::Display for ProblemError {
@@ -262,6 +263,9 @@ impl fmt::Display for ProblemError {
                 write!(f, "the noise of `{output}` is {value}; a standard deviation must be above 0")
             }
             Self::BadOption { option, value, wanted } => write!(f, "{option} is {value}, but must be {wanted}"),
+            Self::ForeignState { reason } => {
+                write!(f, "the estimation cannot go on from the state that was kept: {reason}")
+            }
         }
     }
 }

@@ -7,6 +7,7 @@ use super::noise::Likelihood;
 use super::output_fit::OutputFit;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
+use super::snapshot::Snapshot;
 use super::statistics::Statistics;
 use super::termination::Termination;
 use super::unknowns::Unknowns;
@@ -24,16 +25,32 @@ pub fn estimate(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, Vec<ProblemError>> {
+    estimate_from(problem, options, None, observer)
+}
+
+/// As [`estimate()`], going on from a state that [`Observer::state`] was given by an estimation of the same problem with
+/// the same options; both end with the same bits.
+///
+/// # Errors
+/// As [`estimate()`]; and a state that this problem cannot go on from. That the state belongs to this model, these data and
+/// options is the caller's to know.
+pub fn estimate_from(
+    problem: &mut Problem<'_>,
+    options: &Options,
+    resume: Option<&[u8]>,
+    observer: &mut dyn Observer,
+) -> Result<Estimate, Vec<ProblemError>> {
     let mistakes = problem.mistakes(options);
     if !mistakes.is_empty() {
         return Err(mistakes);
     }
     let unknowns = Unknowns::new(problem);
+    let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose().map_err(|e| vec![e])?;
     let q = problem.outputs.len();
     let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]));
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, options);
-    let end = correction.run(observer);
+    let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
