@@ -8,6 +8,7 @@ pub mod quality;
 pub mod record;
 pub mod report;
 pub mod simulate;
+pub mod store;
 
 pub use fdm_grammar::math;
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].
