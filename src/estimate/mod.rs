@@ -33,6 +33,7 @@ mod progress;
 mod quadratic;
 #[cfg(test)]
 mod resumption;
+mod secant;
 mod snapshot;
 mod solve;
 #[cfg(test)]

@@ -6,6 +6,7 @@ use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::problem::ProblemError;
 use super::progress::Iteration;
+use super::secant::Secant;
 use serde::{Deserialize, Serialize};
 
 /// Changes with every change of what is kept or of what the iteration makes of it.
@@ -22,6 +23,8 @@ pub(super) struct Snapshot {
     precise: bool,
     /// What the correction before promised, when the cost could not measure it.
     last: f64,
+    promised: f64,
+    secant: Secant,
     evaluations: (usize, usize),
     history: Vec<Iteration>,
 }
@@ -57,6 +60,8 @@ impl Correction<'_, '_, '_> {
             level: self.level,
             precise: self.precise,
             last: self.last,
+            promised: self.promised,
+            secant: self.secant.clone(),
             evaluations: (self.evaluator.evaluations, self.evaluator.simulations),
             history: self.history.clone(),
         };
@@ -69,9 +74,10 @@ impl Correction<'_, '_, '_> {
     /// # Errors
     /// The run that cannot be simulated there.
     pub(super) fn restore(&mut self, snapshot: Snapshot) -> Result<(), RunFailure> {
-        let Snapshot { values, damping, level, precise, last, evaluations, history, .. } = snapshot;
+        let Snapshot { values, damping, level, precise, last, promised, secant, evaluations, history, .. } = snapshot;
         self.trial.clone_from(&values);
         (self.values, self.damping, self.level, self.last, self.history) = (values, damping, level, last, history);
+        (self.promised, self.secant) = (promised, secant);
         if precise {
             self.precise = true;
             self.evaluator.make_precise();

@@ -50,6 +50,10 @@ impl Correction<'_, '_, '_> {
                 self.damp_less(gain / promise, unmeasurable);
                 return Some(Accepted { step, damping, refused });
             }
+            if self.damping == 0.0 && self.secant.is_active() {
+                self.straighten();
+                continue;
+            }
             self.damp_more(if refused < PATIENCE { 2.0 } else { 8.0 });
         }
         None
