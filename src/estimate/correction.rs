@@ -8,6 +8,7 @@ use super::noise::{Likelihood, Weights};
 use super::priors::Priors;
 use super::problem::Options;
 use super::progress::{Iteration, Observer};
+use super::projection::Projected;
 use super::quadratic::{Inverse, Quadratic};
 use super::secant::Secant;
 use super::snapshot::Snapshot;
@@ -49,6 +50,10 @@ pub(super) struct Correction<'c, 'e, 'a> {
     /// What Gauss-Newton promised before the last correction: infinite at the start, NaN after a damped one.
     pub(super) promised: f64,
     pub(super) secant: Secant,
+    /// Whether affine unknowns follow the others.
+    pub(super) projecting: bool,
+    /// What is left to iterate then, at the current estimates.
+    pub(super) projected: Option<Projected>,
     /// Whether the evaluator's sums belong to the current estimates.
     pub(super) fresh: bool,
     pub(super) history: Vec<Iteration>,
@@ -82,6 +87,8 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             last: f64::INFINITY,
             promised: f64::INFINITY,
             secant: Secant::default(),
+            projecting: false,
+            projected: None,
             fresh: false,
             history: Vec::new(),
         }
@@ -210,6 +217,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     pub(super) fn gather(&mut self) {
+        self.projected = None;
         let factors = self.likelihood.factors(&self.weights);
         self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(&self.values));
         let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);

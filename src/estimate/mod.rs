@@ -8,6 +8,7 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
 //! `estimate`.
 
+mod affine;
 #[cfg(test)]
 mod belief;
 mod bend;
@@ -30,6 +31,7 @@ mod output_fit;
 mod priors;
 mod problem;
 mod progress;
+mod projection;
 mod quadratic;
 #[cfg(test)]
 mod resumption;

@@ -147,6 +147,11 @@ impl Quadratic {
         }
     }
 
+    /// Whether it was gathered from triangles.
+    pub(super) fn is_precise(&self) -> bool {
+        !self.triangle.is_empty()
+    }
+
     /// Whether all numbers are finite.
     pub(super) fn is_finite(&self) -> bool {
         self.hessian.iter().chain(&self.rhs).chain(&self.scale).all(|v| v.is_finite())
@@ -157,6 +162,41 @@ impl Quadratic {
         let scaled: Vec<f64> = vector.iter().zip(&self.scale).map(|(v, s)| v * s).collect();
         let row = |row: &[f64]| row.iter().zip(&scaled).map(|(h, v)| h * v).sum::<f64>();
         self.hessian.chunks(self.size.max(1)).zip(&self.scale).map(|(h, s)| row(h) * s).collect()
+    }
+
+    /// J'J times a vector, both scaled.
+    pub(super) fn times_scaled(&self, vector: &[f64]) -> Vec<f64> {
+        let row = |row: &[f64]| row.iter().zip(vector).map(|(h, v)| h * v).sum::<f64>();
+        self.hessian.chunks(self.size.max(1)).map(row).collect()
+    }
+
+    /// The quadratic of the other unknowns when `following` ones always go to their best values: what their columns span is
+    /// taken out of all others. Needs the triangle.
+    pub(super) fn without(&self, following: &[usize]) -> Self {
+        let (u, values, _) = self.decompose(following);
+        let least = RANK * values.first().copied().unwrap_or(0.0);
+        let rank = values.iter().take_while(|s| **s > least).count();
+        let mut rows = self.triangle[..self.triangle.len().min(self.size * self.width)].to_vec();
+        // twice is enough for columns that the others explain almost wholly
+        for k in [0..rank, 0..rank].into_iter().flatten() {
+            for j in 0..self.width {
+                let along: f64 = (0..self.size).map(|i| u[(i, k)] * rows[i * self.width + j]).sum();
+                (0..self.size).for_each(|i| rows[i * self.width + j] -= along * u[(i, k)]);
+            }
+        }
+        for row in rows.chunks_mut(self.width) {
+            following.iter().for_each(|j| row[*j] = 0.0);
+        }
+        let (size, width) = (self.size, self.width);
+        let mut rest = Self { size, width, ..Self::default() };
+        rest.triangle.resize((size + 1) * width, 0.0);
+        triangle::reduce(&mut rest.triangle, size + 1, &mut rows, width, &mut Vec::new());
+        rest.hessian.resize(size * size, 0.0);
+        rest.rhs.resize(size, 0.0);
+        rest.multiply_triangle();
+        rest.rescale();
+        rest.scale.iter_mut().zip(&self.scale).for_each(|(rest, all)| *rest *= all);
+        rest
     }
 
     /// Adds what J'J misses of the second derivative, in the units of the parameters; undamped corrections see it.
