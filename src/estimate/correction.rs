@@ -8,7 +8,9 @@ use super::noise::{Likelihood, Weights};
 use super::priors::Priors;
 use super::problem::Options;
 use super::progress::{Iteration, Observer};
+use super::projection::Projected;
 use super::quadratic::{Inverse, Quadratic};
+use super::secant::Secant;
 use super::snapshot::Snapshot;
 use super::step::{Room, constrained};
 use super::termination::{Reason, Termination};
@@ -17,6 +19,11 @@ use super::unknowns::Unknowns;
 
 /// Beyond this condition of the scaled Jacobian its products are too coarse and triangles are summed instead.
 const PRODUCTS: f64 = 1e6;
+
+/// Rate of convergence above which Gauss-Newton is called slow.
+const SLOW: f64 = 0.1;
+/// Part of the tolerance that may be left to go after the last correction.
+const REST: f64 = 1e-3;
 
 /// The state of an iteration.
 pub(super) struct Correction<'c, 'e, 'a> {
@@ -40,6 +47,13 @@ pub(super) struct Correction<'c, 'e, 'a> {
     pub(super) precise: bool,
     /// What the correction before promised, when the cost could not measure it; infinite otherwise.
     pub(super) last: f64,
+    /// What Gauss-Newton promised before the last correction: infinite at the start, NaN after a damped one.
+    pub(super) promised: f64,
+    pub(super) secant: Secant,
+    /// Whether affine unknowns follow the others.
+    pub(super) projecting: bool,
+    /// What is left to iterate then, at the current estimates.
+    pub(super) projected: Option<Projected>,
     /// Whether the evaluator's sums belong to the current estimates.
     pub(super) fresh: bool,
     pub(super) history: Vec<Iteration>,
@@ -71,6 +85,10 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             level: trial::DAMPING,
             precise: false,
             last: f64::INFINITY,
+            promised: f64::INFINITY,
+            secant: Secant::default(),
+            projecting: false,
+            projected: None,
             fresh: false,
             history: Vec::new(),
         }
@@ -103,11 +121,16 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 return Ok(Termination::NoProgress);
             }
             let solved = self.full_step();
-            let promise = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
             if self.inverse.chosen.is_empty() {
                 return Ok(Termination::Converged(Reason::AllHeld));
             }
-            if solved && self.relative_step() <= self.options.tolerance {
+            let straight = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
+            let rate = (straight / self.promised).max(0.0).sqrt();
+            if solved {
+                self.learn(rate);
+            }
+            let promise = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
+            if solved && self.is_close(rate) {
                 self.finish();
                 return Ok(Termination::Converged(Reason::SmallCorrection));
             }
@@ -124,6 +147,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             let Some(accepted) = self.correct(unmeasurable) else {
                 return Ok(if unmeasurable { Termination::Converged(Reason::Rounding) } else { self.stuck() });
             };
+            self.promised = if accepted.damping == 0.0 { straight } else { f64::NAN };
             if self.record(observer, before, accepted) {
                 return Ok(Termination::Interrupted);
             }
@@ -193,6 +217,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     pub(super) fn gather(&mut self) {
+        self.projected = None;
         let factors = self.likelihood.factors(&self.weights);
         self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(&self.values));
         let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
@@ -209,6 +234,33 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             self.damping = self.level;
         }
         solved
+    }
+
+    /// Learns the curvature that Gauss-Newton misses once it is slow, and takes it into account.
+    fn learn(&mut self, rate: f64) {
+        let learn = rate > SLOW || (self.secant.is_active() && !rate.is_nan());
+        self.secant.visit(&self.values, &self.quadratic, learn);
+        if self.secant.is_active() {
+            self.quadratic.curve(&self.secant.matrix);
+            if !self.full_step() {
+                self.straighten();
+            }
+        }
+    }
+
+    /// Goes back to the step of Gauss-Newton.
+    pub(super) fn straighten(&mut self) {
+        self.secant.clear();
+        self.quadratic.curve(&[]);
+        self.full_step();
+    }
+
+    /// Whether no correction is worth making after the one that is promised: it is small, and by the rate at which
+    /// corrections shrink all that would follow are smaller still.
+    fn is_close(&self, rate: f64) -> bool {
+        let size = self.relative_step();
+        let rate = if rate.is_nan() { 0.5 } else { rate.min(0.99) };
+        size <= self.options.tolerance && size * rate / (1.0 - rate) <= REST * self.options.tolerance
     }
 
     /// Largest part of the step, relative to the parameter or its standard error, whichever is greater.
@@ -232,7 +284,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     fn stuck(&mut self) -> Termination {
-        self.full_step();
+        self.straighten();
         let promise = self.quadratic.reduction(&self.step);
         if promise <= 1e-6 && self.largest_in_errors() <= 1e-3 {
             return Termination::Converged(Reason::Stationary);

@@ -9,6 +9,7 @@
 //! `estimate`.
 
 mod attempt;
+mod affine;
 #[cfg(test)]
 mod belief;
 mod bend;
@@ -33,10 +34,12 @@ mod plain;
 mod priors;
 mod problem;
 mod progress;
+mod projection;
 mod quadratic;
 #[cfg(test)]
 mod resumption;
 mod shooting;
+mod secant;
 mod snapshot;
 mod solve;
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! What is to be estimated from what: parameters, runs, options, and everything that can be wrong with them.
 
+use super::affine::affine;
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
 use crate::simulate::{Divergence, Simulator};
@@ -80,6 +81,9 @@ pub struct Problem<'a> {
     pub outputs: Vec<String>,
     /// The runs that are compared with the model, all at once.
     pub runs: Vec<ProblemRun<'a>>,
+    /// Parameters (indices) in which all responses are jointly affine, as far as that is known; used when the
+    /// iteration needs rescue.
+    pub affine: Vec<usize>,
     /// Quantities that follow from the parameters.
     pub derived: DerivedQuantities<'a>,
 }
@@ -88,7 +92,7 @@ impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        Self { params: model.params.clone(), outputs, runs, derived }
+        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived }
     }
 
     /// Everything that makes the problem impossible.

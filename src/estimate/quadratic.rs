@@ -23,6 +23,8 @@ pub(super) struct Quadratic {
     /// The triangle of [J v] with scaled columns, (P + 1) by `width`; empty when only products are known.
     triangle: Vec<f64>,
     width: usize,
+    /// The scaled part of the second derivative that J'J misses, P by P; empty when it counts as zero.
+    curvature: Vec<f64>,
 }
 
 /// The inverse of the scaled information matrix on chosen unknowns.
@@ -54,6 +56,7 @@ impl Quadratic {
         self.rhs.clear();
         self.rhs.resize(self.size, 0.0);
         self.triangle.clear();
+        self.curvature.clear();
         let (mut rows, mut work) = (Vec::new(), Vec::new());
         for (run, sums) in runs.enumerate() {
             for (group, factor) in factors.iter().copied().enumerate() {
@@ -144,9 +147,72 @@ impl Quadratic {
         }
     }
 
+    /// Whether it was gathered from triangles.
+    pub(super) fn is_precise(&self) -> bool {
+        !self.triangle.is_empty()
+    }
+
     /// Whether all numbers are finite.
     pub(super) fn is_finite(&self) -> bool {
         self.hessian.iter().chain(&self.rhs).chain(&self.scale).all(|v| v.is_finite())
+    }
+
+    /// J'J times a vector, both in the units of the parameters.
+    pub(super) fn times(&self, vector: &[f64]) -> Vec<f64> {
+        let scaled: Vec<f64> = vector.iter().zip(&self.scale).map(|(v, s)| v * s).collect();
+        let row = |row: &[f64]| row.iter().zip(&scaled).map(|(h, v)| h * v).sum::<f64>();
+        self.hessian.chunks(self.size.max(1)).zip(&self.scale).map(|(h, s)| row(h) * s).collect()
+    }
+
+    /// J'J times a vector, both scaled.
+    pub(super) fn times_scaled(&self, vector: &[f64]) -> Vec<f64> {
+        let row = |row: &[f64]| row.iter().zip(vector).map(|(h, v)| h * v).sum::<f64>();
+        self.hessian.chunks(self.size.max(1)).map(row).collect()
+    }
+
+    /// The quadratic of the other unknowns when `following` ones always go to their best values: what their columns span is
+    /// taken out of all others. Needs the triangle.
+    pub(super) fn without(&self, following: &[usize]) -> Self {
+        let (u, values, _) = self.decompose(following);
+        let least = RANK * values.first().copied().unwrap_or(0.0);
+        let rank = values.iter().take_while(|s| **s > least).count();
+        let mut rows = self.triangle[..self.triangle.len().min(self.size * self.width)].to_vec();
+        // twice is enough for columns that the others explain almost wholly
+        for k in [0..rank, 0..rank].into_iter().flatten() {
+            for j in 0..self.width {
+                let along: f64 = (0..self.size).map(|i| u[(i, k)] * rows[i * self.width + j]).sum();
+                (0..self.size).for_each(|i| rows[i * self.width + j] -= along * u[(i, k)]);
+            }
+        }
+        for row in rows.chunks_mut(self.width) {
+            following.iter().for_each(|j| row[*j] = 0.0);
+        }
+        let (size, width) = (self.size, self.width);
+        let mut rest = Self { size, width, ..Self::default() };
+        rest.triangle.resize((size + 1) * width, 0.0);
+        triangle::reduce(&mut rest.triangle, size + 1, &mut rows, width, &mut Vec::new());
+        rest.hessian.resize(size * size, 0.0);
+        rest.rhs.resize(size, 0.0);
+        rest.multiply_triangle();
+        rest.rescale();
+        rest.scale.iter_mut().zip(&self.scale).for_each(|(rest, all)| *rest *= all);
+        rest
+    }
+
+    /// Adds what J'J misses of the second derivative, in the units of the parameters; undamped corrections see it.
+    pub(super) fn curve(&mut self, matrix: &[f64]) {
+        let n = self.size;
+        let inverse = |s: f64| if s > 0.0 { 1.0 / s } else { 0.0 };
+        self.curvature.clear();
+        self.curvature.extend(
+            matrix.iter().enumerate().map(|(k, v)| v * inverse(self.scale[k / n]) * inverse(self.scale[k % n])),
+        );
+    }
+
+    /// Half of s'S s for a scaled step.
+    fn bent(&self, step: &[f64]) -> f64 {
+        let moved = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
+        self.curvature.chunks(self.size.max(1)).zip(step).map(|(row, s)| 0.5 * s * moved(row)).sum()
     }
 
     /// How much the cost falls by a scaled correction, if the model were quadratic.
@@ -154,10 +220,11 @@ impl Quadratic {
         let moved = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
         if self.triangle.is_empty() {
             let rows = self.hessian.chunks(self.size.max(1)).zip(&self.rhs).zip(step);
-            return rows.map(|((row, r), s)| s * (r - 0.5 * moved(row))).sum();
+            return rows.map(|((row, r), s)| s * (r - 0.5 * moved(row))).sum::<f64>() - self.bent(step);
         }
         let rows = self.triangle.chunks(self.width).take(self.size);
-        rows.map(|row| (moved(row), row[self.size])).map(|(m, t)| m * (t - 0.5 * m)).sum()
+        let straight: f64 = rows.map(|row| (moved(row), row[self.size])).map(|(m, t)| m * (t - 0.5 * m)).sum();
+        straight - self.bent(step)
     }
 
     /// (H + damping)^-1 `rhs` on the chosen unknowns, both scaled; the others stay 0. None when H is too coarse.
@@ -182,7 +249,7 @@ impl Quadratic {
         let solution = if self.triangle.is_empty() {
             self.solve_products(chosen, damping, step)
         } else {
-            Some(self.solve_triangle(chosen, damping, step))
+            self.solve_triangle(chosen, damping, step)
         };
         let Some(solution) = solution else { return false };
         for (j, s) in chosen.iter().zip(&solution) {
@@ -194,29 +261,87 @@ impl Quadratic {
     fn solve_products(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Option<Vec<f64>> {
         let mut factor = self.products(chosen);
         let n = chosen.len();
-        (0..n).for_each(|k| factor[k * n + k] += damping);
+        let bent = self.bends(damping);
+        for (k, f) in factor.iter_mut().enumerate() {
+            if k / n == k % n {
+                *f += damping;
+            }
+            if bent {
+                *f += self.curvature[chosen[k / n] * self.size + chosen[k % n]];
+            }
+        }
         let taken = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
-        let rest = |j: &usize| self.rhs[*j] - taken(&self.hessian[j * self.size..(j + 1) * self.size]);
+        let row = |j: usize| j * self.size..(j + 1) * self.size;
+        let rest = |j: &usize| self.rhs[*j] - taken(&self.hessian[row(*j)]);
         let mut solution: Vec<f64> = chosen.iter().map(rest).collect();
+        if bent {
+            let turned = chosen.iter().map(|j| taken(&self.curvature[row(*j)]));
+            solution.iter_mut().zip(turned).for_each(|(s, t)| *s -= t);
+        }
         cholesky(&mut factor, n)?;
         forward(&factor, n, &mut solution);
         backward(&factor, n, &mut solution);
         Some(solution)
     }
 
-    fn solve_triangle(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Vec<f64> {
+    /// Whether the missing part of the second derivative counts: damped corrections do without.
+    fn bends(&self, damping: f64) -> bool {
+        damping == 0.0 && !self.curvature.is_empty()
+    }
+
+    fn solve_triangle(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Option<Vec<f64>> {
         let row = |i: usize| &self.triangle[i * self.width..(i + 1) * self.width];
         let taken = |i: usize| row(i).iter().zip(step).map(|(t, s)| t * s).sum::<f64>();
         let rest: Vec<f64> = (0..self.size).map(|i| row(i)[self.size] - taken(i)).collect();
         let (u, values, v) = self.decompose(chosen);
-        let mut solution = vec![0.0; chosen.len()];
         let least = RANK * values.first().copied().unwrap_or(0.0);
-        for (k, s) in values.iter().enumerate().filter(|(_, s)| **s > least) {
-            let along: f64 = (0..self.size).map(|i| u[(i, k)] * rest[i]).sum();
-            let length = along * s / (s * s + damping);
+        let rank = values.iter().take_while(|s| **s > least).count();
+        let along = |k: usize| (0..self.size).map(|i| u[(i, k)] * rest[i]).sum::<f64>();
+        let mut lengths: Vec<f64> = (0..rank).map(along).collect();
+        if self.bends(damping) {
+            self.straighten(chosen, &values[..rank], &v, step, &mut lengths)?;
+        }
+        let mut solution = vec![0.0; chosen.len()];
+        for (k, s) in values[..rank].iter().enumerate() {
+            let length = lengths[k] * s / (s * s + damping);
             solution.iter_mut().enumerate().for_each(|(j, x)| *x += length * v[(k, j)]);
         }
-        solution
+        Some(solution)
+    }
+
+    /// Solves (I + A'S A) x = `lengths` + A'(S step), A = V / singular values: the curved problem in coordinates in which
+    /// J'J is the identity, so that its condition does no harm.
+    fn straighten(
+        &self,
+        chosen: &[usize],
+        values: &[f64],
+        v: &DMatrix<f64>,
+        step: &[f64],
+        lengths: &mut [f64],
+    ) -> Option<()> {
+        let (n, rank) = (chosen.len(), values.len());
+        let curved = |i: usize, j: usize| self.curvature[chosen[i] * self.size + chosen[j]];
+        let mut moved = vec![0.0; n * rank];
+        for (k, m) in moved.iter_mut().enumerate() {
+            *m = (0..n).map(|j| curved(k / rank, j) * v[(k % rank, j)] / values[k % rank]).sum();
+        }
+        let mut factor = vec![0.0; rank * rank];
+        for (k, f) in factor.iter_mut().enumerate() {
+            let (a, b) = (k / rank, k % rank);
+            let part: f64 = (0..n).map(|i| v[(a, i)] / values[a] * moved[i * rank + b]).sum();
+            *f = part + if a == b { 1.0 } else { 0.0 };
+        }
+        for (a, length) in lengths.iter_mut().enumerate() {
+            for (i, j) in chosen.iter().enumerate() {
+                let row = &self.curvature[j * self.size..(j + 1) * self.size];
+                let turned: f64 = row.iter().zip(step).map(|(c, s)| c * s).sum();
+                *length -= v[(a, i)] / values[a] * turned;
+            }
+        }
+        cholesky(&mut factor, rank)?;
+        forward(&factor, rank, lengths);
+        backward(&factor, rank, lengths);
+        Some(())
     }
 
     /// U, singular values (falling) and V' of the chosen columns of the triangle.

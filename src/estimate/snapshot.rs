@@ -6,6 +6,7 @@ use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::problem::ProblemError;
 use super::progress::Iteration;
+use super::secant::Secant;
 use serde::{Deserialize, Serialize};
 
 /// Changes with every change of what is kept or of what the iteration makes of it.
@@ -20,8 +21,11 @@ pub(super) struct Snapshot {
     damping: f64,
     level: f64,
     precise: bool,
+    projecting: bool,
     /// What the correction before promised, when the cost could not measure it.
     last: f64,
+    promised: f64,
+    secant: Secant,
     evaluations: (usize, usize),
     history: Vec<Iteration>,
 }
@@ -56,7 +60,10 @@ impl Correction<'_, '_, '_> {
             damping: self.damping,
             level: self.level,
             precise: self.precise,
+            projecting: self.projecting,
             last: self.last,
+            promised: self.promised,
+            secant: self.secant.clone(),
             evaluations: (self.evaluator.evaluations, self.evaluator.simulations),
             history: self.history.clone(),
         };
@@ -69,9 +76,12 @@ impl Correction<'_, '_, '_> {
     /// # Errors
     /// The run that cannot be simulated there.
     pub(super) fn restore(&mut self, snapshot: Snapshot) -> Result<(), RunFailure> {
-        let Snapshot { values, damping, level, precise, last, evaluations, history, .. } = snapshot;
+        let Snapshot {
+            values, damping, level, precise, projecting, last, promised, secant, evaluations, history, ..
+        } = snapshot;
         self.trial.clone_from(&values);
         (self.values, self.damping, self.level, self.last, self.history) = (values, damping, level, last, history);
+        (self.promised, self.secant, self.projecting) = (promised, secant, projecting);
         if precise {
             self.precise = true;
             self.evaluator.make_precise();

@@ -47,8 +47,21 @@ impl Correction<'_, '_, '_> {
             let (promise, damping) = (self.quadratic.reduction(&self.step), self.damping);
             let step = self.largest_in_errors();
             if let Some(gain) = self.attempt(unmeasurable, refused == 0) {
+                self.projecting &= damping > 0.0 || refused > 0;
                 self.damp_less(gain / promise, unmeasurable);
                 return Some(Accepted { step, damping, refused });
+            }
+            if self.damping == 0.0 && self.secant.is_active() {
+                self.straighten();
+                continue;
+            }
+            if !unmeasurable && !self.projecting && self.can_project() {
+                if let Some(accepted) = self.begin_projection(refused + 1) {
+                    return Some(accepted);
+                }
+                if self.projecting {
+                    continue;
+                }
             }
             self.damp_more(if refused < PATIENCE { 2.0 } else { 8.0 });
         }
@@ -60,11 +73,17 @@ impl Correction<'_, '_, '_> {
         if self.damping == 0.0 {
             return true;
         }
-        if !constrained(&self.quadratic, &self.room, self.damping, &mut self.step) {
+        let bent = refused < PATIENCE;
+        let bend = if self.projecting {
+            self.projected_step(bent)
+        } else if !constrained(&self.quadratic, &self.room, self.damping, &mut self.step) {
             self.damp_more(2.0);
             return false;
-        }
-        let bend = if refused < PATIENCE { self.bend() } else { 0.0 };
+        } else if bent {
+            self.bend()
+        } else {
+            0.0
+        };
         let believed = bend <= BELIEF;
         if !believed {
             self.damp_more(if bend.is_nan() { 8.0 } else { (bend / BELIEF).clamp(2.0, 8.0) });
@@ -72,9 +91,14 @@ impl Correction<'_, '_, '_> {
         believed
     }
 
-    /// Bends the damped step along the curve of the response (geodesic acceleration, Transtrum and Sethna 2012). Gives
-    /// the bend relative to the step: a step that is bent too much is too long to be believed.
+    /// Bends the damped step along the curve of the response; gives the bend relative to the step.
     fn bend(&mut self) -> f64 {
+        let Some(slope) = self.slope_of_bend() else { return f64::INFINITY };
+        self.room.bend(&self.quadratic, self.damping, &slope, &mut self.step)
+    }
+
+    /// The second derivative of the response along the step, as a (scaled) slope of the cost.
+    pub(super) fn slope_of_bend(&mut self) -> Option<Vec<f64>> {
         let scale = &self.quadratic.scale;
         let unscaled = |v: &[f64]| {
             let parts = v.iter().zip(scale).map(|(v, d)| if *d > 0.0 { v / d } else { 0.0 });
@@ -83,23 +107,12 @@ impl Correction<'_, '_, '_> {
         let mut slope = vec![0.0; self.step.len()];
         let inverse_noise = self.weights.inverse();
         self.fresh = false;
-        if self.evaluator.bend(&self.values, &unscaled(&self.step), &inverse_noise, &mut slope).is_err() {
-            return f64::INFINITY;
-        }
-        let inside = |j: &usize| self.room.down[*j] < self.step[*j] && self.step[*j] < self.room.up[*j];
-        let moving: Vec<usize> = (0..self.step.len()).filter(inside).collect();
-        let bend = self.quadratic.apply_inverse(&moving, self.damping, &unscaled(&slope));
-        let Some(bend) = bend else { return f64::INFINITY };
-        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let ratio = 2.0 * norm(&bend) / norm(&self.step);
-        for (j, (s, b)) in self.step.iter_mut().zip(&bend).enumerate() {
-            *s = (*s - 0.5 * b).max(self.room.down[j]).min(self.room.up[j]);
-        }
-        ratio
+        self.evaluator.bend(&self.values, &unscaled(&self.step), &inverse_noise, &mut slope).ok()?;
+        Some(unscaled(&slope))
     }
 
     /// Applies the scaled step, times the gain, to the current estimates; what reaches a bound stands on it to the bit; false when nothing changes.
-    fn set_trial(&mut self) -> bool {
+    pub(super) fn set_trial(&mut self) -> bool {
         let gain = self.options.gain;
         for (j, s) in self.step.iter_mut().enumerate() {
             let scale = self.quadratic.scale[j];
@@ -120,8 +133,12 @@ impl Correction<'_, '_, '_> {
 
     /// Evaluates the trial; when it is better it becomes the current point, and what it gained is returned. The first
     /// trial is usually accepted and gets its sensitivities at once, later ones must show their cost first.
-    fn attempt(&mut self, unmeasurable: bool, bold: bool) -> Option<f64> {
-        let trial = std::mem::take(&mut self.trial);
+    pub(super) fn attempt(&mut self, unmeasurable: bool, bold: bool) -> Option<f64> {
+        let mut trial = std::mem::take(&mut self.trial);
+        if self.projecting && !unmeasurable && !self.follow_in_trial(&mut trial) {
+            self.trial = trial;
+            return None;
+        }
         let accepted = self.compare(&trial, unmeasurable, bold && !self.likelihood.is_full());
         let Some(weights) = accepted else {
             self.trial = trial;

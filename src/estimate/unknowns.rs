@@ -17,6 +17,8 @@ pub(super) struct Unknowns {
     pub(super) upper: Vec<f64>,
     /// Start value of each unknown.
     pub(super) start: Vec<f64>,
+    /// Unknowns in which all responses are jointly affine.
+    pub(super) affine: Vec<usize>,
     /// All parameters of each run at the start (runs by p).
     pub(super) theta: Vec<Vec<f64>>,
 }
@@ -46,12 +48,16 @@ impl Unknowns {
             lower: Vec::new(),
             upper: Vec::new(),
             start: Vec::new(),
+            affine: Vec::new(),
             theta,
         };
         for g in 0..unknowns.len() {
             let (run, k) = unknowns.owner(g);
             unknowns.lower.push(problem.params[k].lower);
             unknowns.upper.push(problem.params[k].upper);
+            if problem.affine.contains(&k) {
+                unknowns.affine.push(g);
+            }
             unknowns.start.push(unknowns.theta[run.unwrap_or(0)][k]);
         }
         unknowns
