@@ -8,8 +8,8 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
 //! `estimate`.
 
-mod attempt;
 mod affine;
+mod attempt;
 #[cfg(test)]
 mod belief;
 mod bend;
@@ -33,13 +33,14 @@ mod noise;
 mod plain;
 mod priors;
 mod problem;
+mod products;
 mod progress;
 mod projection;
 mod quadratic;
 #[cfg(test)]
 mod resumption;
-mod shooting;
 mod secant;
+mod shooting;
 mod snapshot;
 mod solve;
 #[cfg(test)]

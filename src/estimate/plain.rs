@@ -11,7 +11,7 @@ use super::start::after;
 use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Simulator, choose_steps, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, choose_steps, integration_error};
 
 /// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
 const COARSE: f64 = 1e-7;
@@ -31,7 +31,7 @@ pub(super) fn plain(
 ) -> Result<Fit, FitError> {
     let mut starts = starts.to_vec();
     let mut steps = match options.per_interval {
-        Some(per_interval) => vec![per_interval.max(1); runs.len()],
+        Some(per_interval) => vec![(Scheme::RungeKutta, per_interval.max(1)); runs.len()],
         None => chosen_steps(model, runs, &starts)?,
     };
     let mut round = 1;
@@ -52,14 +52,17 @@ pub(super) fn plain(
     }
 }
 
-fn finer(steps: &[usize], chosen: &[usize]) -> Vec<usize> {
-    steps.iter().zip(chosen).map(|(a, b)| *a.max(b)).collect()
+/// A scheme, and its steps between samples.
+type Steps = (Scheme, usize);
+
+fn finer(steps: &[Steps], chosen: &[Steps]) -> Vec<Steps> {
+    steps.iter().zip(chosen).map(|(a, b)| (b.0, a.1.max(b.1))).collect()
 }
 
-fn chosen_steps(model: &Model, runs: &[Run], starts: &[Vec<f64>]) -> Result<Vec<usize>, FitError> {
+fn chosen_steps(model: &Model, runs: &[Run], starts: &[Vec<f64>]) -> Result<Vec<Steps>, FitError> {
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
         let chosen = choose_steps(model.dynamics(), run, theta).map_err(|e| FitError::unsuited(run, e))?;
-        Ok(chosen.per_interval)
+        Ok((chosen.scheme, chosen.per_interval))
     };
     runs.iter().zip(starts).map(steps).collect()
 }
@@ -69,13 +72,14 @@ fn correct(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
-    steps: &[usize],
+    steps: &[Steps],
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), per_interval) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::new(model.dynamics(), run, *per_interval).map_err(|e| FitError::unsuited(run, e))?;
+    for ((run, theta), (scheme, per_interval)) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::with_scheme(model.dynamics(), run, *scheme, *per_interval);
+        let simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
     }
@@ -89,11 +93,11 @@ fn correct(
 }
 
 /// Steps in use and their error at the estimates.
-fn accuracy(model: &Model, runs: &[Run], reached: &[Vec<f64>], steps: &[usize]) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, theta), per_interval): ((&Run, &Vec<f64>), &usize)| {
-        let error = integration_error(model.dynamics(), run, theta, *per_interval);
+fn accuracy(model: &Model, runs: &[Run], reached: &[Vec<f64>], steps: &[Steps]) -> Result<Vec<Accuracy>, FitError> {
+    let one = |((run, theta), (scheme, per_interval)): ((&Run, &Vec<f64>), &Steps)| {
+        let error = integration_error(model.dynamics(), run, theta, *scheme, *per_interval);
         let error = error.map_err(|e| FitError::unsuited(run, e))?;
-        Ok(Accuracy { per_interval: *per_interval, error })
+        Ok(Accuracy { scheme: *scheme, per_interval: *per_interval, error })
     };
     runs.iter().zip(reached).zip(steps).map(one).collect()
 }
