@@ -10,9 +10,9 @@
 mod accuracy;
 mod drive;
 mod grid;
-mod history;
 mod moments;
 mod observation;
+mod retarded;
 mod sensitivity;
 mod simulator;
 mod tangent;
