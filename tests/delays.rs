@@ -232,7 +232,11 @@ fn orders_of_convergence() {
         let run = run(&m, even(41, 0.125));
         let theta = m.definition().start();
         let exact = response(&m, &run, 1024, &theta);
-        let e: Vec<f64> = (0..8).map(|k| response(&m, &run, 1 << k, &theta).iter().zip(&exact).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()))).collect();
+        let e: Vec<f64> = (0..8)
+            .map(|k| {
+                response(&m, &run, 1 << k, &theta).iter().zip(&exact).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()))
+            })
+            .collect();
         eprintln!("{case}: {}", e.iter().map(|e| format!("{e:.1e} ")).collect::<String>());
     }
 }

@@ -7,7 +7,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::initial_guess;
 use fdm::record::{Column, Dialect, Run, write, write_to};
-use fdm::simulate::{Accuracy, Divergence, Simulator, choose_steps};
+use fdm::simulate::{Accuracy, Divergence, Scheme, Simulator, choose_steps};
 use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -81,7 +81,7 @@ fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Res
     }
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
     let accuracy = match arguments.steps {
-        Some(steps) => Accuracy { per_interval: steps.get(), error: f64::NAN },
+        Some(steps) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
         None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;

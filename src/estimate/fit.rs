@@ -10,7 +10,7 @@ use super::solve::estimate;
 use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Simulator, Unsuited, choose_steps, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, Unsuited, choose_steps, integration_error};
 use std::fmt;
 
 /// What a user may choose about a fit.
@@ -83,8 +83,11 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
     let mut steps = Vec::with_capacity(runs.len());
     for (run, theta) in runs.iter().zip(&starts) {
         steps.push(match options.per_interval {
-            Some(per_interval) => per_interval.max(1),
-            None => choose_steps(model.dynamics(), run, theta).map_err(|e| unsuited(run, e))?.per_interval,
+            Some(steps) => (Scheme::RungeKutta, steps.max(1)),
+            None => {
+                let chosen = choose_steps(model.dynamics(), run, theta).map_err(|e| unsuited(run, e))?;
+                (chosen.scheme, chosen.per_interval)
+            }
         });
     }
     let mut round = 1;
@@ -100,7 +103,7 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
         for (k, run) in runs.iter().enumerate() {
             starts[k] = at(&model, &estimate, &run.name, &starts[k]);
             let chosen = choose_steps(model.dynamics(), run, &starts[k]).map_err(|e| unsuited(run, e))?;
-            finer[k] = finer[k].max(chosen.per_interval);
+            finer[k] = (chosen.scheme, finer[k].1.max(chosen.per_interval));
         }
         if finer == steps {
             // halving does not help: kinks, or a response on the edge of divergence
@@ -126,13 +129,14 @@ fn estimate_once(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
-    steps: &[usize],
+    steps: &[(Scheme, usize)],
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), per_interval) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::new(model.dynamics(), run, *per_interval).map_err(|e| unsuited(run, e))?;
+    for ((run, theta), (scheme, per_interval)) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::with_scheme(model.dynamics(), run, *scheme, *per_interval);
+        let simulator = simulator.map_err(|e| unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
     }
@@ -151,12 +155,13 @@ fn check(
     runs: &[Run],
     estimate: &Estimate,
     starts: &[Vec<f64>],
-    steps: &[usize],
+    steps: &[(Scheme, usize)],
 ) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, start), per_interval): ((&Run, &Vec<f64>), &usize)| {
+    let one = |((run, start), (scheme, per_interval)): ((&Run, &Vec<f64>), &(Scheme, usize))| {
         let theta = at(model, estimate, &run.name, start);
-        let error = integration_error(model.dynamics(), run, &theta, *per_interval).map_err(|e| unsuited(run, e))?;
-        Ok(Accuracy { per_interval: *per_interval, error })
+        let error = integration_error(model.dynamics(), run, &theta, *scheme, *per_interval);
+        let error = error.map_err(|e| unsuited(run, e))?;
+        Ok(Accuracy { scheme: *scheme, per_interval: *per_interval, error })
     };
     runs.iter().zip(starts).zip(steps).map(one).collect()
 }

@@ -1,5 +1,6 @@
 //! Chooses the steps inside samples: doubled until the response no longer moves.
 
+use super::scheme::Scheme;
 use super::simulator::{Divergence, Simulator, Unsuited};
 use crate::dynamics::Dynamics;
 use crate::record::Run;
@@ -7,6 +8,8 @@ use crate::record::Run;
 /// What was chosen for a run and what it is worth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accuracy {
+    /// How the run is integrated.
+    pub scheme: Scheme,
     /// Steps between neighbouring samples.
     pub per_interval: usize,
     /// Estimated integration error, as a part of each output's range, largest over outputs and samples; infinite when
@@ -28,18 +31,19 @@ const MOST_PER_INTERVAL: usize = 1024;
 /// infinite error and one step per interval.
 pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
     if dynamics.layout().states == 0 || run.len() < 2 {
-        return Ok(Accuracy { per_interval: 1, error: 0.0 });
+        return Ok(Accuracy { scheme: Scheme::RungeKutta, per_interval: 1, error: 0.0 });
     }
-    let mut coarse = response(dynamics, run, theta, 1)?;
-    let mut best = Accuracy { per_interval: 1, error: f64::INFINITY };
+    let scheme = Scheme::RungeKutta;
+    let mut coarse = response(dynamics, run, theta, scheme, 1)?;
+    let mut best = Accuracy { scheme, per_interval: 1, error: f64::INFINITY };
     let mut fine = 2;
     while fine <= MOST_PER_INTERVAL && fine * run.len() <= MOST_STEPS {
-        let next = response(dynamics, run, theta, fine)?;
+        let next = response(dynamics, run, theta, scheme, fine)?;
         if let (Ok(a), Ok(b)) = (&coarse, &next) {
             let error = halving(a, b, dynamics.layout().outputs);
             let stalled = error > 0.7 * best.error;
             if error < best.error {
-                best = Accuracy { per_interval: fine / 2, error };
+                best = Accuracy { per_interval: fine / 2, error, ..best };
             }
             if error <= TOLERANCE || stalled {
                 break;
@@ -60,13 +64,16 @@ pub fn integration_error(
     dynamics: &dyn Dynamics,
     run: &Run,
     theta: &[f64],
+    scheme: Scheme,
     per_interval: usize,
 ) -> Result<f64, Unsuited> {
     if dynamics.layout().states == 0 || run.len() < 2 {
         return Ok(0.0);
     }
-    let (coarse, fine) =
-        (response(dynamics, run, theta, per_interval)?, response(dynamics, run, theta, 2 * per_interval)?);
+    let (coarse, fine) = (
+        response(dynamics, run, theta, scheme, per_interval)?,
+        response(dynamics, run, theta, scheme, 2 * per_interval)?,
+    );
     let (Ok(coarse), Ok(fine)) = (coarse, fine) else { return Ok(f64::INFINITY) };
     Ok(halving(&coarse, &fine, dynamics.layout().outputs))
 }
@@ -80,9 +87,10 @@ fn response(
     dynamics: &dyn Dynamics,
     run: &Run,
     theta: &[f64],
+    scheme: Scheme,
     per_interval: usize,
 ) -> Result<Result<Vec<f64>, Divergence>, Unsuited> {
-    let mut simulator = Simulator::new(dynamics, run, per_interval)?;
+    let mut simulator = Simulator::with_scheme(dynamics, run, scheme, per_interval)?;
     let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
     Ok(simulator.simulate(theta, &mut y).map(|()| y))
 }

@@ -8,16 +8,20 @@
 //! response, not an approximation of the derivative of something else.
 
 mod accuracy;
+mod block;
 mod drive;
 mod grid;
 mod moments;
 mod observation;
 mod retarded;
+mod scheme;
 mod sensitivity;
 mod simulator;
 mod tangent;
 mod vectors;
 
 pub use accuracy::{Accuracy, choose_steps, integration_error};
+pub use block::{Block, OutputRow, RowLayout, Sink};
 pub use grid::Grid;
+pub use scheme::Scheme;
 pub use simulator::{Divergence, Simulator, Unsuited};

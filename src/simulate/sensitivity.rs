@@ -4,10 +4,11 @@
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
 //! as vectors.
 
+use super::block::{Gathering, RowLayout, Sink};
 use super::observation::{Observation, Scatter, scatter};
 use super::simulator::{Divergence, Simulator, finite, two_nodes};
 use super::tangent::TangentPlan;
-use super::vectors::Aligned;
+use super::vectors::{Aligned, VECTOR, copy_vectors};
 use crate::dynamics::{Dynamics, Layout, Step};
 use pulp::{Simd, WithSimd};
 
@@ -29,14 +30,17 @@ pub(super) struct DelayTerm {
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
-    lanes: usize,
+    pub(super) lanes: usize,
     width: usize,
-    plan: TangentPlan,
+    pub(super) plan: TangentPlan,
     initial: Vec<Scatter>,
-    rates_by_delay: Vec<DelayTerm>,
+    pub(super) rates_by_delay: Vec<DelayTerm>,
     observation: Observation,
-    s: Aligned,
-    scratch: Aligned,
+    gathering: Gathering,
+    /// Rows of one sample without the free lane, when that is not merely padding.
+    bare: Vec<f64>,
+    pub(super) s: Aligned,
+    pub(super) scratch: Aligned,
     partials: [Aligned; 2],
 }
 
@@ -46,13 +50,18 @@ impl Sensitivity {
     pub(super) fn new(dynamics: &dyn Dynamics, columns: &[usize]) -> Self {
         let layout = dynamics.layout();
         let (n, stage, plan) = (layout.states, &layout.stage, TangentPlan::new(layout));
+        let observation = Observation::new(layout, columns);
+        let rows = RowLayout::full(layout.outputs, columns.len());
+        let bare = if rows.length == layout.outputs * observation.stride { 0 } else { observation.stride };
         Self {
             columns: columns.to_vec(),
             lanes: stage.lanes,
             width: stage.width,
             initial: scatter(layout, &layout.patterns.initial_by_param, layout.initial_by_param.start),
             rates_by_delay: delay_terms(layout),
-            observation: Observation::new(layout, columns),
+            observation,
+            gathering: Gathering::new(rows),
+            bare: vec![0.0; layout.outputs * bare],
             s: Aligned::new(n * stage.lanes),
             scratch: Aligned::new(plan.scratch()),
             plan,
@@ -69,32 +78,47 @@ impl Sensitivity {
         self.lanes
     }
 
-    pub(super) fn run(
-        &mut self,
-        simulator: &mut Simulator<'_>,
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
+    /// Back to the initial values.
+    pub(super) fn begin(&mut self, known: &[f64]) {
+        self.gathering.begin();
         self.s.fill(0.0);
         for c in &self.initial {
-            self.s[c.to as usize] = simulator.known[c.from as usize];
+            self.s[c.to as usize] = known[c.from as usize];
         }
-        pulp::Arch::new().dispatch(March { sensitivity: self, simulator, y, jacobian })
     }
 
-    /// Outputs and their sensitivities at the sample of node k, to their places among all samples.
+    /// Hands over the samples that are still gathered.
+    pub(super) fn flush(&mut self, sink: &mut Sink<'_>) {
+        self.gathering.flush(sink);
+    }
+
+    /// A whole run for which the simulator is prepared.
+    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.begin(&simulator.known);
+        pulp::Arch::new().dispatch(March { sensitivity: self, simulator, sink })
+    }
+
+    /// Outputs and their sensitivities at the sample of node k.
     #[inline(always)]
-    fn observe(
+    pub(super) fn observe(
         &mut self,
         simulator: &mut Simulator<'_>,
         sample: usize,
         k: usize,
-        y: &mut [f64],
-        jacobian: &mut [f64],
+        sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
-        let (q, row) = (simulator.outputs(), self.observation.stride);
-        let (y, rows) = (&mut y[sample * q..][..q], &mut jacobian[sample * q * row..][..q * row]);
-        self.observation.observe(simulator, (sample, k), &self.s, y, rows)
+        let (y, rows) = self.gathering.next();
+        if self.bare.is_empty() {
+            self.observation.observe(simulator, (sample, k), &self.s, y, rows)?;
+        } else {
+            self.observation.observe(simulator, (sample, k), &self.s, y, &mut self.bare)?;
+            let stride = self.observation.stride;
+            for (row, bare) in rows.chunks_exact_mut(stride + VECTOR).zip(self.bare.chunks_exact(stride.max(1))) {
+                copy_vectors(bare, row);
+            }
+        }
+        self.gathering.filled(1, sink);
+        Ok(())
     }
 
     /// One step of the states; their partials go to the buffer of step k.
@@ -149,8 +173,7 @@ pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], k
 struct March<'m, 'a> {
     sensitivity: &'m mut Sensitivity,
     simulator: &'m mut Simulator<'a>,
-    y: &'m mut [f64],
-    jacobian: &'m mut [f64],
+    sink: &'m mut Sink<'m>,
 }
 
 impl WithSimd for March<'_, '_> {
@@ -158,14 +181,14 @@ impl WithSimd for March<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { sensitivity, simulator, y, jacobian } = self;
+        let Self { sensitivity, simulator, sink } = self;
         let steps = simulator.grid.steps();
         if steps > 0 {
             sensitivity.advance(simulator, 0)?;
         }
         for k in 0..=steps {
             if let Some(sample) = simulator.grid.sample_at(k) {
-                sensitivity.observe(simulator, sample, k, y, jacobian)?;
+                sensitivity.observe(simulator, sample, k, sink)?;
             }
             if k + 1 < steps {
                 sensitivity.advance(simulator, k + 1)?;
@@ -175,6 +198,8 @@ impl WithSimd for March<'_, '_> {
                 plan.step(simd, simulator.grid.step(k).1, &partials[k % 2], s, scratch);
             }
         }
-        simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, y, jacobian))
+        simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, sink))?;
+        sensitivity.flush(sink);
+        Ok(())
     }
 }

@@ -1,9 +1,12 @@
 //! One run of a model: outputs, and outputs with sensitivities, by fixed-step Runge-Kutta.
 
+use super::block::Sink;
 use super::drive::DriveTable;
 use super::grid::Grid;
 use super::retarded::{History, Retarded, RetardedSensitivity};
+use super::scheme::Scheme;
 use super::sensitivity::Sensitivity;
+use super::vectors::VECTOR;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
@@ -79,16 +82,35 @@ pub struct Simulator<'a> {
     retarded: Option<Retarded>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
-    sensitivity: Option<Sensitivity>,
-    retarded_sensitivity: Option<RetardedSensitivity>,
+    integrator: Integrator,
+}
+
+/// What advances the states and their sensitivities, with its memory.
+enum Integrator {
+    RungeKutta(Option<Sensitivity>),
+    /// Runge-Kutta steps that see delayed states.
+    Retarded(Option<RetardedSensitivity>),
 }
 
 impl<'a> Simulator<'a> {
+    /// Prepares a run for the classical Runge-Kutta method; `per_interval` steps between samples.
+    ///
+    /// # Errors
+    /// As [`Simulator::with_scheme`].
+    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
+        Self::with_scheme(dynamics, run, Scheme::RungeKutta, per_interval)
+    }
+
     /// Prepares a run; `per_interval` steps between samples.
     ///
     /// # Errors
     /// [`Unsuited`] when sensitivities would be silently zero, or the steps do not fit into memory.
-    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
+    pub fn with_scheme(
+        dynamics: &'a dyn Dynamics,
+        run: &'a Run,
+        scheme: Scheme,
+        per_interval: usize,
+    ) -> Result<Self, Unsuited> {
         let layout = dynamics.layout();
         if run.held.len() != layout.inputs || run.inputs.len() != run.len() * layout.inputs {
             return Err(Unsuited::OtherInputs { found: run.held.len(), expected: layout.inputs });
@@ -107,6 +129,10 @@ impl<'a> Simulator<'a> {
         }
         let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
         let history = History::new(layout);
+        let integrator = match scheme {
+            Scheme::RungeKutta if history.is_some() => Integrator::Retarded(None),
+            Scheme::RungeKutta => Integrator::RungeKutta(None),
+        };
         Ok(Self {
             dynamics,
             run,
@@ -117,8 +143,7 @@ impl<'a> Simulator<'a> {
             retarded: history.as_ref().map(|history| Retarded::new(layout, history)),
             history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
-            sensitivity: None,
-            retarded_sensitivity: None,
+            integrator,
         })
     }
 
@@ -166,14 +191,51 @@ impl<'a> Simulator<'a> {
         })
     }
 
-    /// Outputs (N by q) and their derivatives by the parameters `columns` (indices into theta): `jacobian` has N q rows
-    /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns are zero.
+    /// Outputs and their derivatives by the parameters `columns` (indices into theta), a block of samples at a time to
+    /// `sink`.
     ///
     /// # Panics
     /// When a column is fixed in the model: it has no derivatives, and a silent zero would be wrong.
     ///
     /// # Errors
-    /// [`Divergence`] at the first value that is not finite.
+    /// [`Divergence`] at the first value that is not finite; blocks before it may have been handed over.
+    pub fn stream(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        match &mut self.integrator {
+            Integrator::RungeKutta(memory) => {
+                let mut sensitivity = match memory.take() {
+                    Some(s) if s.columns() == columns => s,
+                    _ => Sensitivity::new(self.dynamics, columns),
+                };
+                let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, sink));
+                self.integrator = Integrator::RungeKutta(Some(sensitivity));
+                result
+            }
+            Integrator::Retarded(memory) => {
+                let Some(mut retarded) = self.retarded.take() else { return Ok(()) };
+                let mut sensitivity = match memory.take() {
+                    Some(s) if s.columns() == columns => s,
+                    _ => RetardedSensitivity::new(self.dynamics, columns, &retarded),
+                };
+                let result = self.begin(theta, sensitivity.lanes()).and_then(|()| {
+                    retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
+                    sensitivity.run(&mut retarded, self, sink)
+                });
+                self.retarded = Some(retarded);
+                self.integrator = Integrator::Retarded(Some(sensitivity));
+                result
+            }
+        }
+    }
+
+    /// Everything that [`Simulator::stream`] gives, in one piece: outputs (N by q), and derivatives in `jacobian`, N q rows
+    /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns
+    /// are zero.
+    ///
+    /// # Panics
+    /// As [`Simulator::stream`].
+    ///
+    /// # Errors
+    /// As [`Simulator::stream`].
     pub fn sensitivities(
         &mut self,
         theta: &[f64],
@@ -181,40 +243,8 @@ impl<'a> Simulator<'a> {
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
-        if let Some(mut retarded) = self.retarded.take() {
-            let result = self.retarded_sensitivities(&mut retarded, theta, columns, y, jacobian);
-            self.retarded = Some(retarded);
-            return result;
-        }
-        let mut sensitivity = match self.sensitivity.take() {
-            Some(s) if s.columns() == columns => s,
-            _ => Sensitivity::new(self.dynamics, columns),
-        };
-        let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, y, jacobian));
-        self.sensitivity = Some(sensitivity);
-        result
-    }
-
-    /// [`Self::sensitivities`] of a model that sees delayed states.
-    fn retarded_sensitivities(
-        &mut self,
-        retarded: &mut Retarded,
-        theta: &[f64],
-        columns: &[usize],
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
-        let mut sensitivity = match self.retarded_sensitivity.take() {
-            Some(s) if s.columns() == columns => s,
-            _ => RetardedSensitivity::new(self.dynamics, columns, retarded),
-        };
-        let began = self.begin(theta, self.dynamics.layout().stage.lanes);
-        let result = began.and_then(|()| {
-            retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
-            sensitivity.run(retarded, self, y, jacobian)
-        });
-        self.retarded_sensitivity = Some(sensitivity);
-        result
+        let stride = columns.len().next_multiple_of(VECTOR);
+        self.stream(theta, columns, &mut |block| block.copy_to(y, jacobian, stride))
     }
 
     /// Whether the past that the delays at theta reach back to can be kept.
