@@ -1,4 +1,4 @@
-//! Sensitivities of one run: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
+//! Sensitivities of one run without delayed states: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
 //!
 //! The state chain is bound by latency, the sensitivities by throughput; running the states one step ahead lets the
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
@@ -6,15 +6,15 @@
 
 use super::block::{Gathering, RowLayout, Sink};
 use super::observation::{Observation, Scatter, scatter};
-use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
+use super::simulator::{Divergence, Simulator, finite, two_nodes};
 use super::tangent::TangentPlan;
-use super::vectors::{Aligned, VECTOR, accumulate, copy_vectors};
-use crate::dynamics::{Dynamics, Layout, Point, Step};
+use super::vectors::{Aligned, VECTOR, copy_vectors};
+use crate::dynamics::{Dynamics, Layout, Step};
 use pulp::{Simd, WithSimd};
 
 /// Adds `entry * -slope * tau_theta` to a lane: a delay's part in the forcing.
 #[derive(Debug, Clone, Copy)]
-struct DelayTerm {
+pub(super) struct DelayTerm {
     /// Slot of the entry of f_delay.
     entry: u32,
     /// Which delayed signal.
@@ -30,20 +30,18 @@ struct DelayTerm {
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
-    lanes: usize,
+    pub(super) lanes: usize,
     width: usize,
-    plan: TangentPlan,
+    pub(super) plan: TangentPlan,
     initial: Vec<Scatter>,
-    rates_by_delay: Vec<DelayTerm>,
+    pub(super) rates_by_delay: Vec<DelayTerm>,
     observation: Observation,
     gathering: Gathering,
     /// Rows of one sample without the free lane, when that is not merely padding.
     bare: Vec<f64>,
-    s: Aligned,
-    scratch: Aligned,
+    pub(super) s: Aligned,
+    pub(super) scratch: Aligned,
     partials: [Aligned; 2],
-    /// Result of `rates_and_partials` at the ends of a step, for the history.
-    ends: Vec<f64>,
 }
 
 impl Sensitivity {
@@ -68,7 +66,6 @@ impl Sensitivity {
             scratch: Aligned::new(plan.scratch()),
             plan,
             partials: [Aligned::new(4 * stage.width), Aligned::new(4 * stage.width)],
-            ends: vec![0.0; stage.width],
         }
     }
 
@@ -81,18 +78,29 @@ impl Sensitivity {
         self.lanes
     }
 
-    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
+    /// Back to the initial values.
+    pub(super) fn begin(&mut self, known: &[f64]) {
         self.gathering.begin();
         self.s.fill(0.0);
         for c in &self.initial {
-            self.s[c.to as usize] = simulator.known[c.from as usize];
+            self.s[c.to as usize] = known[c.from as usize];
         }
+    }
+
+    /// Hands over the samples that are still gathered.
+    pub(super) fn flush(&mut self, sink: &mut Sink<'_>) {
+        self.gathering.flush(sink);
+    }
+
+    /// A whole run for which the simulator is prepared.
+    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.begin(&simulator.known);
         pulp::Arch::new().dispatch(March { sensitivity: self, simulator, sink })
     }
 
     /// Outputs and their sensitivities at the sample of node k.
     #[inline(always)]
-    fn observe(
+    pub(super) fn observe(
         &mut self,
         simulator: &mut Simulator<'_>,
         sample: usize,
@@ -131,36 +139,10 @@ impl Sensitivity {
         }
         Ok(())
     }
-
-    /// Adds node k to the history with rates and their sensitivities on both sides.
-    #[inline(always)]
-    fn remember(&mut self, simulator: &mut Simulator<'_>, k: usize) {
-        let Some(mut history) = simulator.history.take() else { return };
-        let dynamics = simulator.dynamics;
-        let layout = dynamics.layout();
-        let (n, lanes, stage, delays) = (layout.states, self.lanes, &layout.stage, layout.delayed.len());
-        let x = &simulator.nodes[node(k)];
-        let t = simulator.time_of(k);
-        history.push(t, x, &self.s);
-        for (end, step, row) in simulator.sides(k) {
-            let drive = &simulator.drive.stages(step)[row * layout.drive()..][..layout.drive()];
-            let at = Point { t, x, drive, known: &simulator.known };
-            dynamics.rates_and_partials(at, &mut self.ends, &mut simulator.work);
-            let slopes = &simulator.drive.stage_slopes(step)[row * delays..][..delays];
-            add_delays(&self.rates_by_delay, &mut self.ends, slopes, &simulator.known);
-            let (rates, rows) = history.rates(end, end);
-            rates.copy_from_slice(&self.ends[..n]);
-            rows.copy_from_slice(&self.ends[stage.forcing..][..n * lanes]);
-            for ((_, i, j), slot) in layout.patterns.rates_by_state.entries().zip(&stage.by_state) {
-                accumulate(self.ends[*slot as usize], &self.s[j * lanes..][..lanes], &mut rows[i * lanes..][..lanes]);
-            }
-        }
-        simulator.history = Some(history);
-    }
 }
 
-/// What delays of inputs add to f_theta.
-fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
+/// What estimated delays add to f_theta.
+pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     let (p, stage) = (&layout.patterns, &layout.stage);
     let mut terms: Vec<DelayTerm> = Vec::new();
     for (k, i, d) in p.rates_by_delayed.entries() {
@@ -179,7 +161,7 @@ fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     terms
 }
 
-fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
+pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
     for d in terms {
         let part = row[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
         let lane = &mut row[d.to as usize];
@@ -205,9 +187,6 @@ impl WithSimd for March<'_, '_> {
             sensitivity.advance(simulator, 0)?;
         }
         for k in 0..=steps {
-            if simulator.history.is_some() {
-                sensitivity.remember(simulator, k);
-            }
             if let Some(sample) = simulator.grid.sample_at(k) {
                 sensitivity.observe(simulator, sample, k, sink)?;
             }
@@ -220,7 +199,7 @@ impl WithSimd for March<'_, '_> {
             }
         }
         simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, sink))?;
-        sensitivity.gathering.flush(sink);
+        sensitivity.flush(sink);
         Ok(())
     }
 }

@@ -3,11 +3,11 @@
 use super::block::Sink;
 use super::drive::DriveTable;
 use super::grid::Grid;
-use super::history::History;
+use super::retarded::{History, Retarded, RetardedSensitivity};
 use super::scheme::Scheme;
 use super::sensitivity::Sensitivity;
 use super::vectors::VECTOR;
-use crate::dynamics::{Dynamics, Point, Step, Workspace};
+use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
 
@@ -56,6 +56,17 @@ pub enum Unsuited {
         /// Samples of the run.
         samples: usize,
     },
+    /// The past that a delay reaches back to would not fit into memory.
+    #[error(
+        "a state delayed by {longest} reaches back over {nodes} steps, too many to keep with their sensitivities; shorten the delay, \
+         or thin out the record"
+    )]
+    LongMemory {
+        /// The longest delay of a state, in the model's time unit.
+        longest: f64,
+        /// Steps that it covers.
+        nodes: usize,
+    },
 }
 
 /// Simulates one run again and again with other parameters; allocates once.
@@ -66,7 +77,9 @@ pub struct Simulator<'a> {
     pub(super) drive: DriveTable,
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
+    /// The past of states that are seen delayed, and the steps of such a model.
     pub(super) history: Option<History>,
+    retarded: Option<Retarded>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
     integrator: Integrator,
@@ -75,6 +88,8 @@ pub struct Simulator<'a> {
 /// What advances the states and their sensitivities, with its memory.
 enum Integrator {
     RungeKutta(Option<Sensitivity>),
+    /// Runge-Kutta steps that see delayed states.
+    Retarded(Option<RetardedSensitivity>),
 }
 
 impl<'a> Simulator<'a> {
@@ -113,7 +128,11 @@ impl<'a> Simulator<'a> {
             }
         }
         let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
-        let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+        let history = History::new(layout);
+        let integrator = match scheme {
+            Scheme::RungeKutta if history.is_some() => Integrator::Retarded(None),
+            Scheme::RungeKutta => Integrator::RungeKutta(None),
+        };
         Ok(Self {
             dynamics,
             run,
@@ -121,11 +140,10 @@ impl<'a> Simulator<'a> {
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
-            history: delays_states.then(History::default),
+            retarded: history.as_ref().map(|history| Retarded::new(layout, history)),
+            history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
-            integrator: match scheme {
-                Scheme::RungeKutta => Integrator::RungeKutta(None),
-            },
+            integrator,
         })
     }
 
@@ -156,10 +174,10 @@ impl<'a> Simulator<'a> {
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
         let steps = self.grid.steps();
+        if let Some(history) = &mut self.history {
+            history.node(self.run.time[0], &self.nodes[0], &[]);
+        }
         for k in 0..=steps {
-            if self.history.is_some() {
-                self.remember(k);
-            }
             if let Some(sample) = self.grid.sample_at(k) {
                 self.observe(sample, k, &mut y[sample * self.outputs()..])?;
             }
@@ -192,6 +210,20 @@ impl<'a> Simulator<'a> {
                 self.integrator = Integrator::RungeKutta(Some(sensitivity));
                 result
             }
+            Integrator::Retarded(memory) => {
+                let Some(mut retarded) = self.retarded.take() else { return Ok(()) };
+                let mut sensitivity = match memory.take() {
+                    Some(s) if s.columns() == columns => s,
+                    _ => RetardedSensitivity::new(self.dynamics, columns, &retarded),
+                };
+                let result = self.begin(theta, sensitivity.lanes()).and_then(|()| {
+                    retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
+                    sensitivity.run(&mut retarded, self, sink)
+                });
+                self.retarded = Some(retarded);
+                self.integrator = Integrator::Retarded(Some(sensitivity));
+                result
+            }
         }
     }
 
@@ -213,6 +245,22 @@ impl<'a> Simulator<'a> {
     ) -> Result<(), Divergence> {
         let stride = columns.len().next_multiple_of(VECTOR);
         self.stream(theta, columns, &mut |block| block.copy_to(y, jacobian, stride))
+    }
+
+    /// Whether the past that the delays at theta reach back to can be kept.
+    ///
+    /// # Errors
+    /// [`Unsuited::LongMemory`].
+    pub fn remembers(&mut self, theta: &[f64]) -> Result<(), Unsuited> {
+        let Some(history) = &self.history else { return Ok(()) };
+        let layout = self.dynamics.layout();
+        self.dynamics.prepare(theta, &mut self.known, &mut self.work);
+        let longest = longest_state_delay(layout, &self.known);
+        let (lanes, grid) = (layout.stage.lanes, &self.grid);
+        match history.numbers(lanes, longest, grid) {
+            numbers if numbers <= History::MOST => Ok(()),
+            numbers => Err(Unsuited::LongMemory { longest, nodes: numbers / history.numbers_per_node(lanes) }),
+        }
     }
 
     /// Samples behind the first of a model without states: nothing to integrate, only outputs.
@@ -242,44 +290,30 @@ impl<'a> Simulator<'a> {
         }
         self.drive.delay(tau, self.run, &self.grid);
         if let Some(history) = &mut self.history {
-            let states = layout.delayed.iter().zip(tau).filter(|(s, _)| matches!(s, Signal::State(_)));
-            let longest = states.map(|(_, t)| *t).fold(0.0, f64::max);
-            history.begin(layout.states, stride, longest, &self.grid);
+            let longest = longest_state_delay(layout, &self.known);
+            if history.numbers(stride, longest, &self.grid) > History::MOST {
+                return Err(start(None));
+            }
+            history.begin(stride, longest, &self.grid);
+        }
+        if let Some(retarded) = &mut self.retarded {
+            retarded.begin(tau, &self.grid);
         }
         Ok(())
     }
 
     /// One step without sensitivities.
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
+        if let Some(mut retarded) = self.retarded.take() {
+            let result = retarded.advance(self, k);
+            self.retarded = Some(retarded);
+            return result;
+        }
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
         finite(&self.grid, k, next)
-    }
-
-    /// Time of node k.
-    pub(super) fn time_of(&self, k: usize) -> f64 {
-        if k < self.grid.steps() { self.grid.step(k).0 } else { self.grid.samples()[self.grid.samples().len() - 1] }
-    }
-
-    /// The steps on both sides of node k, as (end of the step: 0 beginning, 1 end; step; row of its drive).
-    pub(super) fn sides(&self, k: usize) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
-        let after = (k < self.grid.steps()).then_some((0, k, 0));
-        k.checked_sub(1).map(|step| (1, step, 2)).into_iter().chain(after)
-    }
-
-    /// Adds node k to the history, with the rates at the end of the step before and at the beginning of the next.
-    fn remember(&mut self, k: usize) {
-        let Some(mut history) = self.history.take() else { return };
-        let (x, t, width) = (&self.nodes[node(k)], self.time_of(k), self.dynamics.layout().drive());
-        history.push(t, x, &[]);
-        for (end, step, row) in self.sides(k) {
-            let drive = &self.drive.stages(step)[row * width..][..width];
-            let at = Point { t, x, drive, known: &self.known };
-            self.dynamics.rates(at, history.rates(end, end).0, &mut self.work);
-        }
-        self.history = Some(history);
     }
 
     /// Outputs at a sample, delayed states filled in first.
@@ -308,9 +342,19 @@ pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence>
     if x.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
+    Err(diverged(grid, k, x.iter().position(|x| !x.is_finite())))
+}
+
+/// Step k has left the finite numbers.
+pub(super) fn diverged(grid: &Grid, k: usize, state: Option<usize>) -> Divergence {
     let (t, h) = grid.step(k);
-    let state = x.iter().position(|x| !x.is_finite());
-    Err(Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) })
+    Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) }
+}
+
+/// The longest delay of a state.
+fn longest_state_delay(layout: &Layout, known: &[f64]) -> f64 {
+    let delays = layout.delayed.iter().zip(&known[layout.tau.clone()]);
+    delays.filter(|(s, _)| matches!(s, Signal::State(_))).map(|(_, tau)| *tau).fold(0.0, f64::max)
 }
 
 /// Which of the three nodes in turn holds node k.
