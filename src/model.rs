@@ -123,6 +123,14 @@ impl Model {
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
+    /// A model of other equations under this one's text, compiled anew: what a strategy fits on the way to this model.
+    pub(crate) fn altered(&self, mut definition: fdm_grammar::Model) -> Self {
+        let schedule = Schedule::new(&mut definition);
+        let dynamics = crate::code::compile(&schedule, Engine::default()).into();
+        let compiled = Arc::new(Compiled { model: definition, schedule, warnings: Vec::new() });
+        Self { source: self.source.clone(), compiled, dynamics }
+    }
+
     /// The model's own name.
     pub fn name(&self) -> &str {
         &self.compiled.model.name
