@@ -9,6 +9,8 @@
 //! `estimate`.
 
 mod attempt;
+#[cfg(test)]
+mod belief;
 mod bend;
 #[cfg(test)]
 mod certified;
@@ -36,6 +38,13 @@ mod quadratic;
 mod rescue;
 mod segments;
 mod shooting;
+mod priors;
+mod problem;
+mod progress;
+mod quadratic;
+#[cfg(test)]
+mod resumption;
+mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
@@ -71,4 +80,5 @@ pub use shooting::{Continuity, Shooting};
 pub use solve::estimate;
 pub use start::starts;
 pub use strategy_error::StrategyError;
+pub use solve::{estimate, estimate_from};
 pub use termination::{Reason, Termination};
