@@ -4,6 +4,7 @@ pub mod code;
 pub mod dynamics;
 pub mod estimate;
 mod model;
+pub mod quality;
 pub mod record;
 pub mod report;
 pub mod simulate;

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 const GRAMMAR: &[&str] =
     &["math", "source", "diagnostic", "unit", "syntax", "op", "graph", "model", "check", "derive", "schedule", "lib"];
 const FDM: &[&str] = &["dynamics", "code", "record", "model", "simulate", "estimate", "store", "report", "cli"];
+const FDM: &[&str] = &["dynamics", "code", "record", "model", "simulate", "quality", "estimate", "report", "cli"];
 
 const LONGEST_FILE: usize = 700;
 

@@ -1,9 +1,9 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
 use super::direction::Direction;
-use super::output_fit::OutputFit;
 use super::progress::Iteration;
 use super::termination::Termination;
+use crate::quality::OutputFit;
 use serde::Serialize;
 
 /// What can be said about a parameter.

@@ -4,13 +4,14 @@
 use super::attempt::attempt;
 use super::changes::Changes;
 use super::continuation::Continuation;
-use super::estimate::Estimate;
+use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
 use super::problem::Options;
 use super::progress::Observer;
 use super::shooting::Shooting;
 use super::start::starts;
 use crate::model::Model;
+use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
 use crate::simulate::Accuracy;
 
@@ -45,12 +46,14 @@ pub struct Fit {
     pub estimate: Estimate,
     /// Steps and integration error of each run at the estimates.
     pub integration: Vec<Accuracy>,
+    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated.
+    pub quality: Vec<OutputQuality>,
 }
 
 impl Fit {
     /// A plain fit, without a rescue and without anything said about confidence.
     pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
-        Self { model, estimate, integration }
+        Self { model, estimate, integration, quality: Vec::new() }
     }
 }
 
@@ -61,7 +64,10 @@ impl Fit {
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
     let starts = starts(&model, runs, &options.changes);
-    attempt(&model, runs, &starts, options, observer)
+    let mut found = attempt(&model, runs, &starts, options, observer)?;
+    let judge = |(run, result): (&Run, &RunFit)| run_quality(&model, run, &result.response);
+    found.quality = runs.iter().zip(&found.estimate.runs).flat_map(judge).collect();
+    Ok(found)
 }
 
 /// The model with the changes that were asked for.

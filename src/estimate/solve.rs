@@ -4,13 +4,13 @@ use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
-use super::output_fit::OutputFit;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
 use super::snapshot::Snapshot;
 use super::statistics::Statistics;
 use super::termination::Termination;
 use super::unknowns::Unknowns;
+use crate::quality::OutputFit;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
