@@ -5,6 +5,7 @@
 
 use super::evaluation::{Evaluator, RunFailure, Want};
 use super::noise::{Likelihood, Weights};
+use super::priors::Priors;
 use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::quadratic::{Inverse, Quadratic};
@@ -22,6 +23,7 @@ pub(super) struct Correction<'c, 'e, 'a> {
     pub(super) evaluator: Evaluator<'e, 'a>,
     pub(super) unknowns: &'e Unknowns,
     pub(super) likelihood: &'c Likelihood,
+    pub(super) priors: &'c Priors,
     pub(super) options: &'c Options,
     /// The current estimates.
     pub(super) values: Vec<f64>,
@@ -48,6 +50,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         evaluator: Evaluator<'e, 'a>,
         unknowns: &'e Unknowns,
         likelihood: &'c Likelihood,
+        priors: &'c Priors,
         options: &'c Options,
     ) -> Self {
         let q = likelihood.counts.len();
@@ -55,6 +58,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             evaluator,
             unknowns,
             likelihood,
+            priors,
             options,
             values: unknowns.start.clone(),
             weights: likelihood.weights(&vec![0.0; q * q]),
@@ -139,22 +143,31 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         self.fresh = false;
         if values.is_empty() {
             self.evaluator.evaluate(values, Want::Response)?;
-            return Ok(self.likelihood.weights(&self.evaluator.moments));
+            return Ok(self.weigh(values));
         }
         if !self.likelihood.is_full() {
             self.evaluator.evaluate(values, Want::Sensitivities(None))?;
-            return Ok(self.likelihood.weights(&self.evaluator.moments));
+            return Ok(self.weigh(values));
         }
         // outputs are mixed by a covariance that only the residuals of all runs tell
         let weights = match known {
             Some(weights) => weights,
             None => {
                 self.evaluator.evaluate(values, Want::Response)?;
-                self.likelihood.weights(&self.evaluator.moments)
+                self.weigh(values)
             }
         };
         self.evaluator.evaluate(values, Want::Sensitivities(Some(&weights.whitener)))?;
         Ok(weights)
+    }
+
+    /// Cost and weights of the last evaluation, which was at `values`.
+    pub(super) fn weigh(&self, values: &[f64]) -> Weights {
+        let mut weights = self.likelihood.weights(&self.evaluator.moments);
+        let prior = self.priors.cost(values);
+        weights.cost += prior;
+        weights.rounding += 4.0 * f64::EPSILON * prior;
+        weights
     }
 
     /// The quadratic at the current estimates, from products or, when they are too coarse, from triangles.
@@ -180,8 +193,8 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     pub(super) fn gather(&mut self) {
-        let full = self.likelihood.is_full();
-        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &self.weights, full);
+        let factors = self.likelihood.factors(&self.weights);
+        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(&self.values));
         let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
         self.room = Room::at(&self.values, lower, upper, &self.quadratic.scale);
         let movable = self.room.movable(&self.quadratic);

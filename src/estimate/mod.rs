@@ -9,6 +9,8 @@
 //! `estimate`.
 
 mod attempt;
+#[cfg(test)]
+mod belief;
 mod bend;
 #[cfg(test)]
 mod certified;
@@ -26,13 +28,17 @@ mod fit_error;
 mod information;
 mod initial;
 mod keeper;
+mod lengths;
 mod noise;
 mod plain;
+mod priors;
 mod problem;
 mod progress;
 mod quadratic;
+mod rescue;
 #[cfg(test)]
 mod resumption;
+mod segments;
 mod shooting;
 mod snapshot;
 mod solve;
@@ -41,11 +47,13 @@ mod specimen;
 mod start;
 mod statistics;
 mod step;
+mod strategy_error;
 mod termination;
 #[cfg(test)]
 mod tests;
 mod trial;
 mod triangle;
+mod uncut;
 mod unknowns;
 
 pub use crate::quality::OutputFit;
@@ -59,10 +67,13 @@ pub use fit::{Fit, FitOptions, changed, fit};
 pub use fit_error::FitError;
 pub use initial::initial_guess;
 pub use keeper::Keeper;
+pub use lengths::{LengthFit, Settling, by_confidence};
 pub use noise::Noise;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use shooting::Shooting;
+pub use rescue::{Remedy, Rescue, Trouble};
+pub use shooting::{Continuity, Shooting};
 pub use solve::{estimate, estimate_from};
 pub use start::starts;
+pub use strategy_error::StrategyError;
 pub use termination::{Reason, Termination};

@@ -4,6 +4,7 @@ use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
+use super::priors::Priors;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
 use super::snapshot::Snapshot;
@@ -48,8 +49,9 @@ pub fn estimate_from(
     let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose().map_err(|e| vec![e])?;
     let q = problem.outputs.len();
     let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]));
+    let priors = Priors::new(problem, &unknowns);
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
-    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, options);
+    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
     let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
     let Correction { evaluator, values, weights, history, .. } = correction;
@@ -81,6 +83,7 @@ pub fn estimate_from(
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         undetermined: statistics.directions,
+        determined_by_prior: statistics.by_prior,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
