@@ -6,9 +6,11 @@
 //! cost continues along its tangent. Estimates do not depend on the floor, and their standard errors then stand for it.
 
 use nalgebra::{DMatrix, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 /// What is assumed about the measurement noise; it is white and, but for `Full`, independent from output to output.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Noise {
     /// One variance for each output, estimated.
     #[default]

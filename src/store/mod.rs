@@ -7,6 +7,8 @@
 //! checksum) -> `generations` (the newest valid one) -> `checkpoint`.
 
 mod checkpoint;
+mod comparison;
+mod destination;
 mod disk;
 mod envelope;
 #[cfg(test)]
@@ -14,7 +16,13 @@ mod faults;
 mod fingerprint;
 mod generations;
 mod identity;
+mod manifest;
+mod result_folder;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use comparison::differences;
+pub use destination::{Destination, DestinationError};
 pub use fingerprint::fingerprint;
 pub use identity::{Difference, Identity};
+pub use manifest::{DataFile, KeptFile, Manifest};
+pub use result_folder::{Contents, KeptParameter, ResultError, ResultFolder};
