@@ -6,9 +6,11 @@ use super::changes::Changes;
 use super::continuation::Continuation;
 use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
+use super::lengths::LengthFit;
 use super::problem::Options;
 use super::progress::Observer;
-use super::shooting::Shooting;
+use super::rescue::Rescue;
+use super::shooting::{Continuity, Shooting};
 use super::start::starts;
 use crate::model::Model;
 use crate::quality::{OutputQuality, run_quality};
@@ -48,12 +50,19 @@ pub struct Fit {
     pub integration: Vec<Accuracy>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated.
     pub quality: Vec<OutputQuality>,
+    /// What was done about start values that could not be used, and why; none when they could.
+    pub rescue: Option<Rescue>,
+    /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
+    pub by_length: Vec<LengthFit>,
+    /// How continuous the result of multiple shooting is; none when there was none.
+    pub shooting: Option<Continuity>,
 }
 
 impl Fit {
     /// A plain fit, without a rescue and without anything said about confidence.
     pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
-        Self { model, estimate, integration, quality: Vec::new() }
+        let (quality, by_length) = (Vec::new(), Vec::new());
+        Self { model, estimate, integration, quality, rescue: None, by_length, shooting: None }
     }
 }
 

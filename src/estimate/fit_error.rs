@@ -2,6 +2,7 @@
 
 use super::changes::ChangeError;
 use super::problem::ProblemError;
+use super::strategy_error::StrategyError;
 use crate::record::Run;
 use crate::simulate::Unsuited;
 use std::fmt;
@@ -20,6 +21,8 @@ pub enum FitError {
     },
     /// A problem that cannot be solved.
     Problem(Vec<ProblemError>),
+    /// A strategy that was asked for and cannot be followed.
+    Strategy(StrategyError),
 }
 
 impl FitError {
@@ -35,6 +38,7 @@ impl fmt::Display for FitError {
             Self::Changes(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
             Self::Unsuited { run, reason } => write!(f, "run `{run}`: {reason}"),
             Self::Problem(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
+            Self::Strategy(e) => write!(f, "{e}"),
         }
     }
 }

@@ -9,6 +9,8 @@
 //! `estimate`.
 
 mod attempt;
+#[cfg(test)]
+mod belief;
 mod bend;
 #[cfg(test)]
 mod certified;
@@ -26,23 +28,35 @@ mod fit_error;
 mod information;
 mod initial;
 mod keeper;
+mod lengths;
 mod noise;
 mod plain;
 mod problem;
 mod progress;
 mod quadratic;
+mod rescue;
+mod segments;
 mod shooting;
+mod priors;
+mod problem;
+mod progress;
+mod quadratic;
+#[cfg(test)]
+mod resumption;
+mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
 mod start;
 mod statistics;
 mod step;
+mod strategy_error;
 mod termination;
 #[cfg(test)]
 mod tests;
 mod trial;
 mod triangle;
+mod uncut;
 mod unknowns;
 
 pub use crate::quality::OutputFit;
@@ -56,10 +70,14 @@ pub use fit::{Fit, FitOptions, changed, fit};
 pub use fit_error::FitError;
 pub use initial::initial_guess;
 pub use keeper::Keeper;
+pub use lengths::{LengthFit, Settling, by_confidence};
 pub use noise::Noise;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use shooting::Shooting;
+pub use rescue::{Remedy, Rescue, Trouble};
+pub use shooting::{Continuity, Shooting};
 pub use solve::estimate;
 pub use start::starts;
+pub use strategy_error::StrategyError;
+pub use solve::{estimate, estimate_from};
 pub use termination::{Reason, Termination};
