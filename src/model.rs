@@ -108,7 +108,9 @@ impl Model {
         let same = |(a, b): (&Param, &Param)| a.quantity.name == b.quantity.name;
         assert!(params.len() == old.len() && params.iter().zip(old).all(same), "the parameters of another model");
         let numbers = |p: &Param| [p.value, p.lower, p.upper].map(f64::to_bits);
-        let equal = |(a, b): (&Param, &Param)| numbers(a) == numbers(b) && (a.fixed, a.per_run) == (b.fixed, b.per_run);
+        let equal = |(a, b): (&Param, &Param)| {
+            numbers(a) == numbers(b) && (a.fixed, a.per_run, a.prior) == (b.fixed, b.per_run, b.prior)
+        };
         if params.iter().zip(old).all(equal) {
             return self.clone();
         }
