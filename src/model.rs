@@ -125,6 +125,14 @@ impl Model {
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
+    /// A model of other equations under this one's text, compiled anew: what a strategy fits on the way to this model.
+    pub(crate) fn altered(&self, mut definition: fdm_grammar::Model) -> Self {
+        let schedule = Schedule::new(&mut definition);
+        let dynamics = crate::code::compile(&schedule, Engine::default()).into();
+        let compiled = Arc::new(Compiled { model: definition, schedule, warnings: Vec::new() });
+        Self { source: self.source.clone(), compiled, dynamics }
+    }
+
     /// The model with measured records in the place of the chosen states (by index) on the right sides of its equations
     /// (see [`fdm_grammar::Model::substituted`]), compiled anew. Its runs are completed by
     /// [`Run::with_measured`](crate::record::Run::with_measured).
@@ -135,11 +143,7 @@ impl Model {
     /// # Panics
     /// When an index is not that of a state.
     pub fn substituted(&self, states: &[usize]) -> Result<Self, Unshown> {
-        let mut model = self.compiled.model.substituted(states)?;
-        let schedule = Schedule::new(&mut model);
-        let dynamics = crate::code::compile(&schedule, Engine::default()).into();
-        let compiled = Arc::new(Compiled { model, schedule, warnings: self.compiled.warnings.clone() });
-        Ok(Self { source: self.source.clone(), compiled, dynamics })
+        Ok(self.altered(self.compiled.model.substituted(states)?))
     }
 
     /// The model's own name.

@@ -67,6 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             ..Options::default()
         },
         per_interval: arguments.steps.map(NonZeroUsize::get),
+        ..FitOptions::default()
     };
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);

@@ -2,6 +2,7 @@
 
 use super::correction::Correction;
 use super::noise::Weights;
+use super::priors::PriorRow;
 use super::quadratic::Inverse;
 
 /// Condition up to which inverting products leaves eight digits for the standard errors.
@@ -18,6 +19,8 @@ pub(super) struct Conclusion {
     pub(super) inverse: Inverse,
     /// Noise with degrees of freedom taken off; none when there are none left.
     pub(super) noise: Option<Weights>,
+    /// Scale and inverse without the priors, when there are any: what the data do not determine by themselves.
+    pub(super) without_priors: Option<(Vec<f64>, Inverse)>,
 }
 
 impl Correction<'_, '_, '_> {
@@ -31,7 +34,7 @@ impl Correction<'_, '_, '_> {
             self.linearise(&values, Some(self.weights.clone())).ok()?;
             self.settle(&values);
         }
-        if self.inverse.condition > ACCURATE {
+        if self.inverse.condition > ACCURATE || !self.priors.is_empty() {
             self.refine(&values);
         }
         self.gather();
@@ -42,17 +45,44 @@ impl Correction<'_, '_, '_> {
         let inside: Vec<bool> = values.iter().zip(bounds).map(|(v, (lo, hi))| lo < v && v < hi).collect();
         let chosen: Vec<usize> = (0..values.len()).filter(|j| inside[*j] && self.quadratic.scale[*j] > 0.0).collect();
         let mut inverse = self.quadratic.invert(&chosen)?;
-        let noise = self.likelihood.corrected(&self.weights, chosen.len() - inverse.null.len());
+        let known = self.known_before(&inverse);
+        let noise = self.likelihood.corrected(&self.weights, (chosen.len() - inverse.null.len()) as f64 - known);
         if let Some(noise) = &noise {
-            // full noise has been mixed in already; its correction is one factor
-            let factor = noise.covariance[0] / self.weights.covariance[0];
-            if self.likelihood.is_full() {
-                inverse.values.iter_mut().for_each(|v| *v *= factor);
+            let factors = if self.likelihood.is_full() {
+                vec![(self.weights.covariance[0] / noise.covariance[0]).sqrt()]
             } else {
-                self.quadratic.gather(self.unknowns, self.evaluator.sums(), noise, false);
-                inverse = self.quadratic.invert(&chosen)?;
-            }
+                self.likelihood.factors(noise)
+            };
+            let priors = self.priors.rows(&values);
+            self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, priors);
+            inverse = self.quadratic.invert(&chosen)?;
         }
-        Some(Conclusion { scale: self.quadratic.scale.clone(), inside, inverse, noise })
+        let scale = self.quadratic.scale.clone();
+        let without_priors = self.by_data_alone(&inside);
+        Some(Conclusion { scale, inside, inverse, noise, without_priors })
+    }
+
+    /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.
+    fn known_before(&self, inverse: &Inverse) -> f64 {
+        let n = inverse.chosen.len();
+        let share = |row: PriorRow| {
+            let k = inverse.chosen.iter().position(|j| *j == row.unknown)?;
+            let scaled = row.weight / self.quadratic.scale[row.unknown];
+            Some((scaled * scaled * inverse.values[k * n + k]).min(1.0))
+        };
+        self.priors.rows(&self.values).filter_map(share).sum()
+    }
+
+    /// Scale and inverse as they would be without priors; none when there are no priors.
+    fn by_data_alone(&mut self, inside: &[bool]) -> Option<(Vec<f64>, Inverse)> {
+        if self.priors.is_empty() {
+            return None;
+        }
+        let factors = self.likelihood.factors(&self.weights);
+        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, std::iter::empty());
+        let moved = |j: &usize| inside[*j] && self.quadratic.scale[*j] > 0.0;
+        let chosen: Vec<usize> = (0..inside.len()).filter(moved).collect();
+        let inverse = self.quadratic.invert(&chosen)?;
+        Some((self.quadratic.scale.clone(), inverse))
     }
 }

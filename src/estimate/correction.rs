@@ -5,9 +5,11 @@
 
 use super::evaluation::{Evaluator, RunFailure, Want};
 use super::noise::{Likelihood, Weights};
+use super::priors::Priors;
 use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::quadratic::{Inverse, Quadratic};
+use super::snapshot::Snapshot;
 use super::step::{Room, constrained};
 use super::termination::{Reason, Termination};
 use super::trial::{self, Accepted};
@@ -21,6 +23,7 @@ pub(super) struct Correction<'c, 'e, 'a> {
     pub(super) evaluator: Evaluator<'e, 'a>,
     pub(super) unknowns: &'e Unknowns,
     pub(super) likelihood: &'c Likelihood,
+    pub(super) priors: &'c Priors,
     pub(super) options: &'c Options,
     /// The current estimates.
     pub(super) values: Vec<f64>,
@@ -35,6 +38,8 @@ pub(super) struct Correction<'c, 'e, 'a> {
     /// The last damping above 0: where to go back to when a full step fails.
     pub(super) level: f64,
     pub(super) precise: bool,
+    /// What the correction before promised, when the cost could not measure it; infinite otherwise.
+    pub(super) last: f64,
     /// Whether the evaluator's sums belong to the current estimates.
     pub(super) fresh: bool,
     pub(super) history: Vec<Iteration>,
@@ -45,6 +50,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         evaluator: Evaluator<'e, 'a>,
         unknowns: &'e Unknowns,
         likelihood: &'c Likelihood,
+        priors: &'c Priors,
         options: &'c Options,
     ) -> Self {
         let q = likelihood.counts.len();
@@ -52,6 +58,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             evaluator,
             unknowns,
             likelihood,
+            priors,
             options,
             values: unknowns.start.clone(),
             weights: likelihood.weights(&vec![0.0; q * q]),
@@ -63,26 +70,35 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             damping: 0.0,
             level: trial::DAMPING,
             precise: false,
+            last: f64::INFINITY,
             fresh: false,
             history: Vec::new(),
         }
     }
 
-    /// Corrects the start values until the end.
+    /// Corrects the start values, or goes on from a state that was kept, until the end.
     ///
     /// # Errors
     /// The run that cannot be simulated at the start values.
-    pub(super) fn run(&mut self, observer: &mut dyn Observer) -> Result<Termination, RunFailure> {
-        self.start()?;
+    pub(super) fn run(
+        &mut self,
+        resume: Option<Snapshot>,
+        observer: &mut dyn Observer,
+    ) -> Result<Termination, RunFailure> {
+        let interrupted = match resume {
+            Some(snapshot) => self.restore(snapshot).map(|()| false)?,
+            None => {
+                self.start()?;
+                self.record_start(observer)
+            }
+        };
         if self.values.is_empty() {
-            self.record_start(observer);
             return Ok(Termination::Converged(Reason::NothingToEstimate));
         }
-        if self.record_start(observer) {
+        if interrupted {
             return Ok(Termination::Interrupted);
         }
-        let mut last = f64::INFINITY;
-        for iteration in 0.. {
+        loop {
             if !self.quadratic.is_finite() {
                 return Ok(Termination::NoProgress);
             }
@@ -97,11 +113,11 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             }
             // while corrections shrink they are made, though the cost cannot measure them any more
             let unmeasurable = promise <= self.weights.rounding;
-            if unmeasurable && promise >= last {
+            if unmeasurable && promise >= self.last {
                 return Ok(Termination::Converged(Reason::Rounding));
             }
-            last = if unmeasurable { promise } else { f64::INFINITY };
-            if iteration >= self.options.iterations {
+            self.last = if unmeasurable { promise } else { f64::INFINITY };
+            if self.history.len() > self.options.iterations {
                 return Ok(Termination::IterationLimit);
             }
             let before = self.weights.cost;
@@ -112,10 +128,9 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 return Ok(Termination::Interrupted);
             }
         }
-        Ok(Termination::IterationLimit)
     }
 
-    fn start(&mut self) -> Result<(), RunFailure> {
+    pub(super) fn start(&mut self) -> Result<(), RunFailure> {
         let values = self.values.clone();
         self.weights = self.linearise(&values, None)?;
         self.evaluator.keep();
@@ -128,22 +143,31 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         self.fresh = false;
         if values.is_empty() {
             self.evaluator.evaluate(values, Want::Response)?;
-            return Ok(self.likelihood.weights(&self.evaluator.moments));
+            return Ok(self.weigh(values));
         }
         if !self.likelihood.is_full() {
             self.evaluator.evaluate(values, Want::Sensitivities(None))?;
-            return Ok(self.likelihood.weights(&self.evaluator.moments));
+            return Ok(self.weigh(values));
         }
         // outputs are mixed by a covariance that only the residuals of all runs tell
         let weights = match known {
             Some(weights) => weights,
             None => {
                 self.evaluator.evaluate(values, Want::Response)?;
-                self.likelihood.weights(&self.evaluator.moments)
+                self.weigh(values)
             }
         };
         self.evaluator.evaluate(values, Want::Sensitivities(Some(&weights.whitener)))?;
         Ok(weights)
+    }
+
+    /// Cost and weights of the last evaluation, which was at `values`.
+    pub(super) fn weigh(&self, values: &[f64]) -> Weights {
+        let mut weights = self.likelihood.weights(&self.evaluator.moments);
+        let prior = self.priors.cost(values);
+        weights.cost += prior;
+        weights.rounding += 4.0 * f64::EPSILON * prior;
+        weights
     }
 
     /// The quadratic at the current estimates, from products or, when they are too coarse, from triangles.
@@ -169,8 +193,8 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     pub(super) fn gather(&mut self) {
-        let full = self.likelihood.is_full();
-        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &self.weights, full);
+        let factors = self.likelihood.factors(&self.weights);
+        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(&self.values));
         let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
         self.room = Room::at(&self.values, lower, upper, &self.quadratic.scale);
         let movable = self.room.movable(&self.quadratic);
@@ -229,6 +253,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let Accepted { step, damping, refused } = accepted;
         let iteration = Iteration { number, cost, change: cost - before, damping, step, refused };
         self.history.push(iteration);
+        observer.state(&|| self.snapshot());
         observer.iteration(&iteration).is_break()
     }
 }

@@ -1,6 +1,6 @@
 //! Combinations of parameters that the data do not determine, in words.
 
-use super::conclusion::Conclusion;
+use super::quadratic::Inverse;
 use serde::Serialize;
 
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.
@@ -18,18 +18,20 @@ pub struct Direction {
 
 /// For each chosen unknown whether it is determined, and the directions in which those move that are not.
 /// `name` tells what an unknown is called.
-pub(super) fn undetermined(conclusion: &Conclusion, name: impl Fn(usize) -> String) -> (Vec<bool>, Vec<Direction>) {
-    let inverse = &conclusion.inverse;
+pub(super) fn undetermined(
+    scale: &[f64],
+    inside: &[bool],
+    inverse: &Inverse,
+    name: impl Fn(usize) -> String,
+) -> (Vec<bool>, Vec<Direction>) {
     let part = |k: usize| inverse.null.iter().map(|v| v[k] * v[k]).sum::<f64>().sqrt();
     let determined = (0..inverse.chosen.len()).map(|k| part(k) <= PART).collect();
-    let mut directions: Vec<Direction> = (0..conclusion.scale.len())
-        .filter(|j| conclusion.scale[*j] == 0.0 && conclusion.inside[*j])
-        .map(|j| idle(name(j)))
-        .collect();
+    let mut directions: Vec<Direction> =
+        (0..scale.len()).filter(|j| scale[*j] == 0.0 && inside[*j]).map(|j| idle(name(j))).collect();
     for vector in echelon(inverse.null.clone()) {
         let mut moves: Vec<(usize, f64)> = vector.into_iter().enumerate().filter(|(_, v)| v.abs() > PART).collect();
         moves.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0)));
-        let physical = |(k, v): &(usize, f64)| v / conclusion.scale[inverse.chosen[*k]];
+        let physical = |(k, v): &(usize, f64)| v / scale[inverse.chosen[*k]];
         let Some(first) = moves.first().map(physical) else { continue };
         let moves = moves.iter().map(|m| (name(inverse.chosen[m.0]), physical(m) / first)).collect();
         directions.push(describe(moves));

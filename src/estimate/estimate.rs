@@ -1,9 +1,9 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
 use super::direction::Direction;
-use super::output_fit::OutputFit;
 use super::progress::Iteration;
 use super::termination::Termination;
+use crate::quality::OutputFit;
 use serde::Serialize;
 
 /// What can be said about a parameter.
@@ -105,8 +105,10 @@ pub struct Estimate {
     /// Outputs that the model matches to 1e-10 of their magnitude: data without noise, where noise covariance and
     /// standard errors stand for rounding only.
     pub noise_free: Vec<String>,
-    /// What the data do not determine.
+    /// What the data do not determine, nor a prior.
     pub undetermined: Vec<Direction>,
+    /// What the data do not determine, so that it is known by its prior alone.
+    pub determined_by_prior: Vec<Direction>,
     /// Condition number of the scaled sensitivities.
     pub condition: Option<f64>,
     /// Responses and residuals; empty when the start values could not be simulated.

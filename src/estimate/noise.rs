@@ -6,9 +6,11 @@
 //! cost continues along its tangent. Estimates do not depend on the floor, and their standard errors then stand for it.
 
 use nalgebra::{DMatrix, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 /// What is assumed about the measurement noise; it is white and, but for `Full`, independent from output to output.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Noise {
     /// One variance for each output, estimated.
     #[default]
@@ -86,6 +88,12 @@ impl Likelihood {
         (sum / measured().count().max(1) as f64).sqrt()
     }
 
+    /// Factors of the sums of each group: full noise has been mixed in already.
+    pub(super) fn factors(&self, weights: &Weights) -> Vec<f64> {
+        let q = self.counts.len();
+        if self.is_full() { vec![1.0] } else { (0..q).map(|o| weights.whitener[o * q + o]).collect() }
+    }
+
     /// Weights from `moments` (q by q): sums of products of residuals, of which only `Full` reads more than the diagonal.
     pub(super) fn weights(&self, moments: &[f64]) -> Weights {
         let mut weights = if self.is_full() { self.full(moments) } else { self.diagonal(moments) };
@@ -142,17 +150,21 @@ impl Likelihood {
         weights
     }
 
-    /// The covariance with as many degrees of freedom taken off as parameters were estimated: every output gives its
-    /// share, so that one factor N / (N - p) serves all (N compared cells, p unknowns). Known variances stay.
-    /// Without degrees of freedom left there is none.
-    pub(super) fn corrected(&self, weights: &Weights, unknowns: usize) -> Option<Weights> {
+    /// The covariance with as many degrees of freedom taken off as parameters were estimated from the data: every output
+    /// gives its share, so that one factor N / (N - p) serves all (N compared cells, p unknowns; one that its prior
+    /// determines in part counts in part). Known variances stay. Without degrees of freedom left there is none.
+    pub(super) fn corrected(&self, weights: &Weights, unknowns: f64) -> Option<Weights> {
         let q = self.counts.len();
         let mut corrected = weights.clone();
         if (0..q).all(|o| !self.estimates(o)) {
             return Some(corrected);
         }
-        let left = self.cells().checked_sub(unknowns).filter(|n| *n > 0)?;
-        let factor = self.cells() as f64 / left as f64;
+        let cells = self.cells() as f64;
+        let left = cells - unknowns;
+        if left <= 1e-6 * cells {
+            return None;
+        }
+        let factor = cells / left;
         for a in (0..q).filter(|a| self.estimates(*a)) {
             for b in (0..q).filter(|b| self.estimates(*b)) {
                 corrected.covariance[a * q + b] *= factor;
@@ -212,8 +224,8 @@ mod tests {
         let z = [1.0, 1.0, 2.0, 2.0];
         let likelihood = Likelihood::new(&Noise::Given(vec![Some(0.5), None]), 2, [&z[..]].into_iter());
         let weights = likelihood.weights(&[1.0, 0.0, 0.0, 1.0]);
-        let corrected = likelihood.corrected(&weights, 2).expect("degrees of freedom are left");
+        let corrected = likelihood.corrected(&weights, 2.0).expect("degrees of freedom are left");
         assert_eq!((corrected.covariance[0], corrected.covariance[3]), (0.25, 1.0));
-        assert!(likelihood.corrected(&weights, 4).is_none());
+        assert!(likelihood.corrected(&weights, 4.0).is_none());
     }
 }

@@ -3,7 +3,7 @@
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
 use crate::simulate::{Divergence, Simulator};
-use fdm_grammar::model::{Model, Param};
+use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
 
 /// One run's model response and its exact sensitivities.
@@ -149,6 +149,11 @@ impl<'a> Problem<'a> {
         for (k, p) in self.params.iter().enumerate() {
             let own = run.start.get(k).filter(|_| p.per_run);
             let (parameter, value) = (p.quantity.name.clone(), *own.unwrap_or(&p.value));
+            if let Some(Prior { mean, deviation }) = p.prior
+                && !(mean.is_finite() && deviation.is_finite() && deviation > 0.0)
+            {
+                found.push(ProblemError::BadPrior { parameter: parameter.clone(), mean, deviation });
+            }
             if !value.is_finite() {
                 found.push(ProblemError::NotFinite { parameter, run: own.map(|_| run.name.clone()) });
             } else if !p.fixed && (value < p.lower || value > p.upper) {
@@ -219,7 +224,9 @@ pub enum ProblemError {
     NothingCompared,
     NoiseCount { given: usize, outputs: usize },
     BadNoise { output: String, value: f64 },
+    BadPrior { parameter: String, mean: f64, deviation: f64 },
     BadOption { option: &'static str, value: f64, wanted: &'static str },
+    ForeignState { reason: &'static str },
 }
 
 impl fmt::Display for ProblemError {
@@ -261,7 +268,15 @@ impl fmt::Display for ProblemError {
             Self::BadNoise { output, value } => {
                 write!(f, "the noise of `{output}` is {value}; a standard deviation must be above 0")
             }
+            Self::BadPrior { parameter, mean, deviation } => write!(
+                f,
+                "the prior of `{parameter}` is normal({mean}, {deviation}); its mean must be finite and its standard \
+                 deviation above 0"
+            ),
             Self::BadOption { option, value, wanted } => write!(f, "{option} is {value}, but must be {wanted}"),
+            Self::ForeignState { reason } => {
+                write!(f, "the estimation cannot go on from the state that was kept: {reason}")
+            }
         }
     }
 }

@@ -1,10 +1,10 @@
 //! What can be seen of an estimation while it works.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// The state after one correction.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Iteration {
     /// Number of the correction; 0 is the start.
     pub number: usize,
@@ -24,6 +24,12 @@ pub struct Iteration {
 pub trait Observer {
     /// Called at the start and after every accepted correction; [`ControlFlow::Break`] ends the estimation there.
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()>;
+
+    /// Called before each [`iteration`](Self::iteration): `bytes` makes the state from which
+    /// [`estimate_from`](super::estimate_from) goes on and ends with the same bits as without an interruption.
+    fn state(&mut self, bytes: &dyn Fn() -> Vec<u8>) {
+        let _ = bytes;
+    }
 }
 
 impl Observer for () {

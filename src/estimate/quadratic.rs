@@ -1,7 +1,7 @@
 //! The cost near one point as a quadratic of the correction, in parameters scaled to unit columns of the Jacobian.
 
 use super::information::Sums;
-use super::noise::Weights;
+use super::priors::PriorRow;
 use super::triangle;
 use super::unknowns::Unknowns;
 use nalgebra::DMatrix;
@@ -39,19 +39,16 @@ pub(super) struct Inverse {
 }
 
 impl Quadratic {
-    /// Gathers the sums of all runs, in their order, under the given weights.
+    /// Gathers the sums of all runs, in their order, each group times its factor, and what was known before.
     pub(super) fn gather<'s>(
         &mut self,
         unknowns: &Unknowns,
         runs: impl Iterator<Item = &'s Sums>,
-        weights: &Weights,
-        full: bool,
+        factors: &[f64],
+        priors: impl Iterator<Item = PriorRow>,
     ) {
         self.size = unknowns.len();
         self.width = self.size + 1;
-        let q = weights.exact.len();
-        let factor = |group: usize| if full { 1.0 } else { weights.whitener[group * q + group] };
-        let groups = if full { 1 } else { q };
         self.hessian.clear();
         self.hessian.resize(self.size * self.size, 0.0);
         self.rhs.clear();
@@ -59,8 +56,8 @@ impl Quadratic {
         self.triangle.clear();
         let (mut rows, mut work) = (Vec::new(), Vec::new());
         for (run, sums) in runs.enumerate() {
-            for group in 0..groups {
-                let (values, factor) = (sums.group(group), factor(group));
+            for (group, factor) in factors.iter().copied().enumerate() {
+                let values = sums.group(group);
                 if sums.precise {
                     self.triangle.resize((self.size + 1) * self.width, 0.0);
                     self.spread(unknowns, run, sums, values, factor, &mut rows);
@@ -70,10 +67,26 @@ impl Quadratic {
                 }
             }
         }
+        for row in priors {
+            self.add_prior(row, &mut rows, &mut work);
+        }
         if !self.triangle.is_empty() {
             self.multiply_triangle();
         }
         self.rescale();
+    }
+
+    fn add_prior(&mut self, row: PriorRow, rows: &mut Vec<f64>, work: &mut Vec<f64>) {
+        let PriorRow { unknown, weight, residual } = row;
+        if self.triangle.is_empty() {
+            self.hessian[unknown * self.size + unknown] += weight * weight;
+            self.rhs[unknown] += weight * residual;
+        } else {
+            rows.clear();
+            rows.resize(self.width, 0.0);
+            (rows[unknown], rows[self.size]) = (weight, residual);
+            triangle::reduce(&mut self.triangle, self.size + 1, rows, self.width, work);
+        }
     }
 
     /// Adds one group of products; with rising columns the unknowns rise too, so the upper triangle stays one.

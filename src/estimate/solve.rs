@@ -4,12 +4,14 @@ use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
-use super::output_fit::OutputFit;
+use super::priors::Priors;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
+use super::snapshot::Snapshot;
 use super::statistics::Statistics;
 use super::termination::Termination;
 use super::unknowns::Unknowns;
+use crate::quality::OutputFit;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
@@ -24,16 +26,33 @@ pub fn estimate(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, Vec<ProblemError>> {
+    estimate_from(problem, options, None, observer)
+}
+
+/// As [`estimate()`], going on from a state that [`Observer::state`] was given by an estimation of the same problem with
+/// the same options; both end with the same bits.
+///
+/// # Errors
+/// As [`estimate()`]; and a state that this problem cannot go on from. That the state belongs to this model, these data and
+/// options is the caller's to know.
+pub fn estimate_from(
+    problem: &mut Problem<'_>,
+    options: &Options,
+    resume: Option<&[u8]>,
+    observer: &mut dyn Observer,
+) -> Result<Estimate, Vec<ProblemError>> {
     let mistakes = problem.mistakes(options);
     if !mistakes.is_empty() {
         return Err(mistakes);
     }
     let unknowns = Unknowns::new(problem);
+    let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose().map_err(|e| vec![e])?;
     let q = problem.outputs.len();
     let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]));
+    let priors = Priors::new(problem, &unknowns);
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
-    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, options);
-    let end = correction.run(observer);
+    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
+    let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
@@ -64,6 +83,7 @@ pub fn estimate(
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         undetermined: statistics.directions,
+        determined_by_prior: statistics.by_prior,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),

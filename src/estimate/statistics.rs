@@ -18,6 +18,8 @@ pub(super) struct Statistics {
     null: Vec<Vec<f64>>,
     /// The same in words.
     pub(super) directions: Vec<Direction>,
+    /// Directions that priors determine and the data do not.
+    pub(super) by_prior: Vec<Direction>,
 }
 
 impl Statistics {
@@ -30,10 +32,14 @@ impl Statistics {
     ) -> Self {
         let Some(conclusion) = conclusion else {
             let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
-            return Self { status, covariance: Vec::new(), place, null: Vec::new(), directions: Vec::new() };
+            let (covariance, null, directions, by_prior) = Default::default();
+            return Self { status, covariance, place, null, directions, by_prior };
         };
         let inverse = &conclusion.inverse;
-        let (determined, directions) = undetermined(conclusion, |j| name_of(problem, unknowns, j));
+        let name = |j: usize| name_of(problem, unknowns, j);
+        let Conclusion { scale, inside, without_priors, .. } = conclusion;
+        let (determined, directions) = undetermined(scale, inside, inverse, name);
+        let by_prior = without_priors.as_ref().map(|(scale, inverse)| undetermined(scale, inside, inverse, name).1);
         let mut status: Vec<Status> = (0..values.len())
             .map(|j| match () {
                 () if values[j] <= unknowns.lower[j] => Status::AtLowerBound,
@@ -55,7 +61,8 @@ impl Statistics {
             covariance.clear();
         }
         let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
-        Self { status, covariance, place, null, directions }
+        let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
+        Self { status, covariance, place, null, directions, by_prior }
     }
 
     fn entry(&self, i: usize, j: usize) -> Option<f64> {

@@ -144,7 +144,7 @@ impl Correction<'_, '_, '_> {
         }
         self.fresh = false;
         self.evaluator.evaluate(trial, Want::Response).ok()?;
-        let weights = self.likelihood.weights(&self.evaluator.moments);
+        let weights = self.weigh(trial);
         if !better(&weights) {
             return None;
         }
@@ -171,7 +171,7 @@ impl Correction<'_, '_, '_> {
         if !self.set_trial() || self.evaluator.evaluate(&self.trial, Want::Response).is_err() {
             return;
         }
-        let weights = self.likelihood.weights(&self.evaluator.moments);
+        let weights = self.weigh(&self.trial);
         if weights.cost <= self.weights.cost + self.weights.rounding {
             self.evaluator.keep();
             std::mem::swap(&mut self.values, &mut self.trial);

@@ -1,5 +1,7 @@
 //! One recorded manoeuvre, in the model's own channels, order and units.
 
+use std::ops::Range;
+
 /// A record ready for simulation: what drove the vehicle and what was measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
@@ -30,5 +32,22 @@ impl Run {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Some neighbouring samples as a run of the same name; their times stay those of the whole record, so that a part that
+    /// does not begin with the first sample begins later than 0.
+    ///
+    /// # Panics
+    /// When there are fewer samples than the range wants.
+    pub fn part(&self, samples: Range<usize>) -> Self {
+        let n = self.len().max(1);
+        let (m, q) = (self.inputs.len() / n, self.measured.len() / n);
+        let rows = |values: &[f64], width: usize| values[samples.start * width..samples.end * width].to_vec();
+        Self {
+            time: self.time[samples.clone()].to_vec(),
+            inputs: rows(&self.inputs, m),
+            measured: rows(&self.measured, q),
+            ..self.clone()
+        }
     }
 }

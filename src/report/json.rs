@@ -34,6 +34,7 @@ pub fn fit_json(fit: &Fit) -> Value {
         "iterations": e.iterations,
         "evaluations": { "with_sensitivities": e.evaluations.0, "without": e.evaluations.1 },
         "undetermined": e.undetermined,
+        "determined_by_prior": e.determined_by_prior,
         "covariance": { "parameters": e.covered, "values": rows(&e.covariance) },
         "correlations": { "parameters": e.covered, "values": rows(&e.correlations) },
         "noise_covariance": e.noise.as_ref().map(rows),

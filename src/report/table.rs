@@ -67,6 +67,10 @@ fn outputs(estimate: &Estimate) -> String {
 fn remarks(estimate: &Estimate) -> Vec<String> {
     let mut remarks: Vec<String> =
         estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence)).collect();
+    for d in &estimate.determined_by_prior {
+        let what = if d.moves.len() == 1 { "what is known of it is its prior" } else { "priors alone tell them apart" };
+        remarks.push(format!("not determined by the data: {}; {what}", d.sentence));
+    }
     for (a, b, r) in estimate.correlated(CORRELATED) {
         let name = |k: usize| {
             let p = &estimate.parameters[k];
