@@ -92,6 +92,22 @@ fn delayed_states() -> (Model, Model) {
     }
 }
 
+fn records() -> (Model, Model) {
+    twice! {
+        model driven {
+            input u;
+            state x = free, y;
+            const s = 0.5;
+            param k = 1.3, tau = 0.4 in [0, 2], kept = 0.7 fixed;
+            prior k ~ normal(1.2, s/10), x(0) ~ normal(0, 2*s);
+            noise one = 0.02, two = s;
+            der(x) = -k*measured(x)*x + measured(two)^2 + u;
+            der(y) = sin(delay(measured(one)*y, tau)) - kept*y;
+            output one = x, two = delay(y, tau)*x + u;
+        }
+    }
+}
+
 fn stateless() -> (Model, Model) {
     twice! {
         model curve {
@@ -194,13 +210,29 @@ fn delayed_states_in_equations_have_the_same_bits() {
 }
 
 #[test]
+fn records_and_priors_have_the_same_bits() {
+    let (read, written) = records();
+    for model in [&read, &written] {
+        let definition = model.definition();
+        let found = fdm::code::verify(definition, model.schedule(), &fdm::code::Nominal::start(definition));
+        assert!(found.passed(), "{found:?}");
+        let measured: Vec<_> = definition.inputs.iter().map(|i| i.measured).collect();
+        assert_eq!(measured, [None, Some(0), Some(1)]);
+        assert_eq!(definition.outputs.iter().map(|o| o.noise).collect::<Vec<_>>(), [Some(0.02), Some(0.5)]);
+        let priors: Vec<_> = definition.params.iter().map(|p| p.prior.map(|p| (p.mean, p.deviation))).collect();
+        assert_eq!(priors, [Some((0.0, 1.0)), Some((1.2, 0.05)), None, None]);
+    }
+    agree((read, written));
+}
+
+#[test]
 fn a_model_without_states_has_the_same_bits() {
     agree(stateless());
 }
 
 #[test]
 fn the_numbers_of_the_test_are_numbers() {
-    for (read, _) in [ship(), functions(), time_and_delays(), delayed_states(), stateless()] {
+    for (read, _) in [ship(), functions(), time_and_delays(), delayed_states(), records(), stateless()] {
         let tape = fdm::code::Tape::new(read.schedule());
         let nan = f64::NAN.to_bits();
         let finite = (0..50).filter(|seed| everything(&tape, &mut Noise(*seed)).iter().all(|(_, b)| !b.contains(&nan)));

@@ -39,6 +39,14 @@ pub struct FitOptions {
     pub reweight: bool,
 }
 
+impl FitOptions {
+    /// The same, but noise that the model declares is known where all variances were to be estimated.
+    pub fn with_declared_noise(mut self, model: &Model) -> Self {
+        self.options.noise = self.options.noise.or_declared(&model.definition().outputs);
+        self
+    }
+}
+
 /// Estimates, and how they were reached.
 #[derive(Debug, Clone)]
 pub struct Fit {
@@ -72,6 +80,7 @@ impl Fit {
 /// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](super::Termination).
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
+    let options = &options.clone().with_declared_noise(&model);
     let starts = starts(&model, runs, &options.changes);
     let mut found = attempt(&model, runs, &starts, options, observer)?;
     let judge = |(run, result): (&Run, &RunFit)| run_quality(&model, run, &result.response);

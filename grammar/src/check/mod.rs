@@ -14,10 +14,12 @@ mod expressions;
 mod functions;
 mod influence;
 mod kinds;
+mod knowledge;
 mod measures;
 mod model;
 mod names;
 mod order;
+mod records;
 mod remedies;
 mod start;
 mod unchecked;
@@ -57,14 +59,16 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     declarations::attributes(scope, findings);
     outputs(scope, findings);
 
-    let mut blocks = Blocks::new(scope, &equations);
+    let known = knowledge::read(scope, findings);
+    let mut blocks = Blocks::new(scope, &equations, &known);
     let meanings = names::resolve(scope, &blocks, findings);
     let circular = order::sort(scope, &mut blocks, &meanings, findings);
-    let kinds = Kinds::new(scope, &blocks, &meanings, &circular, findings);
-    let indices = Indices::new(scope, &kinds);
+    let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
+    let indices = Indices::new(scope, &meanings, &kinds);
 
     let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();
     start::check(scope, &kinds, &expressions, &start, findings);
@@ -72,6 +76,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
         scope,
         blocks: &blocks,
         equations: &equations,
+        known: &known,
         meanings: &meanings,
         kinds: &kinds,
         expressions: &expressions,
@@ -86,7 +91,9 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
+    let mut model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
+    model::learn(&mut model, knowledge);
+    records::circular(scope, &model, findings);
     influence::without_influence(scope, &blocks, &meanings, &model, findings);
     Some(model)
 }

@@ -4,6 +4,7 @@ use super::declarations::Range;
 use super::equations::Equation;
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
+use super::knowledge::Knowledge;
 use super::names::{Scope, Symbol, SymbolId};
 use crate::graph::{Graph, Leaf};
 use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, State};
@@ -109,9 +110,22 @@ pub(super) fn assemble(
             Role::Param | Role::Const | Role::Let => {}
         }
     }
+    for (s, symbol) in scope.valid().filter(|(s, _)| indices.record[*s].is_some()) {
+        model.inputs.push(Input::measured(indices.of[s], &quantity(symbol)));
+    }
     model.graph = graph;
     drop_unused_delays(&mut model);
     model
+}
+
+/// Adds what is known beside the data.
+pub(super) fn learn(model: &mut Model, knowledge: Knowledge) {
+    for (k, prior) in knowledge.priors {
+        model.params[k as usize].prior = Some(prior);
+    }
+    for (k, deviation) in knowledge.noise {
+        model.outputs[k as usize].noise = Some(deviation);
+    }
 }
 
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are

@@ -24,7 +24,7 @@ fn records_replace_states_in_all_equations_and_nowhere_else() {
         ["d + v*(measured(u_m)*a)", "b*(delay(measured(u_m), tau)*delay(measured(u_m), tau)) - v"]
     );
     let outputs: Vec<String> = after.outputs.iter().map(|o| show(&after.graph, o.expr, &after)).collect();
-    assert_eq!(outputs, ["u*v", "u", "delay(u, 1)"]);
+    assert_eq!(outputs, ["v*u", "u", "delay(u, 1)"]);
     assert_eq!(show(&after.graph, after.states[0].initial, &after), "u0");
     assert_eq!(show(&after.graph, after.derived[0].expr, &after), "2*a");
     let measured: Vec<_> = after.inputs.iter().map(|i| (i.quantity.name.as_str(), i.measured)).collect();
