@@ -3,6 +3,7 @@
 use super::direction::Direction;
 use super::output_fit::OutputFit;
 use super::progress::Iteration;
+use super::rescue::Rescue;
 use super::termination::Termination;
 use serde::Serialize;
 
@@ -89,6 +90,8 @@ pub struct Estimate {
     pub termination: Termination,
     /// Corrections made.
     pub iterations: usize,
+    /// What helped the iteration on; empty when it needed no help.
+    pub rescues: Vec<Rescue>,
     /// Simulations of all runs with sensitivities, and without.
     pub evaluations: (usize, usize),
     /// The state after each correction, the start first.

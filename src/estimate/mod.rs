@@ -12,8 +12,6 @@ mod affine;
 #[cfg(test)]
 mod belief;
 mod bend;
-#[cfg(test)]
-mod certified;
 mod changes;
 mod conclusion;
 mod correction;
@@ -33,6 +31,7 @@ mod problem;
 mod progress;
 mod projection;
 mod quadratic;
+mod rescue;
 #[cfg(test)]
 mod resumption;
 mod secant;
@@ -60,5 +59,6 @@ pub use noise::Noise;
 pub use output_fit::OutputFit;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
+pub use rescue::Rescue;
 pub use solve::{estimate, estimate_from};
 pub use termination::{Reason, Termination};
