@@ -6,7 +6,7 @@ use super::priors::PriorRow;
 use super::quadratic::Inverse;
 
 /// Condition up to which inverting products leaves eight digits for the standard errors.
-const ACCURATE: f64 = 1e4;
+pub(super) const ACCURATE: f64 = 1e4;
 
 /// What the final sensitivities tell.
 #[derive(Debug, Clone)]

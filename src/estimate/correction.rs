@@ -10,6 +10,7 @@ use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::projection::Projected;
 use super::quadratic::{Inverse, Quadratic};
+use super::recourse::Attempts;
 use super::secant::Secant;
 use super::snapshot::Snapshot;
 use super::step::{Room, constrained};
@@ -22,8 +23,10 @@ const PRODUCTS: f64 = 1e6;
 
 /// Rate of convergence above which Gauss-Newton is called slow.
 const SLOW: f64 = 0.1;
+/// Promise (of the logarithm of the likelihood) below which rates tell about the minimum, not about the way to it.
+const NEAR: f64 = 1.0;
 /// Part of the tolerance that may be left to go after the last correction.
-const REST: f64 = 1e-3;
+const REST: f64 = 1e-2;
 
 /// The state of an iteration.
 pub(super) struct Correction<'c, 'e, 'a> {
@@ -50,6 +53,7 @@ pub(super) struct Correction<'c, 'e, 'a> {
     /// What Gauss-Newton promised before the last correction: infinite at the start, NaN after a damped one.
     pub(super) promised: f64,
     pub(super) secant: Secant,
+    pub(super) attempts: Attempts,
     /// Whether affine unknowns follow the others.
     pub(super) projecting: bool,
     /// What is left to iterate then, at the current estimates.
@@ -87,6 +91,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             last: f64::INFINITY,
             promised: f64::INFINITY,
             secant: Secant::default(),
+            attempts: Attempts::default(),
             projecting: false,
             projected: None,
             fresh: false,
@@ -117,12 +122,22 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             return Ok(Termination::Interrupted);
         }
         loop {
+            let end = self.iterate(observer);
+            if let Some(end) = self.judge(end, observer)? {
+                return Ok(end);
+            }
+        }
+    }
+
+    /// Corrects the current estimates until one attempt is over.
+    fn iterate(&mut self, observer: &mut dyn Observer) -> Termination {
+        loop {
             if !self.quadratic.is_finite() {
-                return Ok(Termination::NoProgress);
+                return Termination::NoProgress;
             }
             let solved = self.full_step();
             if self.inverse.chosen.is_empty() {
-                return Ok(Termination::Converged(Reason::AllHeld));
+                return Termination::Converged(Reason::AllHeld);
             }
             let straight = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
             let rate = (straight / self.promised).max(0.0).sqrt();
@@ -132,24 +147,24 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             let promise = if solved { self.quadratic.reduction(&self.step) } else { f64::INFINITY };
             if solved && self.is_close(rate) {
                 self.finish();
-                return Ok(Termination::Converged(Reason::SmallCorrection));
+                return Termination::Converged(Reason::SmallCorrection);
             }
             // while corrections shrink they are made, though the cost cannot measure them any more
             let unmeasurable = promise <= self.weights.rounding;
             if unmeasurable && promise >= self.last {
-                return Ok(Termination::Converged(Reason::Rounding));
+                return Termination::Converged(Reason::Rounding);
             }
             self.last = if unmeasurable { promise } else { f64::INFINITY };
             if self.history.len() > self.options.iterations {
-                return Ok(Termination::IterationLimit);
+                return Termination::IterationLimit;
             }
             let before = self.weights.cost;
             let Some(accepted) = self.correct(unmeasurable) else {
-                return Ok(if unmeasurable { Termination::Converged(Reason::Rounding) } else { self.stuck() });
+                return if unmeasurable { Termination::Converged(Reason::Rounding) } else { self.stuck() };
             };
             self.promised = if accepted.damping == 0.0 { straight } else { f64::NAN };
             if self.record(observer, before, accepted) {
-                return Ok(Termination::Interrupted);
+                return Termination::Interrupted;
             }
         }
     }
@@ -238,7 +253,8 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
 
     /// Learns the curvature that Gauss-Newton misses once it is slow, and takes it into account.
     fn learn(&mut self, rate: f64) {
-        let learn = rate > SLOW || (self.secant.is_active() && !rate.is_nan());
+        let near = self.quadratic.reduction(&self.step) <= NEAR;
+        let learn = near && (rate > SLOW || (self.secant.is_active() && !rate.is_nan()));
         self.secant.visit(&self.values, &self.quadratic, learn);
         if self.secant.is_active() {
             self.quadratic.curve(&self.secant.matrix);
@@ -294,7 +310,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         if matched { Termination::Converged(Reason::Rounding) } else { Termination::NoProgress }
     }
 
-    fn record_start(&mut self, observer: &mut dyn Observer) -> bool {
+    pub(super) fn record_start(&mut self, observer: &mut dyn Observer) -> bool {
         let start = Accepted { step: 0.0, damping: 0.0, refused: 0 };
         self.record(observer, self.weights.cost, start)
     }

@@ -2,6 +2,7 @@
 
 use super::direction::Direction;
 use super::progress::Iteration;
+use super::recourse::Recourse;
 use super::termination::Termination;
 use crate::quality::OutputFit;
 use serde::Serialize;
@@ -89,6 +90,8 @@ pub struct Estimate {
     pub termination: Termination,
     /// Corrections made.
     pub iterations: usize,
+    /// What helped the iteration on; empty when it needed no help.
+    pub recourses: Vec<Recourse>,
     /// Simulations of all runs with sensitivities, and without.
     pub evaluations: (usize, usize),
     /// The state after each correction, the start first.

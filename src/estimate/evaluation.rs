@@ -105,20 +105,20 @@ impl<'e, 'a> Evaluator<'e, 'a> {
         Ok(())
     }
 
-    /// J' R^-1 times the second derivative of the response along `step`, from the kept responses at `values` and those a
-    /// part of the step ahead; written to `bend` (one number for each unknown).
+    /// J' R^-1 times the second derivative of the response along `step`, from the kept responses at `values` and those
+    /// `ahead`, which is [`bend::AHEAD`] of the step further on; written to `bend` (one number for each unknown).
     ///
     /// # Errors
     /// As [`Self::evaluate`].
     pub(super) fn bend(
         &mut self,
         values: &[f64],
+        ahead: &[f64],
         step: &[f64],
         inverse_noise: &[f64],
         bend: &mut [f64],
     ) -> Result<(), RunFailure> {
-        let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + bend::AHEAD * s).collect();
-        self.evaluate(&ahead, Want::Response)?;
+        self.evaluate(ahead, Want::Response)?;
         self.evaluations += 1;
         let (unknowns, q) = (self.unknowns, self.outputs);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {

@@ -13,8 +13,6 @@ mod attempt;
 #[cfg(test)]
 mod belief;
 mod bend;
-#[cfg(test)]
-mod certified;
 mod changes;
 mod conclusion;
 mod continuation;
@@ -38,6 +36,7 @@ mod products;
 mod progress;
 mod projection;
 mod quadratic;
+mod recourse;
 mod rescue;
 #[cfg(test)]
 mod resumption;
@@ -75,6 +74,7 @@ pub use lengths::{LengthFit, Settling, by_confidence};
 pub use noise::Noise;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
+pub use recourse::Recourse;
 pub use rescue::{Remedy, Rescue, Trouble};
 pub use shooting::{Continuity, Shooting};
 pub use solve::{estimate, estimate_from};

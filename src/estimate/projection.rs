@@ -1,4 +1,4 @@
-//! Rescue by projection: unknowns in which the response is affine are set to their best values for every trial of the
+//! Variable projection: unknowns in which the response is affine are set to their best values for every trial of the
 //! others, and damping acts on the others alone (variable projection: Golub and Pereyra 1973, in the form of Ruhe and
 //! Wedin 1980). What is left to iterate has fewer unknowns and a valley less curved.
 
@@ -7,6 +7,8 @@ use super::quadratic::Quadratic;
 use super::step::{Room, constrained, constrained_among};
 use super::trial::Accepted;
 
+/// One affine unknown in so many is worth an evaluation more for every trial.
+const ENOUGH: usize = 4;
 /// Damping that only keeps a singular block from failing.
 const HARDLY: f64 = 1e-12;
 
@@ -18,9 +20,10 @@ pub(super) struct Projected {
 }
 
 impl Correction<'_, '_, '_> {
-    /// Whether some unknowns are affine, but not all of them.
+    /// Whether enough unknowns are affine to make the others' problem an easier one, but not all.
     pub(super) fn can_project(&self) -> bool {
-        !self.unknowns.affine.is_empty() && self.unknowns.affine.len() < self.values.len()
+        let (affine, all) = (self.unknowns.affine.len(), self.values.len());
+        !self.attempts.unprojected && affine * ENOUGH >= all && affine < all
     }
 
     /// Begins to project: affine unknowns go to their best values here, which is a correction by itself when it gains
@@ -31,6 +34,7 @@ impl Correction<'_, '_, '_> {
         if !self.projecting {
             return None;
         }
+        self.note_projection();
         self.step.fill(0.0);
         self.follow();
         if !self.set_trial() {

@@ -92,3 +92,25 @@ fn states_of_other_problems_are_refused() {
     let refused = estimate_from(&mut smaller, &Options::default(), Some(state), &mut ()).expect_err("another problem");
     assert!(refused[0].to_string().contains("another number of free parameters"), "{}", refused[0]);
 }
+
+#[test]
+fn a_rescued_one_too() {
+    // a constant and two exponentials that have died out at the start
+    let pair: Sample = |x, theta, y, d| {
+        let (a, b) = ((-theta[3] * x).exp(), (-theta[4] * x).exp());
+        y[0] = theta[0] + theta[1] * a + theta[2] * b;
+        d.copy_from_slice(&[1.0, a, b, -theta[1] * x * a, -theta[2] * x * b]);
+    };
+    let make = |start: [f64; 5]| {
+        let truth = [0.4, 1.9, -1.5, 0.013, 0.022];
+        let data = run("r", grid(33, 320.0), 1, pair, &truth, |k, _| 1e-3 * (7.0 * k as f64).sin());
+        let params = start.iter().zip(["a", "b", "c", "d", "e"]).map(|(v, n)| param(n, *v)).collect();
+        Problem { affine: vec![0, 1, 2], ..problem(params, vec![data]) }
+    };
+    for start in [[50.0, 150.0, -100.0, 1.0, 2.0], [0.5, 1.0, -1.0, 0.05, 0.1]] {
+        let fit = estimate(&mut make(start), &Options::default(), &mut ()).expect("a possible problem");
+        assert!(fit.is_good() && !fit.recourses.is_empty(), "{} {:?}", fit.termination, fit.recourses);
+        assert!((fit.parameters[3].value - 0.013).abs() < 1e-3, "{:?}", fit.parameters[3].value);
+        interrupt_everywhere(|| make(start), &Options::default());
+    }
+}

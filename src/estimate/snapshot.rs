@@ -6,6 +6,7 @@ use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::problem::ProblemError;
 use super::progress::Iteration;
+use super::recourse::Attempts;
 use super::secant::Secant;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,7 @@ pub(super) struct Snapshot {
     last: f64,
     promised: f64,
     secant: Secant,
+    attempts: Attempts,
     evaluations: (usize, usize),
     history: Vec<Iteration>,
 }
@@ -64,6 +66,7 @@ impl Correction<'_, '_, '_> {
             last: self.last,
             promised: self.promised,
             secant: self.secant.clone(),
+            attempts: self.attempts.clone(),
             evaluations: (self.evaluator.evaluations, self.evaluator.simulations),
             history: self.history.clone(),
         };
@@ -77,11 +80,22 @@ impl Correction<'_, '_, '_> {
     /// The run that cannot be simulated there.
     pub(super) fn restore(&mut self, snapshot: Snapshot) -> Result<(), RunFailure> {
         let Snapshot {
-            values, damping, level, precise, projecting, last, promised, secant, evaluations, history, ..
+            values,
+            damping,
+            level,
+            precise,
+            projecting,
+            last,
+            promised,
+            secant,
+            attempts,
+            evaluations,
+            history,
+            ..
         } = snapshot;
         self.trial.clone_from(&values);
         (self.values, self.damping, self.level, self.last, self.history) = (values, damping, level, last, history);
-        (self.promised, self.secant, self.projecting) = (promised, secant, projecting);
+        (self.promised, self.secant, self.attempts, self.projecting) = (promised, secant, attempts, projecting);
         if precise {
             self.precise = true;
             self.evaluator.make_precise();

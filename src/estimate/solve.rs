@@ -54,6 +54,7 @@ pub fn estimate_from(
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
     let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
+    let recourses = correction.recourses();
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
     let responses = evaluator.into_responses();
@@ -75,6 +76,7 @@ pub fn estimate_from(
         outputs,
         cost,
         iterations: history.len().saturating_sub(1),
+        recourses,
         evaluations,
         history,
         covered,

@@ -1,6 +1,7 @@
 //! Trying one correction: a full Gauss-Newton step first, so that well-behaved problems converge quadratically; when it
 //! is refused, damped steps (Levenberg, Marquardt) that are bent along the curve of the response.
 
+use super::bend::AHEAD;
 use super::correction::Correction;
 use super::evaluation::Want;
 use super::noise::Weights;
@@ -99,16 +100,21 @@ impl Correction<'_, '_, '_> {
 
     /// The second derivative of the response along the step, as a (scaled) slope of the cost.
     pub(super) fn slope_of_bend(&mut self) -> Option<Vec<f64>> {
-        let scale = &self.quadratic.scale;
-        let unscaled = |v: &[f64]| {
-            let parts = v.iter().zip(scale).map(|(v, d)| if *d > 0.0 { v / d } else { 0.0 });
-            parts.collect::<Vec<f64>>()
-        };
-        let mut slope = vec![0.0; self.step.len()];
-        let inverse_noise = self.weights.inverse();
+        let step = self.unscaled(&self.step);
+        let mut ahead: Vec<f64> = self.values.iter().zip(&step).map(|(v, s)| v + AHEAD * s).collect();
         self.fresh = false;
-        self.evaluator.bend(&self.values, &unscaled(&self.step), &inverse_noise, &mut slope).ok()?;
-        Some(unscaled(&slope))
+        if self.projecting && !self.follow_in_trial(&mut ahead) {
+            return None;
+        }
+        let mut slope = vec![0.0; step.len()];
+        let inverse_noise = self.weights.inverse();
+        self.evaluator.bend(&self.values, &ahead, &step, &inverse_noise, &mut slope).ok()?;
+        Some(self.unscaled(&slope))
+    }
+
+    fn unscaled(&self, scaled: &[f64]) -> Vec<f64> {
+        let parts = scaled.iter().zip(&self.quadratic.scale);
+        parts.map(|(v, d)| if *d > 0.0 { v / d } else { 0.0 }).collect()
     }
 
     /// Applies the scaled step, times the gain, to the current estimates; what reaches a bound stands on it to the bit; false when nothing changes.

@@ -78,6 +78,9 @@ fn remarks(estimate: &Estimate) -> Vec<String> {
         };
         remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
     }
+    for recourse in &estimate.recourses {
+        remarks.push(format!("the iteration needed help: {recourse}"));
+    }
     for output in &estimate.noise_free {
         remarks.push(format!("`{output}` is matched to rounding: its noise and the standard errors mean nothing"));
     }
