@@ -1,9 +1,10 @@
 //! Delayed states in equations: sensitivities against differences of the same simulation, responses against the method
 //! of steps, orders of convergence, and delays found again.
 
-use fdm::Model;
+use fdm::estimate::{FitOptions, fit};
 use fdm::record::Run;
-use fdm::simulate::Simulator;
+use fdm::simulate::{Simulator, choose_steps};
+use fdm::{Model, code};
 use std::f64::consts::PI;
 
 fn model(text: &str) -> Model {
@@ -171,72 +172,303 @@ fn sensitivities_of_many_states_and_many_parameters() {
     check(&wide, &run(&wide, even(20, 0.1)), 1, &[]);
 }
 
-/// x' = -x(t - tau), x = 1 before: sum of (-1)^k (t - (k - 1) tau)^k / k! over k with t > (k - 1) tau; and its
-/// derivative by tau.
-fn steps(t: f64, tau: f64) -> (f64, f64) {
-    let (mut x, mut by_tau, mut factorial) = (1.0, 0.0, 1.0);
-    for k in 1..60 {
-        let (order, rest) = (f64::from(k), t - f64::from(k - 1) * tau);
-        factorial *= order;
-        if rest <= 0.0 {
-            break;
-        }
-        let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
-        x += sign * rest.powi(k) / factorial;
-        by_tau -= sign * (order - 1.0) * rest.powi(k - 1) / (factorial / order);
-    }
-    (x, by_tau)
+/// The solution of x' = b x(t - p) + c x(t - q) + u(t - r) by the method of steps, for x = 1 until 0 and u linear between samples
+/// of a run, constant before: polynomial pieces.
+struct Steps<'r> {
+    b: f64,
+    c: f64,
+    delays: [f64; 3],
+    run: &'r Run,
 }
 
-#[test]
-fn the_method_of_steps_gives_the_same_response_and_derivative() {
-    let decay = model("model d { state x = 1; param tau = 1 in [0, 9]; der(x) = -delay(x, tau); output y = x; }");
-    for tau in [1.0, 0.7312, 1.4] {
-        let run = run(&decay, even(49, 0.125));
-        let (y, jacobian) = linearised(&decay, &run, 8, &[tau]);
-        for (k, t) in run.time.iter().enumerate() {
-            let (x, by_tau) = steps(*t, tau);
-            assert!((y[k] - x).abs() < 1e-8, "tau = {tau}, t = {t}: {} instead of {x}", y[k]);
-            assert!((jacobian[0][k] - by_tau).abs() < 1e-6, "tau = {tau}, t = {t}: {} {by_tau}", jacobian[0][k]);
+impl Steps<'_> {
+    /// The fundamental solution, integrated `times` times: sum of (n over i) b^i c^j (t - i p - j q)^(n + times)/(n + times)!
+    fn fundamental(&self, t: f64, times: i32) -> f64 {
+        let [p, q, _] = self.delays;
+        let mut sum = 0.0;
+        for i in 0..60 {
+            // the next term of the inner sum by the one before
+            let (mut factor, mut power) = (1.0, f64::from(i + times));
+            for k in 1..=i {
+                factor *= self.b / f64::from(k);
+            }
+            for k in i + 1..=i + times {
+                factor /= f64::from(k);
+            }
+            for j in 0..60 {
+                let rest = t - f64::from(i) * p - f64::from(j) * q;
+                if rest <= 0.0 || factor == 0.0 {
+                    break;
+                }
+                sum += factor * rest.powf(power);
+                power += 1.0;
+                let n = f64::from(i + j + 1);
+                factor *= self.c * n / (f64::from(j + 1) * power);
+            }
         }
+        sum
+    }
+
+    fn at(&self, t: f64) -> f64 {
+        let (u, time) = (&self.run.inputs, &self.run.time);
+        let slope = |k: usize| if k == 0 || k >= u.len() { 0.0 } else { (u[k] - u[k - 1]) / (time[k] - time[k - 1]) };
+        let kinks = (0..u.len()).map(|k| (slope(k + 1) - slope(k)) * self.fundamental(t - time[k] - self.delays[2], 2));
+        1.0 + (self.b + self.c + u[0]) * self.fundamental(t, 1) + kinks.sum::<f64>()
     }
 }
 
-/// Largest errors of a response with 1, 2, 4, ... steps between samples.
+/// Largest errors of a response with 2, 4, ... steps between samples.
 fn errors(model: &Model, run: &Run, set: &[(&str, f64)], exact: impl Fn(f64) -> f64) -> Vec<f64> {
     let theta = theta(model, set);
+    let exact: Vec<f64> = run.time.iter().map(|t| exact(*t)).collect();
     let error = |per: usize| {
         let y = response(model, run, per, &theta);
-        y.iter().zip(&run.time).fold(0.0_f64, |e, (y, t)| e.max((y - exact(*t)).abs()))
+        y.iter().zip(&exact).fold(0.0_f64, |e, (y, x)| e.max((y - x).abs()))
     };
-    (0..8).map(|k| error(1 << k)).collect()
+    (1..7).map(|k| error(1 << k)).collect()
+}
+
+/// The order with which errors of halved steps fall, over the whole sequence.
+fn order(errors: &[f64]) -> f64 {
+    let above: Vec<f64> = errors.iter().copied().take_while(|e| *e > 1e-13).collect();
+    if above.len() < 2 {
+        return 0.0;
+    }
+    (above[0] / above[above.len() - 1]).log2() / (above.len() - 1) as f64
+}
+
+const LINEAR: &str =
+    "model linear { input u; state x = 1; param b = -1, c = 0, p = 1 in [0, 9], q = 0 in [0, 9], r = 0 in [0, 9];
+    der(x) = b*delay(x, p) + c*delay(x, q) + delay(u, r); output y = x; }";
+
+#[test]
+fn linear_delay_equations_converge_to_the_method_of_steps() {
+    let linear = model(LINEAR);
+    let (mut forced, mut free) = (run(&linear, even(33, 0.125)), run(&linear, even(33, 0.125)));
+    free.inputs.fill(0.0);
+    forced.inputs.iter_mut().enumerate().for_each(|(k, u)| *u = f64::from(k as u8 % 7) * 0.3 - 0.5);
+    for (run, set) in [
+        (&free, [-1.0, 0.0, 1.0, 0.0, 0.0]),
+        (&free, [-1.0, 0.0, 0.7312, 0.0, 0.0]),
+        (&free, [-1.7, 0.0, 0.9131, 0.0, 0.0]),
+        (&free, [-1.0, 0.0, 0.0123, 0.0, 0.0]),
+        (&free, [-1.0, -0.7, 0.7312, 0.4417, 0.0]),
+        (&free, [-2.0, 0.9, 0.5, 0.0177, 0.0]),
+        (&forced, [-1.0, 0.0, 0.7312, 0.0, 0.0]),
+        (&forced, [-1.0, -0.7, 0.7312, 0.4417, 0.0713]),
+    ] {
+        let [b, c, p, q, r] = set;
+        let steps = Steps { b, c, delays: [p, q, r], run };
+        let set = [("b", b), ("c", c), ("p", p), ("q", q), ("r", r)];
+        let errors = errors(&linear, run, &set, |t| steps.at(t));
+        eprintln!(
+            "{set:?}: {} order {:.2}",
+            errors.iter().map(|e| format!("{e:.1e} ")).collect::<String>(),
+            order(&errors)
+        );
+
+        // pieces of polynomials on the grid are found exactly
+        let exact = errors[0] < 1e-13;
+        assert!((exact || order(&errors) > 3.4) && errors[5] < 1e-9, "{set:?}: {errors:?}");
+    }
 }
 
 #[test]
-fn orders_of_convergence() {
-    let decay = model("model d { state x = 1; param tau = 1 in [0, 9]; der(x) = -delay(x, tau); output y = x; }");
-    for tau in [1.0, 0.7312, 0.1, 1.4, 0.03, 0.0] {
-        let run = run(&decay, even(26, 0.25));
-        let e = errors(&decay, &run, &[("tau", tau)], |t| if tau == 0.0 { (-t).exp() } else { steps(t, tau).0 });
-        eprintln!("tau {tau}: {}", e.iter().map(|e| format!("{e:.1e} ")).collect::<String>());
+fn a_decay_beside_the_delay_converges_with_order_four() {
+    // x = 1 + (a + b) int X, X = sum of b^k (t - k tau)^k exp(a (t - k tau))/k!
+    let text = "model m { input u; state x = 1; param a = -1.3, b = -2, tau = 0.4371 in [0, 9]; der(x) = a*x + b*delay(x, tau); output y = x; }";
+    let decay = model(text);
+    let run = run(&decay, even(25, 0.125));
+    for tau in [0.4371, 0.03, 0.0] {
+        let (a, b) = (-1.3, -2.0);
+        let fundamental = |t: f64| {
+            let (mut sum, mut factor) = (0.0, 1.0);
+            for k in 0..200 {
+                let rest = t - f64::from(k) * tau;
+                if rest < 0.0 {
+                    break;
+                }
+                sum += factor * rest.powi(k) * (a * rest).exp();
+                factor *= b / f64::from(k + 1);
+            }
+            sum
+        };
+        let exact = |t: f64| {
+            if tau == 0.0 {
+                return ((a + b) * t).exp();
+            }
+            // Gauss's three points on pieces between the kinks
+            let pieces =
+                (0..).map(|k| (f64::from(k) * tau, (f64::from(k + 1) * tau).min(t))).take_while(|(l, _)| *l < t);
+            let piece = |(low, high): (f64, f64)| {
+                let h = (high - low) / 20.0;
+                let part = |m: i32, x: f64| fundamental(low + h * (f64::from(m) + 0.5 + x * 0.15_f64.sqrt()));
+                (0..20).map(|m| h / 18.0 * (5.0 * part(m, -1.0) + 8.0 * part(m, 0.0) + 5.0 * part(m, 1.0))).sum::<f64>()
+            };
+            1.0 + (a + b) * pieces.map(piece).sum::<f64>()
+        };
+        let errors = errors(&decay, &run, &[("tau", tau)], exact);
+        eprintln!("{tau}: {errors:?} order {:.2}", order(&errors));
+        assert!(order(&errors) > 3.6, "{tau}: {errors:?}");
     }
+}
+
+#[test]
+fn nonlinear_delay_equations_converge_with_order_three_across_kinks() {
     let cases = [
-        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau); der(z) = x - z; output y = x + z;",
-        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau) + 0.5*delay(x, 0.317) + u; der(z) = x - z; output y = x + z;",
-        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau) + 0.5*delay(x, 0.317) + delay(u, 0.113); der(z) = x - z; output y = delay(x, 0.1733) + z;",
-        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3; der(z) = delay(x, tau)^2 - z; output y = x + z;",
-        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3 + delay(u, 0.113); der(z) = delay(x, tau)^2 - z; output y = x + z;",
+        "der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3; output y = x;",
+        "der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3 + delay(u, 0.113); output y = x;",
+        "der(x) = 1.5*delay(x, tau)*(1 - x) + u*delay(x*u, 0.113); output y = delay(x, 0.1733);",
     ];
     for case in cases {
-        let m = model(&format!("model m {{ {case} }}"));
-        let run = run(&m, even(41, 0.125));
-        let theta = m.definition().start();
-        let exact = response(&m, &run, 1024, &theta);
-        let e: Vec<f64> = (0..8)
-            .map(|k| {
-                response(&m, &run, 1 << k, &theta).iter().zip(&exact).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()))
-            })
-            .collect();
-        eprintln!("{case}: {}", e.iter().map(|e| format!("{e:.1e} ")).collect::<String>());
+        let nonlinear = model(&format!("model m {{ input u; state x = 0.6; param tau = 0.7312 in [0, 9]; {case} }}"));
+        let run = run(&nonlinear, even(41, 0.125));
+        let exact = response(&nonlinear, &run, 1024, &[0.7312]);
+        let at = |t: f64| exact[(t / 0.125).round() as usize];
+        let errors = errors(&nonlinear, &run, &[], at);
+        eprintln!("{case}: {errors:?} order {:.2}", order(&errors));
+        assert!(order(&errors) > 2.5, "{case}: {errors:?}");
+        let chosen = choose_steps(nonlinear.dynamics(), &run, &[0.7312]).expect("suited");
+        let y = response(&nonlinear, &run, chosen.per_interval, &[0.7312]);
+        let (low, high) = exact.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        let error = y.iter().zip(&exact).fold(0.0_f64, |e, (y, x)| e.max((y - x).abs())) / (high - low);
+        eprintln!("{chosen:?} {error:.1e}");
+        assert!(chosen.error <= 1e-8 && error < 3e-8, "{chosen:?} {error:e}");
+    }
+}
+
+#[test]
+fn the_derivative_by_the_delay_has_its_closed_form() {
+    // x' = -x(t - tau), x = 1 before: x = 1 + sum of (-1)^k (t - (k - 1) tau)^k/k!
+    let decay = model("model d { state x = 1; param tau = 1 in [0, 9]; der(x) = -delay(x, tau); output y = x; }");
+    let run = run(&decay, even(49, 0.125));
+    for tau in [1.0, 0.7312, 1.4, 0.0871] {
+        let (y, jacobian) = linearised(&decay, &run, 16, &[tau]);
+        for (n, t) in run.time.iter().enumerate() {
+            let (mut x, mut by_tau, mut factor) = (1.0, 0.0, 1.0);
+            for k in 1..200 {
+                let rest = t - f64::from(k - 1) * tau;
+                if rest <= 0.0 {
+                    break;
+                }
+                by_tau -= -factor * f64::from(k - 1) * rest.powi(k - 1);
+                factor *= -1.0 / f64::from(k);
+                x += factor * rest.powi(k);
+            }
+            assert!((y[n] - x).abs() < 1e-9, "tau = {tau}, t = {t}: {} instead of {x}", y[n]);
+            assert!((jacobian[0][n] - by_tau).abs() < 2e-7, "tau = {tau}, t = {t}: {} {by_tau}", jacobian[0][n]);
+        }
+    }
+}
+
+#[test]
+fn a_response_goes_smoothly_through_delays_of_one_step_and_none() {
+    // second differences of a smooth function are small of second order, a jump of the value or slope would stand out
+    let one = model(ONE);
+    let run = run(&one, even(30, 0.125));
+    for (around, step) in [(0.125, 1e-4), (0.25, 1e-4), (1e-4, 5e-5)] {
+        let at = |k: f64| response(&one, &run, 1, &theta(&one, &[("tau", around + k * step)]));
+        let samples: Vec<Vec<f64>> = [-2.0, -1.0, 0.0, 1.0, 2.0].iter().map(|k| at(*k)).collect();
+        for r in 0..samples[0].len() {
+            let second = |k: usize| samples[k - 1][r] - 2.0 * samples[k][r] + samples[k + 1][r];
+            assert!((1..4).all(|k| second(k).abs() < 40.0 * step * step), "tau = {around}, row {r}: {:e}", second(2));
+        }
+    }
+}
+
+#[test]
+fn engines_and_the_macro_give_the_same_bits() {
+    let by_macro = fdm::model! {
+        model one {
+            input u; param x0 = 0.7, z0 = -0.4 per run; state x = x0, z = z0;
+            param a = -0.8, b = -1.1, c = 0.6, tau = 0.3 in [0, 20];
+            der(x) = a*x + b*delay(x, tau) + c*z + u; der(z) = -z*hypot(z, 0.3) - delay(x, tau)*x + c*u;
+            output y = x; output w = z + c*x;
+        }
+    };
+    let by_file = model(ONE);
+    let tape = code::compile(by_file.schedule(), code::Engine::Tape);
+    let run = run(&by_file, uneven(60, 0.1));
+    for tau in [0.03, 0.3117] {
+        let theta = theta(&by_file, &[("tau", tau)]);
+        let columns: Vec<usize> = (0..theta.len()).collect();
+        let results = [by_file.dynamics(), &*tape, by_macro.dynamics()].map(|dynamics| {
+            let (mut y, mut jacobian) = (vec![0.0; 120], vec![0.0; 120 * 8]);
+            let mut simulator = Simulator::new(dynamics, &run, 2).expect("suited");
+            simulator.sensitivities(&theta, &columns, &mut y, &mut jacobian).expect("finite");
+            // again, by memory that has been used with another delay
+            let mut other = theta.clone();
+            other[columns.len() - 1] = 2.0;
+            let mut again = vec![0.0; 120];
+            simulator.simulate(&other, &mut again).expect("finite");
+            simulator.simulate(&theta, &mut again).expect("finite");
+            assert_eq!(again, y);
+            (y, jacobian)
+        });
+        assert!(results[0] == results[1] && results[0] == results[2]);
+    }
+}
+
+#[test]
+fn divergence_is_a_finding() {
+    let text = "model m { input u; state calm, x = 1; param tau = 0.1 in [0, 9]; der(calm) = -calm; der(x) = 3*delay(x, tau)*x; output y = x; }";
+    let blows = model(text);
+    let run = run(&blows, even(60, 0.1));
+    for tau in [0.31, 0.02] {
+        let mut simulator = Simulator::new(blows.dynamics(), &run, 4).expect("suited");
+        let found = simulator.simulate(&[tau], &mut [0.0; 60]).expect_err("it grows faster than any exponential");
+        assert!(found.time > 0.2 && found.time < 6.0, "{found:?}");
+        let stride = 8;
+        let again = simulator.sensitivities(&[tau], &[0], &mut [0.0; 60], &mut vec![0.0; 60 * stride]);
+        assert_eq!(again, Err(found));
+    }
+    let mut simulator = Simulator::new(blows.dynamics(), &run, 1).expect("suited");
+    assert!(
+        simulator.simulate(&[f64::NAN], &mut [0.0; 60]).is_err()
+            && simulator.simulate(&[-0.1], &mut [0.0; 60]).is_err()
+    );
+}
+
+#[test]
+fn a_past_that_memory_cannot_hold_is_an_error() {
+    let params: Vec<String> = (0..400).map(|k| format!("p{k} = {k}")).collect();
+    let terms: Vec<String> = (0..400).map(|k| format!("p{k}")).collect();
+    let text = format!(
+        "model m {{ input u; state x = 1; param {}, tau = 1 in [0, inf]; der(x) = -delay(x, tau); output y = x + ({}); }}",
+        params.join(", "),
+        terms.join(" + ")
+    );
+    let long = model(&text);
+    let run = run(&long, even(1001, 1.0));
+    let mut simulator = Simulator::new(long.dynamics(), &run, 256).expect("suited");
+    assert_eq!(simulator.suits(&theta(&long, &[("tau", 100.0)])), Ok(()));
+    let found = simulator.suits(&theta(&long, &[("tau", 2000.0)])).expect_err("300 million numbers");
+    assert!(found.to_string().contains("reaches back over"), "{found}");
+    assert!(simulator.simulate(&theta(&long, &[("tau", 100.0)]), &mut vec![0.0; 1001]).is_ok());
+}
+
+#[test]
+fn delays_of_a_state_an_input_and_an_output_are_found_again() {
+    let text = "model loop_with_delays {
+        input u; state x, z;
+        param a = 1 in [0, 20], g = -1.5 in [-20, 0], c = 1 in [0, 20], tau_u = 0.1 in [0, 1], tau_x = 0.3 in [0, 2], tau_y = 0.1 in [0, 1];
+        der(x) = -a*x + g*delay(z, tau_x) + delay(u, tau_u); der(z) = x - c*z;
+        output y = delay(x, tau_y); output w = z; }";
+    let truth = [("a", 0.7), ("g", -2.3), ("c", 1.6), ("tau_u", 0.1637), ("tau_x", 0.4419), ("tau_y", 0.0713)];
+    let looped = model(text);
+    let mut run = run(&looped, even(500, 0.04));
+    run.inputs.iter_mut().zip(&run.time).for_each(|(u, t)| *u *= (t / 2.0).min(1.0));
+    run.measured = response(&looped, &run, 64, &theta(&looped, &truth));
+    let found = fit(&looped, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).expect("runs");
+    assert!(found.estimate.is_good(), "{}", found.estimate.termination);
+    eprintln!("{:?} {}", found.integration, found.estimate.iterations);
+    for (name, want) in truth {
+        let got = found.estimate.parameter(name, None).expect("estimated").value;
+        eprintln!(
+            "{name}: {got} ({:.1e}), start {}",
+            (got / want - 1.0).abs(),
+            looped.definition().start()[looped.definition().param(name).unwrap_or(0)]
+        );
+        assert!((got - want).abs() < 1e-6 * want.abs(), "{name}: {got} instead of {want}");
     }
 }

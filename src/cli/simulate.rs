@@ -85,6 +85,7 @@ fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Res
         None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
+    simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
     Ok(Response { run, accuracy, y, divergence })

@@ -67,6 +67,16 @@ pub enum Unsuited {
         /// Steps that it covers.
         nodes: usize,
     },
+    /// Too many states are delayed by less than a step: the equations of a step that sees itself would be too large.
+    #[error(
+        "{states} states are delayed, some by less than a step, and have to be found at once; {} at most: take more steps between \
+         samples, or bound the delays from below",
+        Retarded::MOST_AT_ONCE
+    )]
+    ShortDelays {
+        /// States that would have to be found at once.
+        states: usize,
+    },
 }
 
 /// Simulates one run again and again with other parameters; allocates once.
@@ -173,6 +183,9 @@ impl<'a> Simulator<'a> {
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
+        if let Some(retarded) = &mut self.retarded {
+            retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
+        }
         let steps = self.grid.steps();
         if let Some(history) = &mut self.history {
             history.node(self.run.time[0], &self.nodes[0], &[]);
@@ -247,19 +260,23 @@ impl<'a> Simulator<'a> {
         self.stream(theta, columns, &mut |block| block.copy_to(y, jacobian, stride))
     }
 
-    /// Whether the past that the delays at theta reach back to can be kept.
+    /// Whether the delays of states at theta can be followed on these steps.
     ///
     /// # Errors
-    /// [`Unsuited::LongMemory`].
-    pub fn remembers(&mut self, theta: &[f64]) -> Result<(), Unsuited> {
-        let Some(history) = &self.history else { return Ok(()) };
+    /// [`Unsuited::LongMemory`], [`Unsuited::ShortDelays`].
+    pub fn suits(&mut self, theta: &[f64]) -> Result<(), Unsuited> {
         let layout = self.dynamics.layout();
         self.dynamics.prepare(theta, &mut self.known, &mut self.work);
-        let longest = longest_state_delay(layout, &self.known);
-        let (lanes, grid) = (layout.stage.lanes, &self.grid);
-        match history.numbers(lanes, longest, grid) {
-            numbers if numbers <= History::MOST => Ok(()),
-            numbers => Err(Unsuited::LongMemory { longest, nodes: numbers / history.numbers_per_node(lanes) }),
+        let lanes = layout.stage.lanes;
+        let Self { history: Some(history), retarded: Some(retarded), known, grid, .. } = self else { return Ok(()) };
+        let longest = longest_state_delay(layout, known);
+        let numbers = history.numbers(lanes, longest, grid);
+        if numbers > History::MOST {
+            return Err(Unsuited::LongMemory { longest, nodes: numbers / history.numbers_per_node(lanes) });
+        }
+        match retarded.states_at_once(&known[layout.tau.clone()], grid) {
+            states if states > Retarded::MOST_AT_ONCE => Err(Unsuited::ShortDelays { states }),
+            _ => Ok(()),
         }
     }
 
@@ -291,13 +308,13 @@ impl<'a> Simulator<'a> {
         self.drive.delay(tau, self.run, &self.grid);
         if let Some(history) = &mut self.history {
             let longest = longest_state_delay(layout, &self.known);
-            if history.numbers(stride, longest, &self.grid) > History::MOST {
+            let too_many = |r: &Retarded| r.states_at_once(tau, &self.grid) > Retarded::MOST_AT_ONCE;
+            if history.numbers(stride, longest, &self.grid) > History::MOST
+                || self.retarded.as_ref().is_some_and(too_many)
+            {
                 return Err(start(None));
             }
             history.begin(stride, longest, &self.grid);
-        }
-        if let Some(retarded) = &mut self.retarded {
-            retarded.begin(tau, &self.grid);
         }
         Ok(())
     }

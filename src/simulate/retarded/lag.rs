@@ -41,6 +41,8 @@ impl Lag {
         let (newest, lanes) = (history.newest(), rows.len() / 3);
         rows.fill(0.0);
         self.past = StageValues { value: [0.0; 3], slope: [0.0; 3] };
+        // the weights of values in each stage, which should sum to 1
+        let mut total = [0.0; 3];
         let end = (window.0 + h).min(t);
         let mut from = window.0;
         let first = history.first();
@@ -49,6 +51,7 @@ impl Lag {
             let weights = Share::constant((from, end.min(first)), window);
             for (stage, weight) in weights.into_iter().enumerate() {
                 self.past.value[stage] += weight * history.value(0, self.slot);
+                total[stage] += weight;
                 history.add_value(0, self.slot, weight, &mut rows[stage * lanes..][..lanes]);
             }
             from = first;
@@ -65,26 +68,34 @@ impl Lag {
             for stage in 0..3 {
                 self.past.value[stage] += sum(&share.value[stage], &four);
                 self.past.slope[stage] += sum(&share.slope[stage], &four);
+                total[stage] += share.value[stage][0] + share.value[stage][1];
                 history.add_four(node, self.slot, &share.value[stage], &mut rows[stage * lanes..][..lanes]);
             }
             (from, node) = (to, node + 1);
         }
-        self.look_ahead(history, (t, h), window, rows)
+        self.look_ahead(history, (t, h), window, total, rows)
     }
 
-    /// The part of the window that lies in the step itself.
+    /// The part of the window that lies in the step itself; what rounding of the times left of the whole weight goes to the newest
+    /// node, so that a constant is seen as it is however short the step.
     #[inline(always)]
-    fn look_ahead(&mut self, history: &History, (t, h): (f64, f64), window: (f64, f64), rows: &mut [f64]) -> bool {
+    fn look_ahead(
+        &mut self,
+        history: &History,
+        (t, h): (f64, f64),
+        window: (f64, f64),
+        total: [f64; 3],
+        rows: &mut [f64],
+    ) -> bool {
         let end = window.0 + h;
         // what rounding alone moves across t is not worth an implicit step
         let short = end - t > 8.0 * f64::EPSILON * (t.abs() + h);
         self.own = if short { Share::new((t, h), (window.0.max(t), end), window) } else { Share::default() };
-        if short {
-            let (newest, lanes) = (history.newest(), rows.len() / 3);
-            for stage in 0..3 {
-                let weight = self.own.value[stage][0];
-                history.add_value(newest, self.slot, weight, &mut rows[stage * lanes..][..lanes]);
-            }
+        let (newest, lanes) = (history.newest(), rows.len() / 3);
+        for stage in 0..3 {
+            let own = &mut self.own.value[stage];
+            own[0] = 1.0 - total[stage] - own[1];
+            history.add_value(newest, self.slot, own[0], &mut rows[stage * lanes..][..lanes]);
         }
         short
     }

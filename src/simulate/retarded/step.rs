@@ -57,6 +57,9 @@ pub(in super::super) struct Retarded {
 }
 
 impl Retarded {
+    /// Most states that a step can see of itself: their equations are dense, three for each.
+    pub(in super::super) const MOST_AT_ONCE: usize = 200;
+
     pub(in super::super) fn new(layout: &Layout, history: &History) -> Self {
         let (p, stage, n) = (&layout.patterns, &layout.stage, layout.states);
         let (mut lags, mut unknown): (Vec<Lag>, Vec<usize>) = (Vec::new(), Vec::new());
@@ -96,10 +99,13 @@ impl Retarded {
     pub(in super::super) fn begin(&mut self, tau: &[f64], grid: &Grid) {
         self.lags.iter_mut().for_each(Lag::begin);
         self.own.fill([0.0; 3]);
+        self.lu.resize(3 * self.states_at_once(tau, grid));
+    }
+
+    /// States that have to be found at once because a delay is shorter than a step.
+    pub(in super::super) fn states_at_once(&self, tau: &[f64], grid: &Grid) -> usize {
         let shortest = self.lags.iter().map(|lag| tau[lag.delayed]).fold(f64::INFINITY, f64::min);
-        if (0..grid.steps()).any(|k| grid.step(k).1 > shortest) {
-            self.lu.resize(3 * self.unknown.len());
-        }
+        if (0..grid.steps()).any(|k| grid.step(k).1 > shortest) { self.unknown.len() } else { 0 }
     }
 
     /// Takes step k without sensitivities.
