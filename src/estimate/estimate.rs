@@ -1,6 +1,7 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
 use super::direction::Direction;
+use super::noise_colour::{NoiseColour, Uncorrected};
 use super::progress::Iteration;
 use super::termination::Termination;
 use crate::quality::OutputFit;
@@ -37,6 +38,9 @@ pub struct ParameterEstimate {
     pub value: f64,
     /// Cramer-Rao standard error, with degrees of freedom taken off the noise; none when there is none to give.
     pub standard_error: Option<f64>,
+    /// Standard error corrected for the colour of the residuals (Morelli and Klein); none where [`Estimate::uncorrected`]
+    /// says why, and where there is no other either.
+    pub corrected_error: Option<f64>,
     /// Its unit, as text.
     pub unit: Option<String>,
     /// What can be said about it.
@@ -99,6 +103,12 @@ pub struct Estimate {
     pub covariance: Symmetric,
     /// Correlations of the estimates.
     pub correlations: Symmetric,
+    /// Covariance of the estimates corrected for the colour of the residuals; empty when there is none.
+    pub corrected_covariance: Symmetric,
+    /// The colour of the noise of each output; empty when errors were not corrected for it.
+    pub colours: Vec<NoiseColour>,
+    /// Why errors were not corrected for the colour of the residuals; none when they were.
+    pub uncorrected: Option<Uncorrected>,
     /// Covariance R of the measurement noise (q by q): as given, or estimated with degrees of freedom taken off; 0
     /// for an output that was never measured. None when nothing was estimated or no degree of freedom is left.
     pub noise: Option<Symmetric>,

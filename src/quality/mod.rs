@@ -6,6 +6,7 @@
 
 pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
+pub(crate) mod colour;
 mod input_correlation;
 mod output_fit;
 mod residuals;
