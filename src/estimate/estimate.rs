@@ -53,6 +53,13 @@ pub struct ParameterEstimate {
     pub upper: Option<f64>,
 }
 
+impl ParameterEstimate {
+    /// The standard error to be trusted: corrected for the colour of the residuals where that was possible.
+    pub fn error(&self) -> Option<f64> {
+        self.corrected_error.or(self.standard_error)
+    }
+}
+
 /// A symmetric matrix.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Symmetric {
@@ -134,6 +141,15 @@ impl Estimate {
     /// Whether the iteration converged and the data determine every free parameter.
     pub fn is_good(&self) -> bool {
         self.termination.is_good() && self.undetermined.is_empty()
+    }
+
+    /// Corrected over Cramer-Rao standard error of every parameter that has both, rising.
+    pub fn correction_factors(&self) -> Vec<f64> {
+        let both = self.covered.iter().map(|k| &self.parameters[*k]);
+        let factor = |p: &ParameterEstimate| Some(p.corrected_error? / p.standard_error.filter(|s| *s > 0.0)?);
+        let mut factors: Vec<f64> = both.filter_map(factor).collect();
+        factors.sort_by(f64::total_cmp);
+        factors
     }
 
     /// Pairs of entries of `parameters` whose estimates correlate by more than `limit`, with the correlation.

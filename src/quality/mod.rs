@@ -11,6 +11,8 @@ mod input_correlation;
 mod output_fit;
 mod residuals;
 pub(crate) mod sampling;
+#[cfg(test)]
+mod specimen;
 mod whiteness;
 
 pub use input_correlation::InputCorrelation;
