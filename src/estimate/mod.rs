@@ -17,6 +17,8 @@ mod certified;
 mod changes;
 mod coloured;
 mod coloured_rows;
+#[cfg(test)]
+mod coloured_tests;
 mod conclusion;
 mod continuation;
 mod correction;
