@@ -8,7 +8,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
 use fdm::record::{Run, Summary};
-use fdm::report::{TimeHistory, estimate_table, fit_json, svg};
+use fdm::report::{TimeHistory, fit_json, fit_table, history_table, svg};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -45,6 +45,12 @@ pub(crate) struct Arguments {
     /// Draw measurement, model and residual over time to an SVG file
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    /// Show the interval of two standard errors of each parameter
+    #[arg(long)]
+    intervals: bool,
+    /// Show the iteration, correction by correction
+    #[arg(long)]
+    history: bool,
     /// Say nothing while working
     #[arg(short, long)]
     quiet: bool,
@@ -73,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
     let result = result.map_err(|e| Failure::input([e]))?;
-    print(&if arguments.json { format!("{}\n", fit_json(&result)) } else { text(&result, &runs) });
+    print(&if arguments.json { format!("{}\n", fit_json(&result)) } else { text(&result, &runs, arguments) });
     if let Some(path) = &arguments.plot {
         let drawn = svg(&histories(&result, &runs)).map_err(|e| Failure::input([e]))?;
         std::fs::write(path, drawn).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
@@ -148,12 +154,15 @@ fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
     })
 }
 
-fn text(fit: &Fit, runs: &[Run]) -> String {
+fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     let e = &fit.estimate;
     let name = fit.model.name();
     let doc = &fit.model.definition().doc;
     let title = if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") };
-    let mut text = format!("{title}\n\n{}\n", estimate_table(e));
+    let mut text = format!("{title}\n\n{}\n", fit_table(fit, arguments.intervals));
+    if arguments.history {
+        text.push_str(&format!("{}\n", history_table(&e.history)));
+    }
     let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {

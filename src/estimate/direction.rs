@@ -6,6 +6,9 @@ use serde::Serialize;
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.
 const PART: f64 = 1e-4;
 
+/// Most parameters of a direction for which what is determined is told too.
+const FEW: usize = 4;
+
 /// A direction along which parameters can move without changing the response.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Direction {
@@ -28,13 +31,22 @@ pub(super) fn undetermined(
     let determined = (0..inverse.chosen.len()).map(|k| part(k) <= PART).collect();
     let mut directions: Vec<Direction> =
         (0..scale.len()).filter(|j| scale[*j] == 0.0 && inside[*j]).map(|j| idle(name(j))).collect();
-    for vector in echelon(inverse.null.clone()) {
-        let mut moves: Vec<(usize, f64)> = vector.into_iter().enumerate().filter(|(_, v)| v.abs() > PART).collect();
+    let basis = Basis::new(inverse.null.clone());
+    for (vector, pivot) in basis.vectors.iter().zip(&basis.pivots) {
+        let mut moves: Vec<(usize, f64)> = vector.iter().copied().enumerate().filter(|(_, v)| v.abs() > PART).collect();
         moves.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0)));
-        let physical = |(k, v): &(usize, f64)| v / scale[inverse.chosen[*k]];
-        let Some(first) = moves.first().map(physical) else { continue };
-        let moves = moves.iter().map(|m| (name(inverse.chosen[m.0]), physical(m) / first)).collect();
-        directions.push(describe(moves));
+        let physical = |k: usize, v: f64| v / scale[inverse.chosen[k]];
+        let called = |k: usize| name(inverse.chosen[k]);
+        let Some(first) = moves.first().map(|(k, v)| physical(*k, *v)) else { continue };
+        // what stays while the pivots of all directions move: each other parameter with its share of the pivots
+        let kept = moves.iter().filter(|(k, _)| k != pivot && moves.len() <= FEW).map(|(k, _)| {
+            let others = basis.vectors.iter().zip(&basis.pivots).filter(|(v, _)| v[*k].abs() > PART);
+            let share = |(v, p): (&Vec<f64>, &usize)| (called(*p), -physical(*k, v[*k]) / physical(*p, v[*p]));
+            combination(&called(*k), others.map(share))
+        });
+        let kept = kept.collect();
+        let moves = moves.iter().map(|(k, v)| (called(*k), physical(*k, *v) / first)).collect();
+        directions.push(describe(moves, kept));
     }
     (determined, directions)
 }
@@ -44,24 +56,35 @@ fn idle(name: String) -> Direction {
     Direction { moves: vec![(name, 1.0)], sentence }
 }
 
-fn describe(moves: Vec<(String, f64)>) -> Direction {
-    let sentence = match &moves[..] {
-        [(a, _)] => format!("`{a}` is not determined by what was compared"),
-        [(a, _), (b, move_b)] => {
-            // a + c b stays while a moves by 1 and b by move_b
-            let c = -1.0 / move_b;
-            let (sign, size) = if c < 0.0 { ('-', -c) } else { ('+', c) };
-            let factor = if (size - 1.0).abs() < 1e-6 { String::new() } else { format!("{} ", short(size)) };
-            format!("only `{a}` {sign} {factor}`{b}` is determined, not `{a}` and `{b}` apart")
+/// `kept` are the combinations that are determined; empty when there are too many to be told.
+fn describe(moves: Vec<(String, f64)>, kept: Vec<String>) -> Direction {
+    let sentence = match (&moves[..], &kept[..]) {
+        ([(a, _)], _) => format!("`{a}` is not determined by what was compared"),
+        ([(a, _), (b, _)], [sum]) => {
+            let (a, b) = if sum.starts_with(&format!("`{b}`")) { (b, a) } else { (a, b) };
+            format!("only {sum} is determined, not `{a}` and `{b}` apart")
         }
-        many => {
+        (many, kept) => {
             let list = |text: fn(&(String, f64)) -> String| many.iter().map(text).collect::<Vec<_>>();
             let names = list(|(n, _)| format!("`{n}`")).join(", ");
             let ratio = list(|(_, m)| short(*m)).join(" : ");
-            format!("{names} are not determined apart: moving them as {ratio} changes nothing that was compared")
+            let rest = if kept.is_empty() { String::new() } else { format!("; only {} are", kept.join(" and ")) };
+            format!("{names} are not determined apart{rest} (moving them as {ratio} changes nothing that was compared)")
         }
     };
     Direction { moves, sentence }
+}
+
+/// A sum in words: "`a` + 2.5 `b`".
+fn combination(first: &str, others: impl Iterator<Item = (String, f64)>) -> String {
+    let mut text = format!("`{first}`");
+    for (name, factor) in others {
+        let sign = if factor < 0.0 { '-' } else { '+' };
+        let size = factor.abs();
+        let size = if (size - 1.0).abs() < 1e-6 { String::new() } else { format!("{} ", short(size)) };
+        text.push_str(&format!(" {sign} {size}`{name}`"));
+    }
+    text
 }
 
 /// Four digits, without needless zeros.
@@ -71,25 +94,33 @@ fn short(value: f64) -> String {
     if (1e-3..1e5).contains(&rounded.abs()) { format!("{rounded}") } else { format!("{rounded:e}") }
 }
 
-/// The same space with as many zeros as elimination with full pivoting makes, so that each direction names few.
-fn echelon(mut basis: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    for i in 0..basis.len() {
-        let entries = basis[i..]
-            .iter()
-            .enumerate()
-            .flat_map(|(r, v)| v.iter().enumerate().map(move |(c, x)| (i + r, c, x.abs())));
-        let Some((row, column, _)) = entries.reduce(|a, b| if b.2 > a.2 { b } else { a }) else { break };
-        basis.swap(i, row);
-        let pivot = basis[i].clone();
-        for (_, v) in basis.iter_mut().enumerate().filter(|(k, _)| *k != i) {
-            let factor = v[column] / pivot[column];
-            v.iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
-            v[column] = 0.0;
+/// A basis of a space with as many zeros as elimination with full pivoting makes, so that each direction names few.
+struct Basis {
+    vectors: Vec<Vec<f64>>,
+    /// For each vector the entry that is zero in all others.
+    pivots: Vec<usize>,
+}
+
+impl Basis {
+    fn new(mut vectors: Vec<Vec<f64>>) -> Self {
+        let mut pivots = Vec::with_capacity(vectors.len());
+        for i in 0..vectors.len() {
+            let rest = vectors[i..].iter().enumerate();
+            let entries = rest.flat_map(|(r, v)| v.iter().enumerate().map(move |(c, x)| (i + r, c, x.abs())));
+            let Some((row, column, _)) = entries.reduce(|a, b| if b.2 > a.2 { b } else { a }) else { break };
+            vectors.swap(i, row);
+            let pivot = vectors[i].clone();
+            for (_, v) in vectors.iter_mut().enumerate().filter(|(k, _)| *k != i) {
+                let factor = v[column] / pivot[column];
+                v.iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
+                v[column] = 0.0;
+            }
+            pivots.push(column);
         }
+        for v in &mut vectors {
+            let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+            v.iter_mut().for_each(|x| *x /= norm);
+        }
+        Self { vectors, pivots }
     }
-    for v in &mut basis {
-        let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        v.iter_mut().for_each(|x| *x /= norm);
-    }
-    basis
 }

@@ -1,6 +1,7 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
 use super::direction::Direction;
+use super::noise_colour::{NoiseColour, Uncorrected};
 use super::progress::Iteration;
 use super::recourse::Recourse;
 use super::termination::Termination;
@@ -38,6 +39,9 @@ pub struct ParameterEstimate {
     pub value: f64,
     /// Cramer-Rao standard error, with degrees of freedom taken off the noise; none when there is none to give.
     pub standard_error: Option<f64>,
+    /// Standard error corrected for the colour of the residuals (Morelli and Klein); none where [`Estimate::uncorrected`]
+    /// says why, and where there is no other either.
+    pub corrected_error: Option<f64>,
     /// Its unit, as text.
     pub unit: Option<String>,
     /// What can be said about it.
@@ -48,6 +52,13 @@ pub struct ParameterEstimate {
     pub lower: Option<f64>,
     /// Greatest admissible value.
     pub upper: Option<f64>,
+}
+
+impl ParameterEstimate {
+    /// The standard error to be trusted: corrected for the colour of the residuals where that was possible.
+    pub fn error(&self) -> Option<f64> {
+        self.corrected_error.or(self.standard_error)
+    }
 }
 
 /// A symmetric matrix.
@@ -102,6 +113,12 @@ pub struct Estimate {
     pub covariance: Symmetric,
     /// Correlations of the estimates.
     pub correlations: Symmetric,
+    /// Covariance of the estimates corrected for the colour of the residuals; empty when there is none.
+    pub corrected_covariance: Symmetric,
+    /// The colour of the noise of each output; empty when errors were not corrected for it.
+    pub colours: Vec<NoiseColour>,
+    /// Why errors were not corrected for the colour of the residuals; none when they were.
+    pub uncorrected: Option<Uncorrected>,
     /// Covariance R of the measurement noise (q by q): as given, or estimated with degrees of freedom taken off; 0
     /// for an output that was never measured. None when nothing was estimated or no degree of freedom is left.
     pub noise: Option<Symmetric>,
@@ -127,6 +144,15 @@ impl Estimate {
     /// Whether the iteration converged and the data determine every free parameter.
     pub fn is_good(&self) -> bool {
         self.termination.is_good() && self.undetermined.is_empty()
+    }
+
+    /// Corrected over Cramer-Rao standard error of every parameter that has both, rising.
+    pub fn correction_factors(&self) -> Vec<f64> {
+        let both = self.covered.iter().map(|k| &self.parameters[*k]);
+        let factor = |p: &ParameterEstimate| Some(p.corrected_error? / p.standard_error.filter(|s| *s > 0.0)?);
+        let mut factors: Vec<f64> = both.filter_map(factor).collect();
+        factors.sort_by(f64::total_cmp);
+        factors
     }
 
     /// Pairs of entries of `parameters` whose estimates correlate by more than `limit`, with the correlation.

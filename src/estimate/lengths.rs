@@ -116,6 +116,7 @@ mod tests {
             run: None,
             value,
             standard_error: error,
+            corrected_error: None,
             unit: None,
             status: Status::Estimated,
             start: None,

@@ -5,8 +5,8 @@
 //! files or prints. **Start** at [`fit()`], the road from a model and its runs, and [`estimate()`]; its road is in `solve.rs`:
 //!
 //! `evaluation` (all runs) -> `information` (sums over samples) -> `noise` (weights, cost) -> `quadratic` (all unknowns)
-//! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `statistics` ->
-//! `estimate`.
+//! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
+//! (errors under coloured noise) -> `statistics` -> `estimate`.
 
 mod affine;
 mod attempt;
@@ -14,6 +14,10 @@ mod attempt;
 mod belief;
 mod bend;
 mod changes;
+mod coloured;
+mod coloured_rows;
+#[cfg(test)]
+mod coloured_tests;
 mod conclusion;
 mod continuation;
 mod correction;
@@ -29,6 +33,7 @@ mod initial;
 mod keeper;
 mod lengths;
 mod noise;
+mod noise_colour;
 mod plain;
 mod priors;
 mod problem;
@@ -72,6 +77,7 @@ pub use initial::initial_guess;
 pub use keeper::Keeper;
 pub use lengths::{LengthFit, Settling, by_confidence};
 pub use noise::Noise;
+pub use noise_colour::{NoiseColour, Uncorrected};
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
 pub use recourse::Recourse;

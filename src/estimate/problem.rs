@@ -17,6 +17,11 @@ pub trait Response: Send {
     /// Number of outputs q.
     fn outputs(&self) -> usize;
 
+    /// Time of each sample (N), rising; none when only their order is known.
+    fn time(&self) -> Option<&[f64]> {
+        None
+    }
+
     /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
     ///
     /// # Errors
@@ -37,6 +42,10 @@ impl Response for Simulator<'_> {
 
     fn outputs(&self) -> usize {
         self.outputs()
+    }
+
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.run().time)
     }
 
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
@@ -191,11 +200,13 @@ pub struct Options {
     pub tolerance: f64,
     /// Factor on every correction; 1 is the full one.
     pub gain: f64,
+    /// Whether errors corrected for the colour of the residuals are computed too.
+    pub colour: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0 }
+        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true }
     }
 }
 

@@ -1,9 +1,11 @@
 //! The road from a problem to its estimate.
 
+use super::coloured::corrected;
 use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
+use super::noise_colour::Uncorrected;
 use super::priors::Priors;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
@@ -59,10 +61,15 @@ pub fn estimate_from(
     let evaluations = (evaluator.evaluations, evaluator.simulations);
     let responses = evaluator.into_responses();
 
-    let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref());
+    let corrected = match &conclusion {
+        None => Err(Uncorrected::NoDegreesOfFreedom),
+        Some(_) if !options.colour => Err(Uncorrected::NotAsked),
+        Some(conclusion) => corrected(problem, &unknowns, &values, conclusion, priors.rows(&values)),
+    };
+    let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref(), corrected.as_ref().ok());
     let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);
     parameters.extend(statistics.derived(problem, &unknowns, &values));
-    let (covariance, correlations) = statistics.matrices(&members);
+    let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost);
     let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
     let noise_of = |w: &super::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
@@ -82,6 +89,9 @@ pub fn estimate_from(
         covered,
         covariance,
         correlations,
+        corrected_covariance,
+        uncorrected: corrected.as_ref().err().cloned(),
+        colours: corrected.map_or(Vec::new(), |c| c.colours),
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         undetermined: statistics.directions,

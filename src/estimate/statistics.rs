@@ -1,10 +1,14 @@
 //! From the final information to standard errors, statuses, correlations and the tables of the result.
 
+use super::coloured::Corrected;
 use super::conclusion::Conclusion;
 use super::direction::{Direction, undetermined};
 use super::estimate::{ParameterEstimate, Status, Symmetric};
 use super::problem::Problem;
 use super::unknowns::Unknowns;
+
+/// Cramer-Rao standard error, and the one corrected for the colour of the residuals.
+type Errors = [Option<f64>; 2];
 
 /// What is known about the unknowns after an estimation.
 pub(super) struct Statistics {
@@ -12,6 +16,8 @@ pub(super) struct Statistics {
     status: Vec<Status>,
     /// Covariance of all chosen unknowns in the parameters' units, row-major; empty without degrees of freedom.
     covariance: Vec<f64>,
+    /// The same, corrected for the colour of the residuals; empty when it was not.
+    corrected: Vec<f64>,
     /// Position of an unknown in `covariance`.
     place: Vec<Option<usize>>,
     /// Undetermined directions over the chosen unknowns, per parameter unit.
@@ -29,11 +35,12 @@ impl Statistics {
         unknowns: &Unknowns,
         values: &[f64],
         conclusion: Option<&Conclusion>,
+        corrected: Option<&Corrected>,
     ) -> Self {
         let Some(conclusion) = conclusion else {
             let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
-            let (covariance, null, directions, by_prior) = Default::default();
-            return Self { status, covariance, place, null, directions, by_prior };
+            let (covariance, corrected, null, directions, by_prior) = Default::default();
+            return Self { status, covariance, corrected, place, null, directions, by_prior };
         };
         let inverse = &conclusion.inverse;
         let name = |j: usize| name_of(problem, unknowns, j);
@@ -56,48 +63,59 @@ impl Statistics {
         }
         let scale: Vec<f64> = inverse.chosen.iter().map(|j| conclusion.scale[*j]).collect();
         let entries = || scale.iter().flat_map(|a| scale.iter().map(move |b| a * b));
-        let mut covariance: Vec<f64> = inverse.values.iter().zip(entries()).map(|(v, s)| v / s).collect();
+        let physical = |values: &[f64]| values.iter().zip(entries()).map(|(v, s)| v / s).collect::<Vec<f64>>();
+        let mut covariance = physical(&inverse.values);
+        let corrected = corrected.map_or(Vec::new(), |c| physical(&c.values));
         if conclusion.noise.is_none() {
             covariance.clear();
         }
         let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
         let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
-        Self { status, covariance, place, null, directions, by_prior }
+        Self { status, covariance, corrected, place, null, directions, by_prior }
     }
 
-    fn entry(&self, i: usize, j: usize) -> Option<f64> {
-        let n = self.covariance.len().isqrt();
-        self.covariance.get(self.place[i]? * n + self.place[j]?).copied()
+    /// An entry of one of the covariances.
+    fn entry(&self, covariance: &[f64], i: usize, j: usize) -> Option<f64> {
+        let n = covariance.len().isqrt();
+        covariance.get(self.place[i]? * n + self.place[j]?).copied()
     }
 
-    /// Standard error of an unknown that is determined.
-    fn standard_error(&self, unknown: usize) -> Option<f64> {
-        (self.status[unknown] == Status::Estimated).then(|| self.entry(unknown, unknown)).flatten().map(f64::sqrt)
+    /// Standard errors of an unknown that is determined: Cramer-Rao, and corrected.
+    fn errors(&self, unknown: usize) -> Errors {
+        let error = |covariance: &[f64]| {
+            let variance = self.entry(covariance, unknown, unknown);
+            variance.filter(|_| self.status[unknown] == Status::Estimated).map(|v| v.max(0.0).sqrt())
+        };
+        [error(&self.covariance), error(&self.corrected)]
     }
 
-    /// Standard error of a quantity with the given gradient (unknown, partial); none when it moves along an
+    /// Standard errors of a quantity with the given gradient (unknown, partial); none when it moves along an
     /// undetermined direction, when an unknown without influence moves it, or when nothing estimated does.
-    fn delta(&self, gradient: &[(usize, f64)]) -> Option<f64> {
+    fn delta(&self, gradient: &[(usize, f64)]) -> Errors {
         /// Share of a move that the differences behind the gradient may leave over.
         const REST: f64 = 1e-6;
         if gradient.iter().any(|(_, g)| !g.is_finite()) {
-            return None;
+            return [None; 2];
         }
         let lost = |j: &usize| self.status[*j] == Status::NotDetermined && self.place[*j].is_none();
         if gradient.iter().any(|(j, g)| *g != 0.0 && lost(j)) {
-            return None;
+            return [None; 2];
         }
         for v in &self.null {
             let parts = || gradient.iter().filter_map(|(j, g)| Some(g * v[self.place[*j]?]));
             let (sum, sizes) = (parts().sum::<f64>(), parts().map(f64::abs).sum::<f64>());
             if sum.abs() > REST * sizes {
-                return None;
+                return [None; 2];
             }
         }
-        let inner =
-            |(i, a): &(usize, f64)| gradient.iter().filter_map(|(j, b)| Some(a * b * self.entry(*i, *j)?)).sum::<f64>();
-        let variance: f64 = gradient.iter().map(inner).sum();
-        (variance > 0.0).then(|| variance.sqrt())
+        [&self.covariance, &self.corrected].map(|covariance| {
+            let inner = |(i, a): &(usize, f64)| {
+                let parts = gradient.iter().filter_map(|(j, b)| Some(a * b * self.entry(covariance, *i, *j)?));
+                parts.sum::<f64>()
+            };
+            let variance: f64 = gradient.iter().map(inner).sum();
+            (variance > 0.0).then(|| variance.sqrt())
+        })
     }
 
     /// Every parameter, per-run ones once for every run, and the entries that the covariance covers.
@@ -113,7 +131,7 @@ impl Statistics {
             for run in 0..copies {
                 let unknown = unknowns.of(run, k);
                 let status = unknown.map_or(Status::Fixed, |j| self.status[j]);
-                let standard_error = unknown.and_then(|j| self.standard_error(j));
+                let [standard_error, corrected_error] = unknown.map_or([None; 2], |j| self.errors(j));
                 if let (Some(j), Some(_)) = (unknown, standard_error) {
                     covered.push(table.len());
                     members.push(j);
@@ -125,6 +143,7 @@ impl Statistics {
                     run: param.per_run.then(|| problem.runs[run].name.clone()),
                     value: unknown.map_or(start, |j| values[j]),
                     standard_error,
+                    corrected_error,
                     unit: param.quantity.unit.as_ref().map(ToString::to_string),
                     status,
                     start: Some(start),
@@ -149,12 +168,13 @@ impl Statistics {
         for (i, derived) in names.iter().enumerate() {
             let copies = if derived.per_run { problem.runs.len() } else { 1 };
             for (run, row) in rows.iter().enumerate().take(copies) {
-                let (value, standard_error) = row[i];
+                let (value, [standard_error, corrected_error]) = row[i];
                 table.push(ParameterEstimate {
                     name: derived.name.clone(),
                     run: derived.per_run.then(|| problem.runs[run].name.clone()),
                     value,
                     standard_error,
+                    corrected_error,
                     unit: derived.unit.clone(),
                     status: Status::Derived,
                     start: None,
@@ -173,11 +193,11 @@ impl Statistics {
         unknowns: &Unknowns,
         values: &[f64],
         run: usize,
-    ) -> Vec<(f64, Option<f64>)> {
+    ) -> Vec<(f64, Errors)> {
         let mut theta = unknowns.theta[run].clone();
         unknowns.assemble(run, values, &mut theta);
         let places: Vec<usize> = (0..unknowns.columns.len()).map(|c| unknowns.position(run, c)).collect();
-        let size: Vec<f64> = places.iter().map(|j| self.standard_error(*j).unwrap_or(0.0)).collect();
+        let size: Vec<f64> = places.iter().map(|j| self.errors(*j)[0].unwrap_or(0.0)).collect();
         let (derived, gradients) = problem.derived.linearise(&theta, &unknowns.columns, &size);
         let error = |row: &Vec<f64>| {
             let gradient: Vec<(usize, f64)> = places.iter().copied().zip(row.iter().copied()).collect();
@@ -186,10 +206,10 @@ impl Statistics {
         derived.into_iter().zip(gradients.iter().map(error)).collect()
     }
 
-    /// Covariance and correlations of the given unknowns.
-    pub(super) fn matrices(&self, members: &[usize]) -> (Symmetric, Symmetric) {
+    /// Covariance, correlations and corrected covariance of the given unknowns.
+    pub(super) fn matrices(&self, members: &[usize]) -> (Symmetric, Symmetric, Symmetric) {
         let size = members.len();
-        let entry = |i: usize, j: usize| self.entry(i, j).unwrap_or(f64::NAN);
+        let entry = |i: usize, j: usize| self.entry(&self.covariance, i, j).unwrap_or(f64::NAN);
         let pairs = || members.iter().flat_map(|i| members.iter().map(move |j| (*i, *j)));
         let covariance = pairs().map(|(i, j)| entry(i, j)).collect();
         let correlation = |(i, j): (usize, usize)| match i == j {
@@ -197,7 +217,9 @@ impl Statistics {
             false => (entry(i, j) / (entry(i, i) * entry(j, j)).sqrt()).clamp(-1.0, 1.0),
         };
         let correlations = pairs().map(correlation).collect();
-        (Symmetric { size, values: covariance }, Symmetric { size, values: correlations })
+        let corrected: Vec<f64> = pairs().filter_map(|(i, j)| self.entry(&self.corrected, i, j)).collect();
+        let symmetric = |values: Vec<f64>| Symmetric { size: values.len().isqrt(), values };
+        (Symmetric { size, values: covariance }, Symmetric { size, values: correlations }, symmetric(corrected))
     }
 }
 

@@ -183,6 +183,30 @@ fn what_is_not_determined_is_named() {
 }
 
 #[test]
+fn what_is_determined_of_three_parameters_in_one_place_is_said() {
+    // y = (a + 2 b + 4 c) x: two directions that share a parameter
+    let sum: Sample = |x, theta, y, d| {
+        y[0] = (theta[0] + 2.0 * theta[1] + 4.0 * theta[2]) * x;
+        d.copy_from_slice(&[x, 2.0 * x, 4.0 * x]);
+    };
+    let mut noise = Normal(21);
+    let data = run("r", grid(30, 1.0), 1, sum, &[1.0, 2.0, 3.0], |_, _| 0.01 * noise.next());
+    let fit = solve(&mut problem(["a", "b", "c"].map(|n| param(n, 1.0)).to_vec(), vec![data]), &Options::default());
+    assert_eq!(fit.undetermined.len(), 2);
+    let factors = [("a", 1.0), ("b", 2.0), ("c", 4.0)];
+    let of = |name: &str| factors.iter().find(|(n, _)| name == *n).expect("a parameter").1;
+    for direction in &fit.undetermined {
+        let sum: f64 = direction.moves.iter().map(|(name, m)| of(name) * m).sum();
+        assert!(sum.abs() < 1e-6, "{direction:?}");
+        // the one determined combination names all three, in one of its three forms
+        let forms = ["`a` + 2 `b` + 4 `c`", "`b` + 0.5 `a` + 2 `c`", "`c` + 0.25 `a` + 0.5 `b`"];
+        let swapped = ["`a` + 4 `c` + 2 `b`", "`b` + 2 `c` + 0.5 `a`", "`c` + 0.5 `b` + 0.25 `a`"];
+        let said = &direction.sentence;
+        assert!(forms.iter().chain(&swapped).any(|f| said.contains(&format!("only {f} is"))), "{said}");
+    }
+}
+
+#[test]
 fn a_common_offset_beside_offsets_per_run_is_named_with_its_runs() {
     let offsets: Sample = |x, theta, y, d| {
         y[0] = theta[0] + theta[1] + theta[2] * x;
@@ -199,6 +223,8 @@ fn a_common_offset_beside_offsets_per_run_is_named_with_its_runs() {
     assert_eq!(fit.undetermined.len(), 1);
     let sentence = &fit.undetermined[0].sentence;
     assert!(sentence.contains("`c of run one`") && sentence.contains("1 : -1 : -1"), "{sentence}");
+    // the offsets of the runs are determined, each as the sum of both
+    assert!(sentence.contains("only `c of run one` + `a` and `c of run two` + `a` are"), "{sentence}");
     let k = fit.parameter("k", None).expect("shared");
     assert_eq!(k.status, Status::Estimated);
     // the slope's standard error does not suffer

@@ -36,6 +36,11 @@ impl Lagged {
         lagged
     }
 
+    /// Mean products for lags 0, 1, ...; zero where there is no pair.
+    pub(crate) fn means(&self) -> impl Iterator<Item = f64> {
+        self.sums.iter().zip(&self.pairs).map(|(sum, pairs)| sum / (*pairs).max(1) as f64)
+    }
+
     /// Autocorrelations for lags 1, 2, ...: sums relative to that of lag 0.
     pub(crate) fn correlations(&self) -> impl Iterator<Item = f64> {
         self.sums[1..].iter().map(|s| s / self.sums[0])

@@ -61,6 +61,16 @@ impl AutoRegression {
         r
     }
 
+    /// The innovations e of a series; NaN where a value, or one that it follows from, is missing.
+    pub(crate) fn innovations(&self, series: &[f64]) -> Vec<f64> {
+        let order = self.coefficients.len();
+        let innovation = |i: usize| {
+            let earlier = series[i - order..i].iter().rev();
+            series[i] - self.coefficients.iter().zip(earlier).map(|(a, v)| a * v).sum::<f64>()
+        };
+        (0..series.len()).map(|i| if i < order { f64::NAN } else { innovation(i) }).collect()
+    }
+
     /// How many places before the first one the innovations still matter: until their influence has fallen to one part
     /// in a thousand of its largest, at most `most`.
     pub(crate) fn memory(&self, most: usize) -> usize {

@@ -116,3 +116,47 @@ fn moving(input: &[f64]) -> Option<Vec<f64>> {
 fn square(values: &[f64]) -> f64 {
     values.iter().map(|v| v * v).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quality::colour;
+    use crate::quality::specimen::Normal;
+
+    /// An input of slow steps, as pilots fly them.
+    fn steps(n: usize) -> Vec<f64> {
+        (0..n).map(|k| f64::from(u8::from(k / 40 % 3 == 1)) - f64::from(u8::from(k / 40 % 3 == 2))).collect()
+    }
+
+    /// Noise of a colour: v(i) = keep v(i-1) + e(i).
+    fn coloured(n: usize, keep: f64, seed: u64) -> Vec<f64> {
+        let (mut normal, mut v) = (Normal(seed), 0.0);
+        (0..n + 100).map(|_| (v, v = keep * v + normal.next()).0).skip(100).collect()
+    }
+
+    #[test]
+    fn coloured_residuals_that_have_nothing_to_do_with_the_input_pass() {
+        // with bounds for white residuals nearly all of these would be significant
+        let (mut significant, mut outside, mut lags) = (0, 0, 0);
+        for seed in 0..200 {
+            let v = coloured(600, 0.9, 1 + seed * 104_729);
+            let found = InputCorrelation::new("u", &v, &steps(600), &colour::of_series(&v), 0.1).expect("moves");
+            significant += usize::from(found.is_significant());
+            (outside, lags) = (outside + found.outside, lags + found.lags.len());
+        }
+        let share = outside as f64 / lags as f64;
+        assert!(significant <= 6, "{significant} of 200 at one percent");
+        assert!((0.02..0.09).contains(&share), "{share} beyond two sigma");
+    }
+
+    #[test]
+    fn what_the_input_does_too_late_is_found_at_its_lag() {
+        let u = steps(600);
+        let mut v = coloured(600, 0.5, 5);
+        (12..600).for_each(|k| v[k] += u[k - 12]);
+        let found = InputCorrelation::new("u", &v, &u, &colour::of_series(&v), 0.1).expect("moves");
+        assert!(found.is_significant() && (found.largest_lag - 1.2).abs() < 0.25, "{}", found.largest_lag);
+        assert!(found.largest > 0.3);
+        assert_eq!(InputCorrelation::new("u", &v, &[3.0; 600], &colour::of_series(&v), 0.1), None);
+    }
+}

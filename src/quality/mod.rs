@@ -6,10 +6,13 @@
 
 pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
+pub(crate) mod colour;
 mod input_correlation;
 mod output_fit;
 mod residuals;
 pub(crate) mod sampling;
+#[cfg(test)]
+mod specimen;
 mod whiteness;
 
 pub use input_correlation::InputCorrelation;

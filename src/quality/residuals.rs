@@ -1,7 +1,7 @@
 //! The residuals of one run, output by output: size, kind, whiteness, correlation with every input.
 
-use super::autocovariance::{Lagged, centred};
-use super::autoregression::AutoRegression;
+use super::autocovariance::centred;
+use super::colour;
 use super::input_correlation::InputCorrelation;
 use super::output_fit::OutputFit;
 use super::sampling::{Sampling, Untested};
@@ -97,29 +97,10 @@ fn tests(
     let residuals = sampling.spread(cells.map(residual));
     let whiteness = Whiteness::new(&residuals, sampling)?;
     let series = centred(residuals);
-    let colour = colour(&series);
+    let colour = colour::of_series(&series);
     let inputs = signals.inputs.iter().enumerate().filter_map(|(i, name)| {
         let input = sampling.spread(signals.input_values.iter().skip(i).step_by(m).copied());
         InputCorrelation::new(name, &series, &input, &colour, sampling.interval)
     });
     Ok((whiteness, inputs.collect()))
-}
-
-/// The colour of one series by itself.
-fn colour(series: &[f64]) -> AutoRegression {
-    let present = series.iter().filter(|v| !v.is_nan()).count();
-    let lagged = Lagged::of(series, most_order(present));
-    let (n, length) = (lagged.pairs[0].max(1) as f64, series.len() as f64);
-    // sums over fewer pairs as they would be without gaps, tapered so that they belong to a stationary process
-    let value = |(k, (sum, pairs)): (usize, (&f64, &usize))| {
-        if *pairs == 0 { 0.0 } else { sum / *pairs as f64 * (1.0 - k as f64 / length) }
-    };
-    let autocovariances: Vec<f64> = lagged.sums.iter().zip(&lagged.pairs).enumerate().map(value).collect();
-    let ladder = AutoRegression::ladder(&autocovariances);
-    AutoRegression::best(&ladder, present, n.ln()).cloned().unwrap_or_else(|| AutoRegression::white(0.0))
-}
-
-/// Highest order of an autoregression that so many samples can tell.
-fn most_order(samples: usize) -> usize {
-    (samples / 10).min(30)
 }

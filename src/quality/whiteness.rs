@@ -128,3 +128,63 @@ pub(super) fn chi_squared_above(value: f64, degrees: usize) -> f64 {
 pub(super) fn normal_beyond(deviate: f64) -> f64 {
     (2.0 * Normal::standard().sf(deviate.abs())).min(1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quality::specimen::Normal;
+
+    fn tested(values: &[f64]) -> Whiteness {
+        Whiteness::new(values, &Sampling::counted(values.len())).expect("enough")
+    }
+
+    #[test]
+    fn statistics_are_those_of_the_textbook() {
+        // fifteen squares would be too regular; their remainders are not
+        let v: Vec<f64> = (0..12).map(|k| f64::from(k * k % 13)).collect();
+        let mean = v.iter().sum::<f64>() / 12.0;
+        let c = |k: usize| (0..12 - k).map(|i| (v[i] - mean) * (v[i + k] - mean)).sum::<f64>();
+        let found = tested(&v);
+        assert_eq!(found.degrees, 2);
+        let q = 12.0 * 14.0 * ((c(1) / c(0)).powi(2) / 11.0 + (c(2) / c(0)).powi(2) / 10.0);
+        assert!((found.ljung_box - q).abs() < 1e-12 && (found.p_value - (-q / 2.0).exp()).abs() < 1e-12);
+        let steps: f64 = v.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum();
+        let squares: f64 = v.iter().map(|v| v * v).sum();
+        assert!((found.durbin_watson.expect("varies") - steps / squares).abs() < 1e-12);
+        assert!((found.bounds[0] - 2.0 * 11f64.sqrt() / 12.0).abs() < 1e-15);
+        let runs = found.runs_test.expect("both signs");
+        assert_eq!(runs.runs, 1 + v.windows(2).filter(|w| (w[0] > mean) != (w[1] > mean)).count());
+    }
+
+    #[test]
+    fn white_residuals_are_refused_as_often_as_promised_with_and_without_gaps() {
+        for gap in [0, 7] {
+            let (mut low, mut outside, mut lags) = (0, 0, 0);
+            for seed in 0..400 {
+                let mut normal = Normal(seed * 7919 + 3);
+                let mut v: Vec<f64> = (0..150).map(|_| 2.0 + normal.next()).collect();
+                (0..150).filter(|k| gap > 0 && k % gap == 0).for_each(|k| v[k] = f64::NAN);
+                let found = tested(&v);
+                low += usize::from(found.p_value < 0.05);
+                (outside, lags) = (outside + found.outside, lags + found.degrees);
+            }
+            // 20 of 400 are expected, with a standard deviation of 4.4
+            assert!((6..=36).contains(&low), "{low} of 400, gap {gap}");
+            let share = outside as f64 / lags as f64;
+            assert!((0.03..0.06).contains(&share), "{share} beyond two sigma, gap {gap}");
+        }
+    }
+
+    #[test]
+    fn slow_and_alternating_residuals_are_told() {
+        let slow: Vec<f64> = (0..200).map(|k| (0.1 * f64::from(k)).sin()).collect();
+        let found = tested(&slow);
+        assert!(!found.is_white() && found.durbin_watson.expect("varies") < 0.1 && found.outside > 10);
+        assert!(found.runs_test.expect("both signs").p_value < 1e-6);
+        let alternating: Vec<f64> = (0..200).map(|k| if k % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        assert!(tested(&alternating).durbin_watson.expect("varies") > 3.9);
+        let none = Whiteness::new(&[1.0; 50], &Sampling::counted(50));
+        assert_eq!(none, Err(Untested::NoResidual));
+        assert_eq!(Whiteness::new(&[1.0, f64::NAN], &Sampling::counted(2)), Err(Untested::TooFewSamples));
+    }
+}

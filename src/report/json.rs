@@ -1,23 +1,17 @@
 //! Estimates for other programs.
 
+use crate::Model;
 use crate::estimate::{Fit, Termination};
+use crate::quality::{OutputFit, OutputQuality};
 use serde_json::{Value, json};
 
 /// Parameters, outputs, cost and how the iteration ended, in the model's units. Numbers that do not exist are null.
 pub fn fit_json(fit: &Fit) -> Value {
     let e = &fit.estimate;
-    let outputs: Vec<Value> = e
-        .outputs
-        .iter()
-        .map(|o| {
-            let output = fit.model.definition().outputs.iter().find(|d| d.quantity.name == o.name);
-            let unit = output.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string);
-            json!({
-                "name": o.name, "run": o.run, "unit": unit, "rms": o.rms, "mean": o.bias, "r2": o.r2, "tic": o.tic,
-                "compared": o.compared,
-            })
-        })
-        .collect();
+    let outputs: Vec<Value> = match fit.quality.is_empty() {
+        true => e.outputs.iter().map(|o| output(&fit.model, o)).collect(),
+        false => quality_json(&fit.model, &fit.quality),
+    };
     let integration: Vec<Value> = e
         .runs
         .iter()
@@ -38,10 +32,34 @@ pub fn fit_json(fit: &Fit) -> Value {
         "determined_by_prior": e.determined_by_prior,
         "covariance": { "parameters": e.covered, "values": rows(&e.covariance) },
         "correlations": { "parameters": e.covered, "values": rows(&e.correlations) },
+        "corrected_covariance": { "parameters": e.covered, "values": rows(&e.corrected_covariance) },
+        "noise_colour": e.colours,
+        "uncorrected": e.uncorrected.as_ref().map(ToString::to_string),
         "noise_covariance": e.noise.as_ref().map(rows),
         "condition": e.condition,
         "history": e.history,
         "integration": integration,
+    })
+}
+
+/// Residuals of every output of every run: size, parts of Theil's coefficient, whiteness, correlation with inputs.
+pub fn quality_json(model: &Model, quality: &[OutputQuality]) -> Vec<Value> {
+    let one = |q: &OutputQuality| {
+        let mut value = output(model, &q.fit);
+        value["whiteness"] = json!(q.whiteness);
+        value["inputs"] = json!(q.inputs);
+        value["untested"] = json!(q.untested.map(|u| u.to_string()));
+        value
+    };
+    quality.iter().map(one).collect()
+}
+
+fn output(model: &Model, o: &OutputFit) -> Value {
+    let declared = model.definition().outputs.iter().find(|d| d.quantity.name == o.name);
+    let unit = declared.and_then(|d| d.quantity.unit.as_ref()).map(ToString::to_string);
+    json!({
+        "name": o.name, "run": o.run, "unit": unit, "rms": o.rms, "mean": o.bias, "r2": o.r2, "tic": o.tic,
+        "tic_parts": o.tic_parts, "compared": o.compared,
     })
 }
 

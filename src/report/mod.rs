@@ -1,16 +1,23 @@
 //! What people read: findings about models, tables of estimates, pictures of time histories.
 //!
 //! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, JSON, SVG.
-//! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`estimate_table`].
+//! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
 
 mod diagnostic;
+mod history;
 mod json;
+mod parameters;
 mod plot;
+mod remarks;
+mod residuals;
 mod summary;
 mod table;
 
 pub use diagnostic::render;
-pub use json::fit_json;
+pub use history::history_table;
+pub use json::{fit_json, quality_json};
 pub use plot::{PlotError, TimeHistory, svg};
+pub use remarks::residual_remarks;
+pub use residuals::residual_table;
 pub use summary::{check_json, check_text};
-pub use table::estimate_table;
+pub use table::{estimate_table, fit_table};

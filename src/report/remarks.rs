@@ -1,0 +1,109 @@
+//! What should not be overlooked in a result, in plain words.
+
+use super::table::digits;
+use crate::estimate::{Estimate, ParameterEstimate};
+use crate::quality::{InputCorrelation, OutputQuality};
+
+/// Correlations beyond this are worth a line.
+const CORRELATED: f64 = 0.9;
+/// Part of the mean square residual that makes an offset worth a line.
+const OFFSET: f64 = 0.2;
+/// Most lines about correlations with inputs.
+const MOST_INPUTS: usize = 6;
+
+/// What a careful reader of the parameters would ask about.
+pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
+    let mut remarks: Vec<String> =
+        estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence)).collect();
+    for d in &estimate.determined_by_prior {
+        let what = if d.moves.len() == 1 { "what is known of it is its prior" } else { "priors alone tell them apart" };
+        remarks.push(format!("not determined by the data: {}; {what}", d.sentence));
+    }
+    for (a, b, r) in estimate.correlated(CORRELATED) {
+        let name = |k: usize| called(&estimate.parameters[k]);
+        remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
+    }
+    for recourse in &estimate.recourses {
+        remarks.push(format!("the iteration needed help: {recourse}"));
+    }
+    for output in &estimate.noise_free {
+        remarks.push(format!("`{output}` is matched to rounding: its noise and the standard errors mean nothing"));
+    }
+    if estimate.noise_free.is_empty() {
+        remarks.extend(colour(estimate));
+    }
+    remarks
+}
+
+/// What a careful reader of the residuals would ask about; `time` is the unit of time.
+pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<String> {
+    let several = quality.iter().any(|q| q.fit.run != quality[0].fit.run);
+    let place = |q: &OutputQuality| {
+        let run = if several { format!(" in {}", q.fit.run) } else { String::new() };
+        format!("residual of `{}`{run}", q.fit.name)
+    };
+    let mut remarks = Vec::new();
+    for q in quality {
+        if let Some(reason) = q.untested.filter(|_| q.fit.compared > 0) {
+            remarks.push(format!("{} was not tested: {reason}", place(q)));
+        }
+        if let Some(parts) = q.fit.tic_parts.filter(|p| p.bias > OFFSET) {
+            let share = 100.0 * parts.bias;
+            remarks.push(format!("{} is an offset for {share:.0} %: a bias parameter may be missing", place(q)));
+        }
+    }
+    let mut found: Vec<(&OutputQuality, &InputCorrelation)> =
+        quality.iter().flat_map(|q| q.inputs.iter().map(move |i| (q, i))).filter(|(_, i)| i.is_significant()).collect();
+    found.sort_by(|a, b| b.1.largest.abs().total_cmp(&a.1.largest.abs()));
+    for (q, i) in found.iter().take(MOST_INPUTS) {
+        let lag = format!("{} {time}", digits(i.largest_lag.abs(), 3));
+        let meaning = match i.largest_lag {
+            lag if lag < 0.0 => "the input follows the output: feedback, or clocks that differ",
+            _ => "something the input does is missing",
+        };
+        let when = if i.largest_lag < 0.0 { format!("{lag} ahead of it") } else { format!("at lag {lag}") };
+        remarks.push(format!("{} correlates with input `{}` {when} ({:+.2}): {meaning}", place(q), i.input, i.largest));
+    }
+    if found.len() > MOST_INPUTS {
+        remarks.push(format!("{} more correlations of residuals with inputs", found.len() - MOST_INPUTS));
+    }
+    remarks
+}
+
+/// Whether the Cramer-Rao errors can be trusted.
+fn colour(estimate: &Estimate) -> Vec<String> {
+    if let Some(reason) = estimate.uncorrected.as_ref().filter(|_| estimate.noise.is_some()) {
+        return vec![format!("errors are not corrected for the colour of the residuals: {reason}")];
+    }
+    let mut coloured: Vec<String> = Vec::new();
+    for c in estimate.colours.iter().filter(|c| !c.is_white()) {
+        let name = format!("`{}`", c.output);
+        if !coloured.contains(&name) {
+            coloured.push(name);
+        }
+    }
+    let factors = estimate.correction_factors();
+    let (Some(low), Some(high)) = (factors.first(), factors.last()) else { return Vec::new() };
+    if coloured.is_empty() {
+        return Vec::new();
+    }
+    let middle = factors[factors.len() / 2];
+    let (size, middle, low, high) = match middle < 1.0 {
+        true => ("large", 1.0 / middle, 1.0 / high, 1.0 / low),
+        false => ("small", middle, *low, *high),
+    };
+    let range = if high > 1.2 * low && low >= 1.0 {
+        format!(" ({} to {})", digits(low, 2), digits(high, 2))
+    } else {
+        String::new()
+    };
+    vec![format!(
+        "residuals of {} are coloured: the Cramer-Rao errors are {} times too {size}{range}; trust the corrected ones",
+        coloured.join(", "),
+        digits(middle, 2)
+    )]
+}
+
+fn called(p: &ParameterEstimate) -> String {
+    p.run.as_ref().map_or(p.name.clone(), |run| format!("{} ({run})", p.name))
+}
