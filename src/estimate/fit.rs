@@ -51,6 +51,8 @@ pub struct Fit {
     pub rescue: Option<Rescue>,
     /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
     pub by_length: Vec<LengthFit>,
+    /// States whose measured records took their place in a first fit, because that was asked for.
+    pub substituted: Vec<String>,
     /// How continuous the result of multiple shooting is; none when there was none.
     pub shooting: Option<Continuity>,
 }
@@ -58,7 +60,15 @@ pub struct Fit {
 impl Fit {
     /// A plain fit, without a rescue and without anything said about confidence.
     pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
-        Self { model, estimate, integration, rescue: None, by_length: Vec::new(), shooting: None }
+        Self {
+            model,
+            estimate,
+            integration,
+            rescue: None,
+            by_length: Vec::new(),
+            substituted: Vec::new(),
+            shooting: None,
+        }
     }
 }
 
