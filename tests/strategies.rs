@@ -109,8 +109,17 @@ fn an_unstable_model_is_found_by_multiple_shooting_where_the_plain_correction_fa
         let plain = fit(&model, std::slice::from_ref(&run), &options(None), &mut ()).unwrap();
         let t = std::time::Instant::now();
         let shot = fit(&model, std::slice::from_ref(&run), &options(Some(Shooting::Length(0.5))), &mut ()).unwrap();
-        println!("{n}: {:?} plain {} {:?} {:?}", t.elapsed(), plain.estimate.termination, plain.estimate.cost, plain.estimate.outputs[0].r2);
-        println!("{} {:?} {:?} {:?}", shot.estimate.termination, shot.estimate.cost, shot.shooting, shot.estimate.outputs[0].r2);
+        println!(
+            "{n}: {:?} plain {} {:?} {:?}",
+            t.elapsed(),
+            plain.estimate.termination,
+            plain.estimate.cost,
+            plain.estimate.outputs[0].r2
+        );
+        println!(
+            "{} {:?} {:?} {:?}",
+            shot.estimate.termination, shot.estimate.cost, shot.shooting, shot.estimate.outputs[0].r2
+        );
         for (name, want) in [("k", 5.0), ("c", 0.4), ("b", 1.3)] {
             let p = shot.estimate.parameter(name, None).unwrap();
             println!("{name} {} {:?} {want}", p.value, p.standard_error);

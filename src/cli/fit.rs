@@ -3,12 +3,13 @@
 use crate::failure::{Failure, NUMBERS, print};
 use crate::progress::Progress;
 use crate::records::Records;
+use crate::strategies::Strategies;
 use crate::subject::{Subject, assignment};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
 use fdm::record::{Run, Summary};
-use fdm::report::{TimeHistory, estimate_table, fit_json, svg};
+use fdm::report::{TimeHistory, confidence, estimate_table, fit_json, svg, way};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -39,6 +40,8 @@ pub(crate) struct Arguments {
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
+    #[command(flatten)]
+    strategies: Strategies,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -69,6 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         per_interval: arguments.steps.map(NonZeroUsize::get),
         ..FitOptions::default()
     };
+    let options = arguments.strategies.among(options);
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
@@ -146,6 +150,8 @@ fn text(fit: &Fit, runs: &[Run]) -> String {
     let doc = &fit.model.definition().doc;
     let title = if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") };
     let mut text = format!("{title}\n\n{}\n", estimate_table(e));
+    text.push_str(&confidence(fit));
+    text.push_str(&way(fit));
     let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {

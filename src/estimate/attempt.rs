@@ -7,7 +7,7 @@ use super::fit_error::FitError;
 use super::plain::plain;
 use super::progress::Observer;
 use super::rescue::rescue;
-use super::shooting::shoot;
+use super::shooting::{Shooting, shoot};
 use super::substitution::Substitution;
 use super::termination::Termination;
 use super::trouble::trouble;
@@ -67,5 +67,22 @@ fn from_here(
     match options.continuation.lengths() {
         Some(lengths) => Lengthening { model, runs, options, stages: Vec::new() }.along(&lengths, starts, observer),
         None => plain(model, runs, starts, options, observer),
+    }
+}
+
+/// The model of a finished fit once more, to other runs or with other weights, from values near its estimates: in segments
+/// when there was no other way, else plainly.
+pub(super) fn again(
+    fit: &Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    match &fit.shooting {
+        Some(cut) if !cut.polished => {
+            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), observer)
+        }
+        _ => plain(&fit.model, runs, starts, options, observer),
     }
 }
