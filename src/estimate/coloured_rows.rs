@@ -5,7 +5,7 @@ use super::unknowns::Unknowns;
 use crate::quality::Untested;
 use crate::quality::autoregression::AutoRegression;
 use crate::quality::sampling::Sampling;
-use crate::simulate::Divergence;
+use crate::simulate::{Block, Divergence};
 
 /// One run at the estimates.
 pub(super) struct ColouredRows {
@@ -64,7 +64,9 @@ impl ColouredRows {
     ) -> Result<Self, Divergence> {
         let (n, q, width) = (run.response.samples(), run.response.outputs(), scale.len().next_multiple_of(8));
         let (mut y, mut jacobian) = (vec![0.0; n * q], vec![0.0; n * q * width]);
-        run.response.sensitivities(theta, &unknowns.columns, &mut y, &mut jacobian)?;
+        run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
+            block.copy_to(&mut y, &mut jacobian, width);
+        })?;
         let length = grid.length();
         let mut rows = vec![vec![0.0; length * width]; q];
         let mut residuals = vec![vec![f64::NAN; length]; q];

@@ -4,6 +4,7 @@ use super::coloured_rows::{Colour, ColouredRows};
 use super::specimen::{Closed, Normal, Sample, grid, param, problem, run};
 use super::*;
 use crate::quality::autoregression::AutoRegression;
+use crate::simulate::Sink;
 use nalgebra::DMatrix;
 
 fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
@@ -176,10 +177,9 @@ fn short_runs_and_gaps_are_told_apart_from_uneven_sampling() {
             &mut self,
             theta: &[f64],
             columns: &[usize],
-            y: &mut [f64],
-            jacobian: &mut [f64],
+            sink: &mut Sink<'_>,
         ) -> Result<(), crate::simulate::Divergence> {
-            self.0.sensitivities(theta, columns, y, jacobian)
+            self.0.sensitivities(theta, columns, sink)
         }
     }
     let fit = |x: Vec<f64>| {
