@@ -103,11 +103,6 @@ impl Gathering {
         Self { layout, y, rows, first: 0, filled: 0, capacity }
     }
 
-    /// How the rows are arranged.
-    pub(super) fn layout(&self) -> &RowLayout {
-        &self.layout
-    }
-
     /// Begins a run.
     pub(super) fn begin(&mut self) {
         (self.first, self.filled) = (0, 0);
@@ -120,12 +115,13 @@ impl Gathering {
         (&mut self.y[self.filled * q..][..q], &mut self.rows[self.filled * length..][..length])
     }
 
-    /// Outputs and rows of the next samples, at most `count` of them, and how many these are.
+    /// Outputs and rows of the next samples, at most `count` of them: arrangement, outputs, rows, and how many these are.
     #[inline(always)]
-    pub(super) fn several(&mut self, count: usize) -> (&mut [f64], &mut [f64], usize) {
+    pub(super) fn several(&mut self, count: usize) -> (&RowLayout, &mut [f64], &mut [f64], usize) {
         let (q, length, room) = (self.layout.outputs.len(), self.layout.length, self.capacity - self.filled);
         let count = count.min(room);
-        (&mut self.y[self.filled * q..][..count * q], &mut self.rows[self.filled * length..][..count * length], count)
+        let y = &mut self.y[self.filled * q..][..count * q];
+        (&self.layout, y, &mut self.rows[self.filled * length..][..count * length], count)
     }
 
     /// The next `count` samples have been filled.

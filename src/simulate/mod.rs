@@ -14,6 +14,7 @@ mod grid;
 mod history;
 mod moments;
 mod observation;
+mod recursion;
 mod scheme;
 mod sensitivity;
 mod simulator;
