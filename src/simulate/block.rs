@@ -1,6 +1,6 @@
 //! A response with its sensitivities, handed over a cache-full of samples at a time: the whole Jacobian is never stored.
 
-use super::vectors::{Aligned, VECTOR};
+use super::vectors::{Aligned, VECTOR, copy_vectors};
 
 /// Takes the blocks of a response, in the order of the samples.
 pub type Sink<'s> = dyn FnMut(Block<'_>) + 's;
@@ -76,8 +76,15 @@ impl Block<'_> {
         for sample in 0..self.samples() {
             for (o, output) in self.layout.outputs.iter().enumerate() {
                 let row = &mut jacobian[((self.first + sample) * q + o) * stride..][..stride];
+                let lanes = &self.rows[sample * self.layout.length + output.start..][..output.width];
+                // rising columns of which the last one is the length less one are all of them
+                if output.columns.last().is_some_and(|last| *last as usize + 1 == output.columns.len()) {
+                    copy_vectors(lanes, row);
+                    row[output.columns.len()..].fill(0.0);
+                    continue;
+                }
                 row.fill(0.0);
-                output.columns.iter().zip(self.row(sample, o)).for_each(|(c, value)| row[*c as usize] = *value);
+                output.columns.iter().zip(lanes).for_each(|(c, value)| row[*c as usize] = *value);
             }
         }
     }
