@@ -31,6 +31,19 @@ pub(crate) fn median_of_runs(mut f: impl FnMut()) -> f64 {
     times[times.len() / 2]
 }
 
+/// Median wall time over at least a second, after one run to warm up.
+pub(crate) fn wall_of_runs(mut f: impl FnMut()) -> f64 {
+    f();
+    let (start, mut times) = (std::time::Instant::now(), Vec::new());
+    while times.len() < 7 || start.elapsed().as_secs_f64() < 1.0 {
+        let before = std::time::Instant::now();
+        f();
+        times.push(before.elapsed().as_secs_f64());
+    }
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
 /// One measured figure.
 pub(crate) struct Row {
     /// Workload, as in docs/benchmarks.md.

@@ -7,13 +7,15 @@
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
+mod delay;
+mod helicopter;
 mod start_up;
 mod workload;
 
 use clock::{Row, median_of_runs};
 use fdm::Model;
 use fdm::estimate::{Changes, FitOptions, Noise, Options, fit};
-use fdm::simulate::Simulator;
+use fdm::simulate::{Block, Simulator};
 use std::path::PathBuf;
 use workload::{Reference, Ship};
 
@@ -21,6 +23,10 @@ fn main() {
     if std::env::args().any(|a| a == "--start-up") {
         return start_up::measure();
     }
+    if std::env::args().any(|a| a == "--threads") {
+        return helicopter::threads();
+    }
+    threads();
     let core = clock::pin();
     println!("one core ({core}), CPU time, medians\n");
     let before = limit("w1");
@@ -30,7 +36,9 @@ fn main() {
         let by_macro = workload::ship_macro();
         for (door, model) in [(".fdm, machine code", &by_file), ("model!", &by_macro)] {
             let ship = Ship::new(hundredfold);
-            residual_and_jacobian(tag, door, model, &ship, reference.as_ref()).print(&before);
+            for row in residual_and_jacobian(tag, door, model, &ship, reference.as_ref()) {
+                row.print(&before);
+            }
             if let Some(row) = reference.as_ref().and_then(|r| fit_of(tag, door, model, &ship, r)) {
                 row.print(&before);
             }
@@ -39,11 +47,26 @@ fn main() {
     for row in peers("w1") {
         row.print(&before);
     }
+    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run)] {
+        let before = limit(workload);
+        measure(&before);
+        for row in peers(workload) {
+            row.print(&before);
+        }
+    }
     start_up::run();
 }
 
+/// What threads give, in a process of its own that is not pinned.
+fn threads() {
+    let program = std::env::current_exe().expect("this program has a path");
+    if let Ok(output) = std::process::Command::new(program).arg("--threads").output() {
+        print!("{}", String::from_utf8_lossy(&output.stdout));
+    }
+}
+
 /// W1 unit A: states and their exact derivatives by eleven coefficients and three initial values at 1.05 C.
-fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, reference: Option<&Reference>) -> Row {
+fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, reference: Option<&Reference>) -> [Row; 2] {
     let theta = ship.theta(model, 1.05);
     let columns = ship.columns(model);
     let mut simulator = Simulator::new(model.dynamics(), &ship.run, 1).expect("nothing is held and delayed");
@@ -51,11 +74,20 @@ fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, refe
     let (mut y, mut jacobian) = (vec![0.0; 3 * n], vec![0.0; 3 * n * stride]);
     simulator.sensitivities(&theta, &columns, &mut y, &mut jacobian).expect("the ship does not diverge");
     let difference = reference.map(|r| r.difference(&y, &jacobian, stride));
-    let seconds = median_of_runs(|| {
+    let stored = median_of_runs(|| {
         let theta = std::hint::black_box(&theta);
         simulator.sensitivities(theta, &columns, &mut y, &mut jacobian).expect("the ship does not diverge");
     });
-    Row { workload: tag.into(), tool: format!("fdm ({door})"), what: "A residual+jacobian".into(), seconds, difference }
+    let streamed = median_of_runs(|| {
+        let theta = std::hint::black_box(&theta);
+        let mut sink = |block: Block<'_>| _ = std::hint::black_box(block.rows);
+        simulator.stream(theta, &columns, &mut sink).expect("the ship does not diverge");
+    });
+    let row = |what: &str, seconds: f64| {
+        let (tool, what) = (format!("fdm ({door})"), format!("A residual+jacobian ({what})"));
+        Row { workload: tag.into(), tool, what, seconds, difference }
+    };
+    [row("in blocks", streamed), row("stored", stored)]
 }
 
 /// W1 unit B: the whole fit from 1.3 C and the first measured sample, measurement noise known.

@@ -39,7 +39,7 @@ pub(crate) fn measure() {
 }
 
 /// Record 0 of W2: four multisine inputs, nothing measured.
-fn record() -> Run {
+pub(crate) fn record() -> Run {
     let amplitudes = [0.01, 0.01, 0.02, 0.01];
     let times: Vec<f64> = (0..SAMPLES).map(|k| k as f64 / 350.0).collect();
     let input = |t: f64, m: usize| {

@@ -108,17 +108,11 @@ pub(crate) struct Reference {
 impl Reference {
     /// The reference of a workload, when the peers have been set up.
     pub(crate) fn load(tag: &str) -> Option<Self> {
-        let home = std::env::var("HOME").unwrap_or_default();
-        let folder = PathBuf::from(std::env::var("PEERS_DATA").unwrap_or(format!("{home}/peers-data")));
-        let read = |name: String| {
-            let bytes = std::fs::read(folder.join(name)).ok()?;
-            Some(bytes.chunks_exact(8).filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?))).collect::<Vec<_>>())
-        };
         Some(Self {
-            states: read(format!("{tag}_xs.bin"))?,
-            sensitivities: read(format!("{tag}_S.bin"))?,
-            measured: read(format!("{tag}_z.bin")),
-            deviations: read(format!("{tag}_sd.bin")),
+            states: data(&format!("{tag}_xs"))?,
+            sensitivities: data(&format!("{tag}_S"))?,
+            measured: data(&format!("{tag}_z")),
+            deviations: data(&format!("{tag}_sd")),
         })
     }
 
@@ -146,7 +140,16 @@ impl Reference {
     }
 }
 
-fn columnwise(a: &[f64], b: &[f64], columns: usize) -> f64 {
+/// Numbers that the peers' reference has written.
+pub(crate) fn data(name: &str) -> Option<Vec<f64>> {
+    let home = std::env::var("HOME").unwrap_or_default();
+    let folder = PathBuf::from(std::env::var("PEERS_DATA").unwrap_or(format!("{home}/peers-data")));
+    let bytes = std::fs::read(folder.join(format!("{name}.bin"))).ok()?;
+    Some(bytes.chunks_exact(8).filter_map(|b| Some(f64::from_le_bytes(b.try_into().ok()?))).collect())
+}
+
+/// Largest over columns of max |ours - reference| / max |reference|.
+pub(crate) fn columnwise(a: &[f64], b: &[f64], columns: usize) -> f64 {
     assert_eq!(a.len(), b.len(), "the reference belongs to another workload");
     let (mut difference, mut size) = (vec![0.0_f64; columns], vec![0.0_f64; columns]);
     for (k, (a, b)) in a.iter().zip(b).enumerate() {

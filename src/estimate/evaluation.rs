@@ -9,6 +9,7 @@ use super::problem::{Problem, ProblemRun};
 use super::unknowns::Unknowns;
 use crate::simulate::Divergence;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Why a run could not be compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,7 +56,7 @@ struct RunState<'e, 'a> {
 /// Evaluates a problem.
 pub(super) struct Evaluator<'e, 'a> {
     states: Vec<RunState<'e, 'a>>,
-    unknowns: &'e Unknowns,
+    unknowns: Cow<'e, Unknowns>,
     outputs: usize,
     /// Sums of products of residuals over all runs, q by q, of the last evaluation.
     pub(super) moments: Vec<f64>,
@@ -66,6 +67,15 @@ pub(super) struct Evaluator<'e, 'a> {
 
 impl<'e, 'a> Evaluator<'e, 'a> {
     pub(super) fn new(problem: &'e mut Problem<'a>, unknowns: &'e Unknowns, full: bool) -> Self {
+        Self::with(problem, Cow::Borrowed(unknowns), full)
+    }
+
+    /// With unknowns of its own, and outputs apart.
+    pub(super) fn owning(problem: &'e mut Problem<'a>, unknowns: Unknowns) -> Self {
+        Self::with(problem, Cow::Owned(unknowns), false)
+    }
+
+    fn with(problem: &'e mut Problem<'a>, unknowns: Cow<'e, Unknowns>, full: bool) -> Self {
         let q = problem.outputs.len();
         let groups = if full { 1 } else { q };
         let states = problem.runs.iter_mut().zip(&unknowns.theta).map(|(run, theta)| {
@@ -83,7 +93,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
     /// # Errors
     /// The first run that fails.
     pub(super) fn evaluate(&mut self, values: &[f64], want: Want<'_>) -> Result<(), RunFailure> {
-        let (unknowns, q) = (self.unknowns, self.outputs);
+        let (unknowns, q) = (&*self.unknowns, self.outputs);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
             unknowns.assemble(r, values, &mut state.theta);
             state.failure = state.evaluate(unknowns, q, want).err();
@@ -120,7 +130,7 @@ impl<'e, 'a> Evaluator<'e, 'a> {
     ) -> Result<(), RunFailure> {
         self.evaluate(ahead, Want::Response)?;
         self.evaluations += 1;
-        let (unknowns, q) = (self.unknowns, self.outputs);
+        let (unknowns, q) = (&*self.unknowns, self.outputs);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
             std::mem::swap(&mut state.ahead, &mut state.y);
             state.y.resize(state.ahead.len(), 0.0);
@@ -139,6 +149,11 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             }
         }
         Ok(())
+    }
+
+    /// What is unknown.
+    pub(super) fn unknowns(&self) -> &Unknowns {
+        &self.unknowns
     }
 
     /// Sums triangles instead of products from now on.
@@ -162,12 +177,12 @@ impl<'e, 'a> Evaluator<'e, 'a> {
     }
 }
 
-/// Works on every run; a single one stays in its thread.
+/// Works on every run; where there is nothing to share, in this thread.
 fn each<S: Send>(states: &mut [S], work: impl Fn((usize, &mut S)) + Send + Sync) {
-    match states {
-        [one] => work((0, one)),
-        many => many.par_iter_mut().enumerate().for_each(work),
+    if states.len() == 1 || rayon::current_num_threads() == 1 {
+        return states.iter_mut().enumerate().for_each(work);
     }
+    states.par_iter_mut().enumerate().for_each(work);
 }
 
 impl RunState<'_, '_> {

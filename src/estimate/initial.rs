@@ -145,6 +145,7 @@ mod tests {
             tau_by_param: 0..0,
             derived: 0..0,
             observed: Vec::new(),
+            affine: Default::default(),
             stage: Default::default(),
             patterns,
         })

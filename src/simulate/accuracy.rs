@@ -1,5 +1,7 @@
 //! Chooses the steps inside samples: doubled until the response no longer moves.
 
+use super::grid::Grid;
+use super::recursion::{self, Intervals};
 use super::scheme::Scheme;
 use super::simulator::{Divergence, Simulator, Unsuited};
 use crate::dynamics::Dynamics;
@@ -33,7 +35,10 @@ pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result
     if dynamics.layout().states == 0 || run.len() < 2 {
         return Ok(Accuracy { scheme: Scheme::RungeKutta, per_interval: 1, error: 0.0 });
     }
-    let scheme = Scheme::RungeKutta;
+    let scheme = linear(dynamics, run).unwrap_or(Scheme::RungeKutta);
+    if scheme != Scheme::RungeKutta && dynamics.layout().delayed.is_empty() {
+        return Ok(Accuracy { scheme, per_interval: 1, error: 0.0 });
+    }
     let mut coarse = response(dynamics, run, theta, scheme, 1)?;
     let mut best = Accuracy { scheme, per_interval: 1, error: f64::INFINITY };
     let (mut fine, mut stalls) = (2, 0);
@@ -71,12 +76,22 @@ pub fn integration_error(
     if dynamics.layout().states == 0 || run.len() < 2 {
         return Ok(0.0);
     }
+    if scheme != Scheme::RungeKutta && dynamics.layout().delayed.is_empty() {
+        return Ok(0.0);
+    }
     let (coarse, fine) = (
         response(dynamics, run, theta, scheme, per_interval)?,
         response(dynamics, run, theta, scheme, 2 * per_interval)?,
     );
     let (Ok(coarse), Ok(fine)) = (coarse, fine) else { return Ok(f64::INFINITY) };
     Ok(halving(&coarse, &fine, dynamics.layout().outputs))
+}
+
+/// The exact recursion, where a model is linear and its samples stand in few different intervals.
+fn linear(dynamics: &dyn Dynamics, run: &Run) -> Option<Scheme> {
+    let layout = dynamics.layout();
+    let suited = recursion::suits(layout) && Intervals::of(&Grid::new(&run.time, 1)).is_some();
+    suited.then(|| Scheme::Recursion { subsystems: recursion::subsystems(layout) })
 }
 
 /// The fourth-order error of the coarse response is 16/15 of what halving the step removes.

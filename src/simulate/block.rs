@@ -1,6 +1,6 @@
 //! A response with its sensitivities, handed over a cache-full of samples at a time: the whole Jacobian is never stored.
 
-use super::vectors::{Aligned, VECTOR};
+use super::vectors::{Aligned, VECTOR, copy_vectors};
 
 /// Takes the blocks of a response, in the order of the samples.
 pub type Sink<'s> = dyn FnMut(Block<'_>) + 's;
@@ -76,8 +76,15 @@ impl Block<'_> {
         for sample in 0..self.samples() {
             for (o, output) in self.layout.outputs.iter().enumerate() {
                 let row = &mut jacobian[((self.first + sample) * q + o) * stride..][..stride];
+                let lanes = &self.rows[sample * self.layout.length + output.start..][..output.width];
+                // rising columns of which the last one is the length less one are all of them
+                if output.columns.last().is_some_and(|last| *last as usize + 1 == output.columns.len()) {
+                    copy_vectors(lanes, row);
+                    row[output.columns.len()..].fill(0.0);
+                    continue;
+                }
                 row.fill(0.0);
-                output.columns.iter().zip(self.row(sample, o)).for_each(|(c, value)| row[*c as usize] = *value);
+                output.columns.iter().zip(lanes).for_each(|(c, value)| row[*c as usize] = *value);
             }
         }
     }
@@ -103,11 +110,6 @@ impl Gathering {
         Self { layout, y, rows, first: 0, filled: 0, capacity }
     }
 
-    /// How the rows are arranged.
-    pub(super) fn layout(&self) -> &RowLayout {
-        &self.layout
-    }
-
     /// Begins a run.
     pub(super) fn begin(&mut self) {
         (self.first, self.filled) = (0, 0);
@@ -120,12 +122,13 @@ impl Gathering {
         (&mut self.y[self.filled * q..][..q], &mut self.rows[self.filled * length..][..length])
     }
 
-    /// Outputs and rows of the next samples, at most `count` of them, and how many these are.
+    /// Outputs and rows of the next samples, at most `count` of them: arrangement, outputs, rows, and how many these are.
     #[inline(always)]
-    pub(super) fn several(&mut self, count: usize) -> (&mut [f64], &mut [f64], usize) {
+    pub(super) fn several(&mut self, count: usize) -> (&RowLayout, &mut [f64], &mut [f64], usize) {
         let (q, length, room) = (self.layout.outputs.len(), self.layout.length, self.capacity - self.filled);
         let count = count.min(room);
-        (&mut self.y[self.filled * q..][..count * q], &mut self.rows[self.filled * length..][..count * length], count)
+        let y = &mut self.y[self.filled * q..][..count * q];
+        (&self.layout, y, &mut self.rows[self.filled * length..][..count * length], count)
     }
 
     /// The next `count` samples have been filled.

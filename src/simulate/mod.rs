@@ -13,6 +13,7 @@ mod drive;
 mod grid;
 mod moments;
 mod observation;
+mod recursion;
 mod retarded;
 mod scheme;
 mod sensitivity;

@@ -1,8 +1,9 @@
 //! One run of a model: outputs, and outputs with sensitivities, by fixed-step Runge-Kutta.
 
-use super::block::Sink;
+use super::block::{Block, Sink};
 use super::drive::DriveTable;
 use super::grid::Grid;
+use super::recursion::{self, Intervals, Method, Recursion};
 use super::retarded::{History, Retarded, RetardedSensitivity};
 use super::scheme::Scheme;
 use super::sensitivity::Sensitivity;
@@ -100,6 +101,30 @@ enum Integrator {
     RungeKutta(Option<Sensitivity>),
     /// Runge-Kutta steps that see delayed states.
     Retarded(Option<RetardedSensitivity>),
+    Recursion {
+        method: Method,
+        intervals: Intervals,
+        /// Without columns, and with those that were last asked for.
+        response: Option<Box<Recursion>>,
+        sensitivity: Option<Box<Recursion>>,
+    },
+}
+
+impl Integrator {
+    /// A linear model's Runge-Kutta steps are a recursion as well, with other coefficients.
+    fn new(layout: &Layout, grid: &Grid, scheme: Scheme, delays_states: bool) -> Self {
+        if delays_states {
+            return Self::Retarded(None);
+        }
+        let method = match scheme {
+            Scheme::RungeKutta => Method::RungeKutta,
+            Scheme::Recursion { .. } => Method::Exact,
+        };
+        match Intervals::of(grid).filter(|_| recursion::suits(layout)) {
+            Some(intervals) => Self::Recursion { method, intervals, response: None, sensitivity: None },
+            None => Self::RungeKutta(None),
+        }
+    }
 }
 
 impl<'a> Simulator<'a> {
@@ -139,10 +164,7 @@ impl<'a> Simulator<'a> {
         }
         let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
         let history = History::new(layout);
-        let integrator = match scheme {
-            Scheme::RungeKutta if history.is_some() => Integrator::Retarded(None),
-            Scheme::RungeKutta => Integrator::RungeKutta(None),
-        };
+        let integrator = Integrator::new(layout, &grid, scheme, history.is_some());
         Ok(Self {
             dynamics,
             run,
@@ -182,6 +204,11 @@ impl<'a> Simulator<'a> {
     /// # Errors
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        if let Integrator::Recursion { .. } = self.integrator {
+            let q = self.outputs();
+            let mut sink = |block: Block<'_>| y[block.first * q..][..block.y.len()].copy_from_slice(block.y);
+            return self.recur(theta, &[], &mut sink);
+        }
         self.begin(theta, 0)?;
         if let Some(retarded) = &mut self.retarded {
             retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
@@ -237,7 +264,26 @@ impl<'a> Simulator<'a> {
                 self.integrator = Integrator::Retarded(Some(sensitivity));
                 result
             }
+            Integrator::Recursion { .. } => self.recur(theta, columns, sink),
         }
+    }
+
+    /// All samples by recursion.
+    fn recur(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.begin(theta, 0)?;
+        let integrator = std::mem::replace(&mut self.integrator, Integrator::RungeKutta(None));
+        let Integrator::Recursion { method, intervals, mut response, mut sensitivity } = integrator else {
+            return Ok(());
+        };
+        let memory = if columns.is_empty() { &mut response } else { &mut sensitivity };
+        let mut recursion = match memory.take() {
+            Some(recursion) if recursion.columns() == columns => recursion,
+            _ => Box::new(Recursion::new(self, columns, method, &intervals)),
+        };
+        let result = recursion.run(self, &intervals, sink);
+        *memory = Some(recursion);
+        self.integrator = Integrator::Recursion { method, intervals, response, sensitivity };
+        result
     }
 
     /// Everything that [`Simulator::stream`] gives, in one piece: outputs (N by q), and derivatives in `jacobian`, N q rows
@@ -334,7 +380,7 @@ impl<'a> Simulator<'a> {
     }
 
     /// Outputs at a sample, delayed states filled in first.
-    fn observe(&mut self, sample: usize, k: usize, y: &mut [f64]) -> Result<(), Divergence> {
+    pub(super) fn observe(&mut self, sample: usize, k: usize, y: &mut [f64]) -> Result<(), Divergence> {
         let layout = self.dynamics.layout();
         let t = self.run.time[sample];
         let drive = self.drive.sample(sample);

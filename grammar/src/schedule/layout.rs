@@ -1,5 +1,6 @@
 //! Sizes, patterns and positions of everything that the programs read and write.
 
+use super::affine::Affine;
 use crate::derive::Pattern;
 use crate::graph::Signal;
 use crate::model::Model;
@@ -36,6 +37,8 @@ pub struct Layout {
     pub derived: Range<usize>,
     /// For each output the state that it is, when it is one and nothing else (q).
     pub observed: Vec<Option<u32>>,
+    /// Which equations are linear with a constant.
+    pub affine: Affine,
     /// Patterns, named by row and column.
     pub patterns: Patterns,
     /// Where `rates_and_partials` writes.

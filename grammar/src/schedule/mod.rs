@@ -6,9 +6,11 @@
 //! Everything that depends on parameters alone is computed once per parameter vector by `prepare`, whose results are
 //! the `known` array of the other programs. Shared subexpressions are computed once in each program.
 
+mod affine;
 mod layout;
 mod program;
 
+pub use affine::Affine;
 pub use layout::{Layout, Patterns, StageRow};
 pub use program::{Instruction, Operand, Placed, Program};
 
@@ -130,6 +132,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         derived,
         stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
         observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
+        affine: Affine::of(model),
         patterns: Patterns {
             rates_by_state: d.rates.state.pattern.clone(),
             rates_by_delayed: d.rates.delayed.pattern.clone(),

@@ -1,0 +1,138 @@
+//! The one loop that everything spends its time in: rows of lanes from rows of lanes,
+//! `out = sum over j of T_j s_j + sum over m of K_m f_m`.
+
+use crate::simulate::vectors::Aligned;
+use pulp::Simd;
+
+/// A linear map of the states and their sensitivities, with what drives it.
+///
+/// A row holds the derivatives by the parameters and then the value itself. The values of the states, which have a lane of
+/// their own, drive the derivatives like inputs: the coefficients' derivatives times the states.
+pub(super) struct LinearMap {
+    pub(super) rows: usize,
+    pub(super) states: usize,
+    /// Numbers of the feed.
+    pub(super) terms: usize,
+    /// Lanes of a row, whole vectors.
+    pub(super) width: usize,
+    /// The lane of the values.
+    pub(super) lane: usize,
+    /// Coefficients of the feed and then of the states' values, each rows by width.
+    pub(super) forcing: Aligned,
+    /// Coefficients of the states' rows, states by rows.
+    pub(super) flow: Vec<f64>,
+}
+
+impl LinearMap {
+    pub(super) fn new(rows: usize, states: usize, terms: usize, (width, lane): (usize, usize)) -> Self {
+        let forcing = Aligned::new((terms + states) * rows * width);
+        Self { rows, states, terms, width, lane, forcing, flow: vec![0.0; states * rows] }
+    }
+
+    /// Coefficients of one number of the feed in one row.
+    pub(super) fn forcing_of(&mut self, term: usize, row: usize) -> &mut [f64] {
+        &mut self.forcing[(term * self.rows + row) * self.width..][..self.width]
+    }
+
+    /// Applies the map to states (rows of lanes) and feed.
+    #[inline(always)]
+    pub(super) fn apply<S: Simd>(&self, simd: S, s: &[f64], feed: &[f64], out: &mut [f64]) {
+        let across = self.width / S::F64_LANES;
+        let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
+        let mut row = 0;
+        while row < self.rows {
+            let rows = (self.rows - row).min(tallest);
+            let mut vector = 0;
+            while vector < across {
+                let wide = (across - vector).min(2);
+                match wide {
+                    1 => self.tiles::<S, 1>(simd, (row, rows), vector, s, feed, out),
+                    _ => self.tiles::<S, 2>(simd, (row, rows), vector, s, feed, out),
+                }
+                vector += wide;
+            }
+            row += rows;
+        }
+    }
+
+    #[inline(always)]
+    fn tiles<S: Simd, const C: usize>(
+        &self,
+        simd: S,
+        (row, rows): (usize, usize),
+        vector: usize,
+        s: &[f64],
+        feed: &[f64],
+        out: &mut [f64],
+    ) {
+        match rows {
+            1 => self.tile::<S, 1, C>(simd, row, vector, s, feed, out),
+            2 => self.tile::<S, 2, C>(simd, row, vector, s, feed, out),
+            3 => self.tile::<S, 3, C>(simd, row, vector, s, feed, out),
+            4 => self.tile::<S, 4, C>(simd, row, vector, s, feed, out),
+            5 => self.tile::<S, 5, C>(simd, row, vector, s, feed, out),
+            6 => self.tile::<S, 6, C>(simd, row, vector, s, feed, out),
+            7 => self.tile::<S, 7, C>(simd, row, vector, s, feed, out),
+            _ => self.tile::<S, 8, C>(simd, row, vector, s, feed, out),
+        }
+    }
+
+    /// R rows, C vectors of them, held in registers. What does not depend on the step before comes first.
+    #[inline(always)]
+    fn tile<S: Simd, const R: usize, const C: usize>(
+        &self,
+        simd: S,
+        row: usize,
+        vector: usize,
+        s: &[f64],
+        feed: &[f64],
+        out: &mut [f64],
+    ) {
+        let (width, across) = (self.width, self.width / S::F64_LANES);
+        let mut sum = [[simd.splat_f64s(0.0); C]; R];
+        let s = &s[..self.states * width];
+        let vectors = S::as_simd_f64s(s).0;
+        let forcing = S::as_simd_f64s(&self.forcing).0;
+        let (by_feed, by_state) = forcing.split_at(self.terms * self.rows * across);
+        let block = self.rows * across;
+        let first = row * across + vector;
+        for (f, k) in feed[..self.terms].iter().zip(by_feed.chunks_exact(block)) {
+            add::<S, R, C>(simd, *f, &k[first..], across, &mut sum);
+        }
+        for (x, k) in s.chunks_exact(width).zip(by_state.chunks_exact(block)) {
+            add::<S, R, C>(simd, x[self.lane], &k[first..], across, &mut sum);
+        }
+        for (x, flow) in vectors.chunks_exact(across).zip(self.flow.chunks_exact(self.rows)) {
+            let Some(x) = x[vector..].first_chunk::<C>() else { return };
+            let Some(factors) = flow[row..].first_chunk::<R>() else { return };
+            for r in 0..R {
+                let factor = simd.splat_f64s(factors[r]);
+                for c in 0..C {
+                    sum[r][c] = simd.mul_add_f64s(factor, x[c], sum[r][c]);
+                }
+            }
+        }
+        let out = S::as_mut_simd_f64s(out).0;
+        for (r, sum) in sum.iter().enumerate() {
+            out[(row + r) * across + vector..][..C].copy_from_slice(sum);
+        }
+    }
+}
+
+/// `sum += f k`, R rows of which the first C vectors are meant.
+#[inline(always)]
+fn add<S: Simd, const R: usize, const C: usize>(
+    simd: S,
+    f: f64,
+    k: &[S::f64s],
+    across: usize,
+    sum: &mut [[S::f64s; C]; R],
+) {
+    let f = simd.splat_f64s(f);
+    let k = &k[..(R - 1) * across + C];
+    for r in 0..R {
+        for c in 0..C {
+            sum[r][c] = simd.mul_add_f64s(f, k[r * across + c], sum[r][c]);
+        }
+    }
+}

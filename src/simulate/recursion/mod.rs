@@ -1,0 +1,324 @@
+//! Linear models by recursion: from node to node by one matrix, whatever the step's method has inside.
+//!
+//! **In** a model whose rates are affine in states and inputs, with coefficients of parameters alone, and a run of few
+//! different sampling intervals. **Out** what `sensitivity` gives: blocks of outputs and sensitivities.
+//! **Never** decides by numbers whether a model is linear: `fdm_grammar::schedule::Affine` has proven it.
+//! **Start** at [`Recursion`]; coefficients are made in `transition.rs`, the loop is in `map.rs`.
+//!
+//! A state and its derivatives by the parameters of its subsystem are one row of lanes; the state drives its derivatives
+//! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
+
+mod equations;
+mod intervals;
+mod jet;
+mod map;
+mod partition;
+mod subsystem;
+mod transition;
+
+pub(super) use intervals::Intervals;
+pub(super) use transition::Method;
+
+use super::block::{Gathering, RowLayout, Sink};
+use super::observation::Observation;
+use super::simulator::{Divergence, Simulator};
+use super::vectors::{Aligned, VECTOR, copy_vectors};
+use crate::dynamics::Layout;
+use equations::Equations;
+use fdm_grammar::graph::Signal;
+use partition::partition;
+use pulp::{Simd, WithSimd};
+use subsystem::Subsystem;
+
+/// Subsystems with more states are left to steps that touch structural nonzeros only.
+const MOST_STATES: usize = 24;
+
+/// Whether a model's response is a recursion, and one worth it: the matrices of a step are full within a subsystem.
+pub(super) fn suits(layout: &Layout) -> bool {
+    let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+    if !layout.affine.rates || layout.states == 0 || delays_states {
+        return false;
+    }
+    let sizes: Vec<usize> = partition(layout, observed(layout)).iter().map(|part| part.states.len()).collect();
+    let (full, sparse) = (sizes.iter().map(|n| n * n).sum::<usize>(), layout.patterns.rates_by_state.len());
+    sizes.iter().all(|n| *n <= MOST_STATES) && full <= 8 * (sparse + layout.states)
+}
+
+/// How many subsystems there are.
+pub(super) fn subsystems(layout: &Layout) -> usize {
+    partition(layout, observed(layout)).len()
+}
+
+/// Whether every output is affine as well.
+fn observed(layout: &Layout) -> bool {
+    layout.affine.outputs.iter().all(|affine| *affine)
+}
+
+/// Observes outputs that are not affine, from the whole matrix of sensitivities.
+struct General {
+    observation: Observation,
+    /// States by the lanes of the model.
+    s: Aligned,
+    lanes: usize,
+    /// Lane of the model of each lane of a parameter, for each subsystem.
+    lane_of: Vec<Vec<usize>>,
+    rows: Vec<f64>,
+}
+
+/// Plans and memory for one choice of columns.
+pub(super) struct Recursion {
+    columns: Vec<usize>,
+    method: Method,
+    equations: Equations,
+    subsystems: Vec<Subsystem>,
+    general: Option<General>,
+    gathering: Gathering,
+    /// Rows of outputs that are not states.
+    rows: Aligned,
+    /// States at the beginning of a block, to find a divergence in it.
+    before: Vec<Vec<f64>>,
+}
+
+impl Recursion {
+    /// # Panics
+    /// As [`Observation::new`].
+    pub(super) fn new(simulator: &Simulator<'_>, columns: &[usize], method: Method, intervals: &Intervals) -> Self {
+        let layout = simulator.dynamics.layout();
+        for k in columns {
+            assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
+        }
+        let (held, kinds, linear) = (&simulator.run.held, intervals.lengths.len(), observed(layout));
+        let parts = partition(layout, linear).into_iter();
+        let subsystems: Vec<_> = parts.map(|part| Subsystem::new(layout, part, columns, held, kinds)).collect();
+        let general = (!linear).then(|| General {
+            observation: Observation::new(layout, columns),
+            s: Aligned::new(layout.states * layout.stage.lanes),
+            lanes: layout.stage.lanes,
+            lane_of: subsystems.iter().map(|s| lanes_of(layout, s)).collect(),
+            rows: vec![0.0; layout.outputs * columns.len().next_multiple_of(VECTOR)],
+        });
+        let rows = if linear {
+            RowLayout::new((0..layout.outputs).map(|o| columns_of(&subsystems, o)))
+        } else {
+            RowLayout::full(layout.outputs, columns.len())
+        };
+        let longest = subsystems.iter().map(|s| s.part.outputs.len() * s.width).max().unwrap_or(0);
+        Self {
+            columns: columns.to_vec(),
+            method,
+            equations: Equations::new(layout),
+            before: subsystems.iter().map(|s| s.states().to_vec()).collect(),
+            subsystems,
+            general,
+            gathering: Gathering::new(rows),
+            rows: Aligned::new(longest),
+        }
+    }
+
+    pub(super) fn columns(&self) -> &[usize] {
+        &self.columns
+    }
+
+    /// Runs through all samples; the simulator has begun.
+    pub(super) fn run(
+        &mut self,
+        simulator: &mut Simulator<'_>,
+        intervals: &Intervals,
+        sink: &mut Sink<'_>,
+    ) -> Result<(), Divergence> {
+        self.gathering.begin();
+        self.equations.read(simulator.dynamics, &simulator.known, &mut simulator.work);
+        let result = pulp::Arch::new().dispatch(March { recursion: self, simulator, intervals, sink });
+        self.gathering.flush(sink);
+        result
+    }
+
+    /// The first step of a block after which a state is not finite.
+    #[cold]
+    fn divergence(
+        &mut self,
+        simulator: &Simulator<'_>,
+        intervals: &Intervals,
+        steps: std::ops::Range<usize>,
+    ) -> Divergence {
+        self.subsystems.iter_mut().zip(&self.before).for_each(|(s, before)| s.restore(before));
+        for k in steps.clone() {
+            let kind = intervals.of_step(k);
+            for subsystem in &mut self.subsystems {
+                pulp::Arch::new().dispatch(Single { subsystem, simulator, k, kind });
+            }
+            if let Some(state) = self.first_not_finite() {
+                let (t, h) = simulator.grid.step(k);
+                let sample = k / simulator.grid.per_interval().max(1);
+                return Divergence { time: t + h, state, sample };
+            }
+        }
+        let (t, h) = simulator.grid.step(steps.end - 1);
+        Divergence { time: t + h, state: None, sample: (steps.end - 1) / simulator.grid.per_interval().max(1) }
+    }
+
+    /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
+    fn first_not_finite(&self) -> Option<Option<usize>> {
+        let values = |s: &Subsystem| {
+            let rows = s.states().chunks_exact(s.width).zip(&s.part.states);
+            rows.filter(|(row, _)| !row[s.lane].is_finite()).map(|(_, state)| *state).min()
+        };
+        if let Some(state) = self.subsystems.iter().filter_map(values).min() {
+            return Some(Some(state));
+        }
+        None
+    }
+}
+
+/// The columns that a linear output can depend on.
+fn columns_of(subsystems: &[Subsystem], output: usize) -> Vec<u32> {
+    let has = |s: &&Subsystem| s.part.outputs.contains(&output) || s.part.shown.iter().any(|(o, _)| *o == output);
+    subsystems.iter().find(has).map_or_else(Vec::new, |s| s.columns.iter().map(|(c, _)| *c).collect())
+}
+
+fn lanes_of(layout: &Layout, subsystem: &Subsystem) -> Vec<usize> {
+    subsystem.columns.iter().filter_map(|(_, k)| layout.stage.lane[*k]).map(|lane| lane as usize).collect()
+}
+
+/// One step of one subsystem.
+struct Single<'m, 'a> {
+    subsystem: &'m mut Subsystem,
+    simulator: &'m Simulator<'a>,
+    k: usize,
+    kind: usize,
+}
+
+impl WithSimd for Single<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.subsystem.step(simd, &self.simulator.drive, self.k, self.kind);
+    }
+}
+
+/// The loop over the samples, compiled for the machine's widest registers.
+struct March<'m, 'a> {
+    recursion: &'m mut Recursion,
+    simulator: &'m mut Simulator<'a>,
+    intervals: &'m Intervals,
+    sink: &'m mut Sink<'m>,
+}
+
+impl WithSimd for March<'_, '_> {
+    type Output = Result<(), Divergence>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self { recursion, simulator, intervals, sink } = self;
+        let layout = simulator.dynamics.layout();
+        for subsystem in &mut recursion.subsystems {
+            let how = (recursion.method, &intervals.lengths[..]);
+            subsystem.prepare(layout, &recursion.equations, &simulator.known, how);
+        }
+        let (samples, per) = (simulator.run.len(), simulator.grid.per_interval());
+        let mut first = 0;
+        while first < samples {
+            let most = if recursion.general.is_some() { 1 } else { samples - first };
+            let count = recursion.advance(simd, simulator, intervals, (first, most));
+            let steps = first.saturating_sub(1) * per..(first + count - 1) * per;
+            if recursion.first_not_finite().is_some() {
+                let found = recursion.divergence(simulator, intervals, steps);
+                let finite = (found.sample + 1).saturating_sub(first).min(count);
+                recursion.observe(simulator, first, finite)?;
+                recursion.gathering.filled(finite, sink);
+                return Err(found);
+            }
+            recursion.observe(simulator, first, count)?;
+            recursion.gathering.filled(count, sink);
+            first += count;
+        }
+        Ok(())
+    }
+}
+
+impl Recursion {
+    /// Advances every subsystem over the next samples, at most `most`, and writes their rows; gives how many these were.
+    #[inline(always)]
+    fn advance<S: Simd>(
+        &mut self,
+        simd: S,
+        simulator: &mut Simulator<'_>,
+        intervals: &Intervals,
+        (first, most): (usize, usize),
+    ) -> usize {
+        let Self { subsystems, gathering, rows: spare, before, .. } = self;
+        let per = simulator.grid.per_interval();
+        let mut count = 0;
+        for (subsystem, before) in subsystems.iter_mut().zip(before) {
+            before.copy_from_slice(subsystem.states());
+            let (layout, _, rows, several) = gathering.several(most);
+            count = several;
+            for (at, rows) in rows.chunks_exact_mut(layout.length.max(1)).enumerate().take(count) {
+                let sample = first + at;
+                for k in sample.saturating_sub(1) * per..sample * per {
+                    subsystem.step(simd, &simulator.drive, k, intervals.of_step(k));
+                }
+                let width = subsystem.width;
+                for (output, state) in &subsystem.part.shown {
+                    let row = &mut rows[layout.outputs[*output].start..][..width];
+                    copy_vectors(&subsystem.states()[state * width..][..width], row);
+                }
+                if !subsystem.part.outputs.is_empty() {
+                    subsystem.observe(simd, &mut simulator.drive, sample, spare);
+                    for (output, from) in subsystem.part.outputs.iter().zip(spare.chunks_exact(width)) {
+                        copy_vectors(from, &mut rows[layout.outputs[*output].start..][..width]);
+                    }
+                }
+            }
+        }
+        count
+    }
+
+    /// Outputs of the samples whose rows have been written; general ones with their rows.
+    fn observe(&mut self, simulator: &mut Simulator<'_>, first: usize, count: usize) -> Result<(), Divergence> {
+        if count == 0 {
+            return Ok(());
+        }
+        if self.general.is_some() {
+            return self.observe_in_general(simulator, first);
+        }
+        let (layout, y, rows, _) = self.gathering.several(count);
+        let outputs = layout.outputs.len().max(1);
+        for (at, (y, rows)) in y.chunks_exact_mut(outputs).zip(rows.chunks_exact(layout.length.max(1))).enumerate() {
+            for (y, row) in y.iter_mut().zip(&layout.outputs) {
+                *y = rows[row.start + row.columns.len()];
+            }
+            if y.iter().any(|y| !y.is_finite()) {
+                let sample = first + at;
+                return Err(Divergence { time: simulator.run.time[sample], state: None, sample });
+            }
+        }
+        Ok(())
+    }
+
+    fn observe_in_general(&mut self, simulator: &mut Simulator<'_>, sample: usize) -> Result<(), Divergence> {
+        let Self { subsystems, general: Some(general), gathering, .. } = self else { return Ok(()) };
+        general.s.fill(0.0);
+        for (subsystem, lane_of) in subsystems.iter().zip(&general.lane_of) {
+            for (state, row) in subsystem.part.states.iter().zip(subsystem.states().chunks_exact(subsystem.width)) {
+                simulator.nodes[0][*state] = row[subsystem.lane];
+                for (lane, value) in lane_of.iter().zip(row) {
+                    general.s[state * general.lanes + lane] = *value;
+                }
+            }
+        }
+        let (layout, y, rows, _) = gathering.several(1);
+        if self.columns.is_empty() {
+            return simulator.observe(sample, 0, y);
+        }
+        general.observation.observe(simulator, (sample, 0), &general.s, y, &mut general.rows)?;
+        let stride = general.observation.stride;
+        for (o, row) in layout.outputs.iter().enumerate() {
+            let to = &mut rows[row.start..][..row.width];
+            to.fill(0.0);
+            to[..row.columns.len()].copy_from_slice(&general.rows[o * stride..][..row.columns.len()]);
+        }
+        Ok(())
+    }
+}

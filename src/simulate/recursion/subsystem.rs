@@ -1,0 +1,315 @@
+//! One subsystem: its coefficients for every length of a step, its states, and how it reads the drive.
+
+use super::equations::{Equations, Group};
+use super::jet::Jet;
+use super::map::LinearMap;
+use super::partition::Part;
+use super::transition::{Method, Transition};
+use crate::dynamics::Layout;
+use crate::simulate::drive::DriveTable;
+use crate::simulate::vectors::{Aligned, VECTOR};
+
+/// One number of the feed.
+#[derive(Debug, Clone, Copy)]
+enum Reading {
+    /// From the values of the drive, at this distance from those of the step or sample.
+    Value(u32),
+    /// From the slopes of delayed signals, likewise.
+    Slope(u32),
+    /// 1, for constants.
+    One,
+}
+
+/// A number of the feed and its coefficients: a combination of the weights at the beginning, in the middle and at the end
+/// of a step (outputs: the first alone).
+#[derive(Debug, Clone, Copy)]
+struct Term {
+    reading: Reading,
+    /// Position among the drives of this group of equations; the constant stands behind them.
+    drive: usize,
+    weights: [f64; 3],
+}
+
+/// A subsystem at work.
+pub(super) struct Subsystem {
+    pub(super) part: Part,
+    /// For each lane of a parameter its position among the columns, and the parameter.
+    pub(super) columns: Vec<(u32, usize)>,
+    /// Lanes of a row, and the lane of the states themselves.
+    pub(super) width: usize,
+    pub(super) lane: usize,
+    terms: Vec<Term>,
+    output_terms: Vec<Term>,
+    /// For each length of a step.
+    steps: Vec<LinearMap>,
+    observe: LinearMap,
+    transition: Transition,
+    a: Jet,
+    /// Coefficients of the drives and the constant; of the states too for outputs.
+    b: Jet,
+    scaled: Jet,
+    by_weight: [Jet; 3],
+    /// Whether there are no constants: the last number of the feed is then not read.
+    homogeneous: bool,
+    /// States with their sensitivities, before and after a step.
+    s: [Aligned; 2],
+    feed: Vec<f64>,
+}
+
+impl Subsystem {
+    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths.
+    pub(super) fn new(layout: &Layout, part: Part, columns: &[usize], held: &[bool], kinds: usize) -> Self {
+        let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
+        let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
+        let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
+        let (width, drives) = ((lane + 1).next_multiple_of(VECTOR), part.drive.len() + 1);
+        let terms = step_terms(layout, &part, held);
+        let output_terms = output_terms(layout, &part);
+        let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
+        let zero = || Jet::zero(n, drives, width);
+        Self {
+            steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
+            observe: map(rows, output_terms.len()),
+            transition: Transition::new(n, width),
+            a: Jet::zero(n, n, width),
+            b: zero(),
+            scaled: zero(),
+            by_weight: [zero(), zero(), zero()],
+            homogeneous: false,
+            s: [Aligned::new(n * width), Aligned::new(n * width)],
+            feed: vec![0.0; terms.len().max(output_terms.len())],
+            part,
+            columns,
+            width,
+            lane,
+            terms,
+            output_terms,
+        }
+    }
+
+    /// The states with their sensitivities, rows of lanes.
+    #[inline(always)]
+    pub(super) fn states(&self) -> &[f64] {
+        &self.s[0]
+    }
+
+    /// Goes back to states from before.
+    pub(super) fn restore(&mut self, states: &[f64]) {
+        self.s[0].copy_from_slice(states);
+    }
+
+    /// Coefficients for new parameters.
+    #[inline(always)]
+    pub(super) fn prepare(
+        &mut self,
+        layout: &Layout,
+        equations: &Equations,
+        known: &[f64],
+        (method, lengths): (Method, &[f64]),
+    ) {
+        self.matrices(layout, equations);
+        let last = self.part.drive.len();
+        let none = |i: usize| {
+            self.b.value[i * self.b.columns + last] == 0.0 && self.b.slope_of(i, last).iter().all(|s| *s == 0.0)
+        };
+        self.homogeneous = (0..self.part.states.len()).all(none);
+        for (kind, h) in lengths.iter().enumerate() {
+            self.transition.compute(method, &self.a, *h);
+            self.scaled.scale_of(*h, &self.b);
+            for (product, weight) in self.by_weight.iter_mut().zip(&self.transition.weights) {
+                product.product_of(weight, &self.scaled);
+            }
+            self.fill_step(kind, layout, known);
+        }
+        self.fill_observe(layout, equations, known);
+        self.s[0].fill(0.0);
+        for (i, state) in self.part.states.iter().enumerate() {
+            self.s[0][i * self.width + self.lane] = known[layout.initial.start + state];
+            for (k, param) in layout.patterns.initial_by_param.row(*state) {
+                if let Some(lane) = self.columns.iter().position(|(_, p)| *p == param) {
+                    self.s[0][i * self.width + lane] = known[layout.initial_by_param.start + k];
+                }
+            }
+        }
+    }
+
+    /// A and B of this subsystem.
+    fn matrices(&mut self, layout: &Layout, equations: &Equations) {
+        let Self { part, columns, a, b, width, .. } = self;
+        for (i, row) in part.states.iter().enumerate() {
+            for (j, column) in part.states.iter().enumerate() {
+                a.value[i * a.columns + j] = equations.by_state(layout, Group::Rates, *row, *column);
+                let slopes = &mut a.slope[(i * a.columns + j) * *width..][..columns.len()];
+                for (slope, (_, k)) in slopes.iter_mut().zip(columns.iter()) {
+                    *slope = equations.slope(layout, Group::Rates, *row, *column, *k);
+                }
+            }
+            for j in 0..b.columns {
+                let slopes = &mut b.slope[(i * b.columns + j) * *width..][..columns.len()];
+                let drive = part.drive.get(j);
+                b.value[i * b.columns + j] = match drive {
+                    Some(d) => equations.by_drive(layout, Group::Rates, *row, *d),
+                    None => equations.constant(Group::Rates, *row),
+                };
+                for (slope, (_, k)) in slopes.iter_mut().zip(columns.iter()) {
+                    *slope = match drive {
+                        Some(d) => equations.slope(layout, Group::Rates, *row, layout.states + d, *k),
+                        None => equations.constant_slope(layout, Group::Rates, *row, *k),
+                    };
+                }
+            }
+        }
+    }
+
+    /// Coefficients of a step of one length.
+    #[inline(always)]
+    fn fill_step(&mut self, kind: usize, layout: &Layout, known: &[f64]) {
+        let Self { part, columns, terms, steps, transition, by_weight, lane, homogeneous, .. } = self;
+        let (map, n) = (&mut steps[kind], part.states.len());
+        map.terms = terms.len() - usize::from(*homogeneous);
+        for (m, term) in terms[..map.terms].iter().enumerate() {
+            for i in 0..n {
+                let to = map.forcing_of(m, i);
+                to.fill(0.0);
+                for (weight, product) in term.weights.iter().zip(&*by_weight).filter(|(w, _)| **w != 0.0) {
+                    let value = weight * product.value[i * product.columns + term.drive];
+                    match term.reading {
+                        Reading::Slope(_) => {
+                            add_delay(layout, known, part.drive[term.drive] - layout.inputs, value, columns, to);
+                        }
+                        _ => {
+                            let slopes = product.slope_of(i, term.drive);
+                            to.iter_mut().zip(slopes).for_each(|(t, s)| *t += weight * s);
+                            to[*lane] += value;
+                        }
+                    }
+                }
+            }
+        }
+        for j in 0..n {
+            for i in 0..n {
+                map.flow[j * n + i] = transition.flow.value[i * n + j];
+                map.forcing_of(map.terms + j, i).copy_from_slice(transition.flow.slope_of(i, j));
+            }
+        }
+    }
+
+    /// Coefficients of the outputs that are not states.
+    fn fill_observe(&mut self, layout: &Layout, equations: &Equations, known: &[f64]) {
+        let Self { part, columns, output_terms, observe, lane, .. } = self;
+        let rows = part.outputs.len();
+        for (r, output) in part.outputs.iter().enumerate() {
+            for (m, term) in output_terms.iter().enumerate() {
+                let to = observe.forcing_of(m, r);
+                to.fill(0.0);
+                let drive = part.output_drive.get(term.drive);
+                let value = match drive {
+                    Some(d) => equations.by_drive(layout, Group::Outputs, *output, *d),
+                    None => equations.constant(Group::Outputs, *output),
+                };
+                if let (Reading::Slope(_), Some(d)) = (term.reading, drive) {
+                    add_delay(layout, known, d - layout.inputs, value, columns, to);
+                    continue;
+                }
+                to[*lane] = value;
+                for (slope, (_, k)) in to.iter_mut().zip(columns.iter()) {
+                    *slope = match drive {
+                        Some(d) => equations.slope(layout, Group::Outputs, *output, layout.states + d, *k),
+                        None => equations.constant_slope(layout, Group::Outputs, *output, *k),
+                    };
+                }
+            }
+            for (j, state) in part.states.iter().enumerate() {
+                observe.flow[j * rows + r] = equations.by_state(layout, Group::Outputs, *output, *state);
+                let to = observe.forcing_of(output_terms.len() + j, r);
+                for (slope, (_, k)) in to.iter_mut().zip(columns.iter()) {
+                    *slope = equations.slope(layout, Group::Outputs, *output, *state, *k);
+                }
+            }
+        }
+    }
+
+    /// Advances by one step.
+    #[inline(always)]
+    pub(super) fn step<S: pulp::Simd>(&mut self, simd: S, drive: &DriveTable, k: usize, kind: usize) {
+        read(&self.terms, drive.stages(k), drive.stage_slopes(k), &mut self.feed);
+        let [before, after] = &mut self.s;
+        self.steps[kind].apply(simd, before, &self.feed, after);
+        self.s.swap(0, 1);
+    }
+
+    /// Outputs that are not states, one row each.
+    #[inline(always)]
+    pub(super) fn observe<S: pulp::Simd>(&mut self, simd: S, drive: &mut DriveTable, sample: usize, out: &mut [f64]) {
+        read(&self.output_terms, drive.sample(sample), &[], &mut self.feed);
+        for (f, term) in self.feed.iter_mut().zip(&self.output_terms) {
+            if let Reading::Slope(at) = term.reading {
+                *f = drive.sample_slopes(sample)[at as usize];
+            }
+        }
+        self.observe.apply(simd, &self.s[0], &self.feed, out);
+    }
+}
+
+/// Adds the derivatives of a delayed signal by the parameters of its delay: `-slope tau_theta` times its coefficient.
+fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns: &[(u32, usize)], to: &mut [f64]) {
+    for (entry, param) in layout.patterns.tau_by_param.row(delayed) {
+        if let Some(lane) = columns.iter().position(|(_, k)| *k == param) {
+            to[lane] -= value * known[layout.tau_by_param.start + entry];
+        }
+    }
+}
+
+#[inline(always)]
+fn read(terms: &[Term], values: &[f64], slopes: &[f64], feed: &mut [f64]) {
+    for (f, term) in feed.iter_mut().zip(terms) {
+        *f = match term.reading {
+            Reading::Value(at) => values[at as usize],
+            Reading::Slope(at) => slopes.get(at as usize).copied().unwrap_or(0.0),
+            Reading::One => 1.0,
+        };
+    }
+}
+
+/// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
+/// the delay is estimated; then the constant.
+fn step_terms(layout: &Layout, part: &Part, held: &[bool]) -> Vec<Term> {
+    let (width, delays) = (layout.drive(), layout.delayed.len());
+    let mut terms = Vec::new();
+    for (drive, d) in part.drive.iter().enumerate() {
+        let value = |stage: usize, weights: [f64; 3]| {
+            let reading = Reading::Value((stage * width + d) as u32);
+            Term { reading, drive, weights }
+        };
+        match d.checked_sub(layout.inputs) {
+            None if held[*d] => terms.push(value(0, [1.0, 1.0, 1.0])),
+            None => terms.extend([value(0, [1.0, 0.5, 0.0]), value(2, [0.0, 0.5, 1.0])]),
+            Some(delayed) => {
+                let unit = |stage: usize| [0, 1, 2].map(|s| f64::from(u8::from(s == stage)));
+                terms.extend([0, 1, 2].map(|stage| value(stage, unit(stage))));
+                if layout.patterns.tau_by_param.row(delayed).next().is_some() {
+                    terms.extend([0, 1, 2].map(|stage| {
+                        let reading = Reading::Slope((stage * delays + delayed) as u32);
+                        Term { reading, drive, weights: unit(stage) }
+                    }));
+                }
+            }
+        }
+    }
+    terms.push(Term { reading: Reading::One, drive: part.drive.len(), weights: [1.0; 3] });
+    terms
+}
+
+fn output_terms(layout: &Layout, part: &Part) -> Vec<Term> {
+    let (mut terms, weights) = (Vec::new(), [1.0, 0.0, 0.0]);
+    for (drive, d) in part.output_drive.iter().enumerate() {
+        terms.push(Term { reading: Reading::Value(*d as u32), drive, weights });
+        if let Some(delayed) = d.checked_sub(layout.inputs)
+            && layout.patterns.tau_by_param.row(delayed).next().is_some()
+        {
+            terms.push(Term { reading: Reading::Slope(delayed as u32), drive, weights });
+        }
+    }
+    terms.push(Term { reading: Reading::One, drive: part.output_drive.len(), weights });
+    terms
+}
