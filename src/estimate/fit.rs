@@ -6,12 +6,16 @@ use super::changes::Changes;
 use super::continuation::Continuation;
 use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
+use super::keeper::Keeper;
+use super::ledger::Ledger;
 use super::lengths::LengthFit;
 use super::problem::Options;
 use super::progress::Observer;
 use super::rescue::Rescue;
 use super::shooting::{Continuity, Shooting};
+use super::stages::Stages;
 use super::start::starts;
+use super::starts::{MultiStart, StartSummary, many_starts};
 use crate::model::Model;
 use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
@@ -37,6 +41,8 @@ pub struct FitOptions {
     pub confidence: bool,
     /// Fit with other weights of the outputs too ([`Fit::reweighting`]).
     pub reweight: bool,
+    /// From how many starts to fit.
+    pub starts: MultiStart,
 }
 
 /// Estimates, and how they were reached.
@@ -56,13 +62,15 @@ pub struct Fit {
     pub by_length: Vec<LengthFit>,
     /// How continuous the result of multiple shooting is; none when there was none.
     pub shooting: Option<Continuity>,
+    /// What came out of each start; empty when there was only one. Those that an interruption prevented are missing.
+    pub starts: Vec<StartSummary>,
 }
 
 impl Fit {
     /// A plain fit, without a rescue and without anything said about confidence.
     pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
-        let (quality, by_length) = (Vec::new(), Vec::new());
-        Self { model, estimate, integration, quality, rescue: None, by_length, shooting: None }
+        let (quality, by_length, starts) = (Vec::new(), Vec::new(), Vec::new());
+        Self { model, estimate, integration, quality, rescue: None, by_length, shooting: None, starts }
     }
 }
 
@@ -71,10 +79,49 @@ impl Fit {
 /// # Errors
 /// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](super::Termination).
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    fit_kept(model, runs, options, None, observer)
+}
+
+/// As [`fit()`], keeping its state with `keeper` while it works: the same fit with what was kept goes on where it was
+/// interrupted and ends with the same bits. A keeper that fails does not stop the fit.
+///
+/// # Errors
+/// As [`fit()`].
+pub fn fit_kept(
+    model: &Model,
+    runs: &[Run],
+    options: &FitOptions,
+    keeper: Option<&dyn Keeper>,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
-    let starts = starts(&model, runs, &options.changes);
-    let mut found = attempt(&model, runs, &starts, options, observer)?;
-    let judge = |(run, result): (&Run, &RunFit)| run_quality(&model, run, &result.response);
+    let mut start = starts(&model, runs, &options.changes);
+    let ledger = Ledger::new(keeper);
+    let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
+    if options.starts.count > 1 {
+        let many = many_starts(&model, runs, &start, options, &ledger, observer)?;
+        name = format!("fit-{}", many.number);
+        (summaries, start, states) = (many.summaries, many.start, many.states);
+    }
+    // of two lists of states of one attempt the longer one is further on
+    let kept = ledger.find(&name).states;
+    states = if kept.len() > states.len() { kept } else { states };
+    let mut stages = Stages::new(observer, &ledger, name, states);
+    let found = whole(&model, runs, &start, options, &mut stages);
+    ledger.flush();
+    Ok(Fit { starts: summaries, ..found? })
+}
+
+/// All that is done from one vector of start values.
+fn whole(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let mut found = attempt(model, runs, starts, options, observer)?;
+    let judge = |(run, result): (&Run, &RunFit)| run_quality(model, run, &result.response);
     found.quality = runs.iter().zip(&found.estimate.runs).flat_map(judge).collect();
     Ok(found)
 }

@@ -1,6 +1,6 @@
 //! Estimates for other programs.
 
-use crate::estimate::{Fit, Termination};
+use crate::estimate::{Fit, StartSummary, Termination};
 use serde_json::{Value, json};
 
 /// Parameters, outputs, cost and how the iteration ended, in the model's units. Numbers that do not exist are null.
@@ -41,7 +41,20 @@ pub fn fit_json(fit: &Fit) -> Value {
         "condition": e.condition,
         "history": e.history,
         "integration": integration,
+        "starts": starts(fit),
     })
+}
+
+/// What came out of each start; null when there was only one.
+fn starts(fit: &Fit) -> Value {
+    let start = |s: &StartSummary| {
+        json!({
+            "start": s.number, "cost": s.cost, "iterations": s.iterations,
+            "termination": s.termination.as_ref().map(word), "message": s.message,
+            "minimum": s.minimum, "distance": s.distance, "values": s.values,
+        })
+    };
+    if fit.starts.is_empty() { Value::Null } else { fit.starts.iter().map(start).collect() }
 }
 
 /// One word for each way in which an estimation can end.

@@ -6,11 +6,15 @@
 mod diagnostic;
 mod json;
 mod plot;
+mod starts;
 mod summary;
 mod table;
+mod validation;
 
 pub use diagnostic::render;
 pub use json::fit_json;
 pub use plot::{PlotError, TimeHistory, svg};
+pub use starts::starts_table;
 pub use summary::{check_json, check_text};
 pub use table::estimate_table;
+pub use validation::{quality_json, validation_table};
