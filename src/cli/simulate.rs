@@ -117,6 +117,17 @@ impl Arguments {
             _ => load(&self.data, &self.selection.options(false), model),
         }
     }
+
+    /// The steps of the fit, for a record that it was made from: the response is then the same to the bit.
+    fn fitted_steps(&self, run: &str, values: &Values) -> Option<Accuracy> {
+        let Values::Found(folder) = values else { return None };
+        let manifest = folder.manifest();
+        let fitted = manifest.data.iter().find(|d| d.run == run)?;
+        let same_record = self.data.is_empty()
+            || self.selection.options(true) == manifest.reading
+                && self.data.iter().any(|file| DataFile::new(run, file).is_same(fitted));
+        folder.integration(run).filter(|_| same_record && self.like.as_deref().is_none_or(|l| l == run))
+    }
 }
 
 /// The files that a result was made from, unless they have changed since.
@@ -168,9 +179,10 @@ fn theta(model: &Model, run: &Run, values: &Values, arguments: &Arguments) -> Re
 fn respond<'a>(model: &Model, run: &'a Run, values: &Values, arguments: &Arguments) -> Result<Response<'a>, Failure> {
     let theta = theta(model, run, values, arguments)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let accuracy = match arguments.steps {
-        Some(steps) => Accuracy { per_interval: steps.get(), error: f64::NAN },
-        None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
+    let accuracy = match (arguments.steps, arguments.fitted_steps(&run.name, values)) {
+        (Some(steps), _) => Accuracy { per_interval: steps.get(), error: f64::NAN },
+        (None, Some(fitted)) => fitted,
+        (None, None) => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];

@@ -6,6 +6,7 @@ use super::fingerprint::fingerprint;
 use super::manifest::{self, KeptFile, Manifest};
 use crate::estimate::Changes;
 use crate::model::{Model, ModelError};
+use crate::simulate::Accuracy;
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt;
@@ -252,6 +253,14 @@ impl ResultFolder {
             kept.map_or(p.value, |k| k.value)
         };
         Ok(params.iter().map(value).collect())
+    }
+
+    /// Runge-Kutta steps between samples with which a run was fitted, and their integration error.
+    pub fn integration(&self, run: &str) -> Option<Accuracy> {
+        let all = self.result["integration"].as_array()?;
+        let found = all.iter().find(|i| i["run"] == run)?;
+        let per_interval = usize::try_from(found["steps_per_interval"].as_u64()?).ok().filter(|n| *n > 0)?;
+        Some(Accuracy { per_interval, error: found["error"].as_f64().unwrap_or(f64::NAN) })
     }
 
     /// What makes a fit of `model` a validation of this result: shared parameters are held where they were found, and so
