@@ -1,17 +1,20 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs.
 
-use crate::failure::{Failure, NUMBERS, print};
+use crate::delivery::{Delivery, Outcome};
+use crate::failure::{Failure, NUMBERS};
+use crate::keeping::Keeping;
+use crate::noise::noise;
 use crate::progress::Progress;
-use crate::records::Records;
+use crate::records::{Records, notes};
 use crate::strategies::Strategies;
-use crate::subject::{Subject, assignment};
+use crate::subject::Subject;
 use clap::Args;
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
-use fdm::record::{Run, Summary};
-use fdm::report::{TimeHistory, confidence, fit_json, fit_table, history_table, svg, way};
+use fdm::estimate::{Fit, FitOptions, MultiStart, Options, fit_kept};
+use fdm::record::Run;
+use fdm::report::{confidence, fit_json, fit_table, history_table, starts_table, way};
+use fdm::store::{Identity, Manifest};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What `fdm fit` takes.
@@ -22,142 +25,112 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     records: Records,
     /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
     fix: Vec<String>,
     /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
     free: Vec<String>,
     /// Measurement noise: `diagonal` (one variance per output, estimated), `full` (their covariance, estimated), or the known
     /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
-    #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION")]
+    #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
     noise: Vec<String>,
     /// Most corrections
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, help_heading = "Estimation")]
     iterations: usize,
     /// Largest correction, relative to the parameter, at which the estimates count as converged
-    #[arg(long, value_name = "T", default_value_t = 1e-9)]
+    #[arg(long, value_name = "T", default_value_t = 1e-9, help_heading = "Estimation")]
     tolerance: f64,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = "Estimation")]
     steps: Option<NonZeroUsize>,
+    /// Fit from so many starts and take the best: the given one, and others between the bounds of the parameters or around
+    /// their start values
+    #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
+          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    starts: u32,
+    /// Chooses the other starts; the same seed gives the same ones
+    #[arg(long, value_name = "S", default_value_t = 0, help_heading = "Estimation")]
+    seed: u64,
     #[command(flatten)]
     strategies: Strategies,
-    /// Print JSON instead of tables
-    #[arg(long)]
-    json: bool,
-    /// Draw measurement, model and residual over time to an SVG file
-    #[arg(long, value_name = "FILE.svg")]
-    plot: Option<PathBuf>,
     /// Show the interval of two standard errors of each parameter
-    #[arg(long)]
+    #[arg(long, help_heading = "Result")]
     intervals: bool,
     /// Show the iteration, correction by correction
-    #[arg(long)]
+    #[arg(long, help_heading = "Result")]
     history: bool,
-    /// Say nothing while working
-    #[arg(short, long)]
-    quiet: bool,
+    #[command(flatten)]
+    keeping: Keeping,
+    #[command(flatten)]
+    delivery: Delivery,
 }
 
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+impl Arguments {
+    fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
+        let options = FitOptions {
+            changes: self.subject.changes(&self.fix, &self.free),
+            options: Options {
+                noise: noise(&self.noise, model)?,
+                iterations: self.iterations,
+                tolerance: self.tolerance,
+                ..Options::default()
+            },
+            per_interval: self.steps.map(NonZeroUsize::get),
+            starts: MultiStart { count: self.starts as usize, seed: self.seed },
+            ..FitOptions::default()
+        };
+        Ok(self.strategies.among(options))
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let mut progress = Progress::new(arguments.quiet);
+    let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
-    if !arguments.quiet {
+    if !arguments.delivery.quiet {
         notes(&records);
     }
-    let options = FitOptions {
-        changes: arguments.subject.changes(&arguments.fix, &arguments.free),
-        options: Options {
-            noise: noise(&arguments.noise, &model)?,
-            iterations: arguments.iterations,
-            tolerance: arguments.tolerance,
-            ..Options::default()
-        },
-        per_interval: arguments.steps.map(NonZeroUsize::get),
-        ..FitOptions::default()
-    };
-    let options = arguments.strategies.among(options);
+    let options = arguments.options(&model)?;
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let result = fit(&model, &runs, &options, &mut progress);
+    let identity = Identity::of(&model, &runs, &options);
+    // places that cannot be written are told before the work
+    let prepared = arguments.delivery.prepare()?;
+    let kept = arguments.keeping.open(&identity, arguments.delivery.quiet)?;
+    let result = fit_kept(&model, &runs, &options, kept.keeper(), &mut progress);
     progress.finish();
-    let result = result.map_err(|e| Failure::input([e]))?;
-    print(&if arguments.json { format!("{}\n", fit_json(&result)) } else { text(&result, &runs, arguments) });
-    if let Some(path) = &arguments.plot {
-        let drawn = svg(&histories(&result, &runs)).map_err(|e| Failure::input([e]))?;
-        std::fs::write(path, drawn).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
+    let fit = result.map_err(|e| Failure::input([e]))?;
+
+    let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
+    (manifest.command, manifest.seed) = (std::env::args().collect(), Some(arguments.seed));
+    if arguments.delivery.out.is_some() {
+        arguments.records.describe(&runs, &mut manifest);
     }
-    let (good, termination) = (result.estimate.is_good(), &result.estimate.termination);
-    if !termination.is_good() {
-        eprintln!("{termination}");
-    } else if !good {
-        eprintln!(
-            "the data do not determine every parameter: fix some of what is named above, or add runs that move them"
-        );
-    }
+    let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
+    let (text, json) = (text(&fit, &runs, arguments), fit_json(&fit));
+    let outcome = Outcome { fit: &fit, runs: &runs, text, json, remarks: remarks(&fit, all), manifest };
+    let delivered = prepared.deliver(outcome);
+    let whole = kept.close();
+    let good = fit.estimate.is_good() && all && delivered && whole;
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
-/// What a careful reader would mention about the records.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
-fn notes(records: &[(Run, Summary)]) {
-    for (run, summary) in records {
-        for note in &summary.notes {
-            eprintln!("note: {}: {note}", run.name);
-        }
-        let gaps: Vec<String> = summary
-            .sources
-            .iter()
-            .filter(|s| s.gaps > 0 && s.column.is_some())
-            .map(|s| format!("{} of `{}`", s.gaps, s.channel))
-            .collect();
-        if !gaps.is_empty() {
-            eprintln!("note: {}: cells without a value: {}", run.name, gaps.join(", "));
-        }
+/// What is said behind a result that is not good.
+pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
+    let termination = &fit.estimate.termination;
+    let mut remarks = Vec::new();
+    if !termination.is_good() {
+        remarks.push(termination.to_string());
+    } else if !fit.estimate.is_good() {
+        let advice = "fix some of what is named above, or add runs that move them";
+        remarks.push(format!("the data do not determine every parameter: {advice}"));
     }
+    if !all {
+        remarks.push("interrupted: the result is the best of the starts that had ended".into());
+    }
+    remarks
 }
 
-fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
-    let outputs = &model.definition().outputs;
-    let (mut given, mut kind) = (vec![None; outputs.len()], None);
-    let mut wrong = Vec::new();
-    for word in words {
-        match word.as_str() {
-            "diagonal" => kind = Some(Noise::Diagonal),
-            "full" => kind = Some(Noise::Full),
-            _ => match assignment(word) {
-                Ok((name, deviation)) => match outputs.iter().position(|o| o.quantity.name == name) {
-                    Some(k) => given[k] = Some(deviation),
-                    None => {
-                        let names = outputs.iter().map(|o| o.quantity.name.as_str());
-                        let hint = fdm_grammar::diagnostic::nearest(&name, names);
-                        let hint = hint.map_or(String::new(), |h| format!("; did you mean `{h}`?"));
-                        wrong.push(format!("--noise {word}: the model has no output `{name}`{hint}"));
-                    }
-                },
-                Err(e) => wrong.push(format!("--noise {word}: {e}, `diagonal` or `full`")),
-            },
-        }
-    }
-    let any = given.iter().any(Option::is_some);
-    let declared = outputs.iter().any(|o| o.noise.is_some());
-    if any && kind == Some(Noise::Full) {
-        wrong.push("--noise full estimates the whole covariance: deviations cannot be given beside it".into());
-    }
-    if !wrong.is_empty() {
-        return Err(Failure::Input(wrong));
-    }
-    if kind.is_none() {
-        given.iter_mut().zip(outputs).for_each(|(given, output)| *given = given.or(output.noise));
-    }
-    Ok(match kind {
-        Some(Noise::Full) => Noise::Full,
-        _ if any || declared => Noise::Given(given),
-        _ => Noise::Diagonal,
-    })
-}
-
+/// Tables and sentences of a fit.
 fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     let e = &fit.estimate;
     let name = fit.model.name();
@@ -166,6 +139,9 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     let mut text = format!("{title}\n\n{}\n", fit_table(fit, arguments.intervals));
     if arguments.history {
         text.push_str(&format!("{}\n", history_table(&e.history)));
+    }
+    if !fit.starts.is_empty() {
+        text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));
     }
     text.push_str(&confidence(fit));
     text.push_str(&way(fit));
@@ -183,30 +159,4 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
         }
     }
     text
-}
-
-/// Every output of every run over time.
-fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> {
-    let definition = fit.model.definition();
-    let q = definition.outputs.len();
-    let mut histories = Vec::new();
-    for (run, result) in runs.iter().zip(&fit.estimate.runs) {
-        for (o, output) in definition.outputs.iter().enumerate() {
-            let column = |values: &[f64]| values.iter().skip(o).step_by(q).copied().collect();
-            let name = &output.quantity.name;
-            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
-            let quality = fit.estimate.outputs.iter().find(|f| f.name == *name && f.run == run.name);
-            let rms =
-                quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}{unit}"));
-            histories.push(TimeHistory {
-                title: format!("{}: {name} in {}{rms}", fit.model.name(), run.name),
-                time_label: format!("t [{}]", definition.time),
-                value_label: format!("{name} [{}]", unit.trim()),
-                time: &run.time,
-                measured: column(&run.measured),
-                modelled: column(&result.response),
-            });
-        }
-    }
-    histories
 }

@@ -3,13 +3,19 @@
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
 mod check;
+mod delivery;
 mod failure;
 mod fit;
+mod histories;
+mod keeping;
+mod noise;
 mod progress;
+mod reading;
 mod records;
 mod simulate;
 mod strategies;
 mod subject;
+mod validate;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -33,6 +39,8 @@ enum Verb {
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(fit::Arguments),
+    /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
+    Validate(validate::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -45,6 +53,7 @@ fn main() -> ExitCode {
         Verb::Check(a) => check::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())
 }

@@ -1,7 +1,7 @@
 //! Shows that work is going on: a live line on a terminal, a line for each iteration elsewhere, nothing when asked to be quiet.
 //! An interrupt ends the work after the iteration in hand, and what was reached is printed.
 
-use fdm::estimate::{Iteration, Observer};
+use fdm::estimate::{Iteration, Observer, StartSummary};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
@@ -43,6 +43,10 @@ impl Progress {
         }
     }
 
+    fn flow(&self) -> ControlFlow<()> {
+        if self.interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
     /// Ends the live line.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
@@ -54,6 +58,19 @@ impl Observer for Progress {
         let Iteration { number, cost, step, refused, .. } = iteration;
         let tried = if *refused > 0 { format!(", {refused} refused") } else { String::new() };
         self.say(&format!("iteration {number:3}   cost {cost:.9e}   largest step {step:.2e} standard errors{tried}"));
-        if self.interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        self.flow()
+    }
+
+    fn start_iteration(&mut self, number: usize, iteration: &Iteration) -> ControlFlow<()> {
+        // lines are for those that have ended: many at once would drown them
+        let Iteration { number: correction, cost, .. } = iteration;
+        self.bar.set_message(format!("start {number}, iteration {correction}, cost {cost:.9e}"));
+        self.flow()
+    }
+
+    fn start_ended(&mut self, start: &StartSummary, ended: usize, count: usize) -> ControlFlow<()> {
+        let cost = start.cost.map_or(String::from("failed"), |c| format!("cost {c:.9e}"));
+        self.say(&format!("{ended} of {count} starts ended   start {}: {cost}, {}", start.number, start.message));
+        self.flow()
     }
 }

@@ -1,13 +1,15 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
 use crate::failure::{Failure, NUMBERS, print};
-use crate::records::Records;
-use crate::subject::Subject;
+use crate::reading::{Reading, open};
+use crate::records::{Selection, load};
+use crate::subject::{assignment, load_model};
 use clap::Args;
 use fdm::Model;
-use fdm::estimate::initial_guess;
-use fdm::record::{Column, Dialect, Run, write, write_to};
+use fdm::estimate::{Changes, initial_guess};
+use fdm::record::{Column, Dialect, ReadOptions, Run, Summary, write, write_to};
 use fdm::simulate::{Accuracy, Divergence, Scheme, Simulator, choose_steps};
+use fdm::store::{DataFile, ResultError, ResultFolder};
 use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -16,10 +18,25 @@ use std::process::ExitCode;
 /// What `fdm simulate` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
+    /// Model file (.fdm); a result holds its own, and this must be the same
+    #[arg(value_name = "MODEL", required_unless_present = "from_result")]
+    model: Option<PathBuf>,
+    /// Other value of a parameter (free initial values are called `x(0)`)
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, f64)>,
+    /// Take model and parameters from a result folder that `fdm fit --out` wrote
+    #[arg(long, value_name = "DIR", help_heading = "Result")]
+    from_result: Option<PathBuf>,
+    /// Run of the result whose own parameters (biases, initial states) are used, instead of those of the run with the same
+    /// name or of the only one
+    #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Result")]
+    like: Option<String>,
+    /// Recorded run (CSV with a header `name [unit], ...`); may be given several times; those of the result when it is left
+    /// out
+    #[arg(long = "data", value_name = "RUN", required_unless_present = "from_result", help_heading = "Data")]
+    data: Vec<PathBuf>,
     #[command(flatten)]
-    subject: Subject,
-    #[command(flatten)]
-    records: Records,
+    selection: Selection,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
@@ -40,20 +57,29 @@ struct Response<'a> {
     divergence: Option<Divergence>,
 }
 
+/// Where the parameters come from.
+enum Values {
+    /// The model, and for free initial states the data.
+    Declared,
+    /// A fit.
+    Found(Box<ResultFolder>),
+}
+
 #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let model = arguments.subject.load()?;
+    let (model, values) = arguments.subject()?;
     let mut params = model.definition().params.clone();
-    arguments.subject.changes(&[], &[]).apply(&mut params).map_err(Failure::input)?;
+    let changes = Changes { set: arguments.set.clone(), ..Changes::default() };
+    changes.apply(&mut params).map_err(Failure::input)?;
     let model = model.with_params(params);
-    let runs = arguments.records.load(&model, false)?;
+    let runs = arguments.runs(&model, &values)?;
     if runs.len() > 1 && !arguments.json {
         return Err(Failure::input([
             "several runs do not fit into one table: simulate them one by one, or use --json",
         ]));
     }
     let responses: Vec<Response<'_>> =
-        runs.iter().map(|(run, _)| respond(&model, run, arguments)).collect::<Result<_, _>>()?;
+        runs.iter().map(|(run, _)| respond(&model, run, &values, arguments)).collect::<Result<_, _>>()?;
     if arguments.json {
         print(&format!("{}\n", json!(responses.iter().map(|r| as_json(&model, r)).collect::<Vec<_>>())));
     } else if let [response] = &responses[..] {
@@ -72,17 +98,91 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(code)
 }
 
-fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Response<'a>, Failure> {
-    let mut theta = initial_guess(&model.definition().params, model.dynamics(), run);
+impl Arguments {
+    fn subject(&self) -> Result<(Model, Values), Failure> {
+        match (&self.from_result, &self.model) {
+            (Some(folder), model) => {
+                let Reading { folder, model } = open(folder, model.as_deref())?;
+                Ok((model, Values::Found(Box::new(folder))))
+            }
+            (None, Some(model)) => Ok((load_model(model)?, Values::Declared)),
+            (None, None) => Err(Failure::input(["a model or a result is needed"])),
+        }
+    }
+
+    /// The runs that are given, or those that the result was fitted to.
+    fn runs(&self, model: &Model, values: &Values) -> Result<Vec<(Run, Summary)>, Failure> {
+        match values {
+            Values::Found(folder) if self.data.is_empty() => fitted_runs(folder, self.like.as_deref(), model),
+            _ => load(&self.data, &self.selection.options(false), model),
+        }
+    }
+
+    /// The steps of the fit, for a record that it was made from: the response is then the same to the bit.
+    fn fitted_steps(&self, run: &str, values: &Values) -> Option<Accuracy> {
+        let Values::Found(folder) = values else { return None };
+        let manifest = folder.manifest();
+        let fitted = manifest.data.iter().find(|d| d.run == run)?;
+        let same_record = self.data.is_empty()
+            || self.selection.options(true) == manifest.reading
+                && self.data.iter().any(|file| DataFile::new(run, file).is_same(fitted));
+        folder.integration(run).filter(|_| same_record && self.like.as_deref().is_none_or(|l| l == run))
+    }
+}
+
+/// The files that a result was made from, unless they have changed since.
+fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Result<Vec<(Run, Summary)>, Failure> {
+    let manifest = folder.manifest();
+    let wanted: Vec<&DataFile> = manifest.data.iter().filter(|d| like.is_none_or(|l| d.run == l)).collect();
+    let (mut files, mut wrong) = (Vec::new(), Vec::new());
+    for data in &wanted {
+        let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
+        if DataFile::new(&data.run, &path).is_same(data) {
+            files.push(path);
+        } else {
+            let file = path.display();
+            wrong.push(format!(
+                "{file}: changed or gone since run `{}` was fitted; give the record with --data",
+                data.run
+            ));
+        }
+    }
+    if let (Some(like), true) = (like, wanted.is_empty()) {
+        return Err(Failure::input([ResultError::NoRun { run: like.into(), fitted: folder.runs() }]));
+    }
+    if !wrong.is_empty() {
+        return Err(Failure::Input(wrong));
+    }
+    let options = ReadOptions { require_outputs: false, ..manifest.reading.clone() };
+    let mut runs = load(&files, &options, model)?;
+    // as the fit called them, where files share a name
+    runs.iter_mut().zip(&wanted).for_each(|((run, _), data)| run.name.clone_from(&data.run));
+    Ok(runs)
+}
+
+/// All parameters of a run.
+fn theta(model: &Model, run: &Run, values: &Values, arguments: &Arguments) -> Result<Vec<f64>, Failure> {
+    let mut theta = match values {
+        Values::Declared => initial_guess(&model.definition().params, model.dynamics(), run),
+        Values::Found(folder) => {
+            folder.theta(model, &run.name, arguments.like.as_deref()).map_err(|e| Failure::input([e]))?
+        }
+    };
     for (value, param) in theta.iter_mut().zip(&model.definition().params) {
-        if arguments.subject.set.iter().any(|(name, _)| *name == param.quantity.name) {
+        if arguments.set.iter().any(|(name, _)| *name == param.quantity.name) {
             *value = param.value;
         }
     }
+    Ok(theta)
+}
+
+fn respond<'a>(model: &Model, run: &'a Run, values: &Values, arguments: &Arguments) -> Result<Response<'a>, Failure> {
+    let theta = theta(model, run, values, arguments)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let accuracy = match arguments.steps {
-        Some(steps) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
-        None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
+    let accuracy = match (arguments.steps, arguments.fitted_steps(&run.name, values)) {
+        (Some(steps), _) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
+        (None, Some(fitted)) => fitted,
+        (None, None) => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;

@@ -5,7 +5,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::Changes;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A model and what is to be different about its parameters.
 #[derive(Debug, Args)]
@@ -20,20 +20,25 @@ pub(crate) struct Subject {
 
 impl Subject {
     /// Reads and compiles the model; warnings go to standard error.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn load(&self) -> Result<Model, Failure> {
-        let model = Model::from_file(&self.model)?;
-        if !model.warnings().is_empty() {
-            let colour = std::io::stderr().is_terminal();
-            eprintln!("{}", fdm::report::render(model.source(), model.warnings(), colour));
-        }
-        Ok(model)
+        load_model(&self.model)
     }
 
     /// The changes of start values, together with names to fix and to free.
     pub(crate) fn changes(&self, fix: &[String], free: &[String]) -> Changes {
         Changes { set: self.set.clone(), fix: fix.to_vec(), free: free.to_vec() }
     }
+}
+
+/// Reads and compiles a model; warnings go to standard error.
+#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
+    let model = Model::from_file(file)?;
+    if !model.warnings().is_empty() {
+        let colour = std::io::stderr().is_terminal();
+        eprintln!("{}", fdm::report::render(model.source(), model.warnings(), colour));
+    }
+    Ok(model)
 }
 
 /// `NAME=VALUE`

@@ -6,13 +6,17 @@ use super::changes::Changes;
 use super::continuation::Continuation;
 use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
+use super::keeper::Keeper;
+use super::ledger::Ledger;
 use super::lengths::{LengthFit, shortened};
 use super::problem::Options;
 use super::progress::Observer;
 use super::rescue::Rescue;
 use super::reweighting::{Reweighting, reweighted};
 use super::shooting::{Continuity, Shooting};
+use super::stages::Stages;
 use super::start::starts;
+use super::starts::{MultiStart, StartSummary, many_starts};
 use crate::model::Model;
 use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
@@ -38,6 +42,8 @@ pub struct FitOptions {
     pub confidence: bool,
     /// Fit with other weights of the outputs too ([`Fit::reweighting`]).
     pub reweight: bool,
+    /// From how many starts to fit.
+    pub starts: MultiStart,
 }
 
 impl FitOptions {
@@ -69,6 +75,8 @@ pub struct Fit {
     pub substituted: Vec<String>,
     /// How continuous the result of multiple shooting is; none when there was none.
     pub shooting: Option<Continuity>,
+    /// What came out of each start; empty when there was only one. Those that an interruption prevented are missing.
+    pub starts: Vec<StartSummary>,
 }
 
 impl Fit {
@@ -84,6 +92,7 @@ impl Fit {
             reweighting: None,
             substituted: Vec::new(),
             shooting: None,
+            starts: Vec::new(),
         }
     }
 }
@@ -93,11 +102,39 @@ impl Fit {
 /// # Errors
 /// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](super::Termination).
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    fit_kept(model, runs, options, None, observer)
+}
+
+/// As [`fit()`], keeping its state with `keeper` while it works: the same fit with what was kept goes on where it was
+/// interrupted and ends with the same bits. A keeper that fails does not stop the fit.
+///
+/// # Errors
+/// As [`fit()`].
+pub fn fit_kept(
+    model: &Model,
+    runs: &[Run],
+    options: &FitOptions,
+    keeper: Option<&dyn Keeper>,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
     let options = &options.clone().with_declared_noise(&model);
-    let starts = starts(&model, runs, &options.changes);
-    let fit = attempt(&model, runs, &starts, options, observer)?;
-    examined(fit, runs, &starts, options, observer)
+    let mut start = starts(&model, runs, &options.changes);
+    let ledger = Ledger::new(keeper);
+    let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
+    if options.starts.count > 1 {
+        let many = many_starts(&model, runs, &start, options, &ledger, observer)?;
+        name = format!("fit-{}", many.number);
+        (summaries, start, states) = (many.summaries, many.start, many.states);
+    }
+    // of two lists of states of one attempt the longer one is further on
+    let kept = ledger.find(&name).states;
+    states = if kept.len() > states.len() { kept } else { states };
+    let mut stages = Stages::new(observer, &ledger, name, states);
+    let found = attempt(&model, runs, &start, options, &mut stages)
+        .and_then(|fit| examined(fit, runs, &start, options, &mut stages));
+    ledger.flush();
+    Ok(Fit { starts: summaries, ..found? })
 }
 
 /// Adds what was asked about the confidence in a fit (estimates by length, and by other weights), and judges its residuals.

@@ -1,5 +1,6 @@
 //! What can be seen of an estimation while it works.
 
+use super::starts::StartSummary;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
@@ -21,7 +22,7 @@ pub struct Iteration {
 }
 
 /// Watches an estimation; `()` looks away.
-pub trait Observer {
+pub trait Observer: Send {
     /// Called at the start and after every accepted correction; [`ControlFlow::Break`] ends the estimation there.
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()>;
 
@@ -29,6 +30,24 @@ pub trait Observer {
     /// [`estimate_from`](super::estimate_from) goes on and ends with the same bits as without an interruption.
     fn state(&mut self, bytes: &dyn Fn() -> Vec<u8>) {
         let _ = bytes;
+    }
+
+    /// Called when an estimation begins: the state that it is to go on from, which [`state`](Self::state) was given by the
+    /// same estimation before.
+    fn resume(&mut self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// As [`iteration`](Self::iteration), in the start with this number (from 1) of many that are at work at once.
+    fn start_iteration(&mut self, number: usize, iteration: &Iteration) -> ControlFlow<()> {
+        let _ = number;
+        self.iteration(iteration)
+    }
+
+    /// Called when one of `count` starts has ended, as the `ended`-th; [`ControlFlow::Break`] ends the others.
+    fn start_ended(&mut self, start: &StartSummary, ended: usize, count: usize) -> ControlFlow<()> {
+        let _ = (start, ended, count);
+        ControlFlow::Continue(())
     }
 }
 
@@ -38,7 +57,7 @@ impl Observer for () {
     }
 }
 
-impl<F: FnMut(&Iteration) -> ControlFlow<()>> Observer for F {
+impl<F: FnMut(&Iteration) -> ControlFlow<()> + Send> Observer for F {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
         self(iteration)
     }

@@ -28,6 +28,13 @@ pub fn estimate(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, Vec<ProblemError>> {
+    if let Some(state) = observer.resume() {
+        match estimate_from(problem, options, Some(&state), observer) {
+            // beginning anew gives the same result
+            Err(refused) if matches!(refused[..], [ProblemError::ForeignState { .. }]) => {}
+            ended => return ended,
+        }
+    }
     estimate_from(problem, options, None, observer)
 }
 

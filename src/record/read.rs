@@ -12,10 +12,11 @@ use super::search;
 use super::summary::{self, ChannelSource, Note, Sampling, Summary};
 use super::table::Table;
 use fdm_grammar::diagnostic::nearest;
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// What the user chose beside the file.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ReadOptions {
     /// Channel and the column that it is read from: title or name, possibly with a unit (`time [ms]`) for a column
     /// that states none. The time is the channel `t`.

@@ -1,7 +1,7 @@
 //! Estimates for other programs.
 
 use crate::Model;
-use crate::estimate::{Fit, Termination, by_confidence};
+use crate::estimate::{Fit, StartSummary, Termination, by_confidence};
 use crate::quality::{OutputFit, OutputQuality};
 use serde_json::{Value, json};
 
@@ -16,7 +16,10 @@ pub fn fit_json(fit: &Fit) -> Value {
         .runs
         .iter()
         .zip(&fit.integration)
-        .map(|(run, a)| json!({ "run": run.run, "steps_per_interval": a.per_interval, "error": finite(a.error) }))
+        .map(|(run, a)| {
+            let (steps, error) = (a.per_interval, finite(a.error));
+            json!({ "run": run.run, "scheme": a.scheme, "steps_per_interval": steps, "error": error })
+        })
         .collect();
     json!({
         "model": fit.model.name(),
@@ -46,6 +49,7 @@ pub fn fit_json(fit: &Fit) -> Value {
         "by_length": fit.by_length,
         "confidence": by_confidence(&fit.by_length),
         "weights": fit.reweighting,
+        "starts": starts(fit),
     })
 }
 
@@ -68,6 +72,18 @@ fn output(model: &Model, o: &OutputFit) -> Value {
         "name": o.name, "run": o.run, "unit": unit, "rms": o.rms, "mean": o.bias, "r2": o.r2, "tic": o.tic,
         "tic_parts": o.tic_parts, "compared": o.compared,
     })
+}
+
+/// What came out of each start; null when there was only one.
+fn starts(fit: &Fit) -> Value {
+    let start = |s: &StartSummary| {
+        json!({
+            "start": s.number, "cost": s.cost, "iterations": s.iterations,
+            "termination": s.termination.as_ref().map(word), "message": s.message,
+            "minimum": s.minimum, "distance": s.distance, "values": s.values,
+        })
+    };
+    if fit.starts.is_empty() { Value::Null } else { fit.starts.iter().map(start).collect() }
 }
 
 /// One word for each way in which an estimation can end.

@@ -11,8 +11,10 @@ mod parameters;
 mod plot;
 mod remarks;
 mod residuals;
+mod starts;
 mod summary;
 mod table;
+mod validation;
 
 pub use confidence::{confidence, way};
 pub use diagnostic::render;
@@ -21,5 +23,7 @@ pub use json::{fit_json, quality_json};
 pub use plot::{PlotError, TimeHistory, svg};
 pub use remarks::residual_remarks;
 pub use residuals::residual_table;
+pub use starts::starts_table;
 pub use summary::{check_json, check_text};
 pub use table::{estimate_table, fit_table};
+pub use validation::validation_table;

@@ -1,7 +1,10 @@
 //! How the equations are integrated between samples.
 
+use serde::{Deserialize, Serialize};
+
 /// How a run is integrated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Scheme {
     /// The classical Runge-Kutta method with a whole number of equal steps between neighbouring samples.
     #[default]

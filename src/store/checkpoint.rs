@@ -151,7 +151,7 @@ impl Checkpoint {
         self.resumed
     }
 
-    /// What was found damaged and replaced by what was kept before it.
+    /// What was found damaged, and what was done instead.
     pub fn notes(&self) -> Vec<String> {
         self.told().notes.clone()
     }
@@ -175,11 +175,10 @@ impl Keeper for Checkpoint {
 
     fn find(&self, name: &str) -> Result<Option<Vec<u8>>, String> {
         let found = self.kept.find(name)?;
-        if found.state.is_none() && !found.damaged.is_empty() {
-            return Err(found.damaged.join("; "));
-        }
-        self.told().notes.extend(found.damaged);
-        Ok(found.state)
+        let lost = found.state.is_none() && !found.damaged.is_empty();
+        let instead = if lost { "it is computed anew" } else { "what was kept before it is used" };
+        self.told().notes.extend(found.damaged.iter().map(|d| format!("{d}; {instead}")));
+        if lost { Err(found.damaged.join("; ")) } else { Ok(found.state) }
     }
 }
 
@@ -267,12 +266,13 @@ mod tests {
         kept.keep("iteration", b"one").unwrap();
         fs::write(folder.path().join("iteration.1"), "torn").unwrap();
         assert!(kept.find("iteration").unwrap_err().contains("iteration.1 is damaged"));
+        assert!(kept.notes()[0].ends_with("it is computed anew"));
         kept.keep("iteration", b"two").unwrap();
         kept.keep("iteration", b"three").unwrap();
         // the third took the place of the first
         fs::write(folder.path().join("iteration.1"), "torn").unwrap();
         assert_eq!(kept.find("iteration").unwrap().as_deref(), Some(&b"two"[..]));
-        assert_eq!(kept.notes().len(), 1);
+        assert!(kept.notes().len() == 2 && kept.notes()[1].ends_with("what was kept before it is used"));
         drop(kept);
         fs::write(folder.path().join("identity.1"), "torn").unwrap();
         assert!(refused(folder.path(), &identity(TEXT)).contains("remove the folder to begin anew"));

@@ -3,7 +3,10 @@
 use super::fingerprint::fingerprint;
 use super::identity::Identity;
 use crate::estimate::Noise;
+use crate::record::ReadOptions;
 use serde::{Deserialize, Serialize};
+use std::fs;
+use std::path::Path;
 
 /// The file that holds it.
 pub(super) const NAME: &str = "manifest.json";
@@ -27,6 +30,8 @@ pub struct Manifest {
     pub model_file: String,
     /// The runs.
     pub data: Vec<DataFile>,
+    /// How their files were read.
+    pub reading: ReadOptions,
     /// Seed of everything random.
     pub seed: Option<u64>,
     /// What was assumed about the measurement noise.
@@ -65,6 +70,26 @@ pub struct KeptFile {
     pub sha256: String,
 }
 
+impl DataFile {
+    /// A run and the file that it was read from.
+    pub fn new(run: &str, file: &Path) -> Self {
+        // a pipe is empty by now, and reading it again could wait for ever
+        let content = fs::metadata(file).ok().filter(fs::Metadata::is_file).and_then(|_| fs::read(file).ok());
+        Self {
+            run: run.into(),
+            file: file.display().to_string(),
+            path: fs::canonicalize(file).ok().map(|p| p.display().to_string()),
+            bytes: content.as_ref().map(|c| c.len() as u64),
+            sha256: content.as_ref().map(|c| fingerprint(c)),
+        }
+    }
+
+    /// Whether `other` has the same content, as far as that is known.
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.sha256.is_some() && self.sha256 == other.sha256
+    }
+}
+
 impl KeptFile {
     pub(super) fn new(name: &str, content: &[u8]) -> Self {
         Self { name: name.into(), bytes: content.len() as u64, sha256: fingerprint(content) }
@@ -82,6 +107,7 @@ impl Manifest {
             model: model.name().into(),
             model_file: model.source().name().into(),
             data: Vec::new(),
+            reading: ReadOptions::default(),
             seed: None,
             noise,
             identity,

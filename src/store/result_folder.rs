@@ -4,7 +4,9 @@ use super::destination::{Destination, DestinationError, before};
 use super::disk::reason;
 use super::fingerprint::fingerprint;
 use super::manifest::{self, KeptFile, Manifest};
+use crate::estimate::Changes;
 use crate::model::{Model, ModelError};
+use crate::simulate::Accuracy;
 use serde::Deserialize;
 use serde_json::Value;
 use std::fmt;
@@ -16,6 +18,8 @@ use std::path::{Path, PathBuf};
 const MODEL: &str = "model.fdm";
 /// Everything that `--json` prints.
 const RESULT: &str = "result.json";
+/// What the residuals of the fitted runs say.
+const QUALITY: &str = "quality.json";
 
 /// A result that was read back.
 #[derive(Debug, Clone)]
@@ -24,6 +28,7 @@ pub struct ResultFolder {
     manifest: Manifest,
     model: String,
     result: Value,
+    quality: Value,
     parameters: Vec<KeptParameter>,
 }
 
@@ -130,6 +135,8 @@ pub struct Contents {
     pub model: String,
     /// Everything that `--json` prints.
     pub result: String,
+    /// What the residuals of each output of each run say, as JSON.
+    pub quality: String,
     /// Tables, time histories, pictures.
     pub others: Vec<(String, Vec<u8>)>,
 }
@@ -140,8 +147,9 @@ impl Contents {
     /// # Errors
     /// [`DestinationError`].
     pub fn write(self, destination: &Destination) -> Result<(), DestinationError> {
-        let mut files =
-            vec![(MODEL.to_string(), self.model.into_bytes()), (RESULT.to_string(), self.result.into_bytes())];
+        let own = [(MODEL, self.model), (RESULT, self.result), (QUALITY, self.quality)];
+        let mut files: Vec<(String, Vec<u8>)> =
+            own.into_iter().map(|(name, text)| (name.to_string(), text.into_bytes())).collect();
         files.extend(self.others);
         let mut manifest = self.manifest;
         manifest.files = files.iter().map(|(name, content)| KeptFile::new(name, content)).collect();
@@ -184,11 +192,13 @@ impl ResultFolder {
             return Err(changed(&folder, wrong));
         }
         let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|_| changed(&folder, vec![name.into()]));
-        let (model, result) = (read(MODEL)?, read(RESULT)?);
-        let result: Value = serde_json::from_str(&result).map_err(|_| changed(&folder, vec![RESULT.into()]))?;
+        let json = |name: &str| -> Result<Value, ResultError> {
+            serde_json::from_str(&read(name)?).map_err(|_| changed(&folder, vec![name.into()]))
+        };
+        let (model, result, quality) = (read(MODEL)?, json(RESULT)?, json(QUALITY)?);
         let parameters = Vec::<KeptParameter>::deserialize(&result["parameters"]);
         let parameters = parameters.map_err(|_| changed(&folder, vec![RESULT.into()]))?;
-        Ok(Self { folder, manifest, model, result, parameters })
+        Ok(Self { folder, manifest, model, result, quality, parameters })
     }
 
     /// Where it was found.
@@ -204,6 +214,11 @@ impl ResultFolder {
     /// Everything that `--json` printed.
     pub fn result(&self) -> &Value {
         &self.result
+    }
+
+    /// What the residuals of each output of each fitted run say.
+    pub fn quality(&self) -> &Value {
+        &self.quality
     }
 
     /// Every parameter, per-run ones once for every run, and derived quantities.
@@ -238,6 +253,34 @@ impl ResultFolder {
             kept.map_or(p.value, |k| k.value)
         };
         Ok(params.iter().map(value).collect())
+    }
+
+    /// Runge-Kutta steps between samples with which a run was fitted, and their integration error.
+    pub fn integration(&self, run: &str) -> Option<Accuracy> {
+        let all = self.result["integration"].as_array()?;
+        let found = all.iter().find(|i| i["run"] == run)?;
+        let per_interval = usize::try_from(found["steps_per_interval"].as_u64()?).ok().filter(|n| *n > 0)?;
+        let scheme = serde_json::from_value(found["scheme"].clone()).ok()?;
+        Some(Accuracy { scheme, per_interval, error: found["error"].as_f64().unwrap_or(f64::NAN) })
+    }
+
+    /// What makes a fit of `model` a validation of this result: shared parameters are held where they were found, and so
+    /// are per-run ones that the fit held; the others are free, from their declared start values and the data.
+    pub fn held(&self, model: &Model) -> Changes {
+        let mut changes = Changes::default();
+        for p in &model.definition().params {
+            let name = &p.quantity.name;
+            let Some(kept) = self.parameters.iter().find(|k| k.name == *name) else { continue };
+            if p.per_run && kept.status != "fixed" {
+                if p.fixed {
+                    changes.free.push(name.clone());
+                }
+                continue;
+            }
+            changes.set.push((name.clone(), kept.value));
+            changes.fix.push(name.clone());
+        }
+        changes
     }
 
     /// The fitted run whose own parameters are to be used.
@@ -288,6 +331,7 @@ mod tests {
             manifest,
             model: TEXT.into(),
             result: serde_json::json!({ "parameters": parameters }).to_string(),
+            quality: "[]".into(),
             others: vec![("result.txt".into(), b"k is known".to_vec())],
         }
     }
@@ -314,6 +358,8 @@ mod tests {
         let read = ResultFolder::open(&place).unwrap();
         assert_eq!(read.theta(&model, "two", None), Ok(vec![2.0, 11.0]));
         assert_eq!(read.theta(&model, "two", Some("one")), Ok(vec![2.0, 10.0]));
+        let held = Changes { set: vec![("k".into(), 2.0)], fix: vec!["k".into()], free: Vec::new() };
+        assert_eq!(read.held(&model), held, "the bias of each run is found anew");
         assert!(read.theta(&model, "three", None).unwrap_err().to_string().contains("choose with --like"));
         assert!(read.theta(&model, "one", Some("x")).unwrap_err().to_string().contains("only `one`, `two`"));
     }

@@ -1,0 +1,97 @@
+//! Where a result goes: to the terminal as tables or JSON, to a picture, to a folder.
+
+use crate::failure::{Failure, print};
+use crate::histories::{histories, tables};
+use clap::Args;
+use fdm::estimate::Fit;
+use fdm::record::Run;
+use fdm::report::{quality_json, svg};
+use fdm::store::{Contents, Destination, Manifest};
+use serde_json::Value;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+
+/// Where a result goes.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Result")]
+pub(crate) struct Delivery {
+    /// Print JSON instead of tables
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Draw measurement, model and residual over time to an SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Write everything to a folder: model, options, fingerprints of the data, result, tables, time histories, picture
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Say nothing while working
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
+}
+
+/// A result and what is said about it.
+pub(crate) struct Outcome<'a> {
+    pub(crate) fit: &'a Fit,
+    pub(crate) runs: &'a [Run],
+    /// Tables and sentences.
+    pub(crate) text: String,
+    /// The same for programs.
+    pub(crate) json: Value,
+    /// What goes to standard error behind it.
+    pub(crate) remarks: Vec<String>,
+    pub(crate) manifest: Manifest,
+}
+
+/// A place that was looked at before the work.
+pub(crate) struct Prepared<'a> {
+    delivery: &'a Delivery,
+    destination: Option<Destination>,
+}
+
+impl Delivery {
+    /// Looks at the folder before any work is done in vain.
+    pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
+        let destination = self.out.as_deref().map(Destination::prepare).transpose();
+        Ok(Prepared { delivery: self, destination: destination.map_err(|e| Failure::input([e]))? })
+    }
+}
+
+impl Prepared<'_> {
+    /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    pub(crate) fn deliver(&self, outcome: Outcome<'_>) -> bool {
+        let json = format!("{}\n", outcome.json);
+        print(if self.delivery.json { &json } else { &outcome.text });
+        outcome.remarks.iter().for_each(|r| eprintln!("{r}"));
+        let plot = self.delivery.plot.as_deref().map_or(Ok(()), |path| draw(&outcome, path));
+        let written = self.destination.as_ref().map_or(Ok(()), |place| write(outcome, json, place));
+        let failed = [plot.err(), written.err()];
+        failed.iter().flatten().for_each(|e| eprintln!("error: {e}"));
+        failed.iter().all(Option::is_none)
+    }
+}
+
+fn picture(outcome: &Outcome<'_>) -> Result<String, String> {
+    svg(&histories(outcome.fit, outcome.runs)).map_err(said)
+}
+
+fn draw(outcome: &Outcome<'_>, path: &Path) -> Result<(), String> {
+    let text = picture(outcome)?;
+    std::fs::write(path, text).map_err(|e| format!("{}: {e}; the result is what is printed", path.display()))
+}
+
+fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), String> {
+    let mut text = outcome.text.clone();
+    outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
+    let mut others = vec![("result.txt".to_string(), text.into_bytes())];
+    others.extend(tables(outcome.fit, outcome.runs));
+    others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
+    let model = outcome.fit.model.source().text().to_string();
+    let quality = format!("{}\n", serde_json::Value::from(quality_json(&outcome.fit.model, &outcome.fit.quality)));
+    let contents = Contents { manifest: outcome.manifest, model, result: json, quality, others };
+    contents.write(place).map_err(|e| format!("{e}; the result is what is printed"))
+}
+
+fn said(e: impl Display) -> String {
+    e.to_string()
+}

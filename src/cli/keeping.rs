@@ -1,0 +1,78 @@
+//! Keeping the state of a long fit, so that it can be interrupted.
+
+use crate::failure::Failure;
+use clap::Args;
+use fdm::estimate::Keeper;
+use fdm::store::{Checkpoint, Identity};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Where the state of a fit is kept.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Interruption")]
+pub(crate) struct Keeping {
+    /// Keep the state in a folder while working: the same command goes on where it was interrupted, and ends with the same
+    /// numbers
+    #[arg(long, value_name = "DIR")]
+    checkpoint: Option<PathBuf>,
+}
+
+/// The open folder, or none.
+pub(crate) struct Kept(Option<Told>);
+
+/// Tells once when the state can no longer be kept.
+struct Told {
+    checkpoint: Checkpoint,
+    failed: AtomicBool,
+}
+
+impl Keeping {
+    /// Opens the folder before any work is done.
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
+        let Some(folder) = &self.checkpoint else { return Ok(Kept(None)) };
+        let checkpoint = Checkpoint::open(folder, identity).map_err(|e| Failure::input([e]))?;
+        if checkpoint.resumed() && !quiet {
+            eprintln!("note: going on from the checkpoint in {}", folder.display());
+        }
+        Ok(Kept(Some(Told { checkpoint, failed: AtomicBool::new(false) })))
+    }
+}
+
+impl Kept {
+    pub(crate) fn keeper(&self) -> Option<&dyn Keeper> {
+        self.0.as_ref().map(|k| k as &dyn Keeper)
+    }
+
+    /// Says at the end what was damaged and what could not be kept; whether the last state was kept.
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    pub(crate) fn close(self) -> bool {
+        let Some(Told { checkpoint, .. }) = self.0 else { return true };
+        checkpoint.notes().iter().for_each(|n| eprintln!("note: {n}"));
+        let Some(failure) = checkpoint.failure() else { return true };
+        eprintln!(
+            "warning: the checkpoint stopped before the fit ended ({failure}); nothing of the result is lost, but a \
+             repetition would not go on from its end"
+        );
+        false
+    }
+}
+
+impl Keeper for Told {
+    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+    fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
+        let kept = self.checkpoint.keep(name, state);
+        match &kept {
+            Ok(()) => self.failed.store(false, Ordering::Relaxed),
+            Err(failure) if !self.failed.swap(true, Ordering::Relaxed) => {
+                eprintln!("warning: the checkpoint cannot be kept at present ({failure}); the fit goes on");
+            }
+            Err(_) => {}
+        }
+        kept
+    }
+
+    fn find(&self, name: &str) -> Result<Option<Vec<u8>>, String> {
+        self.checkpoint.find(name)
+    }
+}

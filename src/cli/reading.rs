@@ -1,0 +1,36 @@
+//! Model and parameters of a result that was written before.
+
+use crate::failure::Failure;
+use fdm::Model;
+use fdm::store::{ResultFolder, differences};
+use std::path::Path;
+
+/// A result that was read back, and its model.
+pub(crate) struct Reading {
+    pub(crate) folder: ResultFolder,
+    pub(crate) model: Model,
+}
+
+/// Opens a result; a model that is given beside it must be the same.
+pub(crate) fn open(folder: &Path, beside: Option<&Path>) -> Result<Reading, Failure> {
+    let folder = ResultFolder::open(folder).map_err(|e| Failure::input([e]))?;
+    let model = folder.model()?;
+    if let Some(path) = beside {
+        let differences = differences(&model, &Model::from_file(path)?);
+        if !differences.is_empty() {
+            return Err(Failure::Input(vec![another(path, &folder, &differences)]));
+        }
+    }
+    Ok(Reading { folder, model })
+}
+
+fn another(path: &Path, folder: &ResultFolder, differences: &[String]) -> String {
+    const SHOWN: usize = 8;
+    let place = folder.folder().display();
+    let mut text = format!("{} is not the model of the result in {place}:", path.display());
+    differences.iter().take(SHOWN).for_each(|d| text.push_str(&format!("\n  {d}")));
+    if differences.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", differences.len() - SHOWN));
+    }
+    text
+}

@@ -1,0 +1,89 @@
+//! `fdm validate`: a result on runs that it was not fitted to. What all runs share is held; biases and initial states are
+//! found anew.
+
+use crate::delivery::{Delivery, Outcome};
+use crate::failure::{Failure, NUMBERS};
+use crate::fit::remarks;
+use crate::progress::Progress;
+use crate::reading::{Reading, open};
+use crate::records::{Records, notes};
+use clap::Args;
+use fdm::estimate::{Fit, FitOptions, Options, fit};
+use fdm::record::Run;
+use fdm::report::{estimate_table, fit_json, validation_table};
+use fdm::store::{Identity, Manifest, ResultFolder};
+use serde_json::json;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What `fdm validate` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Model file (.fdm); the result holds its own, and this must be the same
+    #[arg(value_name = "MODEL")]
+    model: Option<PathBuf>,
+    /// Result folder that `fdm fit --out` wrote
+    #[arg(long, value_name = "DIR")]
+    from_result: PathBuf,
+    #[command(flatten)]
+    records: Records,
+    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
+    #[arg(long, value_name = "N", help_heading = "Estimation")]
+    steps: Option<NonZeroUsize>,
+    #[command(flatten)]
+    delivery: Delivery,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let mut progress = Progress::new(arguments.delivery.quiet);
+    let Reading { folder, model } = open(&arguments.from_result, arguments.model.as_deref())?;
+    let records = arguments.records.load(&model, true)?;
+    if !arguments.delivery.quiet {
+        notes(&records);
+    }
+    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    let options = FitOptions {
+        changes: folder.held(&model),
+        options: Options { noise: folder.manifest().noise.clone(), ..Options::default() },
+        per_interval: arguments.steps.map(NonZeroUsize::get),
+        ..FitOptions::default()
+    };
+    let prepared = arguments.delivery.prepare()?;
+    let result = fit(&model, &runs, &options, &mut progress);
+    progress.finish();
+    let fit = result.map_err(|e| Failure::input([e]))?;
+
+    let identity = Identity::of(&model, &runs, &options);
+    let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
+    manifest.command = std::env::args().collect();
+    arguments.records.describe(&runs, &mut manifest);
+    let remarks = own_remarks(&fit, &folder, &manifest);
+    let mut document = fit_json(&fit);
+    document["validation"] = json!({
+        "of": folder.folder().display().to_string(),
+        "outputs": fit.quality,
+        "fitted_outputs": folder.quality(),
+    });
+    let outcome = Outcome { fit: &fit, runs: &runs, text: text(&fit, &folder), json: document, remarks, manifest };
+    let delivered = prepared.deliver(outcome);
+    Ok(if fit.estimate.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+fn own_remarks(fit: &Fit, folder: &ResultFolder, manifest: &Manifest) -> Vec<String> {
+    let mut found = remarks(fit, true);
+    for file in &manifest.data {
+        if folder.manifest().data.iter().any(|fitted| fitted.is_same(file)) {
+            found.push(format!("note: run `{}` was part of the fit; it validates nothing", file.run));
+        }
+    }
+    found
+}
+
+fn text(fit: &Fit, folder: &ResultFolder) -> String {
+    let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
+    text.push_str(&validation_table(&fit.quality, folder.quality()));
+    text.push_str(&format!("\n{}\n", estimate_table(&fit.estimate)));
+    text.push_str(&format!("{} after {} corrections\n", fit.estimate.termination, fit.estimate.iterations));
+    text
+}
