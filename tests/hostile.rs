@@ -333,6 +333,33 @@ fn options_that_fit_nothing() {
 }
 
 #[test]
+fn records_that_drive_a_model_are_needed_by_every_verb() {
+    let desk = Desk::new();
+    let text = "model driven { state x = 1; param a = 1; der(x) = -a*measured(y); output y = x, z = 2*x; prior a ~ normal(1, 1); }";
+    let model = desk.file("driven.fdm", text);
+    desk.checks(&model);
+    let rows = |title: &str, cell: &dyn Fn(u32) -> String| {
+        let rows: String = (0..21).map(|k| format!("{},{}\n", f64::from(k) / 10.0, cell(k))).collect();
+        format!("t [s],{title}\n{rows}")
+    };
+    for (name, header, cell) in [("absent.csv", "z", "1"), ("empty.csv", "y", "")] {
+        let record = desk.file(name, rows(header, &|_| cell.into()));
+        desk.simulate(&model, &record).refused(&["output `y`", name]);
+    }
+    let record =
+        desk.file("gaps.csv", rows("y", &|k| if k % 3 == 1 { String::new() } else { f64::from(k).to_string() }));
+    let outcome = desk.simulate(&model, &record);
+    assert_eq!(outcome.code, Some(0), "{}", outcome.err);
+    // x = 1 - 5 t^2, as the bridged record is 10 t
+    let last: Vec<f64> =
+        outcome.out.lines().last().expect("rows").split(',').map(|c| c.parse().expect("numbers")).collect();
+    assert!((last[1] + 19.0).abs() < 1e-9, "{last:?}");
+    let hold = [OsStr::new("--hold"), OsStr::new("y")];
+    let first = [OsStr::new("simulate"), model.as_os_str(), OsStr::new("--data"), record.as_os_str()];
+    desk.run(first.into_iter().chain(hold)).refused(&["--hold `y`", "only inputs"]);
+}
+
+#[test]
 fn results_that_cannot_be_written() {
     let desk = Desk::new();
     let (model, record) = (desk.file("gain.fdm", GAIN), desk.record());

@@ -1,7 +1,7 @@
 //! Models that are driven by records of their outputs: by `measured(y)` in the text, and by substitution of states.
 
 use fdm::Model;
-use fdm::estimate::{Changes, FitOptions, Noise, Options, fit};
+use fdm::estimate::{Changes, FitError, FitOptions, Noise, Options, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::simulate::{Simulator, Unsuited};
 
@@ -161,4 +161,13 @@ fn noise_that_the_model_declares_is_known_to_the_fit() {
     assert_eq!(declared, given);
     assert_eq!(error(&with("noise y = 0.05;"), Noise::Given(vec![None])), estimated, "estimated on request");
     assert!(given.1 > 2.0 * estimated.1, "{given:?} {estimated:?}");
+}
+
+#[test]
+fn a_run_without_its_records_is_refused_by_a_fit() {
+    let model = model("model m { state x = free; param a = 1; der(x) = -a*measured(x); output y = x; }");
+    let run = recorded(&self::model("model m { state x = 1; param a = 1; der(x) = -a*x; output y = x; }"), 20, 0.1);
+    let refused = fit(&model, &[run], &FitOptions::default(), &mut ());
+    let Err(FitError::Unsuited { reason, .. }) = &refused else { panic!("{refused:?}") };
+    assert!(reason.to_string().contains("Run::with_measured"), "{reason}");
 }

@@ -56,7 +56,8 @@ fn invert(
     let z = run.measured[sample * q + output];
     let mut x = vec![0.0; layout.states];
     let mut drive = vec![0.0; layout.drive()];
-    drive[..m].copy_from_slice(&run.inputs[sample * m..(sample + 1) * m]);
+    // a run without the records that drive the model is refused by whoever simulates it
+    drive[..m].copy_from_slice(run.inputs.get(sample * m..(sample + 1) * m)?);
     let mut out = vec![0.0; layout.output_slots()];
     for _ in 0..CORRECTIONS {
         for (d, signal) in layout.delayed.iter().enumerate() {

@@ -8,8 +8,10 @@ use crate::{Code, Diagnostic, Span, math};
 use proptest::prelude::*;
 
 const NAMES: [&str; 12] = ["u", "x", "z", "a", "b", "c", "l", "y", "t", "pi", "inf", "w"];
-const FUNCTIONS: [&str; 12] =
-    ["sin", "min", "atan2", "clip", "deadzone", "deg2rad", "delay", "der", "sqrt", "lag", "foo", "u"];
+const FUNCTIONS: [&str; 14] = [
+    "sin", "min", "atan2", "clip", "deadzone", "deg2rad", "delay", "der", "sqrt", "lag", "foo", "u", "measured",
+    "normal",
+];
 const UNITS: [&str; 8] = ["m", "ft", "deg", "rad", "s", "1/s", "%", "mm^200"];
 
 /// One random node over the earlier ones.
@@ -42,12 +44,19 @@ fn statement(w: &mut Written, [kind, a, b, c]: [u8; 4]) {
     let any = |k: u8| ExprRef(u32::from(k) % count);
     let span = Span::new(usize::from(c), usize::from(c) + 3);
     let name = |text: &str| Name { text: text.into(), span };
-    let kind = match kind % 8 {
+    let kind = match kind % 10 {
         6 => {
             let x = w.name(NAMES[usize::from(a % 4)]);
             let der = w.expr(Expr::Call(name("der"), vec![x]));
             StatementKind::Equation(if b % 8 == 0 { any(c) } else { der }, any(b))
         }
+        8 => {
+            let subject = if a % 4 == 0 { any(a) } else { w.name(NAMES[usize::from(a) % NAMES.len()]) };
+            let value =
+                w.expr(Expr::Call(name(["normal", "normal", "uniform"][usize::from(c % 3)]), vec![any(b), any(c)]));
+            StatementKind::Prior(vec![(subject, if c % 8 == 0 { any(c) } else { value })])
+        }
+        9 => StatementKind::Noise(vec![(name(NAMES[usize::from(a) % NAMES.len()]), any(b))]),
         7 => StatementKind::Time(name(UNITS[usize::from(a) % UNITS.len()])),
         role => {
             let mut d = Declaration::new(name(NAMES[usize::from(a) % NAMES.len()]), span);
@@ -78,6 +87,12 @@ proptest! {
             Ok((model, warnings)) => {
                 prop_assert!(!model.outputs.is_empty() && warnings.iter().all(|f| !f.is_error()));
                 prop_assert!(model.params.iter().all(|p| p.value.is_finite() && p.lower < p.upper));
+                prop_assert!(model.params.iter().filter_map(|p| p.prior).all(|p| p.deviation > 0.0 && p.mean.is_finite()));
+                prop_assert!(model.outputs.iter().filter_map(|o| o.noise).all(|noise| noise > 0.0));
+                let states: Vec<usize> = (0..model.states.len()).collect();
+                if let Ok(substituted) = model.substituted(&states) {
+                    prop_assert!(substituted.inputs.len() >= model.inputs.len());
+                }
             }
             Err(findings) => prop_assert!(findings.iter().any(Diagnostic::is_error)),
         }

@@ -152,7 +152,7 @@ fn random_bytes_never_panic() {
 
 #[test]
 fn random_words_never_panic() {
-    const WORDS: [&str; 60] = [
+    const WORDS: [&str; 63] = [
         "model ",
         "m ",
         "{",
@@ -170,6 +170,9 @@ fn random_words_never_panic() {
         "output ",
         "input ",
         "time ",
+        "prior ",
+        "noise ",
+        "~ ",
         "x ",
         "y ",
         "der(x) = ",
