@@ -4,9 +4,11 @@ pub mod code;
 pub mod dynamics;
 pub mod estimate;
 mod model;
+pub mod quality;
 pub mod record;
 pub mod report;
 pub mod simulate;
+pub mod store;
 
 pub use fdm_grammar::math;
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 /// A room may import only from rooms that stand before it.
 const GRAMMAR: &[&str] =
     &["math", "source", "diagnostic", "unit", "syntax", "op", "graph", "model", "check", "derive", "schedule", "lib"];
-const FDM: &[&str] = &["dynamics", "code", "record", "model", "simulate", "estimate", "report", "cli"];
+const FDM: &[&str] =
+    &["dynamics", "code", "record", "model", "simulate", "quality", "estimate", "store", "report", "cli"];
 
 const LONGEST_FILE: usize = 700;
 

@@ -53,6 +53,7 @@ codes! {
     UnknownFunction "E0204" "a function that does not exist";
     ArgumentCount   "E0205" "a function called with the wrong number of arguments";
     Cycle           "E0206" "definitions that refer to each other in a circle";
+    WrongName       "E0207" "a name of another kind than is needed there";
     // declarations
     MissingValue    "E0301" "a declaration without the value it needs";
     NeedlessValue   "E0302" "a declaration with a value it cannot have";
@@ -80,6 +81,7 @@ codes! {
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";
     NoInfluence     "W0703" "a parameter that no output depends on";
+    OwnRecord       "W0704" "an output that contains its own record";
 }
 
 impl Code {

@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "NAME")]
     free: Vec<String>,
     /// Measurement noise: `diagonal` (one variance per output, estimated), `full` (their covariance, estimated), or the known
-    /// standard deviation of an output
+    /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION")]
     noise: Vec<String>,
     /// Most corrections
@@ -67,6 +67,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             ..Options::default()
         },
         per_interval: arguments.steps.map(NonZeroUsize::get),
+        ..FitOptions::default()
     };
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);
@@ -130,13 +131,21 @@ fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
         }
     }
     let any = given.iter().any(Option::is_some);
+    let declared = outputs.iter().any(|o| o.noise.is_some());
     if any && kind == Some(Noise::Full) {
         wrong.push("--noise full estimates the whole covariance: deviations cannot be given beside it".into());
     }
     if !wrong.is_empty() {
         return Err(Failure::Input(wrong));
     }
-    Ok(if any { Noise::Given(given) } else { kind.unwrap_or_default() })
+    if kind.is_none() {
+        given.iter_mut().zip(outputs).for_each(|(given, output)| *given = given.or(output.noise));
+    }
+    Ok(match kind {
+        Some(Noise::Full) => Noise::Full,
+        _ if any || declared => Noise::Given(given),
+        _ => Noise::Diagonal,
+    })
 }
 
 fn text(fit: &Fit, runs: &[Run]) -> String {

@@ -10,7 +10,7 @@ use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::projection::Projected;
 use super::quadratic::{Inverse, Quadratic};
-use super::rescue::Attempts;
+use super::restart::Attempts;
 use super::secant::Secant;
 use super::snapshot::Snapshot;
 use super::step::{Room, constrained};

@@ -1,10 +1,10 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
 use super::direction::Direction;
-use super::output_fit::OutputFit;
 use super::progress::Iteration;
-use super::rescue::Rescue;
+use super::restart::Aid;
 use super::termination::Termination;
+use crate::quality::OutputFit;
 use serde::Serialize;
 
 /// What can be said about a parameter.
@@ -91,7 +91,7 @@ pub struct Estimate {
     /// Corrections made.
     pub iterations: usize,
     /// What helped the iteration on; empty when it needed no help.
-    pub rescues: Vec<Rescue>,
+    pub aids: Vec<Aid>,
     /// Simulations of all runs with sensitivities, and without.
     pub evaluations: (usize, usize),
     /// The state after each correction, the start first.

@@ -1,17 +1,21 @@
-//! The road from a model and its runs to estimates: start values, steps, iteration, and a second look at the steps.
+//! The road from a model and its runs to estimates: start values, then one attempt (steps, iteration, second look at the
+//! steps, rescue), then what was asked about the confidence in its result.
 
-use super::changes::{ChangeError, Changes};
-use super::derived::DerivedQuantities;
-use super::estimate::Estimate;
-use super::initial::initial_guess;
-use super::problem::{Options, Problem, ProblemError, ProblemRun};
+use super::attempt::attempt;
+use super::changes::Changes;
+use super::continuation::Continuation;
+use super::estimate::{Estimate, RunFit};
+use super::fit_error::FitError;
+use super::lengths::LengthFit;
+use super::problem::Options;
 use super::progress::Observer;
-use super::solve::estimate;
-use super::termination::Termination;
+use super::rescue::Rescue;
+use super::shooting::{Continuity, Shooting};
+use super::start::starts;
 use crate::model::Model;
+use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
-use crate::simulate::{Accuracy, Simulator, Unsuited, choose_steps, integration_error};
-use std::fmt;
+use crate::simulate::Accuracy;
 
 /// What a user may choose about a fit.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -22,9 +26,28 @@ pub struct FitOptions {
     pub options: Options,
     /// Runge-Kutta steps between neighbouring samples; chosen for accuracy when not given.
     pub per_interval: Option<usize>,
+    /// Whether and how the record is lengthened from a short one.
+    pub continuation: Continuation,
+    /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the
+    /// full model; `all` for every state that is measured.
+    pub substitute: Vec<String>,
+    /// Whether and how the record is cut for multiple shooting.
+    pub shooting: Option<Shooting>,
+    /// Fit shorter records too and order the parameters by confidence ([`Fit::by_length`]).
+    pub confidence: bool,
+    /// Fit with other weights of the outputs too ([`Fit::reweighting`]).
+    pub reweight: bool,
 }
 
-/// Estimates, and how the runs were simulated.
+impl FitOptions {
+    /// The same, but noise that the model declares is known where all variances were to be estimated.
+    pub fn with_declared_noise(mut self, model: &Model) -> Self {
+        self.options.noise = self.options.noise.or_declared(&model.definition().outputs);
+        self
+    }
+}
+
+/// Estimates, and how they were reached.
 #[derive(Debug, Clone)]
 pub struct Fit {
     /// The model with the changes that were asked for.
@@ -33,145 +56,44 @@ pub struct Fit {
     pub estimate: Estimate,
     /// Steps and integration error of each run at the estimates.
     pub integration: Vec<Accuracy>,
+    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated.
+    pub quality: Vec<OutputQuality>,
+    /// What was done about start values that could not be used, and why; none when they could.
+    pub rescue: Option<Rescue>,
+    /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
+    pub by_length: Vec<LengthFit>,
+    /// How continuous the result of multiple shooting is; none when there was none.
+    pub shooting: Option<Continuity>,
 }
 
-/// Why nothing was estimated: every reason that was found.
-#[derive(Debug, Clone, PartialEq)]
-pub enum FitError {
-    /// Changes that cannot be made.
-    Changes(Vec<ChangeError>),
-    /// A run that cannot be simulated with exact derivatives.
-    Unsuited {
-        /// Name of the run.
-        run: String,
-        /// Why.
-        reason: Unsuited,
-    },
-    /// A problem that cannot be solved.
-    Problem(Vec<ProblemError>),
-}
-
-impl fmt::Display for FitError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let lines = |reasons: Vec<String>| reasons.join("\n");
-        match self {
-            Self::Changes(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
-            Self::Unsuited { run, reason } => write!(f, "run `{run}`: {reason}"),
-            Self::Problem(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
-        }
+impl Fit {
+    /// A plain fit, without a rescue and without anything said about confidence.
+    pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
+        let (quality, by_length) = (Vec::new(), Vec::new());
+        Self { model, estimate, integration, quality, rescue: None, by_length, shooting: None }
     }
 }
-
-impl std::error::Error for FitError {}
-
-/// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
-const COARSE: f64 = 1e-7;
-const MOST_ROUNDS: usize = 3;
 
 /// Fits a model to runs: all that `fdm fit` does, but reading and printing.
 ///
-/// Steps are chosen at the start values and then kept, so that the derivatives are exact; when they turn out too coarse at the
-/// estimates, the fit goes on from there with finer ones.
+/// # Errors
+/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](super::Termination).
+pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    let model = changed(model, &options.changes)?;
+    let options = &options.clone().with_declared_noise(&model);
+    let starts = starts(&model, runs, &options.changes);
+    let mut found = attempt(&model, runs, &starts, options, observer)?;
+    let judge = |(run, result): (&Run, &RunFit)| run_quality(&model, run, &result.response);
+    found.quality = runs.iter().zip(&found.estimate.runs).flat_map(judge).collect();
+    Ok(found)
+}
+
+/// The model with the changes that were asked for.
 ///
 /// # Errors
-/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`].
-pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+/// [`FitError::Changes`] with all that cannot be made.
+pub fn changed(model: &Model, changes: &Changes) -> Result<Model, FitError> {
     let mut params = model.definition().params.clone();
-    options.changes.apply(&mut params).map_err(FitError::Changes)?;
-    let model = model.with_params(params);
-    let mut starts: Vec<Vec<f64>> = runs.iter().map(|run| start(&model, run, &options.changes)).collect();
-    let mut steps = Vec::with_capacity(runs.len());
-    for (run, theta) in runs.iter().zip(&starts) {
-        steps.push(match options.per_interval {
-            Some(per_interval) => per_interval.max(1),
-            None => choose_steps(model.dynamics(), run, theta).map_err(|e| unsuited(run, e))?.per_interval,
-        });
-    }
-    let mut round = 1;
-    loop {
-        let estimate = estimate_once(&model, runs, &starts, &steps, &options.options, observer)?;
-        let integration = check(&model, runs, &estimate, &starts, &steps)?;
-        let fine = integration.iter().all(|a| a.error <= COARSE);
-        let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
-        if fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS {
-            return Ok(Fit { model, estimate, integration });
-        }
-        let mut finer = steps.clone();
-        for (k, run) in runs.iter().enumerate() {
-            starts[k] = at(&model, &estimate, &run.name, &starts[k]);
-            let chosen = choose_steps(model.dynamics(), run, &starts[k]).map_err(|e| unsuited(run, e))?;
-            finer[k] = finer[k].max(chosen.per_interval);
-        }
-        if finer == steps {
-            // halving does not help: kinks, or a response on the edge of divergence
-            return Ok(Fit { model, estimate, integration });
-        }
-        steps = finer;
-        round += 1;
-    }
-}
-
-/// Start values of all parameters for a run; free initial values from the data unless they were set by hand.
-fn start(model: &Model, run: &Run, changes: &Changes) -> Vec<f64> {
-    let mut theta = initial_guess(&model.definition().params, model.dynamics(), run);
-    for (k, param) in model.definition().params.iter().enumerate() {
-        if changes.set.iter().any(|(name, _)| *name == param.quantity.name) {
-            theta[k] = param.value;
-        }
-    }
-    theta
-}
-
-fn estimate_once(
-    model: &Model,
-    runs: &[Run],
-    starts: &[Vec<f64>],
-    steps: &[usize],
-    options: &Options,
-    observer: &mut dyn Observer,
-) -> Result<Estimate, FitError> {
-    let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), per_interval) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::new(model.dynamics(), run, *per_interval).map_err(|e| unsuited(run, e))?;
-        let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
-        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
-    }
-    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    let mut problem = Problem::new(model.definition(), prepared, derived);
-    if let Some(first) = starts.first() {
-        // shared parameters go on from where a round before left them
-        problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
-    }
-    estimate(&mut problem, options, observer).map_err(FitError::Problem)
-}
-
-/// Steps in use and their error at the estimates.
-fn check(
-    model: &Model,
-    runs: &[Run],
-    estimate: &Estimate,
-    starts: &[Vec<f64>],
-    steps: &[usize],
-) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, start), per_interval): ((&Run, &Vec<f64>), &usize)| {
-        let theta = at(model, estimate, &run.name, start);
-        let error = integration_error(model.dynamics(), run, &theta, *per_interval).map_err(|e| unsuited(run, e))?;
-        Ok(Accuracy { per_interval: *per_interval, error })
-    };
-    runs.iter().zip(starts).zip(steps).map(one).collect()
-}
-
-/// All parameters of a run at the estimates.
-fn at(model: &Model, estimate: &Estimate, run: &str, start: &[f64]) -> Vec<f64> {
-    let params = model.definition().params.iter().zip(start);
-    params
-        .map(|(p, start)| {
-            let owner = p.per_run.then_some(run);
-            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
-        })
-        .collect()
-}
-
-fn unsuited(run: &Run, reason: Unsuited) -> FitError {
-    FitError::Unsuited { run: run.name.clone(), reason }
+    changes.apply(&mut params).map_err(FitError::Changes)?;
+    Ok(model.with_params(params))
 }

@@ -9,11 +9,13 @@
 //! `estimate`.
 
 mod affine;
+mod attempt;
 #[cfg(test)]
 mod belief;
 mod bend;
 mod changes;
 mod conclusion;
+mod continuation;
 mod correction;
 mod derived;
 mod direction;
@@ -21,44 +23,60 @@ mod direction;
 mod estimate;
 mod evaluation;
 mod fit;
+mod fit_error;
 mod information;
 mod initial;
 mod keeper;
+mod lengths;
 mod noise;
-mod output_fit;
+mod plain;
 mod priors;
 mod problem;
 mod progress;
 mod projection;
 mod quadratic;
 mod rescue;
+mod restart;
 #[cfg(test)]
 mod resumption;
 mod secant;
+mod segments;
+mod shooting;
 mod snapshot;
 mod solve;
 #[cfg(test)]
 mod specimen;
+mod start;
 mod statistics;
 mod step;
+mod strategy_error;
 mod termination;
 #[cfg(test)]
 mod tests;
 mod trial;
 mod triangle;
+mod uncut;
 mod unknowns;
 
+pub use crate::quality::OutputFit;
+pub use attempt::attempt;
 pub use changes::{ChangeError, Changes};
+pub use continuation::Continuation;
 pub use derived::{DerivedName, DerivedQuantities};
 pub use direction::Direction;
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
-pub use fit::{Fit, FitError, FitOptions, fit};
+pub use fit::{Fit, FitOptions, changed, fit};
+pub use fit_error::FitError;
 pub use initial::initial_guess;
 pub use keeper::Keeper;
+pub use lengths::{LengthFit, Settling, by_confidence};
 pub use noise::Noise;
-pub use output_fit::OutputFit;
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use rescue::Rescue;
+pub use rescue::{Remedy, Rescue, Trouble};
+pub use restart::Aid;
+pub use shooting::{Continuity, Shooting};
 pub use solve::{estimate, estimate_from};
+pub use start::starts;
+pub use strategy_error::StrategyError;
 pub use termination::{Reason, Termination};

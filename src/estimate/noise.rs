@@ -5,10 +5,13 @@
 //! make the weights infinite; variances are therefore floored at (1e-14 of the output's own magnitude)^2, below which the
 //! cost continues along its tangent. Estimates do not depend on the floor, and their standard errors then stand for it.
 
+use fdm_grammar::model::Output;
 use nalgebra::{DMatrix, SymmetricEigen};
+use serde::{Deserialize, Serialize};
 
 /// What is assumed about the measurement noise; it is white and, but for `Full`, independent from output to output.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Noise {
     /// One variance for each output, estimated.
     #[default]
@@ -17,6 +20,18 @@ pub enum Noise {
     Full,
     /// Standard deviations that are known (q); those that are not are estimated.
     Given(Vec<Option<f64>>),
+}
+
+impl Noise {
+    /// The same, but what a model declares (`noise y = ...;`) is known where all variances were to be estimated.
+    /// `Given` without a number estimates them in spite of that.
+    pub fn or_declared(self, outputs: &[Output]) -> Self {
+        let declared: Vec<Option<f64>> = outputs.iter().map(|o| o.noise).collect();
+        match self {
+            Self::Diagonal if declared.iter().any(Option::is_some) => Self::Given(declared),
+            chosen => chosen,
+        }
+    }
 }
 
 /// Residual variance that counts as zero, relative to the square of the output's magnitude.
@@ -194,6 +209,17 @@ fn nonzero(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn declared_noise_is_known_where_all_were_to_be_estimated() {
+        let text = "model m { input u; param a = 1; output y = a*u, z = u; noise z = 0.5; }";
+        let model = fdm_grammar::compile(&fdm_grammar::Source::new("m", text)).expect("a model").model;
+        let of = |noise: Noise| noise.or_declared(&model.outputs);
+        assert_eq!(of(Noise::Diagonal), Noise::Given(vec![None, Some(0.5)]));
+        assert_eq!(of(Noise::Full), Noise::Full);
+        assert_eq!(of(Noise::Given(vec![None; 2])), Noise::Given(vec![None; 2]), "estimated all the same");
+        assert_eq!(Noise::Diagonal.or_declared(&model.outputs[..1]), Noise::Diagonal);
+    }
 
     #[test]
     fn cost_is_the_concentrated_likelihood_and_continues_below_the_floor() {

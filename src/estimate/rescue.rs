@@ -1,180 +1,143 @@
-//! Rescue by other starts: when the iteration ends nowhere, or where the data do not determine the unknowns any more
-//! (an exponential that has died out, two rates that have become one), it begins again without projection and from scaled
-//! start values. The best end counts.
+//! What is done when a plain correction goes astray, and what is said about it.
 
-use super::correction::Correction;
-use super::evaluation::RunFailure;
+use super::continuation::Lengthening;
+use super::fit::{Fit, FitOptions};
+use super::fit_error::FitError;
 use super::progress::Observer;
 use super::termination::Termination;
-use super::trial;
-use serde::{Deserialize, Serialize};
+use crate::model::Model;
+use crate::record::Run;
+use serde::Serialize;
 use std::fmt;
 
-/// Factors on all start values, in the order in which they are tried.
-const FACTORS: [f64; 4] = [0.1, 10.0, 0.01, 100.0];
-/// Costs that differ by less are those of the same end.
-const SAME: f64 = 1e-6;
-
-/// What helped the iteration on.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// What is wrong with an estimate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Rescue {
-    /// Parameters in which the response is affine followed the others (variable projection).
-    Projection,
-    /// The start values once more, without projection.
-    WithoutProjection,
-    /// All start values times a factor.
-    ScaledStart(f64),
+pub enum Trouble {
+    /// The iteration did not end at a minimum.
+    Ended(Termination),
+    /// It did, but the model matches the measurement badly there.
+    PoorMatch {
+        /// Mean of R^2 over the outputs of all runs.
+        r2: f64,
+    },
+}
+
+/// A way out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Remedy {
+    /// The record was lengthened step by step.
+    Continuation,
+    /// Measured records first took the place of these states in the equations.
+    Substitution {
+        /// The states.
+        states: Vec<String>,
+    },
+    /// The record was cut into so many segments for each run.
+    Shooting {
+        /// Segments of the longest run.
+        segments: usize,
+    },
+}
+
+/// What was done to reach an estimate that the start values alone would not have given, and why.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rescue {
+    /// What was wrong with the plain correction.
+    pub trouble: Trouble,
+    /// What was tried, in this order, without a better result.
+    pub failed: Vec<Remedy>,
+    /// What gave the result; none when nothing did better than the plain correction.
+    pub by: Option<Remedy>,
+}
+
+impl fmt::Display for Trouble {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Ended(termination) => write!(f, "{termination}"),
+            Self::PoorMatch { r2 } => write!(f, "converged to a poor match, mean R^2 {r2:.3}"),
+        }
+    }
+}
+
+impl fmt::Display for Remedy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Continuation => write!(f, "fitting a short record first and lengthening it"),
+            Self::Substitution { states } => {
+                write!(f, "fitting first with the measured {} in the equations", states.join(", "))
+            }
+            Self::Shooting { segments } => write!(f, "multiple shooting with {segments} segments"),
+        }
+    }
 }
 
 impl fmt::Display for Rescue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Projection => write!(f, "variable projection"),
-            Self::WithoutProjection => write!(f, "a second try without projection"),
-            Self::ScaledStart(factor) => write!(f, "start values times {factor}"),
+        write!(f, "the plain correction from the start values failed ({}); ", self.trouble)?;
+        let failed: Vec<String> = self.failed.iter().map(ToString::to_string).collect();
+        match &self.by {
+            Some(remedy) => write!(f, "reached by {remedy}")?,
+            None if failed.is_empty() => write!(f, "there was nothing else to try")?,
+            None => write!(f, "no better: {}", failed.join("; "))?,
         }
+        if self.by.is_some() && !failed.is_empty() {
+            write!(f, ", after these had failed: {}", failed.join("; "))?;
+        }
+        Ok(())
     }
 }
 
-/// Where an attempt ended.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct End {
-    values: Vec<f64>,
-    cost: f64,
-    /// How many directions the data do not determine there.
-    lost: usize,
-    termination: Termination,
+/// Tries one way out after the other until one gives a sound estimate; else the best that was seen.
+pub(super) fn rescue(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    (plain, trouble): (Fit, Trouble),
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let mut best = Fit { rescue: Some(Rescue { trouble, failed: Vec::new(), by: None }), ..plain };
+    let mut failed = Vec::new();
+    for way in [lengthened] {
+        let Some((remedy, fit)) = way(model, runs, starts, options, observer)? else { continue };
+        let sound = super::attempt::trouble(&fit.estimate).is_none();
+        let interrupted = fit.estimate.termination == Termination::Interrupted;
+        if better(&fit, &best) {
+            let before = best.rescue.take();
+            best = fit;
+            best.rescue = before.map(|r| Rescue { by: Some(remedy), failed: failed.clone(), ..r });
+        } else {
+            failed.push(remedy);
+        }
+        if sound || interrupted {
+            break;
+        }
+    }
+    if let Some(rescue) = best.rescue.as_mut().filter(|r| r.by.is_none()) {
+        rescue.failed = failed;
+    }
+    Ok(best)
 }
 
-impl End {
-    fn is_good(&self) -> bool {
-        self.termination.is_good() && self.lost == 0
-    }
-
-    fn is_like(&self, other: &Self) -> bool {
-        self.lost == other.lost && (self.cost - other.cost).abs() <= SAME * (1.0 + other.cost.abs())
-    }
-
-    /// Determined ends before others, then the lower cost; the earlier of two alike.
-    fn beats(&self, other: &Self) -> bool {
-        (self.is_good() && !other.is_good())
-            || (self.is_good() == other.is_good() && self.cost < other.cost && !self.is_like(other))
+/// Whether a fit is worth more than another: it has a cost at all, and by more than rounding a lower one.
+fn better(fit: &Fit, than: &Fit) -> bool {
+    match (fit.estimate.cost, than.estimate.cost) {
+        (Some(a), Some(b)) => a < b - 1e-9 * b.abs().max(1.0) || (!than.estimate.termination.is_good() && a <= b),
+        (a, _) => a.is_some(),
     }
 }
 
-/// What has been tried so far.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Attempts {
-    /// The best end so far.
-    best: Option<End>,
-    /// How many factors were used.
-    factors: usize,
-    /// Whether the current attempt does without projection.
-    pub(super) unprojected: bool,
-    /// Whether the current attempt was projected at any time.
-    pub(super) projected: bool,
-    /// Rescues that the current attempt had.
-    rescues: Vec<Rescue>,
-    /// Those of the best end.
-    best_rescues: Vec<Rescue>,
-}
+type Way = Option<(Remedy, Fit)>;
 
-impl Correction<'_, '_, '_> {
-    /// Notes that the attempt in hand projects.
-    pub(super) fn note_projection(&mut self) {
-        if !std::mem::replace(&mut self.attempts.projected, true) {
-            self.attempts.rescues.push(Rescue::Projection);
-        }
-    }
-
-    /// The rescues of what is reported.
-    pub(super) fn rescues(&mut self) -> Vec<Rescue> {
-        std::mem::take(&mut self.attempts.rescues)
-    }
-
-    /// Looks at the end of an attempt: none when another one has begun, else how the estimation ends, with the best
-    /// estimates in place.
-    pub(super) fn judge(
-        &mut self,
-        termination: Termination,
-        observer: &mut dyn Observer,
-    ) -> Result<Option<Termination>, RunFailure> {
-        let interrupted = termination == Termination::Interrupted;
-        let hopeless = matches!(termination, Termination::Interrupted | Termination::IterationLimit);
-        let end = End { values: self.values.clone(), cost: self.weights.cost, lost: self.lost(), termination };
-        if (end.is_good() || hopeless) && self.attempts.best.is_none() {
-            return Ok(Some(end.termination));
-        }
-        let repeated = self.attempts.best.as_ref().is_some_and(|best| end.is_like(best));
-        let over = end.is_good() || hopeless || repeated;
-        if self.attempts.best.as_ref().is_none_or(|best| end.beats(best)) {
-            self.attempts.best = Some(end);
-            self.attempts.best_rescues = self.attempts.rescues.clone();
-        }
-        if over || self.history.len() > self.options.iterations || !self.begin_again() {
-            let best = self.settle_for_best()?;
-            return Ok(Some(if interrupted { Termination::Interrupted } else { best }));
-        }
-        Ok(self.record_start(observer).then_some(Termination::Interrupted))
-    }
-
-    /// How many directions are not determined at the current estimates, as far as can be told.
-    fn lost(&mut self) -> usize {
-        let values = self.values.clone();
-        if !self.fresh && self.linearise(&values, Some(self.weights.clone())).is_ok() {
-            self.settle(&values);
-        }
-        if self.inverse.condition > super::conclusion::ACCURATE {
-            self.refine(&values);
-        }
-        let inside = |j: &usize| self.unknowns.lower[*j] < values[*j] && values[*j] < self.unknowns.upper[*j];
-        let idle = (0..values.len()).filter(inside).filter(|j| self.quadratic.scale[*j] == 0.0).count();
-        idle + self.inverse.null.len()
-    }
-
-    /// Goes to the next start that can be simulated; false when there is none left.
-    fn begin_again(&mut self) -> bool {
-        loop {
-            let rescue = if self.attempts.projected && !self.attempts.unprojected && self.attempts.factors == 0 {
-                self.attempts.unprojected = true;
-                Rescue::WithoutProjection
-            } else {
-                let Some(factor) = FACTORS.get(self.attempts.factors) else { return false };
-                self.attempts.factors += 1;
-                self.attempts.unprojected = false;
-                Rescue::ScaledStart(*factor)
-            };
-            self.attempts.projected = false;
-            self.attempts.rescues = vec![rescue];
-            let factor = if let Rescue::ScaledStart(factor) = rescue { factor } else { 1.0 };
-            self.reset(factor);
-            if self.start().is_ok() {
-                return true;
-            }
-        }
-    }
-
-    fn reset(&mut self, factor: f64) {
-        let bounds = self.unknowns.lower.iter().zip(&self.unknowns.upper);
-        let scaled =
-            self.unknowns.start.iter().zip(bounds).map(|(v, (lower, upper))| (v * factor).max(*lower).min(*upper));
-        self.values = scaled.collect();
-        (self.damping, self.level) = (0.0, trial::DAMPING);
-        (self.last, self.promised) = (f64::INFINITY, f64::INFINITY);
-        self.secant = Default::default();
-        self.projecting = false;
-    }
-
-    /// Puts the best estimates back in place.
-    fn settle_for_best(&mut self) -> Result<Termination, RunFailure> {
-        let Some(best) = self.attempts.best.clone() else { return Ok(Termination::NoProgress) };
-        self.attempts.rescues = std::mem::take(&mut self.attempts.best_rescues);
-        if best.values != self.values {
-            self.values = best.values;
-            self.secant = Default::default();
-            self.start()?;
-        }
-        Ok(best.termination)
-    }
+fn lengthened(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let mut lengthening = Lengthening { model, runs, options, stages: Vec::new() };
+    Ok(lengthening.adaptive(starts, observer)?.map(|fit| (Remedy::Continuation, fit)))
 }

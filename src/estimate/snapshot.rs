@@ -6,7 +6,7 @@ use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::problem::ProblemError;
 use super::progress::Iteration;
-use super::rescue::Attempts;
+use super::restart::Attempts;
 use super::secant::Secant;
 use serde::{Deserialize, Serialize};
 

@@ -4,7 +4,6 @@ use super::correction::Correction;
 use super::estimate::{Estimate, RunFit, Symmetric};
 use super::evaluation::{Evaluator, Failure, RunFailure};
 use super::noise::Likelihood;
-use super::output_fit::OutputFit;
 use super::priors::Priors;
 use super::problem::{Options, Problem, ProblemError};
 use super::progress::Observer;
@@ -12,6 +11,7 @@ use super::snapshot::Snapshot;
 use super::statistics::Statistics;
 use super::termination::Termination;
 use super::unknowns::Unknowns;
+use crate::quality::OutputFit;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
@@ -54,7 +54,7 @@ pub fn estimate_from(
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
     let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
-    let rescues = correction.rescues();
+    let aids = correction.aids();
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
     let responses = evaluator.into_responses();
@@ -76,7 +76,7 @@ pub fn estimate_from(
         outputs,
         cost,
         iterations: history.len().saturating_sub(1),
-        rescues,
+        aids,
         evaluations,
         history,
         covered,

@@ -1,5 +1,7 @@
 //! One recorded manoeuvre, in the model's own channels, order and units.
 
+use std::ops::Range;
+
 /// A record ready for simulation: what drove the vehicle and what was measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
@@ -8,7 +10,8 @@ pub struct Run {
     /// Time since the run began (N), in the model's time unit, strictly rising from 0. For a model without states
     /// and without explicit time it counts samples.
     pub time: Vec<f64>,
-    /// Inputs, one row per sample (N by m), in the model's units; gaps are bridged linearly and counted.
+    /// Inputs, one row per sample (N by m), in the model's units, hidden ones (records of outputs) behind the declared
+    /// ones; gaps are bridged linearly and counted.
     pub inputs: Vec<f64>,
     /// Whether an input keeps its value until the next sample (m); otherwise it is linear between samples.
     pub held: Vec<bool>,
@@ -29,5 +32,22 @@ impl Run {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Some neighbouring samples as a run of the same name; their times stay those of the whole record, so that a part that
+    /// does not begin with the first sample begins later than 0.
+    ///
+    /// # Panics
+    /// When there are fewer samples than the range wants.
+    pub fn part(&self, samples: Range<usize>) -> Self {
+        let n = self.len().max(1);
+        let (m, q) = (self.inputs.len() / n, self.measured.len() / n);
+        let rows = |values: &[f64], width: usize| values[samples.start * width..samples.end * width].to_vec();
+        Self {
+            time: self.time[samples.clone()].to_vec(),
+            inputs: rows(&self.inputs, m),
+            measured: rows(&self.measured, q),
+            ..self.clone()
+        }
     }
 }

@@ -14,7 +14,14 @@ fn unit(text: &str) -> Option<Unit> {
 fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
     let channel = |(name, u): &(&str, &str)| Channel { name: (*name).into(), unit: unit(u) };
     let list = |c: &[(&str, &str)]| c.iter().map(channel).collect();
-    Channels { time: Unit::second(), timed: true, samples: 2, inputs: list(inputs), outputs: list(outputs) }
+    Channels {
+        time: Unit::second(),
+        timed: true,
+        samples: 2,
+        inputs: list(inputs),
+        outputs: list(outputs),
+        driving: Vec::new(),
+    }
 }
 
 /// One input `u` and one output `y`, without units.
@@ -458,4 +465,52 @@ fn a_last_line_without_its_end_is_told() {
         let (_, summary) = good(text, &uy(), &plain());
         assert_eq!(summary.notes.contains(&Note::OpenEnd), open, "{text:?}: {:?}", summary.notes);
     }
+}
+
+/// `u` is a column, `measured(y)` is not one.
+fn driven() -> Channels {
+    Channels { driving: vec![1], ..wanted(&[("u", "")], &[("z", ""), ("y", "")]) }
+}
+
+#[test]
+fn records_that_drive_the_model_stand_behind_the_inputs() {
+    let text = "t,u,y,z\n0,1,,5\n1,2,4,5\n2,,,5\n3,4,8,6\n";
+    let (run, summary) = good(text, &driven(), &plain());
+    assert_eq!(run.inputs, [1.0, 4.0, 2.0, 4.0, 3.0, 6.0, 4.0, 8.0]);
+    assert_eq!((run.held, run.input_gaps, run.output_gaps), (vec![false; 2], vec![1, 2], vec![0, 2]));
+    assert!(run.measured[1].is_nan() && run.measured[5].is_nan(), "what is compared keeps its gaps");
+    let names: Vec<_> = summary.sources.iter().map(|s| (s.role, s.channel.as_str(), s.gaps)).collect();
+    let wanted = [(Role::Time, "t", 0), (Role::Input, "u", 1), (Role::Output, "z", 0), (Role::Output, "y", 2)];
+    assert_eq!(names, wanted);
+    let notes: Vec<String> = summary.notes.iter().map(ToString::to_string).collect();
+    let said = "the input `measured(y)` has no value in 2 sample(s); its neighbours in time bridge them";
+    assert!(notes.iter().any(|n| n == said), "{notes:?}");
+}
+
+#[test]
+fn records_that_drive_the_model_must_be_there() {
+    let options = ReadOptions { require_outputs: false, ..plain() };
+    let said = one("t,u,z\n0,1,2\n1,2,3\n", &driven(), &options);
+    assert!(said.contains("no column for the output `y`") && said.contains("`measured(y)` drives the model"), "{said}");
+    let said = one("t,u,y\n0,1,\n1,2,\n", &driven(), &options);
+    assert!(said.contains("the output `y` has no value in any selected row"), "{said}");
+    assert_eq!(good("t,u,y\n0,1,3\n1,2,4\n", &driven(), &options).0.inputs, [1.0, 3.0, 2.0, 4.0]);
+    assert!(
+        one("t,u,y,z\n0,1,3,1\n1,2,4,1\n", &driven(), &ReadOptions { hold: vec!["y".into()], ..plain() }).contains("y")
+    );
+}
+
+#[test]
+fn a_constant_record_is_told_once() {
+    let (_, summary) = good("t,u,y,z\n0,1,7,5\n1,2,7,6\n2,3,7,8\n", &driven(), &plain());
+    let constant: Vec<_> = summary.notes.iter().filter(|n| matches!(n, Note::Constant { .. })).collect();
+    assert_eq!(constant.len(), 1, "{constant:?}");
+}
+
+#[test]
+fn without_time_a_sample_that_lacks_the_driving_record_is_not_compared() {
+    let channels = Channels { timed: false, samples: 1, ..driven() };
+    let (run, _) = good("u,y,z\n1,2,3\n2,,4\n3,4,5\n", &channels, &plain());
+    assert!(run.measured[2..4].iter().all(|v| v.is_nan()) && run.measured[4..] == [5.0, 4.0]);
+    assert!(run.inputs.iter().all(|v| v.is_finite()));
 }

@@ -3,7 +3,7 @@
 use super::table::{aligned_right, digits, plain, trimmed};
 use crate::Model;
 use crate::code::{TOLERANCE, Verification};
-use fdm_grammar::model::{Param, Quantity};
+use fdm_grammar::model::{Input, Output, Param, Quantity};
 use serde_json::{Value, json};
 
 /// Declarations as a table, then a line on the programs and one on the derivatives.
@@ -44,6 +44,18 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
         value["upper"] = json!(finite(p.upper));
         value["fixed"] = json!(p.fixed);
         value["per_run"] = json!(p.per_run);
+        value["prior"] = json!(p.prior.map(|prior| json!({ "mean": prior.mean, "deviation": prior.deviation })));
+        value
+    };
+    // what drives the model without a column of its own is the record of an output
+    let input = |i: &Input| {
+        let mut value = quantity(&i.quantity);
+        value["record_of"] = json!(i.measured.map(|o| &definition.outputs[o as usize].quantity.name));
+        value
+    };
+    let output = |o: &Output| {
+        let mut value = quantity(&o.quantity);
+        value["noise"] = json!(o.noise);
         value
     };
     let found = |d: &crate::code::Discrepancy| {
@@ -52,11 +64,11 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
     };
     json!({
         "model": model.name(),
-        "inputs": definition.inputs.iter().map(|i| quantity(&i.quantity)).collect::<Vec<_>>(),
+        "inputs": definition.inputs.iter().map(input).collect::<Vec<_>>(),
         "states": definition.states.iter().map(|s| quantity(&s.quantity)).collect::<Vec<_>>(),
         "parameters": definition.params.iter().map(param).collect::<Vec<_>>(),
         "derived": definition.derived.iter().map(|d| quantity(&d.quantity)).collect::<Vec<_>>(),
-        "outputs": definition.outputs.iter().map(|o| quantity(&o.quantity)).collect::<Vec<_>>(),
+        "outputs": definition.outputs.iter().map(output).collect::<Vec<_>>(),
         "derivatives": {
             "passed": verification.passed(),
             "points": verification.points,
@@ -70,12 +82,15 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
 
 fn declarations(model: &Model) -> String {
     let definition = model.definition();
-    let mut table = plain(&["", "name", "unit", "start", "bounds", "meaning"]);
+    let mut table = plain(&["", "name", "unit", "start", "known", "meaning"]);
     let mut add = |role: &str, q: &Quantity, start: String, bounds: String| {
         let unit = q.unit.as_ref().map_or(String::new(), ToString::to_string);
         table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
     };
-    definition.inputs.iter().for_each(|i| add("input", &i.quantity, String::new(), String::new()));
+    for i in &definition.inputs {
+        let role = if i.measured.is_some() { "record" } else { "input" };
+        add(role, &i.quantity, String::new(), String::new());
+    }
     definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));
     for p in &definition.params {
         let role = match (p.fixed, p.per_run) {
@@ -83,10 +98,15 @@ fn declarations(model: &Model) -> String {
             (_, true) => "param, per run",
             _ => "param",
         };
-        add(role, &p.quantity, digits(p.value, 6), bounds(p));
+        let prior = p.prior.map(|k| format!("~ normal({}, {})", digits(k.mean, 6), digits(k.deviation, 6)));
+        let known: Vec<String> = [bounds(p)].into_iter().chain(prior).filter(|text| !text.is_empty()).collect();
+        add(role, &p.quantity, digits(p.value, 6), known.join(" "));
     }
     definition.derived.iter().for_each(|d| add("derived", &d.quantity, String::new(), String::new()));
-    definition.outputs.iter().for_each(|o| add("output", &o.quantity, String::new(), String::new()));
+    for o in &definition.outputs {
+        let noise = o.noise.map_or(String::new(), |deviation| format!("noise {}", digits(deviation, 6)));
+        add("output", &o.quantity, String::new(), noise);
+    }
     aligned_right(&mut table, 3);
     trimmed(&table)
 }

@@ -78,8 +78,8 @@ fn remarks(estimate: &Estimate) -> Vec<String> {
         };
         remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
     }
-    for rescue in &estimate.rescues {
-        remarks.push(format!("the iteration needed help: {rescue}"));
+    for aid in &estimate.aids {
+        remarks.push(format!("the iteration needed help: {aid}"));
     }
     for output in &estimate.noise_free {
         remarks.push(format!("`{output}` is matched to rounding: its noise and the standard errors mean nothing"));

@@ -25,6 +25,17 @@ const MOST_STEPS: usize = 20_000_000;
 /// Why a run cannot be simulated with exact sensitivities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsuited {
+    /// The run was made for another model, or lacks the records that drive this one.
+    #[error(
+        "the run has {found} inputs where the model has {expected}, those that are measured outputs included \
+         (`Run::with_measured` completes them)"
+    )]
+    OtherInputs {
+        /// Inputs of the run.
+        found: usize,
+        /// Inputs of the model, hidden ones included.
+        expected: usize,
+    },
     /// An output that shows a held input directly moves in jumps with its delay: its derivative is zero or infinite.
     #[error(
         "an output shows an input directly that is held between samples and delayed by an estimated delay: it moves in \
@@ -65,6 +76,9 @@ impl<'a> Simulator<'a> {
     /// [`Unsuited`] when sensitivities would be silently zero, or the steps do not fit into memory.
     pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
         let layout = dynamics.layout();
+        if run.held.len() != layout.inputs || run.inputs.len() != run.len() * layout.inputs {
+            return Err(Unsuited::OtherInputs { found: run.held.len(), expected: layout.inputs });
+        }
         if layout.states > 0 && per_interval.saturating_mul(run.len()) > MOST_STEPS {
             return Err(Unsuited::TooManySteps { per_interval, samples: run.len() });
         }

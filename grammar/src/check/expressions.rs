@@ -5,6 +5,7 @@ use super::functions::Function;
 use super::kinds::Kinds;
 use super::names::{Meaning, Scope};
 use super::order::{Block, Blocks, Owner};
+use super::records;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf};
 use crate::op::{Build, ExprId, Op};
@@ -16,12 +17,15 @@ pub(super) struct Indices {
     pub(super) of: Vec<u32>,
     /// By symbol: the parameter that is the free initial value of a state.
     pub(super) initial: Vec<Option<u32>>,
+    /// By symbol: the hidden input that is the record of an output.
+    pub(super) record: Vec<Option<u32>>,
 }
 
 impl Indices {
     /// Counts in the order of the text.
-    pub(super) fn new(scope: &Scope<'_>, kinds: &Kinds) -> Self {
-        let mut indices = Self { of: vec![0; scope.symbols.len()], initial: vec![None; scope.symbols.len()] };
+    pub(super) fn new(scope: &Scope<'_>, meanings: &[Meaning], kinds: &Kinds) -> Self {
+        let count = scope.symbols.len();
+        let mut indices = Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count] };
         let (mut inputs, mut states, mut params, mut derived, mut outputs) = (0, 0, 0, 0, 0);
         let next = |count: &mut u32| {
             *count += 1;
@@ -40,6 +44,8 @@ impl Indices {
                 indices.initial[s] = Some(next(&mut params));
             }
         }
+        // hidden inputs stand behind the declared ones
+        records::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
         indices
     }
 }
@@ -97,7 +103,7 @@ impl Expressions {
         let mut too_many = false;
         for block in &blocks.list {
             for e in blocks.nodes(block).iter().filter(|e| !kinds.of(**e).broken) {
-                let built = match expressions.node(scope, *e, meanings, findings) {
+                let built = match expressions.node(scope, *e, meanings, indices, findings) {
                     Ok(built) => built,
                     Err(finding) if !too_many => {
                         too_many = true;
@@ -128,16 +134,12 @@ impl Expressions {
         self.graph.constant(self.of(e))
     }
 
-    /// Whether the expression contains a delayed state.
-    pub(super) fn has_delayed_state(&mut self, e: ExprId) -> bool {
-        self.pushed.has_delayed_state(&self.graph, e)
-    }
-
     fn node(
         &mut self,
         scope: &Scope<'_>,
         e: ExprRef,
         meanings: &[Meaning],
+        indices: &Indices,
         findings: &mut Vec<Diagnostic>,
     ) -> Result<ExprId, Diagnostic> {
         let meaning = meanings[e.0 as usize];
@@ -160,6 +162,10 @@ impl Expressions {
                 self.graph.apply(Op::Select, &args)
             }
             Expr::Call(_, arguments) => match meaning {
+                Meaning::Record(s) => match indices.record[s] {
+                    Some(k) => self.graph.leaf(Leaf::Input(k)),
+                    None => self.of(e),
+                },
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
                 Meaning::Function(function) => {
                     let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
@@ -274,7 +280,7 @@ fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
             let k = graph.number(1.0 / DEGREE);
             graph.apply(Op::Mul, &[k, args[0]])
         }
-        // delays are pushed down before, derivatives stand on left sides
-        Function::Delay | Function::Der => args[0],
+        // delays and records are leaves of the graph, derivatives stand on left sides
+        Function::Delay | Function::Der | Function::Measured => args[0],
     }
 }

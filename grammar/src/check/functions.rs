@@ -19,6 +19,8 @@ pub(super) enum Function {
     Delay,
     /// `der(x)`, the left side of an equation
     Der,
+    /// `measured(y)`
+    Measured,
 }
 
 /// The functions that are no row of the operation table.
@@ -29,10 +31,11 @@ const COMPOSED: &[(&str, Function)] = &[
     ("rad2deg", Function::RadToDeg),
     ("delay", Function::Delay),
     ("der", Function::Der),
+    ("measured", Function::Measured),
 ];
 
 /// Described by the language, not compiled by this version.
-const PLANNED: &[&str] = &["lag", "leadlag", "washout", "second_order", "tf", "measured"];
+const PLANNED: &[&str] = &["lag", "leadlag", "washout", "second_order", "tf"];
 
 /// What other languages call functions, and how this one writes them.
 const FOREIGN: &[(&str, &str)] = &[
@@ -74,7 +77,7 @@ impl Function {
             Self::Op(op) => (op.row().arity, false),
             Self::Clip => (3, false),
             Self::Deadzone | Self::Delay => (2, false),
-            Self::DegToRad | Self::RadToDeg | Self::Der => (1, false),
+            Self::DegToRad | Self::RadToDeg | Self::Der | Self::Measured => (1, false),
         }
     }
 
@@ -87,6 +90,7 @@ impl Function {
             Self::Clip => "x, lower, upper",
             Self::Deadzone => "x, width",
             Self::Delay => "x, tau",
+            Self::Measured => "y",
             _ => "x",
         };
         format!("{name}({arguments})")

@@ -1,6 +1,7 @@
 //! Numbers and conditions are different things; constants, parameters and what varies come from different places.
 
 use super::functions::Function;
+use super::knowledge::Known;
 use super::names::{Meaning, Scope};
 use super::order::{Block, Blocks, Owner};
 use crate::diagnostic::{Code, Diagnostic};
@@ -48,6 +49,7 @@ impl Kinds {
         blocks: &Blocks,
         meanings: &[Meaning],
         circular: &[bool],
+        known: &[Known],
         findings: &mut Vec<Diagnostic>,
     ) -> Self {
         let symbols = scope.symbols.iter().zip(circular).map(|(symbol, circular)| {
@@ -70,7 +72,9 @@ impl Kinds {
                 judge.kinds.nodes[e.0 as usize] = fact;
             }
             let wanted = judge.want(block.root, false, Hint::Number);
-            kinds.finish(scope, blocks, block, meanings, wanted, findings);
+            if let Some(most) = kinds.finish(scope, block, wanted) {
+                findings.push(too_variable(scope, blocks, block, meanings, &kinds, known, most));
+            }
         }
         kinds
     }
@@ -81,15 +85,8 @@ impl Kinds {
     }
 
     /// Compares what a block depends on with what its owner allows, and says what its name stands for.
-    fn finish(
-        &mut self,
-        scope: &Scope<'_>,
-        blocks: &Blocks,
-        block: &Block,
-        meanings: &[Meaning],
-        sound: bool,
-        findings: &mut Vec<Diagnostic>,
-    ) {
+    /// The most that is allowed, when it depends on more.
+    fn finish(&mut self, scope: &Scope<'_>, block: &Block, sound: bool) -> Option<Level> {
         let root = &mut self.nodes[block.root.0 as usize];
         root.broken |= !sound;
         let most = match block.owner {
@@ -98,13 +95,11 @@ impl Kinds {
                 Role::Param | Role::State => Level::Param,
                 _ => Level::Varying,
             },
-            Owner::Lower(_) | Owner::Upper(_) => Level::Constant,
+            Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Right(_) => Level::Varying,
         };
-        if !root.broken && root.level > most {
-            root.broken = true;
-            findings.push(too_variable(scope, blocks, block, meanings, self, most));
-        }
+        let exceeded = !root.broken && root.level > most;
+        root.broken |= exceeded;
         let root = self.nodes[block.root.0 as usize];
         if let Owner::Value(s) = block.owner {
             match scope.symbols[s].role {
@@ -115,13 +110,14 @@ impl Kinds {
                 Role::State | Role::Input => {}
             }
         }
+        exceeded.then_some(most)
     }
 
     /// The level of a name or of `t`.
     fn level(&self, meaning: Meaning) -> Level {
         match meaning {
             Meaning::Symbol(s) => self.symbols[s].level,
-            Meaning::Time => Level::Varying,
+            Meaning::Time | Meaning::Record(_) => Level::Varying,
             _ => Level::Constant,
         }
     }
@@ -166,6 +162,7 @@ impl Judge<'_, '_> {
             }
             Expr::Call(_, arguments) => {
                 let mut fact = self.joined(arguments, false, false, Hint::Number);
+                fact.level = fact.level.max(self.kinds.level(meaning));
                 fact.broken |= meaning == Meaning::Broken;
                 if meaning == Meaning::Function(Function::Delay) && !fact.broken {
                     fact.broken = !self.steady_delay(arguments[1]);
@@ -233,12 +230,14 @@ fn too_variable(
     block: &Block,
     meanings: &[Meaning],
     kinds: &Kinds,
+    known: &[Known],
     most: Level,
 ) -> Diagnostic {
     let mut culprits = blocks.nodes(block).iter().filter(|e| kinds.level(meanings[e.0 as usize]) > most);
     let culprit = culprits.next().copied().unwrap_or(block.root);
     let what = match meanings[culprit.0 as usize] {
         Meaning::Symbol(s) => format!("the {} `{}`", scope.symbols[s].role.keyword(), scope.symbols[s].name()),
+        Meaning::Record(s) => format!("the record of `{}`", scope.symbols[s].name()),
         _ => "the time `t`".to_string(),
     };
     let span = scope.tree.span(culprit);
@@ -259,6 +258,10 @@ fn too_variable(
             };
             let message = format!("{subject} `{}` cannot depend on {what}", symbol.name());
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
+        }
+        Owner::Known(k) => {
+            let message = format!("{} cannot depend on {what}", known[k].words(scope));
+            Diagnostic::new(Code::NotConstant, span, message).hint("it is made of numbers and consts")
         }
         Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
     }

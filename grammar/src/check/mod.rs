@@ -14,10 +14,12 @@ mod expressions;
 mod functions;
 mod influence;
 mod kinds;
+mod knowledge;
 mod measures;
 mod model;
 mod names;
 mod order;
+mod records;
 mod remedies;
 mod start;
 mod unchecked;
@@ -29,7 +31,6 @@ mod tests;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::syntax::{Role, SyntaxTree};
-use equations::Equation;
 use expressions::{Expressions, Indices};
 use kinds::Kinds;
 use names::Scope;
@@ -58,22 +59,24 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     declarations::attributes(scope, findings);
     outputs(scope, findings);
 
-    let mut blocks = Blocks::new(scope, &equations);
+    let known = knowledge::read(scope, findings);
+    let mut blocks = Blocks::new(scope, &equations, &known);
     let meanings = names::resolve(scope, &blocks, findings);
     let circular = order::sort(scope, &mut blocks, &meanings, findings);
-    let kinds = Kinds::new(scope, &blocks, &meanings, &circular, findings);
-    let indices = Indices::new(scope, &kinds);
+    let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
+    let indices = Indices::new(scope, &meanings, &kinds);
 
-    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();
     start::check(scope, &kinds, &expressions, &start, findings);
-    delayed_states(scope, &blocks, &equations, &kinds, &mut expressions, findings);
     let checked = units::Checked {
         scope,
         blocks: &blocks,
         equations: &equations,
+        known: &known,
         meanings: &meanings,
         kinds: &kinds,
         expressions: &expressions,
@@ -88,7 +91,9 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
+    let mut model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
+    model::learn(&mut model, knowledge);
+    records::circular(scope, &model, findings);
     influence::without_influence(scope, &blocks, &meanings, &model, findings);
     Some(model)
 }
@@ -103,29 +108,5 @@ fn outputs(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
         let message = format!("the model `{}` has no output", name.text);
         let finding = Diagnostic::new(Code::NoOutput, name.span, message);
         findings.push(finding.hint("`output y = ...;` says what is measured"));
-    }
-}
-
-/// Delays of states make delay differential equations, which are not compiled yet.
-fn delayed_states(
-    scope: &Scope<'_>,
-    blocks: &Blocks,
-    equations: &[Equation],
-    kinds: &Kinds,
-    expressions: &mut Expressions,
-    findings: &mut Vec<Diagnostic>,
-) {
-    for block in &blocks.list {
-        let order::Owner::Right(k) = block.owner else { continue };
-        if kinds.of(block.root).broken || !expressions.has_delayed_state(expressions.of(block.root)) {
-            continue;
-        }
-        // the first node with a delayed state is the delay itself, or the name that stands for it
-        let delayed =
-            |e: &&crate::syntax::ExprRef| !kinds.of(**e).broken && expressions.has_delayed_state(expressions.of(**e));
-        let place = blocks.nodes(block).iter().find(delayed).copied().unwrap_or(equations[k].right);
-        let message = "a delayed state in an equation makes a delay differential equation, which is not compiled yet";
-        let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(place), message);
-        findings.push(finding.hint("delays of inputs, and delays in outputs, are compiled"));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::functions::{self, Function};
 use super::order::Blocks;
+use super::records;
 use crate::diagnostic::{Code, Diagnostic, Label};
 use crate::source::Span;
 use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
@@ -55,6 +56,10 @@ pub(super) enum Meaning {
     None,
     /// A declared name.
     Symbol(SymbolId),
+    /// `measured(y)`: the record of this output.
+    Record(SymbolId),
+    /// A name that is only referred to: what it stands for does not enter.
+    Quoted,
     /// `t`
     Time,
     /// `pi`
@@ -94,7 +99,7 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
-                StatementKind::Equation(..) => {}
+                StatementKind::Equation(..) | StatementKind::Prior(_) | StatementKind::Noise(_) => {}
             }
         }
         scope
@@ -209,7 +214,14 @@ pub(super) fn resolve(scope: &Scope<'_>, blocks: &Blocks, findings: &mut Vec<Dia
         let span = scope.tree.span(*e);
         meanings[e.0 as usize] = match scope.tree.expr(*e) {
             Expr::Name(name) => resolver.name(name, span),
-            Expr::Call(name, arguments) => resolver.call(name, arguments, span),
+            Expr::Call(name, arguments) => {
+                let meaning = resolver.call(name, arguments, span);
+                if let (Meaning::Record(_), [argument]) = (meaning, &arguments[..]) {
+                    // the output itself is not needed: it may contain the record
+                    meanings[argument.0 as usize] = Meaning::Quoted;
+                }
+                meaning
+            }
             _ => Meaning::None,
         };
     }
@@ -277,6 +289,15 @@ impl<'a> Resolver<'a, '_> {
             self.findings.push(derivative_elsewhere(self.scope, arguments[0], span));
             return Meaning::Broken;
         }
+        if function == Function::Measured {
+            return match records::output(self.scope, arguments[0], span) {
+                Ok(output) => Meaning::Record(output),
+                Err(finding) => {
+                    self.findings.extend(finding);
+                    Meaning::Broken
+                }
+            };
+        }
         Meaning::Function(function)
     }
 }
@@ -299,10 +320,7 @@ fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     let text = &name.text;
     if functions::is_planned(text) {
         let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
-        return Diagnostic::new(Code::Unsupported, name.span, message).hint(match text.as_str() {
-            "measured" => "declare an `input` for the recorded channel",
-            _ => "write its equations with a `state`",
-        });
+        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
     }
     let message = format!("`{text}` is not a function");
     let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);

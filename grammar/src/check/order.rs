@@ -1,6 +1,7 @@
 //! The expressions of a model as blocks, in an order in which every name is defined before it is used.
 
 use super::equations::Equation;
+use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{Expr, ExprRef, Role, Value};
@@ -18,6 +19,8 @@ pub(super) enum Owner {
     Upper(SymbolId),
     /// The right side of an equation, by index.
     Right(usize),
+    /// A number of a `prior` or `noise`, by index.
+    Known(usize),
 }
 
 /// One whole expression of the text.
@@ -40,8 +43,8 @@ pub(super) struct Blocks {
 }
 
 impl Blocks {
-    /// Collects declarations and equations.
-    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation]) -> Self {
+    /// Collects declarations, equations, and what is known.
+    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation], known: &[Known]) -> Self {
         let mut blocks = Self::default();
         let mut seen = vec![false; scope.tree.expressions.len()];
         let mut add = |owner, root| blocks.add(scope, &mut seen, owner, root);
@@ -57,6 +60,7 @@ impl Blocks {
         for (k, equation) in equations.iter().enumerate() {
             add(Owner::Right(k), equation.right);
         }
+        known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
         blocks
     }
 

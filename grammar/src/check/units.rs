@@ -6,9 +6,11 @@ use super::equations::Equation;
 use super::expressions::Expressions;
 use super::functions::Function;
 use super::kinds::{Kinds, Level};
+use super::knowledge::Known;
 use super::measures::{Measure, Measures, OutOfRange, factor_between};
 use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
+use super::records;
 use super::remedies;
 use super::unchecked::{Ledger, Survey};
 use crate::diagnostic::{Code, Diagnostic};
@@ -21,6 +23,7 @@ pub(super) struct Checked<'a, 'b> {
     pub(super) scope: &'b Scope<'a>,
     pub(super) blocks: &'b Blocks,
     pub(super) equations: &'b [Equation],
+    pub(super) known: &'b [Known],
     pub(super) meanings: &'b [Meaning],
     pub(super) kinds: &'b Kinds,
     pub(super) expressions: &'b Expressions,
@@ -40,7 +43,7 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
         for e in checked.blocks.nodes(block) {
             let measure = pass.node(*e);
             pass.nodes[e.0 as usize] = measure;
-            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_)) {
+            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_) | Meaning::Record(_)) {
                 pass.ledger.see(&mut survey, scope.tree.span(*e), measure);
             }
         }
@@ -99,6 +102,7 @@ impl Pass<'_, '_, '_> {
             Expr::If(_, a, b) => self.agree(&[*a, *b], "the branches of `if`"),
             Expr::Call(name, arguments) => match meaning {
                 Meaning::Function(function) => self.call(function, &name.text, arguments, e),
+                Meaning::Record(output) => self.record(output),
                 _ => Measure::Broken,
             },
         }
@@ -186,7 +190,7 @@ impl Pass<'_, '_, '_> {
                 self.delay(arguments[1]);
                 first
             }
-            Function::Der => self.of(e),
+            Function::Der | Function::Measured => self.of(e),
         }
     }
 
@@ -271,6 +275,15 @@ impl Pass<'_, '_, '_> {
         }
     }
 
+    /// The record of an output is in the output's declared unit; without one, in that of the state that it is.
+    fn record(&mut self, output: SymbolId) -> Measure {
+        let scope = self.checked.scope;
+        match (declared(scope, &mut self.measures, output), records::state_shown(scope, output)) {
+            (Measure::Unknown(_), Some(state)) => self.symbols[state],
+            (measure, _) => measure,
+        }
+    }
+
     fn delay(&mut self, tau: ExprRef) {
         if let (Some(time), measure) = (self.time, self.of(tau))
             && let Err((x, y)) = self.measures.agreed(time, measure)
@@ -307,6 +320,10 @@ impl Pass<'_, '_, '_> {
                 }
             }
             Owner::Lower(s) | Owner::Upper(s) => self.compare(s, value, block.root, "this bound"),
+            Owner::Known(k) => {
+                let known = self.checked.known[k];
+                self.compare(known.symbol, value, block.root, &known.words(scope));
+            }
             Owner::Right(k) => self.equation(k, value, survey),
         }
     }

@@ -18,6 +18,7 @@ pub(super) enum Want {
     Name,
     Run,
     Equals,
+    Tilde,
     Bracket,
     Then,
     Else,
@@ -42,6 +43,7 @@ impl Want {
             Self::Name => "a name",
             Self::Run => "`run`",
             Self::Equals => "`=`",
+            Self::Tilde => "`~`",
             Self::Bracket => "`[`",
             Self::Then => "`then`",
             Self::Else => "`else`",
@@ -113,6 +115,8 @@ impl Expected<'_> {
         match self.word(first) {
             "der" => format!("the equation of `{}`", name(first + 2)),
             "time" => "the unit of time".into(),
+            "prior" => format!("the prior of `{}`", name(self.last_declared().unwrap_or(first + 1))),
+            "noise" => format!("the noise of `{}`", name(self.last_declared().unwrap_or(first + 1))),
             _ if self.word(first + 1) == "=" => format!("the equation of `{}`", name(first)),
             "input" | "state" | "param" | "const" | "let" | "output" => match self.last_declared() {
                 Some(at) => format!("the declaration of `{}`", name(at)),

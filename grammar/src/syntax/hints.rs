@@ -10,7 +10,8 @@ impl Expected<'_> {
     pub(super) fn hint(&self) -> Option<String> {
         let (word, before) =
             (self.word(self.at), if self.at > self.statement.start { self.word(self.at - 1) } else { "" });
-        self.decimal_comma()
+        self.knowledge()
+            .or_else(|| self.decimal_comma())
             .or_else(|| self.prime(word, before))
             .or_else(|| self.foreign(word, before).map(String::from))
             .or_else(|| self.misspelt_word(word))
@@ -60,7 +61,9 @@ impl Expected<'_> {
             "=>" => "write `>=`",
             "+=" | "-=" | "*=" | "/=" => "an equation is written `left = right`",
             ")" if self.wants(Want::End) => "no `(` is open here",
-            "~" => "what is measured is written `output y = ...;`, its noise is estimated",
+            "~" => {
+                "what is measured is written `output y = ...`, what is known before `prior a ~ normal(mean, deviation)`"
+            }
             "elseif" | "elsif" | "elif" if self.wants(Want::Else) => "write `else if`",
             "end" | "endif" if self.wants(Want::Infix) => "a choice ends by itself: `if c then a else b`",
             _ if before == "der" => "a derivative is written `der(x)`",
@@ -99,6 +102,16 @@ impl Expected<'_> {
             }
             _ => None,
         }
+    }
+
+    /// `prior a = ...`, `noise y;`
+    fn knowledge(&self) -> Option<String> {
+        let (wanted, form) = match self.word(self.statement.start) {
+            "prior" => (Want::Tilde, "a prior is written `prior a ~ normal(mean, deviation)`"),
+            "noise" => (Want::Equals, "known noise is written `noise y = deviation`"),
+            _ => return None,
+        };
+        self.wants(wanted).then(|| form.into())
     }
 
     /// Forms that lack a part.

@@ -91,14 +91,17 @@ fn read(rule: Rule, text: &str, offset: usize) -> Result<Pair<'_, Rule>, Refusal
 /// What a rule that did not match would have been, in the words of messages.
 fn want(rule: Rule) -> Option<Want> {
     Some(match rule {
-        Rule::expression | Rule::number | Rule::sign | Rule::choice | Rule::group | Rule::value => Want::Expression,
-        Rule::name | Rule::declaration => Want::Name,
+        Rule::expression | Rule::number | Rule::sign | Rule::choice | Rule::group | Rule::value | Rule::belief => {
+            Want::Expression
+        }
+        Rule::name | Rule::declaration | Rule::deviation => Want::Name,
         Rule::infix | Rule::arguments => Want::Infix,
         Rule::doc => Want::Doc,
         Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per => Want::Attribute,
         Rule::unit => Want::Unit,
         Rule::word_run => Want::Run,
         Rule::equals => Want::Equals,
+        Rule::tilde => Want::Tilde,
         Rule::comma => Want::Comma,
         Rule::close => Want::Close,
         Rule::bracket => Want::Bracket,
@@ -109,6 +112,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
+        Rule::prior | Rule::noise => Want::Statement,
         _ => return None,
     })
 }
@@ -135,11 +139,33 @@ impl Build<'_> {
                 StatementKind::Declare(role, names.filter_map(|p| self.declaration(p)).collect())
             }
             Rule::time => StatementKind::Time(word(&parts.nth(1)?, self.offset, 1)),
+            Rule::prior => {
+                let beliefs = parts.filter(|p| p.as_rule() == Rule::belief);
+                StatementKind::Prior(beliefs.filter_map(|p| self.belief(p)).collect())
+            }
+            Rule::noise => {
+                let deviations = parts.filter(|p| p.as_rule() == Rule::deviation);
+                StatementKind::Noise(deviations.filter_map(|p| self.deviation(p)).collect())
+            }
             _ => {
                 let left = self.expression(parts.next()?)?;
                 StatementKind::Equation(left, self.expression(parts.nth(1)?)?)
             }
         })
+    }
+
+    /// `a ~ normal(mean, deviation)`
+    fn belief(&mut self, pair: Pair<Rule>) -> Option<(ExprRef, ExprRef)> {
+        let mut parts = pair.into_inner();
+        let subject = self.expression(parts.next()?)?;
+        Some((subject, self.expression(parts.nth(1)?)?))
+    }
+
+    /// `y = deviation`
+    fn deviation(&mut self, pair: Pair<Rule>) -> Option<(Name, ExprRef)> {
+        let mut parts = pair.into_inner();
+        let output = word(&parts.next()?, self.offset, 0);
+        Some((output, self.expression(parts.nth(1)?)?))
     }
 
     fn declaration(&mut self, pair: Pair<Rule>) -> Option<Declaration> {

@@ -247,7 +247,6 @@ impl<'a> Slips<'a> {
 /// What does the work of a statement that is not compiled yet.
 fn instead(word: &str) -> Option<&'static str> {
     Some(match word {
-        "noise" => "the noise is estimated; a known standard deviation is given with `--noise NAME=DEVIATION`",
         "tie" => "`param a = b;` defines one param by another",
         "use" => "write the equations of the other model here",
         _ => return None,

@@ -168,6 +168,10 @@ pub enum StatementKind {
     Equation(ExprRef, ExprRef),
     /// `time [unit];`: the unit of `t` and of the time in `der`; seconds when not given
     Time(Name),
+    /// `prior a ~ normal(mean, deviation), ...;`: a param or `x(0)`, and a distribution
+    Prior(Vec<(ExprRef, ExprRef)>),
+    /// `noise y = deviation, ...;`
+    Noise(Vec<(Name, ExprRef)>),
 }
 
 /// A statement and its place, the semicolon included.

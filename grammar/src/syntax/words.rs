@@ -3,7 +3,7 @@
 /// What a word of the language is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WordUse {
-    /// Begins a statement: `model`, `time` and the kinds of declarations.
+    /// Begins a statement: `model`, `time`, `prior`, `noise` and the kinds of declarations.
     Statement,
     /// Begins a statement that the language describes and this version does not compile.
     Planned,
@@ -36,9 +36,9 @@ words! {
     "let"    Statement;
     "output" Statement;
     "time"   Statement;
+    "prior"  Statement;
+    "noise"  Statement;
     "trim"   Planned;
-    "noise"  Planned;
-    "prior"  Planned;
     "tie"    Planned;
     "table"  Planned;
     "use"    Planned;

@@ -212,10 +212,12 @@ fn delays() {
             &["2:21 E0406 this delay is -1 at the start values of the params; a delay is 0 or more"],
         ),
         (
-            "state z; der(z) = delay(x, 1); output w = z;",
-            &[
-                "2:19 E0405 a delayed state in an equation makes a delay differential equation, which is not compiled yet; delays of inputs, and delays in outputs, are compiled",
-            ],
+            "state z; param d = -2; der(z) = -delay(z, d); output w = z;",
+            &["2:16 E0406 `d` is a delay and cannot be negative, it starts at -2; start at 0 or above"],
+        ),
+        (
+            "state z; der(z) = -delay(z, abs(z)); output w = z;",
+            &["2:29 E0406 a delay must not change during the run; it may depend on params, consts and numbers only"],
         ),
     ]);
 }
@@ -331,4 +333,187 @@ fn statements_that_could_not_be_read_have_no_consequences() {
     let tree = tree.expect("a partial tree");
     assert!(!findings.is_empty());
     assert_eq!(crate::check::check(&tree).map(|(m, _)| m.name), Err(Vec::new()), "K and z are excused");
+}
+
+#[test]
+fn records() {
+    same(&[
+        ("output w = measured(y);", &[]),
+        ("output w = measured(x)*delay(measured(y), a);", &[]),
+        (
+            "output w = measured(2*x);",
+            &[
+                "2:12 E0207 `measured` is the record of an output, taken by its name; `output y = ...;` names the expression, `measured(y)` is its record",
+            ],
+        ),
+        ("output w = measured(q);", &["2:21 E0201 `q` is not declared"]),
+        ("output w = measured(u);", &["2:12 E0207 `u` is an input, which is recorded anyway; write `u`"]),
+        (
+            "output w = measured(a);",
+            &["2:12 E0207 `a` is a param; only outputs have a record; `measured(y)` is the record of the output `y`"],
+        ),
+        ("output w = measured(x, y);", &["2:12 E0205 `measured` takes 1 argument, 2 given; `measured(y)`"]),
+        (
+            "output w = x, v = measured(x);",
+            &["2:19 E0207 the state `x` is measured by several outputs: `y`, `w`; name one: `measured(y)`"],
+        ),
+        (
+            "state z; der(z) = -measured(z); output w = 2*z;",
+            &[
+                "2:20 E0207 no output is the state `z` itself, so that its record is not known; name an output, or add `output z_m = z;`",
+            ],
+        ),
+        (
+            "output w = x - 2*measured(w);",
+            &[
+                "2:8 W0704 the output `w` contains its own record, so that it is compared with itself; use the simulated value there, or the record of another output",
+            ],
+        ),
+        ("output w = x - delay(measured(w), 1);", &[]),
+        (
+            "state z = measured(y); der(z) = a*z; output w = z;",
+            &[
+                "2:11 E0305 the initial value of `z` cannot depend on the record of `y`; it may depend on params; `state z = free` estimates it",
+            ],
+        ),
+        (
+            "output w = delay(x, measured(y));",
+            &["2:21 E0406 a delay must not change during the run; it may depend on params, consts and numbers only"],
+        ),
+        ("param measured = 1;", &["2:7 E0203 `measured` is a function and cannot be declared; choose another name"]),
+    ]);
+}
+
+#[test]
+fn priors_and_noise() {
+    same(&[
+        ("prior a ~ normal(1, 0.1); noise y = 2*0.01;", &[]),
+        ("state z = free; der(z) = a; output w = z; prior z(0) ~ normal(0, 1);", &[]),
+        ("prior b ~ normal(1, 0.1);", &["2:7 E0201 `b` is not declared"]),
+        ("prior aa ~ normal(1, 0.1);", &["2:7 E0201 `aa` is not declared; did you mean `a`?"]),
+        (
+            "prior u ~ normal(1, 0.1);",
+            &[
+                "2:7 E0207 `u` is an input; a prior is known of a param or of an initial value; `prior a ~ normal(1, 0.1);` where `a` is a param",
+            ],
+        ),
+        (
+            "prior x ~ normal(1, 0.1);",
+            &[
+                "2:7 E0207 `x` is a state; a prior is known of a param or of an initial value; `prior x(0) ~ ...` is about its initial value",
+            ],
+        ),
+        (
+            "prior x(0) ~ normal(1, 0.1);",
+            &[
+                "2:7 E0207 the initial value of `x` is not estimated by itself, so that it has no prior; `state x = free;` estimates it; a param that it is made of has its own prior",
+            ],
+        ),
+        (
+            "prior 2*a ~ normal(1, 0.1);",
+            &[
+                "2:7 E0207 a prior is known of a param or of an initial value; `prior a ~ normal(1, 0.1);`, `prior x(0) ~ normal(1, 0.1);`",
+            ],
+        ),
+        (
+            "prior x(1) ~ normal(1, 0.1);",
+            &[
+                "2:7 E0207 a prior is known of a param or of an initial value; `prior a ~ normal(1, 0.1);`, `prior x(0) ~ normal(1, 0.1);`",
+            ],
+        ),
+        (
+            "param b = 2*a; output w = b; prior b ~ normal(1, 0.1);",
+            &[
+                "2:36 E0207 `b` is defined by other params, so that it has no prior of its own; give priors for the params in its definition",
+            ],
+        ),
+        (
+            "param b = 2 fixed; output w = b; prior b ~ normal(1, 0.1);",
+            &["2:40 W0702 the prior of `b` is not used while it is fixed; remove `fixed`, or the prior"],
+        ),
+        (
+            "prior a ~ normal(1, 0);",
+            &[
+                "2:21 E0302 the deviation of the prior of `a` is 0, and must be above 0; what is known exactly is a value: `param a = ... fixed;`",
+            ],
+        ),
+        (
+            "prior a ~ normal(1, -1);",
+            &[
+                "2:21 E0302 the deviation of the prior of `a` is -1, and must be above 0; what is known exactly is a value: `param a = ... fixed;`",
+            ],
+        ),
+        (
+            "prior a ~ normal(1, 1/0);",
+            &[
+                "2:21 E0407 this value is infinite; look for a division by zero, an overflow, or a root or logarithm of a negative number",
+            ],
+        ),
+        (
+            "prior a ~ normal(a, 1);",
+            &[
+                "2:18 E0305 the mean of the prior of `a` cannot depend on the param `a`; it is made of numbers and consts",
+            ],
+        ),
+        (
+            "prior a ~ normal(1, u);",
+            &[
+                "2:21 E0305 the deviation of the prior of `a` cannot depend on the input `u`; it is made of numbers and consts",
+            ],
+        ),
+        ("prior a ~ normal(1);", &["2:11 E0205 `normal` takes 2 arguments, 1 given; `normal(mean, deviation)`"]),
+        (
+            "prior a ~ normall(1, 2);",
+            &["2:11 E0204 `normall` is not a distribution that priors have; did you mean `normal`?"],
+        ),
+        (
+            "prior a ~ gauss(1, 2);",
+            &["2:11 E0204 `gauss` is not a distribution that priors have; write `normal(mean, deviation)`"],
+        ),
+        (
+            "prior a ~ uniform(1, 2);",
+            &[
+                "2:11 E0204 `uniform` is not a distribution that priors have; bounds hold what is equally likely: `param a = 1 in [0, 2];`",
+            ],
+        ),
+        (
+            "prior a ~ beta(1, 2);",
+            &["2:11 E0204 `beta` is not a distribution that priors have; priors are `normal(mean, deviation)`"],
+        ),
+        ("prior a ~ 3;", &["2:11 E0207 a prior is a distribution; `normal(mean, deviation)`"]),
+        (
+            "prior a ~ normal(1, 2), a ~ normal(1, 2);",
+            &["2:25 E0202 the prior of `a` is given a second time; remove one of them"],
+        ),
+        ("prior a ~ normal(1, b);", &["2:21 E0201 `b` is not declared"]),
+        (
+            "prior a ~ normal(1, 2 > 1);",
+            &[
+                "2:21 E0502 a number is needed here, this is a condition; `if condition then 1 else 0` makes it a number",
+            ],
+        ),
+        ("noise yy = 1;", &["2:7 E0201 `yy` is not declared; did you mean `y`?"]),
+        (
+            "noise x = 1;",
+            &["2:7 E0207 `x` is a state; noise is known of outputs; `noise y = 0.1;` where `y` is an output"],
+        ),
+        (
+            "noise u = 1;",
+            &["2:7 E0207 `u` is an input; noise is known of outputs; `noise y = 0.1;` where `y` is an output"],
+        ),
+        (
+            "noise y = 0;",
+            &["2:11 E0302 the noise of `y` is 0, and must be above 0; without this statement the noise is estimated"],
+        ),
+        (
+            "noise y = a;",
+            &["2:11 E0305 the noise of `y` cannot depend on the param `a`; it is made of numbers and consts"],
+        ),
+        (
+            "noise y = t;",
+            &["2:11 E0305 the noise of `y` cannot depend on the time `t`; it is made of numbers and consts"],
+        ),
+        ("noise y = 1; noise y = 2;", &["2:20 E0202 the noise of `y` is given a second time; remove one of them"]),
+        ("const s = 0.1; noise y = s;", &[]),
+    ]);
 }

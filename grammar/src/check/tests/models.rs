@@ -144,6 +144,26 @@ fn delays_reach_the_signals() {
     assert_eq!(at(model.outputs[1].expr), a);
 }
 
+/// `delay(x*u, tau)` and a delay of it in equations of states: delayed signals, with their partials.
+#[test]
+fn delays_of_states_enter_equations() {
+    let text = "model m { input u; state x = 1, z; param tau = 0.1, k = 2, sigma = 0.2 in [0, 1];
+        let product = delay(x*u, tau);
+        der(x) = -k*product; der(z) = delay(product, sigma) - delay(z, 0) + delay(x, tau); output y = z; }";
+    let compiled = crate::compile(&crate::Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+    let model = &compiled.model;
+    let seen: Vec<_> = model.graph.delayed().iter().map(|d| (d.signal, show(&model.graph, d.tau, model))).collect();
+    let (x, u) = (Signal::State(0), Signal::Input(0));
+    assert_eq!(seen.iter().map(|(s, _)| *s).collect::<Vec<_>>(), [u, x, u, x]);
+    assert_eq!(seen.iter().map(|(_, t)| t.as_str()).collect::<Vec<_>>(), ["tau", "tau", "tau + sigma", "tau + sigma"]);
+    let entries = |pattern: &crate::Pattern| pattern.entries().map(|(_, i, j)| (i, j)).collect::<Vec<_>>();
+    let patterns = &compiled.schedule.layout.patterns;
+    assert_eq!(entries(&patterns.rates_by_delayed), [(0, 0), (0, 1), (1, 1), (1, 2), (1, 3)]);
+    assert_eq!(entries(&patterns.rates_by_state), [(1, 1)], "a delay of nothing is the state itself");
+    assert_eq!(entries(&patterns.tau_by_param), [(0, 0), (1, 0), (2, 0), (2, 2), (3, 0), (3, 2)]);
+    assert!(compiled.warnings.is_empty(), "tau acts on the output through the states: {:?}", compiled.warnings);
+}
+
 #[test]
 fn branches_that_are_never_taken_may_be_infinite() {
     let model = good("const a = 0; state x; der(x) = if a > 0 then 1/a else x; output y = x;");
@@ -167,4 +187,38 @@ fn a_checked_model_compiles() {
     assert!(compiled.warnings.is_empty(), "{:?}", compiled.warnings);
     let layout = &compiled.schedule.layout;
     assert_eq!((layout.states, layout.inputs, layout.params, layout.outputs, layout.delayed.len()), (2, 1, 5, 2, 1));
+}
+
+#[test]
+fn records_are_hidden_inputs_behind_the_declared_ones() {
+    let model = good(
+        "state x \"level\" [m], z [m]; const c = 1 [1/s]; param tau = 0.5 [s];
+        der(x) = c*measured(z_m) - c*delay(measured(x), tau); der(z) = c*measured(y); input u [m];
+        let shown = x; output z_m [m] = z + u; output y \"depth\" [m] = shown;",
+    );
+    let inputs: Vec<_> = model.inputs.iter().map(|i| (i.quantity.name.as_str(), i.measured)).collect();
+    assert_eq!(inputs, [("u", None), ("measured(z_m)", Some(0)), ("measured(y)", Some(1))]);
+    assert_eq!(model.inputs[2].quantity.unit.as_ref().map(|u| u.text()), Some("m"));
+    assert_eq!(model.inputs[2].quantity.doc, "depth");
+    let rates: Vec<_> = model.states.iter().map(|s| show(&model.graph, s.rate, &model)).collect();
+    assert_eq!(rates, ["measured(z_m) - delay(measured(y), tau)", "measured(y)"]);
+}
+
+#[test]
+fn an_output_may_contain_a_record_of_another_and_they_each_other() {
+    let model = good("state x; der(x) = -x; output a = x + measured(b), b = x - measured(a);");
+    assert_eq!(model.inputs.len(), 2);
+    assert_eq!(show(&model.graph, model.outputs[0].expr, &model), "x + measured(b)");
+}
+
+#[test]
+fn what_is_known_is_in_the_model() {
+    let model = good(
+        "const s = 0.1; state x = free, z = free; param a = 1, b = 2 per run, k = 3 fixed; der(x) = -a*x + k; der(z) = b;
+        output y = x, w = z; prior b ~ normal(2*s, s^2), z(0) ~ normal(-1, 3); noise w = 3*s; prior k ~ normal(3, 1);",
+    );
+    let prior = |name| model.params[model.param(name).unwrap()].prior.map(|p| (p.mean, p.deviation));
+    assert_eq!((prior("a"), prior("x(0)"), prior("z(0)")), (None, None, Some((-1.0, 3.0))));
+    assert_eq!((prior("b"), prior("k")), (Some((0.2, 0.1 * 0.1)), Some((3.0, 1.0))));
+    assert_eq!(model.outputs.iter().map(|o| o.noise).collect::<Vec<_>>(), [None, Some(3.0 * 0.1)]);
 }

@@ -240,3 +240,42 @@ fn the_example_of_the_language_page_needs_one_more_second() {
     assert_eq!(told(text), [want]);
     assert_eq!(told(&text.replace("[1/s^2];", "[1/s^3];")), Vec::<String>::new());
 }
+
+#[test]
+fn records_priors_and_noise() {
+    same(&[
+        ("output d [m/s] = v; state z [m]; der(z) = measured(d) + v;", &[]),
+        (
+            "output d [m] = x; state z [m]; der(z) = measured(x) + v;",
+            &["2:53 E0602 m and m/s cannot be added; a factor in s lies between them"],
+        ),
+        ("output d [m] = x; noise d = 0.1; prior b ~ normal(1, 0.1);", &[]),
+        (
+            "output d [m] = x; const s = 1 [ft]; noise d = s;",
+            &[
+                "2:47 E0602 `d` is declared in m, the noise of `d` is in ft; they differ by the factor 3.28084 (1 m is 3.28084 ft); convert with a constant, `const c = 0.3048 [m/ft];`",
+            ],
+        ),
+        (
+            "const s = 1 [m]; prior b ~ normal(s, 2*s);",
+            &[
+                "2:35 E0602 `b` is declared in 1, the mean of the prior of `b` is in m; a factor in 1/m lies between them",
+                "2:38 E0602 `b` is declared in 1, the deviation of the prior of `b` is in m; a factor in 1/m lies between them",
+            ],
+        ),
+        (
+            "state z [ft] = free; der(z) = 2*z*q; output d [ft] = z; const s = 1 [m]; prior z(0) ~ normal(0, s);",
+            &[
+                "2:97 E0602 `z` is declared in ft, the deviation of the prior of `z(0)` is in m; they differ by the factor 3.28084 (1 m is 3.28084 ft); convert with a constant, `const c = 3.280839895013123 [ft/m];`",
+            ],
+        ),
+        // without a unit of its own the record is in that of the state
+        ("output d = x, f [m] = measured(d) + x;", &[]),
+        (
+            "output d = 2*x, f [m] = measured(d) + x;",
+            &[
+                "2:8 W0701 `d` has no unit: the units of the output `f` cannot be checked; declare one, such as `[m/s]`, or `[1]` for a pure number",
+            ],
+        ),
+    ]);
+}

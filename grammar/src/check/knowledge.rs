@@ -1,0 +1,267 @@
+//! What is known beside the data: `prior a ~ normal(mean, deviation);` and `noise y = deviation;`.
+
+use super::expressions::{Expressions, Indices};
+use super::kinds::Kinds;
+use super::names::{Scope, Symbol, SymbolId};
+use crate::diagnostic::{Code, Diagnostic, nearest};
+use crate::model::Prior;
+use crate::source::Span;
+use crate::syntax::{Expr, ExprRef, Name, Role, StatementKind, Value};
+
+/// What a number says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// The mean of a prior.
+    Mean,
+    /// The standard deviation of a prior.
+    Deviation,
+    /// The standard deviation of an output's noise.
+    Noise,
+}
+
+/// A number that is known about a param, the initial value of a state, or an output.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known {
+    pub(super) part: Part,
+    /// About what: a param, a state (its initial value) or an output.
+    pub(super) symbol: SymbolId,
+    /// Where that stands.
+    subject: Span,
+    pub(super) root: ExprRef,
+}
+
+impl Known {
+    /// In messages: "the mean of the prior of `a`".
+    pub(super) fn words(&self, scope: &Scope<'_>) -> String {
+        let symbol = &scope.symbols[self.symbol];
+        let name = if symbol.role == Role::State { format!("{}(0)", symbol.name()) } else { symbol.name().into() };
+        match self.part {
+            Part::Mean => format!("the mean of the prior of `{name}`"),
+            Part::Deviation => format!("the deviation of the prior of `{name}`"),
+            Part::Noise => format!("the noise of `{name}`"),
+        }
+    }
+}
+
+/// Reads all statements of knowledge; each subject has one at most.
+pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Known> {
+    let mut reader = Reader { scope, findings, first: vec![None; scope.symbols.len()], guesses: 0, known: Vec::new() };
+    for statement in &scope.tree.statements {
+        match &statement.kind {
+            StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
+            StatementKind::Noise(list) => list.iter().for_each(|(output, value)| reader.noise(output, *value)),
+            _ => {}
+        }
+    }
+    reader.known
+}
+
+struct Reader<'a, 'b> {
+    scope: &'b Scope<'a>,
+    findings: &'b mut Vec<Diagnostic>,
+    /// By symbol: where something was said about it first.
+    first: Vec<Option<Span>>,
+    guesses: usize,
+    known: Vec<Known>,
+}
+
+impl Reader<'_, '_> {
+    fn tell(&mut self, code: Code, span: Span, message: impl Into<String>, hint: impl Into<String>) {
+        self.findings.push(Diagnostic::new(code, span, message).hint(hint));
+    }
+
+    fn prior(&mut self, subject: ExprRef, value: ExprRef) {
+        let subject = self.prior_subject(subject);
+        let (Some((s, span)), Some([mean, deviation])) = (subject, self.normal(value)) else { return };
+        if self.is_first(s, span, "prior") {
+            self.known.push(Known { part: Part::Mean, symbol: s, subject: span, root: mean });
+            self.known.push(Known { part: Part::Deviation, symbol: s, subject: span, root: deviation });
+        }
+    }
+
+    fn noise(&mut self, output: &Name, value: ExprRef) {
+        let scope = self.scope;
+        let Some(s) = self.declared(&output.text, output.span, |s| s.role == Role::Output) else { return };
+        let symbol = &scope.symbols[s];
+        if symbol.role != Role::Output {
+            let message = format!("`{}` is {}; noise is known of outputs", output.text, article(symbol.role));
+            return self.tell(Code::WrongName, output.span, message, "`noise y = 0.1;` where `y` is an output");
+        }
+        if self.is_first(s, output.span, "noise") {
+            self.known.push(Known { part: Part::Noise, symbol: s, subject: output.span, root: value });
+        }
+    }
+
+    /// The symbol of a name; an unknown one is told with the nearest that would do.
+    fn declared(&mut self, name: &str, span: Span, wanted: impl Fn(&Symbol<'_>) -> bool) -> Option<SymbolId> {
+        if let Some(s) = self.scope.find(name) {
+            return Some(s);
+        }
+        if !self.scope.is_suspended(name) {
+            self.guesses += 1;
+            let finding = Diagnostic::new(Code::UnknownName, span, format!("`{name}` is not declared"));
+            let near = self.scope.nearest(name, self.guesses, wanted);
+            self.findings.push(near.into_iter().fold(finding, Diagnostic::hint));
+        }
+        None
+    }
+
+    /// The param, or the state of `x(0)`.
+    fn prior_subject(&mut self, subject: ExprRef) -> Option<(SymbolId, Span)> {
+        let scope = self.scope;
+        let span = scope.tree.span(subject);
+        let (name, initial) = match scope.tree.expr(subject) {
+            Expr::Name(name) => (name, false),
+            Expr::Call(name, arguments) if is_zero(scope, arguments) => (&name.text, true),
+            _ => {
+                self.tell(
+                    Code::WrongName,
+                    span,
+                    "a prior is known of a param or of an initial value",
+                    "`prior a ~ normal(1, 0.1);`, `prior x(0) ~ normal(1, 0.1);`",
+                );
+                return None;
+            }
+        };
+        let s = self.declared(name, span, |s| (s.role == Role::State) == initial && is_estimable(s.role))?;
+        let symbol = &scope.symbols[s];
+        match (symbol.role, initial, symbol.declaration.value) {
+            (Role::Param, false, _) | (Role::State, true, Some(Value::Free(_))) => return Some((s, span)),
+            (Role::State, true, _) => {
+                let message =
+                    format!("the initial value of `{name}` is not estimated by itself, so that it has no prior");
+                let hint = format!("`state {name} = free;` estimates it; a param that it is made of has its own prior");
+                self.tell(Code::WrongName, span, message, hint);
+            }
+            (Role::State, false, _) => {
+                let message = format!("`{name}` is a state; a prior is known of a param or of an initial value");
+                self.tell(
+                    Code::WrongName,
+                    span,
+                    message,
+                    format!("`prior {name}(0) ~ ...` is about its initial value"),
+                );
+            }
+            (role, ..) => {
+                let message =
+                    format!("`{name}` is {}; a prior is known of a param or of an initial value", article(role));
+                self.tell(Code::WrongName, span, message, "`prior a ~ normal(1, 0.1);` where `a` is a param");
+            }
+        }
+        None
+    }
+
+    /// Mean and deviation of `normal(mean, deviation)`.
+    fn normal(&mut self, value: ExprRef) -> Option<[ExprRef; 2]> {
+        let (tree, span) = (self.scope.tree, self.scope.tree.span(value));
+        const FORM: &str = "`normal(mean, deviation)`";
+        match tree.expr(value) {
+            Expr::Call(name, arguments) if name.text == "normal" => match arguments[..] {
+                [mean, deviation] => return Some([mean, deviation]),
+                _ => {
+                    let message = format!("`normal` takes 2 arguments, {} given", arguments.len());
+                    self.tell(Code::ArgumentCount, span, message, FORM);
+                }
+            },
+            Expr::Call(name, _) => {
+                let message = format!("`{}` is not a distribution that priors have", name.text);
+                let hint = match name.text.to_lowercase().as_str() {
+                    "uniform" => "bounds hold what is equally likely: `param a = 1 in [0, 2];`".to_string(),
+                    "gauss" | "gaussian" | "norm" | "n" => format!("write {FORM}"),
+                    lower => match nearest(lower, ["normal"]) {
+                        Some(near) => format!("did you mean `{near}`?"),
+                        None => format!("priors are {FORM}"),
+                    },
+                };
+                self.tell(Code::UnknownFunction, name.span, message, hint);
+            }
+            _ => self.tell(Code::WrongName, span, "a prior is a distribution", FORM),
+        }
+        None
+    }
+
+    fn is_first(&mut self, s: SymbolId, span: Span, what: &str) -> bool {
+        let Some(first) = self.first[s] else {
+            self.first[s] = Some(span);
+            return true;
+        };
+        let message = format!("the {what} of `{}` is given a second time", self.scope.symbols[s].name());
+        let finding = Diagnostic::new(Code::DeclaredTwice, span, message).label(first, "first given here");
+        self.findings.push(finding.hint("remove one of them"));
+        false
+    }
+}
+
+fn is_zero(scope: &Scope<'_>, arguments: &[ExprRef]) -> bool {
+    matches!(arguments, [argument] if *scope.tree.expr(*argument) == Expr::Number(0.0))
+}
+
+fn is_estimable(role: Role) -> bool {
+    matches!(role, Role::Param | Role::State)
+}
+
+fn article(role: Role) -> String {
+    let article = if matches!(role, Role::Input | Role::Output) { "an" } else { "a" };
+    format!("{article} {}", role.keyword())
+}
+
+/// The priors by parameter of the model and the noise by output.
+#[derive(Default)]
+pub(super) struct Knowledge {
+    pub(super) priors: Vec<(u32, Prior)>,
+    pub(super) noise: Vec<(u32, f64)>,
+}
+
+/// The numbers behind all statements, checked: deviations are positive, and what they are about is estimated.
+pub(super) fn values(
+    scope: &Scope<'_>,
+    kinds: &Kinds,
+    indices: &Indices,
+    expressions: &Expressions,
+    known: &[Known],
+    findings: &mut Vec<Diagnostic>,
+) -> Knowledge {
+    let mut knowledge = Knowledge::default();
+    // what is not finite has been told
+    let value = |k: &Known| expressions.constant(k.root).filter(|v| v.is_finite() && !kinds.of(k.root).broken);
+    let mut mean = None;
+    for k in known {
+        if k.part == Part::Mean {
+            mean = value(k);
+            estimated(scope, kinds, k, findings);
+            continue;
+        }
+        let Some(deviation) = value(k) else { continue };
+        if deviation <= 0.0 {
+            let message = format!("{} is {deviation}, and must be above 0", k.words(scope));
+            let finding = Diagnostic::new(Code::NeedlessValue, scope.tree.span(k.root), message);
+            findings.push(finding.hint(match k.part {
+                Part::Noise => "without this statement the noise is estimated".to_string(),
+                _ => {
+                    format!("what is known exactly is a value: `param {} = ... fixed;`", scope.symbols[k.symbol].name())
+                }
+            }));
+        } else if k.part == Part::Noise {
+            knowledge.noise.push((indices.of[k.symbol], deviation));
+        } else if let Some(mean) = mean {
+            let param = indices.initial[k.symbol].unwrap_or(indices.of[k.symbol]);
+            knowledge.priors.push((param, Prior { mean, deviation }));
+        }
+    }
+    knowledge
+}
+
+/// Tells a prior of what is not estimated.
+fn estimated(scope: &Scope<'_>, kinds: &Kinds, known: &Known, findings: &mut Vec<Diagnostic>) {
+    let symbol = &scope.symbols[known.symbol];
+    let span = known.subject;
+    if kinds.derived[known.symbol] {
+        let message = format!("`{}` is defined by other params, so that it has no prior of its own", symbol.name());
+        findings
+            .push(Diagnostic::new(Code::WrongName, span, message).hint("give priors for the params in its definition"));
+    } else if let Some(fixed) = symbol.declaration.fixed {
+        let message = format!("the prior of `{}` is not used while it is fixed", symbol.name());
+        let finding = Diagnostic::new(Code::Unused, span, message).label(fixed, "fixed here");
+        findings.push(finding.hint("remove `fixed`, or the prior"));
+    }
+}

@@ -1,0 +1,99 @@
+//! The plain correction of one vector of start values: steps chosen, iteration, and a second look at the steps.
+
+use super::derived::DerivedQuantities;
+use super::estimate::Estimate;
+use super::fit::{Fit, FitOptions};
+use super::fit_error::FitError;
+use super::problem::{Options, Problem, ProblemRun};
+use super::progress::Observer;
+use super::solve::estimate;
+use super::start::after;
+use super::termination::Termination;
+use crate::model::Model;
+use crate::record::Run;
+use crate::simulate::{Accuracy, Simulator, choose_steps, integration_error};
+
+/// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
+const COARSE: f64 = 1e-7;
+const MOST_ROUNDS: usize = 3;
+
+/// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
+/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones.
+///
+/// # Errors
+/// [`FitError`] as for [`fit`](super::fit()).
+pub(super) fn plain(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let mut starts = starts.to_vec();
+    let mut steps = match options.per_interval {
+        Some(per_interval) => vec![per_interval.max(1); runs.len()],
+        None => chosen_steps(model, runs, &starts)?,
+    };
+    let mut round = 1;
+    loop {
+        let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        let reached = after(model, runs, &estimate, &starts);
+        let integration = accuracy(model, runs, &reached, &steps)?;
+        let fine = integration.iter().all(|a| a.error <= COARSE);
+        let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
+        let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
+        let finer = if last { steps.clone() } else { finer(&steps, &chosen_steps(model, runs, &reached)?) };
+        // where halving does not help there are kinks, or a response on the edge of divergence
+        if finer == steps {
+            return Ok(Fit::new(model.clone(), estimate, integration));
+        }
+        (starts, steps) = (reached, finer);
+        round += 1;
+    }
+}
+
+fn finer(steps: &[usize], chosen: &[usize]) -> Vec<usize> {
+    steps.iter().zip(chosen).map(|(a, b)| *a.max(b)).collect()
+}
+
+fn chosen_steps(model: &Model, runs: &[Run], starts: &[Vec<f64>]) -> Result<Vec<usize>, FitError> {
+    let steps = |(run, theta): (&Run, &Vec<f64>)| {
+        let chosen = choose_steps(model.dynamics(), run, theta).map_err(|e| FitError::unsuited(run, e))?;
+        Ok(chosen.per_interval)
+    };
+    runs.iter().zip(starts).map(steps).collect()
+}
+
+/// Runs the iteration once.
+fn correct(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    steps: &[usize],
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> Result<Estimate, FitError> {
+    let mut prepared = Vec::with_capacity(runs.len());
+    for ((run, theta), per_interval) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::new(model.dynamics(), run, *per_interval).map_err(|e| FitError::unsuited(run, e))?;
+        let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
+        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+    }
+    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
+    let mut problem = Problem::new(model.definition(), prepared, derived);
+    if let Some(first) = starts.first() {
+        // shared parameters go on from where a round before left them
+        problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
+    }
+    estimate(&mut problem, options, observer).map_err(FitError::Problem)
+}
+
+/// Steps in use and their error at the estimates.
+fn accuracy(model: &Model, runs: &[Run], reached: &[Vec<f64>], steps: &[usize]) -> Result<Vec<Accuracy>, FitError> {
+    let one = |((run, theta), per_interval): ((&Run, &Vec<f64>), &usize)| {
+        let error = integration_error(model.dynamics(), run, theta, *per_interval);
+        let error = error.map_err(|e| FitError::unsuited(run, e))?;
+        Ok(Accuracy { per_interval: *per_interval, error })
+    };
+    runs.iter().zip(reached).zip(steps).map(one).collect()
+}

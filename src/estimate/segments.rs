@@ -1,0 +1,196 @@
+//! A run cut into segments with initial states of their own, as one response: behind the model's outputs stand the gaps
+//! at the cuts, one for each state, which are to be zero.
+
+use super::problem::Response;
+use crate::model::Model;
+use crate::simulate::{Divergence, Simulator};
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::model::{Origin, Output, Param, Quantity};
+
+/// Models of the segments: the first begins as the model does, the others with initial states that are parameters
+/// behind the model's own; both show all states behind the outputs.
+pub(super) struct SegmentModels {
+    pub(super) first: Model,
+    pub(super) later: Model,
+}
+
+impl SegmentModels {
+    pub(super) fn new(model: &Model) -> Self {
+        let mut shown = model.definition().clone();
+        for j in 0..shown.states.len() {
+            let (quantity, expr) = (shown.states[j].quantity.clone(), shown.graph.leaf(Leaf::State(j as u32)));
+            shown.outputs.push(Output { quantity, expr, noise: None });
+        }
+        let mut freed = shown.clone();
+        for j in 0..freed.states.len() {
+            let place = freed.params.len() as u32;
+            freed.params.push(initial_state(&freed.states[j].quantity, j, 0));
+            freed.states[j].initial = freed.graph.leaf(Leaf::Param(place));
+        }
+        Self { first: model.altered(shown), later: model.altered(freed) }
+    }
+
+    /// The model of a segment by its number.
+    pub(super) fn of(&self, segment: usize) -> &Model {
+        if segment == 0 { &self.first } else { &self.later }
+    }
+}
+
+/// The initial state behind a cut as a parameter of each run; NaN until it is guessed.
+pub(super) fn initial_state(state: &Quantity, index: usize, cut: usize) -> Param {
+    let quantity = Quantity { name: format!("{} behind cut {}", state.name, cut + 1), ..state.clone() };
+    Param {
+        quantity,
+        origin: Origin::FreeInitial(index as u32),
+        value: f64::NAN,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: false,
+        per_run: true,
+        prior: None,
+    }
+}
+
+/// One segment of a run.
+pub(super) struct Segment<'a> {
+    pub(super) simulator: Simulator<'a>,
+    /// Its first sample in the run.
+    pub(super) begin: usize,
+}
+
+/// Sizes of the model that was cut.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub(super) params: usize,
+    pub(super) states: usize,
+    pub(super) outputs: usize,
+}
+
+/// The response of a run by its segments. Parameters are the model's, then the initial states behind each cut.
+pub(super) struct SegmentedResponse<'a> {
+    segments: Vec<Segment<'a>>,
+    sizes: Sizes,
+    samples: usize,
+    theta: Vec<f64>,
+    y: Vec<f64>,
+    jacobian: Vec<f64>,
+}
+
+impl<'a> SegmentedResponse<'a> {
+    /// `samples` of the whole run.
+    pub(super) fn new(segments: Vec<Segment<'a>>, sizes: Sizes, samples: usize) -> Self {
+        let longest = segments.iter().map(|s| s.simulator.samples()).max().unwrap_or(0);
+        let y = vec![0.0; longest * (sizes.outputs + sizes.states)];
+        Self { segments, sizes, samples, theta: vec![0.0; sizes.params + sizes.states], y, jacobian: Vec::new() }
+    }
+
+    /// Where the initial states of a segment (not the first) stand in the parameters.
+    fn own(&self, segment: usize) -> usize {
+        self.sizes.params + (segment - 1) * self.sizes.states
+    }
+
+    /// Writes the parameters of a segment and says how many there are.
+    fn assemble(&mut self, segment: usize, theta: &[f64]) -> usize {
+        let Sizes { params, states, .. } = self.sizes;
+        self.theta[..params].copy_from_slice(&theta[..params]);
+        if segment == 0 {
+            return params;
+        }
+        let own = self.own(segment);
+        self.theta[params..].copy_from_slice(&theta[own..own + states]);
+        params + states
+    }
+
+    /// Copies a segment's outputs to their rows; the sample at its end is the next one's first, and shows the gap there.
+    fn place(&self, segment: usize, theta: &[f64], y: &mut [f64]) {
+        let Sizes { states, outputs: q, .. } = self.sizes;
+        let width = q + states;
+        let Segment { simulator, begin } = &self.segments[segment];
+        let rows = simulator.samples();
+        let last = segment + 1 == self.segments.len();
+        for row in 0..if last { rows } else { rows - 1 } {
+            y[(begin + row) * width..][..q].copy_from_slice(&self.y[row * width..][..q]);
+        }
+        if !last {
+            let (end, next) = ((rows - 1) * width + q, self.own(segment + 1));
+            for j in 0..states {
+                y[(begin + rows - 1) * width + q + j] = self.y[end + j] - theta[next + j];
+            }
+        }
+    }
+
+    fn blame(&self, segment: usize, d: Divergence) -> Divergence {
+        Divergence { sample: d.sample + self.segments[segment].begin, ..d }
+    }
+}
+
+impl Response for SegmentedResponse<'_> {
+    fn samples(&self) -> usize {
+        self.samples
+    }
+
+    fn outputs(&self) -> usize {
+        self.sizes.outputs + self.sizes.states
+    }
+
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        y.fill(0.0);
+        for k in 0..self.segments.len() {
+            let count = self.assemble(k, theta);
+            let result = self.segments[k].simulator.simulate(&self.theta[..count], &mut self.y);
+            result.map_err(|d| self.blame(k, d))?;
+            self.place(k, theta, y);
+        }
+        Ok(())
+    }
+
+    fn sensitivities(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        y.fill(0.0);
+        jacobian.fill(0.0);
+        let Sizes { params, states, outputs: q } = self.sizes;
+        let (width, stride) = (q + states, columns.len().next_multiple_of(8));
+        for k in 0..self.segments.len() {
+            let count = self.assemble(k, theta);
+            let own = if k == 0 { params..params } else { self.own(k)..self.own(k) + states };
+            // position among the columns, and the parameter that it is to the segment
+            let local = columns.iter().enumerate().filter_map(|(place, c)| match *c {
+                c if c < params => Some((place, c)),
+                c if own.contains(&c) => Some((place, params + c - own.start)),
+                _ => None,
+            });
+            let (places, wanted): (Vec<usize>, Vec<usize>) = local.unzip();
+            let narrow = wanted.len().next_multiple_of(8);
+            let rows = self.segments[k].simulator.samples();
+            self.jacobian.resize(rows * width * narrow, 0.0);
+            let part = &mut self.jacobian[..rows * width * narrow];
+            let simulator = &mut self.segments[k].simulator;
+            let result = simulator.sensitivities(&self.theta[..count], &wanted, &mut self.y[..rows * width], part);
+            result.map_err(|d| self.blame(k, d))?;
+            self.place(k, theta, y);
+            let begin = self.segments[k].begin;
+            let mut copy = |from: usize, to: usize| {
+                let (from, to) = (&self.jacobian[from * narrow..][..narrow], &mut jacobian[to * stride..][..stride]);
+                places.iter().zip(from).for_each(|(place, v)| to[*place] = *v);
+            };
+            let last = k + 1 == self.segments.len();
+            for row in 0..if last { rows } else { rows - 1 } {
+                (0..q).for_each(|o| copy(row * width + o, (begin + row) * width + o));
+            }
+            if !last {
+                let (from, to) = ((rows - 1) * width + q, (begin + rows - 1) * width + q);
+                (0..states).for_each(|j| copy(from + j, to + j));
+                let next = self.own(k + 1);
+                for (place, c) in columns.iter().enumerate().filter(|(_, c)| (next..next + states).contains(*c)) {
+                    jacobian[(to + c - next) * stride + place] = -1.0;
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,118 @@
+//! Whether residuals correlate with an input: then something that the input does is missing in the model.
+
+use super::autoregression::AutoRegression;
+use super::whiteness::normal_beyond;
+use serde::Serialize;
+
+/// Lags on either side.
+const LAGS: usize = 50;
+/// Part of the record up to which an input may act.
+const REACH: usize = 10;
+/// Correlations count below this p-value.
+const SIGNIFICANT: f64 = 0.01;
+
+/// Correlation of the residuals of one output with one input, lag by lag.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct InputCorrelation {
+    /// Name of the input.
+    pub input: String,
+    /// Time by which the residual follows the input; negative where it leads.
+    pub lags: Vec<f64>,
+    /// Correlation at each lag.
+    pub correlation: Vec<f64>,
+    /// Two standard deviations of each for residuals of the same colour that have nothing to do with this input.
+    pub bounds: Vec<f64>,
+    /// Lags beyond their bound.
+    pub outside: usize,
+    /// The lag that is furthest beyond what chance explains.
+    pub largest_lag: f64,
+    /// The correlation there.
+    pub largest: f64,
+    /// Probability of one as large at any of the lags by chance (Bonferroni's bound).
+    pub p_value: f64,
+}
+
+impl InputCorrelation {
+    /// Whether chance does not explain the largest correlation (at one percent).
+    pub fn is_significant(&self) -> bool {
+        self.p_value < SIGNIFICANT
+    }
+
+    /// Correlates residuals (about their mean, NaN where there is none) of known colour with an input, both on one even grid;
+    /// none when the input does not move.
+    ///
+    /// The input is known, so the bounds are those of the sum of `u(i - lag) v(i)` under the autocovariance of v: its
+    /// innovations, one by one, through the autoregression run backward over the input.
+    pub(super) fn new(
+        name: &str,
+        residuals: &[f64],
+        input: &[f64],
+        colour: &AutoRegression,
+        interval: f64,
+    ) -> Option<Self> {
+        let (filled, present): (Vec<f64>, usize) = filled(residuals);
+        let input = moving(input)?;
+        let n = filled.len();
+        let furthest = (n / REACH).max(1);
+        let step = furthest.div_ceil(LAGS).max(1);
+        let places = (furthest / step) as i64;
+        let norm = (square(&filled) * square(&input)).sqrt();
+        let spread = spread(residuals, &input, colour) / norm;
+        let mut found = Self::empty(name);
+        let mut largest_ratio = -1.0;
+        for lag in (-places..=places).map(|k| k * step as i64) {
+            let shift = lag.unsigned_abs() as usize;
+            let (late, early) = if lag >= 0 { (&filled[shift..], &input[..]) } else { (&filled[..], &input[shift..]) };
+            let r = late.iter().zip(early).map(|(v, u)| v * u).sum::<f64>() / norm;
+            let deviation = spread * ((present.saturating_sub(shift)).max(1) as f64 / present as f64).sqrt();
+            let time = lag as f64 * interval;
+            if r.abs() / deviation > largest_ratio {
+                (largest_ratio, found.largest_lag, found.largest) = (r.abs() / deviation, time, r);
+            }
+            found.outside += usize::from(r.abs() > 2.0 * deviation);
+            found.lags.push(time);
+            found.correlation.push(r);
+            found.bounds.push(2.0 * deviation);
+        }
+        if !(spread > 0.0 && largest_ratio.is_finite()) {
+            return None;
+        }
+        found.p_value = (normal_beyond(largest_ratio) * found.lags.len() as f64).min(1.0);
+        Some(found)
+    }
+
+    fn empty(name: &str) -> Self {
+        let none = Vec::new;
+        let (lags, correlation, bounds) = (none(), none(), none());
+        Self { input: name.into(), lags, correlation, bounds, outside: 0, largest_lag: 0.0, largest: 0.0, p_value: 1.0 }
+    }
+}
+
+/// Standard deviation of the sum of `u(i) v(i)` over the places where v is present.
+fn spread(residuals: &[f64], input: &[f64], colour: &AutoRegression) -> f64 {
+    let memory = colour.memory(4 * residuals.len());
+    let mut rows = vec![0.0; memory];
+    rows.extend(residuals.iter().zip(input).map(|(v, u)| if v.is_nan() { 0.0 } else { *u }));
+    colour.backward(&mut rows, 1);
+    (colour.variance * square(&rows)).sqrt()
+}
+
+/// Zeros for what is missing, and how many values there are.
+fn filled(series: &[f64]) -> (Vec<f64>, usize) {
+    let present = series.iter().filter(|v| !v.is_nan()).count();
+    (series.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect(), present)
+}
+
+/// The input about its mean, zero where it is not known; none when it does not move.
+fn moving(input: &[f64]) -> Option<Vec<f64>> {
+    let known = || input.iter().filter(|u| u.is_finite());
+    let count = known().count().max(1) as f64;
+    let mean = known().sum::<f64>() / count;
+    let size = known().fold(0.0_f64, |m, u| m.max(u.abs()));
+    let moved: Vec<f64> = input.iter().map(|u| if u.is_finite() { u - mean } else { 0.0 }).collect();
+    (square(&moved) > count * (4.0 * f64::EPSILON * size).powi(2)).then_some(moved)
+}
+
+fn square(values: &[f64]) -> f64 {
+    values.iter().map(|v| v * v).sum()
+}

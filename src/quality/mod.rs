@@ -1,0 +1,19 @@
+//! How well a response matches a measurement, and what the residuals say about the noise and about what is missing.
+//!
+//! **In** the time, the measurement, the response and the inputs of a run. **Out** [`OutputQuality`] of each output: size and
+//! kind of the mismatch, whiteness, correlation with the inputs; the colour of noise for the errors of estimates.
+//! **Never** simulates, estimates parameters or judges a model's structure. **Start** at [`run_quality`].
+
+pub(crate) mod autocovariance;
+pub(crate) mod autoregression;
+mod input_correlation;
+mod output_fit;
+mod residuals;
+pub(crate) mod sampling;
+mod whiteness;
+
+pub use input_correlation::InputCorrelation;
+pub use output_fit::{OutputFit, TicParts};
+pub use residuals::{OutputQuality, Signals, residual_quality, run_quality};
+pub use sampling::Untested;
+pub use whiteness::{RunsTest, Whiteness};

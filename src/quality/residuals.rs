@@ -1,0 +1,125 @@
+//! The residuals of one run, output by output: size, kind, whiteness, correlation with every input.
+
+use super::autocovariance::{Lagged, centred};
+use super::autoregression::AutoRegression;
+use super::input_correlation::InputCorrelation;
+use super::output_fit::OutputFit;
+use super::sampling::{Sampling, Untested};
+use super::whiteness::Whiteness;
+use crate::model::Model;
+use crate::record::Run;
+use serde::Serialize;
+
+/// A run as it was measured and as the model answers it; needs no fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Signals<'a> {
+    /// Name of the run.
+    pub run: &'a str,
+    /// Time of each sample (N), rising; empty when only the order of the samples is known.
+    pub time: &'a [f64],
+    /// Names of the outputs (q).
+    pub outputs: &'a [String],
+    /// Measured outputs, N by q row-major; NaN where nothing is compared.
+    pub measured: &'a [f64],
+    /// The model's outputs, N by q row-major.
+    pub response: &'a [f64],
+    /// Names of the inputs (m).
+    pub inputs: &'a [String],
+    /// Inputs, N by m row-major.
+    pub input_values: &'a [f64],
+}
+
+/// How well one output of one run is matched, and what its residuals say.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OutputQuality {
+    /// Size and kind of the mismatch.
+    #[serde(flatten)]
+    pub fit: OutputFit,
+    /// Whether the residuals are white; none when they could not be tested.
+    pub whiteness: Option<Whiteness>,
+    /// Correlation with each input that moves; empty when it could not be tested.
+    pub inputs: Vec<InputCorrelation>,
+    /// Why there is no test.
+    pub untested: Option<Untested>,
+}
+
+/// Judges the residuals of every output of a run.
+///
+/// # Panics
+/// When the lengths of the signals do not belong together.
+pub fn residual_quality(signals: &Signals<'_>) -> Vec<OutputQuality> {
+    let (q, m) = (signals.outputs.len(), signals.inputs.len());
+    let n = signals.measured.len() / q.max(1);
+    assert_eq!(signals.measured.len(), signals.response.len(), "measurement and response of one length");
+    assert_eq!(signals.input_values.len(), n * m, "inputs at every sample");
+    assert!(signals.time.is_empty() || signals.time.len() == n, "a time for every sample");
+    let sampling = if signals.time.is_empty() { Ok(Sampling::counted(n)) } else { Sampling::of(signals.time) };
+    let judge = |(o, name): (usize, &String)| {
+        let fit = OutputFit::new(name, signals.run, signals.measured, signals.response, o, q);
+        let tests = sampling.as_ref().map_err(|e| *e).and_then(|sampling| tests(signals, o, sampling));
+        let (untested, (whiteness, inputs)) = match tests {
+            Ok((whiteness, inputs)) => (None, (Some(whiteness), inputs)),
+            Err(untested) => (Some(untested), (None, Vec::new())),
+        };
+        OutputQuality { fit, whiteness, inputs, untested }
+    };
+    signals.outputs.iter().enumerate().map(judge).collect()
+}
+
+/// The same for a run of a model, given the model's outputs (N by q) at its samples.
+///
+/// # Panics
+/// When the run or the response is not of this model.
+pub fn run_quality(model: &Model, run: &Run, response: &[f64]) -> Vec<OutputQuality> {
+    let definition = model.definition();
+    let outputs: Vec<String> = definition.outputs.iter().map(|o| o.quantity.name.clone()).collect();
+    let inputs: Vec<String> = definition.inputs.iter().map(|i| i.quantity.name.clone()).collect();
+    residual_quality(&Signals {
+        run: &run.name,
+        time: &run.time,
+        outputs: &outputs,
+        measured: &run.measured,
+        response,
+        inputs: &inputs,
+        input_values: &run.inputs,
+    })
+}
+
+fn tests(
+    signals: &Signals<'_>,
+    output: usize,
+    sampling: &Sampling,
+) -> Result<(Whiteness, Vec<InputCorrelation>), Untested> {
+    let (q, m) = (signals.outputs.len(), signals.inputs.len());
+    let cells = signals.measured.iter().zip(signals.response).skip(output).step_by(q);
+    // a response that is not finite is as good as none
+    let residual = |(z, y): (&f64, &f64)| if (z - y).is_finite() { z - y } else { f64::NAN };
+    let residuals = sampling.spread(cells.map(residual));
+    let whiteness = Whiteness::new(&residuals, sampling)?;
+    let series = centred(residuals);
+    let colour = colour(&series);
+    let inputs = signals.inputs.iter().enumerate().filter_map(|(i, name)| {
+        let input = sampling.spread(signals.input_values.iter().skip(i).step_by(m).copied());
+        InputCorrelation::new(name, &series, &input, &colour, sampling.interval)
+    });
+    Ok((whiteness, inputs.collect()))
+}
+
+/// The colour of one series by itself.
+fn colour(series: &[f64]) -> AutoRegression {
+    let present = series.iter().filter(|v| !v.is_nan()).count();
+    let lagged = Lagged::of(series, most_order(present));
+    let (n, length) = (lagged.pairs[0].max(1) as f64, series.len() as f64);
+    // sums over fewer pairs as they would be without gaps, tapered so that they belong to a stationary process
+    let value = |(k, (sum, pairs)): (usize, (&f64, &usize))| {
+        if *pairs == 0 { 0.0 } else { sum / *pairs as f64 * (1.0 - k as f64 / length) }
+    };
+    let autocovariances: Vec<f64> = lagged.sums.iter().zip(&lagged.pairs).enumerate().map(value).collect();
+    let ladder = AutoRegression::ladder(&autocovariances);
+    AutoRegression::best(&ladder, present, n.ln()).cloned().unwrap_or_else(|| AutoRegression::white(0.0))
+}
+
+/// Highest order of an autoregression that so many samples can tell.
+fn most_order(samples: usize) -> usize {
+    (samples / 10).min(30)
+}

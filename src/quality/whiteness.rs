@@ -1,0 +1,130 @@
+//! Whether residuals are white: autocorrelation with bounds, a portmanteau test, and two tests of neighbours.
+
+use super::autocovariance::{Lagged, centred};
+use super::sampling::{Sampling, Untested};
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
+
+/// Most lags that are tested.
+const LAGS: usize = 25;
+/// Fewest compared samples for a test.
+const FEWEST: usize = 10;
+/// Residuals count as coloured below this p-value.
+const SIGNIFICANT: f64 = 0.01;
+
+/// Autocorrelation of the residuals about their mean, and what it says.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Whiteness {
+    /// Time between neighbouring samples.
+    pub interval: f64,
+    /// Autocorrelation at lags of 1, 2, ... samples; pairs with a missing value are left out.
+    pub autocorrelation: Vec<f64>,
+    /// Two standard deviations of each, were the residuals white.
+    pub bounds: Vec<f64>,
+    /// Lags beyond their bound; one of twenty is to be expected.
+    pub outside: usize,
+    /// Portmanteau statistic of Ljung and Box over these lags.
+    pub ljung_box: f64,
+    /// Its degrees of freedom: the number of lags. Parameters of a response take none off (no lagged residual enters it).
+    pub degrees: usize,
+    /// Probability of a larger statistic, were the residuals white.
+    pub p_value: f64,
+    /// Durbin and Watson's statistic: 2 for white residuals, towards 0 for slow ones, towards 4 for alternating ones.
+    pub durbin_watson: Option<f64>,
+    /// The test of Wald and Wolfowitz; none when all residuals are on one side.
+    pub runs_test: Option<RunsTest>,
+}
+
+/// Stretches of residuals with one sign.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct RunsTest {
+    /// Stretches that were counted.
+    pub runs: usize,
+    /// Stretches that white residuals would have on average.
+    pub expected: f64,
+    /// Probability of a number as far from that, were the residuals white.
+    pub p_value: f64,
+}
+
+impl Whiteness {
+    /// Tests residuals on an even grid, NaN where there is none.
+    ///
+    /// # Errors
+    /// [`Untested`] when there are too few, or they do not vary.
+    pub(super) fn new(residuals: &[f64], sampling: &Sampling) -> Result<Self, Untested> {
+        let present = residuals.iter().filter(|v| !v.is_nan()).count();
+        if present < FEWEST {
+            return Err(Untested::TooFewSamples);
+        }
+        let series = centred(residuals.to_vec());
+        let lagged = Lagged::of(&series, LAGS.min(present / 5));
+        let size = residuals.iter().filter(|v| !v.is_nan()).fold(0.0_f64, |m, v| m.max(v.abs()));
+        if !(lagged.sums[0] > present as f64 * (4.0 * f64::EPSILON * size).powi(2)) {
+            return Err(Untested::NoResidual);
+        }
+        let n = present as f64;
+        let autocorrelation: Vec<f64> = lagged.correlations().collect();
+        // a sum over m pairs, relative to one over n squares, varies by m / n^2
+        let bounds: Vec<f64> = lagged.pairs[1..].iter().map(|m| 2.0 * (*m as f64).sqrt() / n).collect();
+        let tested = || autocorrelation.iter().zip(&lagged.pairs[1..]).filter(|(_, m)| **m > 0);
+        let ljung_box = tested().map(|(r, m)| n * (n + 2.0) * r * r / *m as f64).sum();
+        let degrees = tested().count();
+        let outside = autocorrelation.iter().zip(&bounds).filter(|(r, b)| r.abs() > **b).count();
+        Ok(Self {
+            interval: sampling.interval,
+            outside,
+            ljung_box,
+            degrees,
+            p_value: chi_squared_above(ljung_box, degrees),
+            durbin_watson: durbin_watson(residuals),
+            runs_test: RunsTest::new(&series),
+            autocorrelation,
+            bounds,
+        })
+    }
+
+    /// Whether the portmanteau test finds nothing against white residuals (at one percent).
+    pub fn is_white(&self) -> bool {
+        self.p_value >= SIGNIFICANT
+    }
+}
+
+impl RunsTest {
+    fn new(series: &[f64]) -> Option<Self> {
+        let above: Vec<bool> = series.iter().filter(|v| !v.is_nan()).map(|v| *v > 0.0).collect();
+        let high = above.iter().filter(|a| **a).count() as f64;
+        let low = above.len() as f64 - high;
+        let n = high + low;
+        let expected = 1.0 + 2.0 * high * low / n;
+        let variance = (expected - 1.0) * (expected - 2.0) / (n - 1.0);
+        if !(variance > 0.0) {
+            return None;
+        }
+        let runs = 1 + above.windows(2).filter(|w| w[0] != w[1]).count();
+        let deviate = (runs as f64 - expected) / variance.sqrt();
+        Some(Self { runs, expected, p_value: normal_beyond(deviate) })
+    }
+}
+
+/// Sum of squared steps over sum of squares, both about zero; steps over a gap are left out, and made up for.
+fn durbin_watson(residuals: &[f64]) -> Option<f64> {
+    let lagged = Lagged::of(residuals, 1);
+    let steps = residuals.windows(2).map(|w| (w[1] - w[0]) * (w[1] - w[0])).filter(|s| !s.is_nan());
+    let (whole, pairs) = (lagged.pairs[0] as f64 - 1.0, *lagged.pairs.get(1)? as f64);
+    let value = steps.sum::<f64>() / lagged.sums[0] * whole / pairs;
+    value.is_finite().then_some(value)
+}
+
+/// Probability of a chi-squared variable above a value.
+pub(super) fn chi_squared_above(value: f64, degrees: usize) -> f64 {
+    match ChiSquared::new(degrees as f64) {
+        Ok(distribution) if value.is_finite() => distribution.sf(value),
+        Ok(_) => 0.0,
+        Err(_) => 1.0,
+    }
+}
+
+/// Probability of a standard normal deviate at least as far from zero.
+pub(super) fn normal_beyond(deviate: f64) -> f64 {
+    (2.0 * Normal::standard().sf(deviate.abs())).min(1.0)
+}
