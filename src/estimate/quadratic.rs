@@ -170,6 +170,15 @@ impl Quadratic {
         self.hessian.chunks(self.size.max(1)).map(row).collect()
     }
 
+    /// Minus the derivative of the damped quadratic at a step: where the cost falls.
+    pub(super) fn slope(&self, damping: f64, step: &[f64]) -> Vec<f64> {
+        let taken = self.times_scaled(step);
+        let bent = self.bends(damping);
+        let row = |j: usize| self.curvature[j * self.size..(j + 1) * self.size].iter();
+        let turned = |j: usize| if bent { row(j).zip(step).map(|(c, s)| c * s).sum() } else { 0.0 };
+        (0..self.size).map(|j| self.rhs[j] - taken[j] - turned(j) - damping * step[j]).collect()
+    }
+
     /// The quadratic of the other unknowns when `following` ones always go to their best values: what their columns span is
     /// taken out of all others. Needs the triangle.
     pub(super) fn without(&self, following: &[usize]) -> Self {
