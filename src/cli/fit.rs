@@ -1,12 +1,13 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs.
 
 use crate::failure::{Failure, NUMBERS, print};
+use crate::iteration::Choice;
 use crate::progress::Progress;
 use crate::records::Records;
 use crate::subject::{Subject, assignment};
 use clap::Args;
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
+use fdm::estimate::{Fit, FitOptions, Noise, fit};
 use fdm::record::{Run, Summary};
 use fdm::report::{TimeHistory, estimate_table, fit_json, svg};
 use std::num::NonZeroUsize;
@@ -30,12 +31,8 @@ pub(crate) struct Arguments {
     /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION")]
     noise: Vec<String>,
-    /// Most corrections
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    iterations: usize,
-    /// Largest correction, relative to the parameter, at which the estimates count as converged
-    #[arg(long, value_name = "T", default_value_t = 1e-9)]
-    tolerance: f64,
+    #[command(flatten)]
+    choice: Choice,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
@@ -60,12 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let options = FitOptions {
         changes: arguments.subject.changes(&arguments.fix, &arguments.free),
-        options: Options {
-            noise: noise(&arguments.noise, &model)?,
-            iterations: arguments.iterations,
-            tolerance: arguments.tolerance,
-            ..Options::default()
-        },
+        options: arguments.choice.options(noise(&arguments.noise, &model)?),
         per_interval: arguments.steps.map(NonZeroUsize::get),
         ..FitOptions::default()
     };

@@ -5,6 +5,7 @@
 mod check;
 mod failure;
 mod fit;
+mod iteration;
 mod progress;
 mod records;
 mod simulate;

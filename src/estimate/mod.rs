@@ -9,11 +9,14 @@
 //! `estimate`.
 
 mod affine;
+#[cfg(test)]
+mod approach;
 mod attempt;
 #[cfg(test)]
 mod belief;
 mod bend;
 mod changes;
+mod cholesky;
 mod conclusion;
 mod continuation;
 mod correction;
@@ -39,6 +42,7 @@ mod rescue;
 mod restart;
 #[cfg(test)]
 mod resumption;
+mod search;
 mod secant;
 mod segments;
 mod shooting;
@@ -75,6 +79,7 @@ pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
 pub use rescue::{Remedy, Rescue, Trouble};
 pub use restart::Aid;
+pub use search::Method;
 pub use shooting::{Continuity, Shooting};
 pub use solve::{estimate, estimate_from};
 pub use start::starts;

@@ -3,6 +3,7 @@
 use super::affine::affine;
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
+use super::search::Method;
 use crate::simulate::{Divergence, Simulator};
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
@@ -204,11 +205,13 @@ pub struct Options {
     pub tolerance: f64,
     /// Factor on every correction; 1 is the full one.
     pub gain: f64,
+    /// What goes before the corrections.
+    pub method: Method,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0 }
+        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0, method: Method::default() }
     }
 }
 

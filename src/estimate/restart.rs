@@ -112,7 +112,7 @@ impl Correction<'_, '_, '_> {
             self.attempts.best = Some(end);
             self.attempts.best_aids = self.attempts.aids.clone();
         }
-        if over || self.history.len() > self.options.iterations || !self.begin_again() {
+        if over || self.corrections() >= self.options.iterations || !self.begin_again() {
             let best = self.settle_for_best()?;
             return Ok(Some(if interrupted { Termination::Interrupted } else { best }));
         }
