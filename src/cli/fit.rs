@@ -2,6 +2,7 @@
 
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
+use crate::iteration::Choice;
 use crate::keeping::Keeping;
 use crate::noise::noise;
 use crate::progress::Progress;
@@ -10,7 +11,7 @@ use crate::strategies::Strategies;
 use crate::subject::Subject;
 use clap::Args;
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, MultiStart, Options, fit_kept};
+use fdm::estimate::{Fit, FitOptions, MultiStart, fit_kept};
 use fdm::record::Run;
 use fdm::report::{confidence, fit_json, fit_table, history_table, starts_table, way};
 use fdm::store::{Identity, Manifest};
@@ -34,12 +35,8 @@ pub(crate) struct Arguments {
     /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
     noise: Vec<String>,
-    /// Most corrections
-    #[arg(long, value_name = "N", default_value_t = 100, help_heading = "Estimation")]
-    iterations: usize,
-    /// Largest correction, relative to the parameter, at which the estimates count as converged
-    #[arg(long, value_name = "T", default_value_t = 1e-9, help_heading = "Estimation")]
-    tolerance: f64,
+    #[command(flatten)]
+    choice: Choice,
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N", help_heading = "Estimation")]
     steps: Option<NonZeroUsize>,
@@ -69,12 +66,7 @@ impl Arguments {
     fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
-            options: Options {
-                noise: noise(&self.noise, model)?,
-                iterations: self.iterations,
-                tolerance: self.tolerance,
-                ..Options::default()
-            },
+            options: self.choice.options(noise(&self.noise, model)?),
             per_interval: self.steps.map(NonZeroUsize::get),
             starts: MultiStart { count: self.starts as usize, seed: self.seed },
             ..FitOptions::default()

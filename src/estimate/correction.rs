@@ -10,7 +10,7 @@ use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::projection::Projected;
 use super::quadratic::{Inverse, Quadratic};
-use super::recourse::Attempts;
+use super::restart::Attempts;
 use super::secant::Secant;
 use super::snapshot::Snapshot;
 use super::step::{Room, constrained};
@@ -54,6 +54,8 @@ pub(super) struct Correction<'c, 'e, 'a> {
     pub(super) promised: f64,
     pub(super) secant: Secant,
     pub(super) attempts: Attempts,
+    /// Iterations of another method before the corrections; none as long as it has not ended.
+    pub(super) searched: Option<usize>,
     /// Whether affine unknowns follow the others.
     pub(super) projecting: bool,
     /// What is left to iterate then, at the current estimates.
@@ -92,6 +94,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             promised: f64::INFINITY,
             secant: Secant::default(),
             attempts: Attempts::default(),
+            searched: None,
             projecting: false,
             projected: None,
             fresh: false,
@@ -118,7 +121,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         if self.values.is_empty() {
             return Ok(Termination::Converged(Reason::NothingToEstimate));
         }
-        if interrupted {
+        if interrupted || (self.searched.is_none() && self.search(observer)?) {
             return Ok(Termination::Interrupted);
         }
         loop {
@@ -155,7 +158,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
                 return Termination::Converged(Reason::Rounding);
             }
             self.last = if unmeasurable { promise } else { f64::INFINITY };
-            if self.history.len() > self.options.iterations {
+            if self.corrections() >= self.options.iterations {
                 return Termination::IterationLimit;
             }
             let before = self.weights.cost;
@@ -207,6 +210,19 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         weights.cost += prior;
         weights.rounding += 4.0 * f64::EPSILON * prior;
         weights
+    }
+
+    /// Corrections made so far.
+    pub(super) fn corrections(&self) -> usize {
+        self.history.len().saturating_sub(1 + self.searched.unwrap_or(0))
+    }
+
+    /// The gradient of the cost at `values`, which has just been linearised; none when it is not finite.
+    pub(super) fn gradient(&mut self, values: &[f64], weights: &Weights) -> Option<Vec<f64>> {
+        let factors = self.likelihood.factors(weights);
+        self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(values));
+        let parts = self.quadratic.rhs.iter().zip(&self.quadratic.scale);
+        self.quadratic.is_finite().then(|| parts.map(|(r, s)| -r * s).collect())
     }
 
     /// The quadratic at the current estimates, from products or, when they are too coarse, from triangles.

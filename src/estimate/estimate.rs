@@ -3,7 +3,7 @@
 use super::direction::Direction;
 use super::noise_colour::{NoiseColour, Uncorrected};
 use super::progress::Iteration;
-use super::recourse::Recourse;
+use super::restart::Aid;
 use super::termination::Termination;
 use crate::quality::OutputFit;
 use serde::Serialize;
@@ -102,7 +102,7 @@ pub struct Estimate {
     /// Corrections made.
     pub iterations: usize,
     /// What helped the iteration on; empty when it needed no help.
-    pub recourses: Vec<Recourse>,
+    pub aids: Vec<Aid>,
     /// Simulations of all runs with sensitivities, and without.
     pub evaluations: (usize, usize),
     /// The state after each correction, the start first.

@@ -9,11 +9,14 @@
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
 
 mod affine;
+#[cfg(test)]
+mod approach;
 mod attempt;
 #[cfg(test)]
 mod belief;
 mod bend;
 mod changes;
+mod cholesky;
 mod coloured;
 mod coloured_rows;
 #[cfg(test)]
@@ -43,11 +46,12 @@ mod products;
 mod progress;
 mod projection;
 mod quadratic;
-mod recourse;
 mod rescue;
+mod restart;
 #[cfg(test)]
 mod resumption;
 mod reweighting;
+mod search;
 mod secant;
 mod segments;
 mod settling;
@@ -90,9 +94,10 @@ pub use noise_colour::{NoiseColour, Uncorrected};
 pub use normal::{NormalEquations, NotFinite};
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use recourse::Recourse;
 pub use rescue::{Remedy, Rescue};
+pub use restart::Aid;
 pub use reweighting::{Reweighting, Variation, Weight};
+pub use search::Method;
 pub use settling::{Settling, by_confidence};
 pub use shooting::{Continuity, Shooting};
 pub use solve::{estimate, estimate_from};

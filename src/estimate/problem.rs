@@ -3,6 +3,7 @@
 use super::affine::affine;
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
+use super::search::Method;
 use crate::simulate::{Divergence, Simulator, Sink};
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
@@ -202,11 +203,14 @@ pub struct Options {
     pub gain: f64,
     /// Whether errors corrected for the colour of the residuals are computed too.
     pub colour: bool,
+    /// What goes before the corrections.
+    pub method: Method,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { noise: Noise::Diagonal, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true }
+        let (noise, method) = (Noise::Diagonal, Method::default());
+        Self { noise, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true, method }
     }
 }
 

@@ -47,8 +47,7 @@ impl Correction<'_, '_, '_> {
 
     /// Solves for the affine unknowns while the others keep their part of the step.
     fn follow(&mut self) {
-        let affine = self.room.movable_among(&self.quadratic, &self.unknowns.affine);
-        if !constrained_among(&self.quadratic, &self.room, affine, HARDLY, &mut self.step) {
+        if !constrained_among(&self.quadratic, &self.room, &self.unknowns.affine, HARDLY, &mut self.step) {
             self.unknowns.affine.iter().for_each(|j| self.step[*j] = 0.0);
         }
     }
@@ -106,9 +105,8 @@ impl Correction<'_, '_, '_> {
             return false;
         }
         let room = Room::at(trial, &self.unknowns.lower, &self.unknowns.upper, &there.scale);
-        let affine = room.movable_among(&there, &self.unknowns.affine);
         let mut step = vec![0.0; trial.len()];
-        if constrained_among(&there, &room, affine, 0.0, &mut step) {
+        if constrained_among(&there, &room, &self.unknowns.affine, 0.0, &mut step) {
             for (j, s) in step.iter().enumerate().filter(|(_, s)| **s != 0.0) {
                 trial[j] = (trial[j] + s / there.scale[j]).max(self.unknowns.lower[j]).min(self.unknowns.upper[j]);
             }

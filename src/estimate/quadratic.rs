@@ -1,5 +1,6 @@
 //! The cost near one point as a quadratic of the correction, in parameters scaled to unit columns of the Jacobian.
 
+use super::cholesky::{backward, cholesky, forward, inverse_of, norm};
 use super::information::Sums;
 use super::priors::PriorRow;
 use super::triangle;
@@ -168,6 +169,15 @@ impl Quadratic {
     pub(super) fn times_scaled(&self, vector: &[f64]) -> Vec<f64> {
         let row = |row: &[f64]| row.iter().zip(vector).map(|(h, v)| h * v).sum::<f64>();
         self.hessian.chunks(self.size.max(1)).map(row).collect()
+    }
+
+    /// Minus the derivative of the damped quadratic at a step: where the cost falls.
+    pub(super) fn slope(&self, damping: f64, step: &[f64]) -> Vec<f64> {
+        let taken = self.times_scaled(step);
+        let bent = self.bends(damping);
+        let row = |j: usize| self.curvature[j * self.size..(j + 1) * self.size].iter();
+        let turned = |j: usize| if bent { row(j).zip(step).map(|(c, s)| c * s).sum() } else { 0.0 };
+        (0..self.size).map(|j| self.rhs[j] - taken[j] - turned(j) - damping * step[j]).collect()
     }
 
     /// The quadratic of the other unknowns when `following` ones always go to their best values: what their columns span is
@@ -385,61 +395,4 @@ impl Quadratic {
         }
         Some(inverse)
     }
-}
-
-/// Replaces the lower triangle of a symmetric matrix by its Cholesky factor; none when it is not positive definite.
-fn cholesky(a: &mut [f64], n: usize) -> Option<()> {
-    for j in 0..n {
-        for i in j..n {
-            let (head, tail) = a.split_at(i * n);
-            let above = if i == j { &tail[..j] } else { &head[j * n..j * n + j] };
-            let sum: f64 = tail[..j].iter().zip(above).map(|(x, y)| x * y).sum();
-            let rest = a[i * n + j] - sum;
-            if i > j {
-                a[i * n + j] = rest / a[j * n + j];
-            } else if rest > 0.0 {
-                a[j * n + j] = rest.sqrt();
-            } else {
-                return None;
-            }
-        }
-    }
-    Some(())
-}
-
-fn forward(factor: &[f64], n: usize, x: &mut [f64]) {
-    for i in 0..n {
-        let sum: f64 = factor[i * n..i * n + i].iter().zip(&*x).map(|(l, x)| l * x).sum();
-        x[i] = (x[i] - sum) / factor[i * n + i];
-    }
-}
-
-fn backward(factor: &[f64], n: usize, x: &mut [f64]) {
-    for i in (0..n).rev() {
-        let sum: f64 = (i + 1..n).map(|k| factor[k * n + i] * x[k]).sum();
-        x[i] = (x[i] - sum) / factor[i * n + i];
-    }
-}
-
-fn inverse_of(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
-    let mut factor = matrix.to_vec();
-    cholesky(&mut factor, n)?;
-    let mut inverse = vec![0.0; n * n];
-    for (j, column) in inverse.chunks_mut(n).enumerate() {
-        column[j] = 1.0;
-        forward(&factor, n, column);
-        backward(&factor, n, column);
-    }
-    for i in 0..n {
-        for j in 0..i {
-            let mean = 0.5 * (inverse[i * n + j] + inverse[j * n + i]);
-            (inverse[i * n + j], inverse[j * n + i]) = (mean, mean);
-        }
-    }
-    Some(inverse)
-}
-
-/// Largest sum of magnitudes of a row.
-fn norm(matrix: &[f64], n: usize) -> f64 {
-    matrix.chunks(n).map(|row| row.iter().map(|v| v.abs()).sum()).fold(0.0, f64::max)
 }

@@ -6,12 +6,12 @@ use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::problem::ProblemError;
 use super::progress::Iteration;
-use super::recourse::Attempts;
+use super::restart::Attempts;
 use super::secant::Secant;
 use serde::{Deserialize, Serialize};
 
 /// Changes with every change of what is kept or of what the iteration makes of it.
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 
 /// Everything that decides how an iteration goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +28,7 @@ pub(super) struct Snapshot {
     promised: f64,
     secant: Secant,
     attempts: Attempts,
+    searched: Option<usize>,
     evaluations: (usize, usize),
     history: Vec<Iteration>,
 }
@@ -67,6 +68,7 @@ impl Correction<'_, '_, '_> {
             promised: self.promised,
             secant: self.secant.clone(),
             attempts: self.attempts.clone(),
+            searched: self.searched,
             evaluations: (self.evaluator.evaluations, self.evaluator.simulations),
             history: self.history.clone(),
         };
@@ -89,10 +91,12 @@ impl Correction<'_, '_, '_> {
             promised,
             secant,
             attempts,
+            searched,
             evaluations,
             history,
             ..
         } = snapshot;
+        self.searched = searched;
         self.trial.clone_from(&values);
         (self.values, self.damping, self.level, self.last, self.history) = (values, damping, level, last, history);
         (self.promised, self.secant, self.attempts, self.projecting) = (promised, secant, attempts, projecting);

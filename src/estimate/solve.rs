@@ -63,7 +63,7 @@ pub fn estimate_from(
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
     let end = correction.run(resume, observer);
     let conclusion = if end.is_ok() { correction.conclude() } else { None };
-    let recourses = correction.recourses();
+    let aids = correction.aids();
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
     let responses = evaluator.into_responses();
@@ -90,7 +90,7 @@ pub fn estimate_from(
         outputs,
         cost,
         iterations: history.len().saturating_sub(1),
-        recourses,
+        aids,
         evaluations,
         history,
         covered,

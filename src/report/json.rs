@@ -29,7 +29,7 @@ pub fn fit_json(fit: &Fit) -> Value {
         "termination": word(&e.termination),
         "message": e.termination.to_string(),
         "iterations": e.iterations,
-        "recourses": e.recourses.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        "aids": e.aids.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "evaluations": { "with_sensitivities": e.evaluations.0, "without": e.evaluations.1 },
         "undetermined": e.undetermined,
         "determined_by_prior": e.determined_by_prior,

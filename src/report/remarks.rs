@@ -23,8 +23,8 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
         let name = |k: usize| called(&estimate.parameters[k]);
         remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
     }
-    for recourse in &estimate.recourses {
-        remarks.push(format!("the iteration needed help: {recourse}"));
+    for aid in &estimate.aids {
+        remarks.push(format!("the iteration needed help: {aid}"));
     }
     for output in &estimate.noise_free {
         remarks.push(format!("`{output}` is matched to rounding: its noise and the standard errors mean nothing"));

@@ -1,4 +1,4 @@
-//! Recourse by other starts: when the iteration ends nowhere, or where the data do not determine the unknowns any more
+//! Help by other starts: when the iteration ends nowhere, or where the data do not determine the unknowns any more
 //! (an exponential that has died out, two rates that have become one), it begins again without projection and from scaled
 //! start values. The best end counts.
 
@@ -18,7 +18,7 @@ const SAME: f64 = 1e-6;
 /// What helped the iteration on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Recourse {
+pub enum Aid {
     /// Parameters in which the response is affine followed the others (variable projection).
     Projection,
     /// The start values once more, without projection.
@@ -27,7 +27,7 @@ pub enum Recourse {
     ScaledStart(f64),
 }
 
-impl fmt::Display for Recourse {
+impl fmt::Display for Aid {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Projection => write!(f, "variable projection"),
@@ -74,23 +74,23 @@ pub(super) struct Attempts {
     pub(super) unprojected: bool,
     /// Whether the current attempt was projected at any time.
     pub(super) projected: bool,
-    /// Rescues that the current attempt had.
-    recourses: Vec<Recourse>,
+    /// The aids that the current attempt had.
+    aids: Vec<Aid>,
     /// Those of the best end.
-    best_recourses: Vec<Recourse>,
+    best_aids: Vec<Aid>,
 }
 
 impl Correction<'_, '_, '_> {
     /// Notes that the attempt in hand projects.
     pub(super) fn note_projection(&mut self) {
         if !std::mem::replace(&mut self.attempts.projected, true) {
-            self.attempts.recourses.push(Recourse::Projection);
+            self.attempts.aids.push(Aid::Projection);
         }
     }
 
-    /// The recourses of what is reported.
-    pub(super) fn recourses(&mut self) -> Vec<Recourse> {
-        std::mem::take(&mut self.attempts.recourses)
+    /// The aids of what is reported.
+    pub(super) fn aids(&mut self) -> Vec<Aid> {
+        std::mem::take(&mut self.attempts.aids)
     }
 
     /// Looks at the end of an attempt: none when another one has begun, else how the estimation ends, with the best
@@ -110,9 +110,9 @@ impl Correction<'_, '_, '_> {
         let over = end.is_good() || hopeless || repeated;
         if self.attempts.best.as_ref().is_none_or(|best| end.beats(best)) {
             self.attempts.best = Some(end);
-            self.attempts.best_recourses = self.attempts.recourses.clone();
+            self.attempts.best_aids = self.attempts.aids.clone();
         }
-        if over || self.history.len() > self.options.iterations || !self.begin_again() {
+        if over || self.corrections() >= self.options.iterations || !self.begin_again() {
             let best = self.settle_for_best()?;
             return Ok(Some(if interrupted { Termination::Interrupted } else { best }));
         }
@@ -136,18 +136,18 @@ impl Correction<'_, '_, '_> {
     /// Goes to the next start that can be simulated; false when there is none left.
     fn begin_again(&mut self) -> bool {
         loop {
-            let rescue = if self.attempts.projected && !self.attempts.unprojected && self.attempts.factors == 0 {
+            let aid = if self.attempts.projected && !self.attempts.unprojected && self.attempts.factors == 0 {
                 self.attempts.unprojected = true;
-                Recourse::WithoutProjection
+                Aid::WithoutProjection
             } else {
                 let Some(factor) = FACTORS.get(self.attempts.factors) else { return false };
                 self.attempts.factors += 1;
                 self.attempts.unprojected = false;
-                Recourse::ScaledStart(*factor)
+                Aid::ScaledStart(*factor)
             };
             self.attempts.projected = false;
-            self.attempts.recourses = vec![rescue];
-            let factor = if let Recourse::ScaledStart(factor) = rescue { factor } else { 1.0 };
+            self.attempts.aids = vec![aid];
+            let factor = if let Aid::ScaledStart(factor) = aid { factor } else { 1.0 };
             self.reset(factor);
             if self.start().is_ok() {
                 return true;
@@ -169,7 +169,7 @@ impl Correction<'_, '_, '_> {
     /// Puts the best estimates back in place.
     fn settle_for_best(&mut self) -> Result<Termination, RunFailure> {
         let Some(best) = self.attempts.best.clone() else { return Ok(Termination::NoProgress) };
-        self.attempts.recourses = std::mem::take(&mut self.attempts.best_recourses);
+        self.attempts.aids = std::mem::take(&mut self.attempts.best_aids);
         if best.values != self.values {
             self.values = best.values;
             self.secant = Default::default();

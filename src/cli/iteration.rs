@@ -1,0 +1,52 @@
+//! How the iteration is to go on: its method, gain and limits.
+
+use clap::{Args, ValueEnum};
+use fdm::estimate::{Method, Noise, Options};
+
+/// What a user may choose about the iteration.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Estimation")]
+pub(crate) struct Choice {
+    /// Most corrections
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    iterations: usize,
+    /// Largest correction, relative to the parameter, at which the estimates count as converged
+    #[arg(long, value_name = "T", default_value_t = 1e-9)]
+    tolerance: f64,
+    /// Factor on every correction, above 0, at most 1; damping protects from corrections that are too long by itself
+    #[arg(long, value_name = "G", default_value_t = 1.0)]
+    gain: f64,
+    /// How the minimum is approached; every method ends with corrections
+    #[arg(long, value_enum, default_value_t = Approach::Correction)]
+    method: Approach,
+}
+
+/// The methods as they are typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Approach {
+    /// Damped Gauss-Newton corrections from the start
+    Correction,
+    /// The simplex of Nelder and Mead first: without derivatives
+    NelderMead,
+    /// Quasi-Newton with limited memory first
+    Lbfgs,
+}
+
+impl Choice {
+    /// The options of an estimation with this noise.
+    pub(crate) fn options(&self, noise: Noise) -> Options {
+        let method = match self.method {
+            Approach::Correction => Method::Correction,
+            Approach::NelderMead => Method::NelderMead,
+            Approach::Lbfgs => Method::Lbfgs,
+        };
+        Options {
+            noise,
+            iterations: self.iterations,
+            tolerance: self.tolerance,
+            gain: self.gain,
+            method,
+            ..Options::default()
+        }
+    }
+}
