@@ -119,6 +119,10 @@ impl Lengthening<'_> {
     ) -> Result<Option<Fit>, FitError> {
         let (mut starts, mut growth, mut matched) = (starts.to_vec(), GROWTH, false);
         let (mut reached, mut next) = (0.0, self.shortest());
+        if next <= 0.0 {
+            // nothing is free: no length helps, and nothing times a growth stays nothing
+            return Ok(None);
+        }
         while next < 1.0 {
             let fit = self.short(&Length::Share(next).cut(self.runs), &starts, observer)?;
             if fit.estimate.termination == Termination::Interrupted {
