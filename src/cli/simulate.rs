@@ -84,7 +84,8 @@ fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Res
         Some(steps) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
         None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
-    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
+    let simulator = Simulator::with_scheme(model.dynamics(), run, accuracy.scheme, accuracy.per_interval);
+    let mut simulator = simulator.map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
     Ok(Response { run, accuracy, y, divergence })
@@ -126,6 +127,7 @@ fn as_json(model: &Model, response: &Response<'_>) -> serde_json::Value {
     json!({
         "run": response.run.name,
         "channels": channels,
+        "integration": response.accuracy.scheme.to_string(),
         "steps_per_interval": response.accuracy.per_interval,
         "integration_error": finite(&response.accuracy.error),
         "divergence": response.divergence.map(|d| json!({

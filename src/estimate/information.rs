@@ -89,7 +89,7 @@ impl Sums {
             return accumulate(rows, stride, block.samples(), self.width, order, sums);
         }
         let own = &mut self.own[output];
-        if own.as_ref().is_none_or(|(known, _)| known != row) {
+        if own.is_none() || block.first == 0 && own.as_ref().is_some_and(|(known, _)| known != row) {
             *own = Some((row.clone(), vec![0.0; order * row.width]));
         }
         if let Some((_, sums)) = own {
@@ -180,6 +180,13 @@ impl Moments {
     /// Begins a run.
     pub(super) fn begin(&mut self) {
         self.sums.fill(0.0);
+    }
+
+    /// Takes the squares from the sums of a run whose outputs are apart; products of different outputs stay zero.
+    pub(super) fn take_squares(&mut self, sums: &Sums) {
+        for o in 0..self.outputs {
+            self.sums[o * self.width + o] = sums.group(o)[sums.columns * sums.width + sums.columns];
+        }
     }
 
     /// Adds consecutive samples of a response and its measurement (by q); cells that were not measured count nothing.

@@ -22,7 +22,10 @@ pub fn fit_json(fit: &Fit) -> Value {
         .runs
         .iter()
         .zip(&fit.integration)
-        .map(|(run, a)| json!({ "run": run.run, "steps_per_interval": a.per_interval, "error": finite(a.error) }))
+        .map(|(run, a)| {
+            let (scheme, steps) = (a.scheme.to_string(), a.per_interval);
+            json!({ "run": run.run, "scheme": scheme, "steps_per_interval": steps, "error": finite(a.error) })
+        })
         .collect();
     json!({
         "model": fit.model.name(),

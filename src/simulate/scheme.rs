@@ -1,5 +1,7 @@
 //! How the equations are integrated between samples.
 
+use std::fmt;
+
 /// How a run is integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scheme {
@@ -12,4 +14,16 @@ pub enum Scheme {
         /// Subsystems that do not influence each other.
         subsystems: usize,
     },
+}
+
+impl fmt::Display for Scheme {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::RungeKutta => write!(f, "Runge-Kutta"),
+            Self::Recursion { subsystems: 1 } => write!(f, "exact recursion (linear model)"),
+            Self::Recursion { subsystems } => {
+                write!(f, "exact recursion (linear model, {subsystems} subsystems)")
+            }
+        }
+    }
 }

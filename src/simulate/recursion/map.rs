@@ -34,6 +34,76 @@ impl LinearMap {
         &mut self.forcing[(term * self.rows + row) * self.width..][..self.width]
     }
 
+    /// Applies a map of states to states again and again: `slots` holds the states before the first of `count` steps and
+    /// takes those after each, `feed` has one row of `terms` numbers for every step.
+    #[inline(always)]
+    pub(super) fn march<S: Simd>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
+        let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
+        match self.width / S::F64_LANES {
+            1 if self.rows <= tallest => self.march_of::<S, 1>(simd, slots, feed, count),
+            2 if self.rows <= tallest => self.march_of::<S, 2>(simd, slots, feed, count),
+            _ => {
+                let size = self.rows * self.width;
+                for k in 0..count {
+                    let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
+                    self.apply(simd, before, &feed[k * self.terms..], after);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn march_of<S: Simd, const C: usize>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
+        match self.rows {
+            0 => {}
+            1 => self.march_in_registers::<S, 1, C>(simd, slots, feed, count),
+            2 => self.march_in_registers::<S, 2, C>(simd, slots, feed, count),
+            3 => self.march_in_registers::<S, 3, C>(simd, slots, feed, count),
+            4 => self.march_in_registers::<S, 4, C>(simd, slots, feed, count),
+            5 => self.march_in_registers::<S, 5, C>(simd, slots, feed, count),
+            6 => self.march_in_registers::<S, 6, C>(simd, slots, feed, count),
+            7 => self.march_in_registers::<S, 7, C>(simd, slots, feed, count),
+            _ => self.march_in_registers::<S, 8, C>(simd, slots, feed, count),
+        }
+    }
+
+    /// R states in C vectors each: the sums of a step stay in registers. The same operations in the same order as `apply`.
+    #[inline(always)]
+    fn march_in_registers<S: Simd, const R: usize, const C: usize>(
+        &self,
+        simd: S,
+        slots: &mut [f64],
+        feed: &[f64],
+        count: usize,
+    ) {
+        let (width, terms) = (C * S::F64_LANES, self.terms);
+        let size = R * width;
+        let forcing = S::as_simd_f64s(&self.forcing).0;
+        let (by_feed, by_state) = forcing.split_at(terms * R * C);
+        let (flow, lane) = (self.flow.as_chunks::<R>().0, self.lane.min(width - 1));
+        for k in 0..count {
+            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
+            let mut sum = [[simd.splat_f64s(0.0); C]; R];
+            for (f, k) in feed[k * terms..][..terms].iter().zip(by_feed.chunks_exact(R * C)) {
+                add::<S, R, C>(simd, *f, k, C, &mut sum);
+            }
+            for (x, k) in before.chunks_exact(width).zip(by_state.chunks_exact(R * C)) {
+                add::<S, R, C>(simd, x[lane], k, C, &mut sum);
+            }
+            for (x, factors) in S::as_simd_f64s(before).0.as_chunks::<C>().0.iter().zip(flow) {
+                for r in 0..R {
+                    let factor = simd.splat_f64s(factors[r]);
+                    for c in 0..C {
+                        sum[r][c] = simd.mul_add_f64s(factor, x[c], sum[r][c]);
+                    }
+                }
+            }
+            for (to, sum) in S::as_mut_simd_f64s(after).0.as_chunks_mut::<C>().0.iter_mut().zip(&sum) {
+                *to = *sum;
+            }
+        }
+    }
+
     /// Applies the map to states (rows of lanes) and feed.
     #[inline(always)]
     pub(super) fn apply<S: Simd>(&self, simd: S, s: &[f64], feed: &[f64], out: &mut [f64]) {

@@ -118,16 +118,21 @@ impl Transition {
         cube.product_of(square, z);
         fourth.product_of(cube, z);
         let powers: [&Jet; 4] = [z, square, cube, fourth];
-        let polynomial = |sum: &mut Jet, unit: f64, factors: &[f64]| {
-            sum.clear();
-            factors.iter().zip(powers).for_each(|(f, power)| sum.add(*f, power));
-            sum.add_unit(unit);
-        };
-        polynomial(flow, 1.0, &[1.0, 1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0]);
-        polynomial(start, 1.0 / 6.0, &[1.0 / 6.0, 1.0 / 12.0, 1.0 / 24.0]);
-        polynomial(middle, 2.0 / 3.0, &[1.0 / 3.0, 1.0 / 12.0]);
-        polynomial(end, 1.0 / 6.0, &[]);
+        polynomial(flow, 1.0, &[1.0, 1.0 / 2.0, 1.0 / 6.0, 1.0 / 24.0], powers);
+        polynomial(start, 1.0 / 6.0, &[1.0 / 6.0, 1.0 / 12.0, 1.0 / 24.0], powers);
+        polynomial(middle, 2.0 / 3.0, &[1.0 / 3.0, 1.0 / 12.0], powers);
+        polynomial(end, 1.0 / 6.0, &[], powers);
     }
+}
+
+/// `unit I + sum of factors times powers`.
+#[inline(always)]
+fn polynomial(sum: &mut Jet, unit: f64, factors: &[f64], powers: [&Jet; 4]) {
+    sum.clear();
+    for (factor, power) in factors.iter().zip(powers) {
+        sum.add(*factor, power);
+    }
+    sum.add_unit(unit);
 }
 
 #[cfg(test)]
