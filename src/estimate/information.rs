@@ -142,12 +142,13 @@ impl Sums {
 /// Writes the residuals of an output to the free lane of its rows; where nothing was measured the row becomes zero.
 fn place_residuals(block: &mut Block<'_>, measured: &[f64], output: usize) {
     let (q, row) = (block.layout.outputs.len(), &block.layout.outputs[output]);
-    let samples = block.rows.chunks_exact_mut(block.layout.length);
-    for ((rows, y), z) in samples.zip(block.y.chunks_exact(q)).zip(measured.chunks_exact(q)) {
-        if z[output].is_nan() {
-            rows[row.start..][..row.width].fill(0.0);
+    let (free, length) = (row.start + row.columns.len(), block.layout.length);
+    for sample in 0..block.y.len() / q {
+        let z = measured[sample * q + output];
+        if z.is_nan() {
+            block.rows[sample * length + row.start..][..row.width].fill(0.0);
         } else {
-            rows[row.start + row.columns.len()] = z[output] - y[output];
+            block.rows[sample * length + free] = z - block.y[sample * q + output];
         }
     }
 }

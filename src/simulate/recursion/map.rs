@@ -84,13 +84,16 @@ impl LinearMap {
         for k in 0..count {
             let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
             let mut sum = [[simd.splat_f64s(0.0); C]; R];
-            for (f, k) in feed[k * terms..][..terms].iter().zip(by_feed.chunks_exact(R * C)) {
-                add::<S, R, C>(simd, *f, k, C, &mut sum);
+            let feed = &feed[k * terms..][..terms];
+            for m in 0..terms {
+                add::<S, R, C>(simd, feed[m], &by_feed[m * R * C..], C, &mut sum);
             }
-            for (x, k) in before.chunks_exact(width).zip(by_state.chunks_exact(R * C)) {
-                add::<S, R, C>(simd, x[lane], k, C, &mut sum);
+            for j in 0..R {
+                add::<S, R, C>(simd, before[j * width + lane], &by_state[j * R * C..], C, &mut sum);
             }
-            for (x, factors) in S::as_simd_f64s(before).0.as_chunks::<C>().0.iter().zip(flow) {
+            let x = S::as_simd_f64s(before).0;
+            for j in 0..R {
+                let (x, factors) = (&x[j * C..][..C], &flow[j]);
                 for r in 0..R {
                     let factor = simd.splat_f64s(factors[r]);
                     for c in 0..C {
@@ -98,8 +101,11 @@ impl LinearMap {
                     }
                 }
             }
-            for (to, sum) in S::as_mut_simd_f64s(after).0.as_chunks_mut::<C>().0.iter_mut().zip(&sum) {
-                *to = *sum;
+            let after = S::as_mut_simd_f64s(after).0;
+            for r in 0..R {
+                for c in 0..C {
+                    after[r * C + c] = sum[r][c];
+                }
             }
         }
     }
@@ -166,15 +172,14 @@ impl LinearMap {
         let (by_feed, by_state) = forcing.split_at(self.terms * self.rows * across);
         let block = self.rows * across;
         let first = row * across + vector;
-        for (f, k) in feed[..self.terms].iter().zip(by_feed.chunks_exact(block)) {
-            add::<S, R, C>(simd, *f, &k[first..], across, &mut sum);
+        for m in 0..self.terms {
+            add::<S, R, C>(simd, feed[m], &by_feed[m * block + first..], across, &mut sum);
         }
-        for (x, k) in s.chunks_exact(width).zip(by_state.chunks_exact(block)) {
-            add::<S, R, C>(simd, x[self.lane], &k[first..], across, &mut sum);
+        for j in 0..self.states {
+            add::<S, R, C>(simd, s[j * width + self.lane], &by_state[j * block + first..], across, &mut sum);
         }
-        for (x, flow) in vectors.chunks_exact(across).zip(self.flow.chunks_exact(self.rows)) {
-            let Some(x) = x[vector..].first_chunk::<C>() else { return };
-            let Some(factors) = flow[row..].first_chunk::<R>() else { return };
+        for j in 0..self.states {
+            let (x, factors) = (&vectors[j * across + vector..][..C], &self.flow[j * self.rows + row..][..R]);
             for r in 0..R {
                 let factor = simd.splat_f64s(factors[r]);
                 for c in 0..C {
@@ -183,8 +188,10 @@ impl LinearMap {
             }
         }
         let out = S::as_mut_simd_f64s(out).0;
-        for (r, sum) in sum.iter().enumerate() {
-            out[(row + r) * across + vector..][..C].copy_from_slice(sum);
+        for r in 0..R {
+            for c in 0..C {
+                out[(row + r) * across + vector + c] = sum[r][c];
+            }
         }
     }
 }

@@ -87,7 +87,8 @@ impl Recursion {
         for k in columns {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
-        let (held, kinds, linear) = (&simulator.run.held, intervals.lengths.len(), observed(layout));
+        let (held, linear) = (&simulator.run.held, observed(layout));
+        let kinds = (intervals.lengths.len(), simulator.grid.per_interval());
         let parts = partition(layout, linear).into_iter();
         let subsystems: Vec<_> = parts.map(|part| Subsystem::new(layout, part, columns, held, kinds)).collect();
         let general = (!linear).then(|| General {
@@ -221,7 +222,11 @@ impl Place<'_> {
             let start = self.layout.outputs[*output].start;
             for at in 0..count {
                 let row = &subsystem.slot(slot + at)[state * width..][..width];
-                copy_vectors(row, &mut self.rows[at * length + start..][..width]);
+                let to = &mut self.rows[at * length + start..][..width];
+                for vector in 0..width / VECTOR {
+                    let lanes = vector * VECTOR..(vector + 1) * VECTOR;
+                    to[lanes.clone()].copy_from_slice(&row[lanes]);
+                }
                 self.y[at * q + output] = row[subsystem.lane];
             }
         }

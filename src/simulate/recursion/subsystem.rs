@@ -19,6 +19,9 @@ pub(super) const STEPS: usize = 16;
 enum Reading {
     /// From the values of the drive, at this distance from those of the step or sample.
     Value(u32),
+    /// From the samples, at this distance from the one at the beginning of the step: where every step is an interval, the
+    /// inputs stand there closer together.
+    Sample(u32),
     /// From the slopes of delayed signals, likewise.
     Slope(u32),
     /// 1, for constants.
@@ -64,13 +67,20 @@ pub(super) struct Subsystem {
 }
 
 impl Subsystem {
-    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths.
-    pub(super) fn new(layout: &Layout, part: Part, columns: &[usize], held: &[bool], kinds: usize) -> Self {
+    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths, `per` that of steps
+    /// between samples.
+    pub(super) fn new(
+        layout: &Layout,
+        part: Part,
+        columns: &[usize],
+        held: &[bool],
+        (kinds, per): (usize, usize),
+    ) -> Self {
         let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
         let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
         let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
         let (width, drives) = ((lane + 1).next_multiple_of(VECTOR), part.drive.len() + 1);
-        let terms = step_terms(layout, &part, held);
+        let terms = step_terms(layout, &part, held, per);
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
@@ -288,7 +298,7 @@ impl Subsystem {
     ) {
         for (f, term) in self.feed.iter_mut().zip(&self.output_terms) {
             *f = match term.reading {
-                Reading::Value(at) => drive.sample(sample)[at as usize],
+                Reading::Value(at) | Reading::Sample(at) => drive.sample(sample)[at as usize],
                 Reading::Slope(at) => drive.sample_slopes(sample)[at as usize],
                 Reading::One => 1.0,
             };
@@ -301,13 +311,19 @@ impl Subsystem {
 /// The feed of some steps, one row of numbers for each.
 #[inline(always)]
 fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f64]) {
-    let width = terms.len().max(1);
+    let (width, count) = (terms.len(), steps.len());
+    let feed = &mut feed[..width * count];
     for (m, term) in terms.iter().enumerate() {
-        let rows = feed.chunks_exact_mut(width).zip(steps.clone());
-        match term.reading {
-            Reading::Value(at) => rows.for_each(|(row, k)| row[m] = drive.stages(k)[at as usize]),
-            Reading::Slope(at) => rows.for_each(|(row, k)| row[m] = drive.stage_slopes(k)[at as usize]),
-            Reading::One => rows.for_each(|(row, _)| row[m] = 1.0),
+        let (table, stride, at) = match term.reading {
+            Reading::Value(at) => (drive.all_stages(), 3 * drive.width(), at as usize),
+            Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
+            Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
+            Reading::One => (&[1.0][..], 0, 0),
+        };
+        let mut from = steps.start * stride + at;
+        for k in 0..count {
+            feed[k * width + m] = table[from];
+            from += stride;
         }
     }
 }
@@ -323,7 +339,7 @@ fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns
 
 /// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
 /// the delay is estimated; then the constant.
-fn step_terms(layout: &Layout, part: &Part, held: &[bool]) -> Vec<Term> {
+fn step_terms(layout: &Layout, part: &Part, held: &[bool], per: usize) -> Vec<Term> {
     let (width, delays) = (layout.drive(), layout.delayed.len());
     let mut terms = Vec::new();
     for (drive, d) in part.drive.iter().enumerate() {
@@ -331,9 +347,13 @@ fn step_terms(layout: &Layout, part: &Part, held: &[bool]) -> Vec<Term> {
             let reading = Reading::Value((stage * width + d) as u32);
             Term { reading, drive, weights }
         };
+        let end = |end: usize, weights: [f64; 3]| match per {
+            1 => Term { reading: Reading::Sample((end * width + d) as u32), drive, weights },
+            _ => value(2 * end, weights),
+        };
         match d.checked_sub(layout.inputs) {
-            None if held[*d] => terms.push(value(0, [1.0, 1.0, 1.0])),
-            None => terms.extend([value(0, [1.0, 0.5, 0.0]), value(2, [0.0, 0.5, 1.0])]),
+            None if held[*d] => terms.push(end(0, [1.0, 1.0, 1.0])),
+            None => terms.extend([end(0, [1.0, 0.5, 0.0]), end(1, [0.0, 0.5, 1.0])]),
             Some(delayed) => {
                 let unit = |stage: usize| [0, 1, 2].map(|s| f64::from(u8::from(s == stage)));
                 terms.extend([0, 1, 2].map(|stage| value(stage, unit(stage))));
