@@ -318,7 +318,10 @@ impl Recursion {
                 subsystem.advance(simd, &simulator.drive, intervals, steps);
                 let after = usize::from(first > 0);
                 place.show(subsystem, count, after);
-                (0..count).for_each(|at| place.observe(simd, subsystem, simulator, (first + at, at), at + after));
+                // no closure: it would be compiled without the wide registers
+                for at in 0..count {
+                    place.observe(simd, subsystem, simulator, (first + at, at), at + after);
+                }
                 continue;
             }
             for at in 0..count {
