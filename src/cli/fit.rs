@@ -141,13 +141,7 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {
         for (run, a) in runs.iter().zip(&fit.integration).filter(|_| !e.runs.is_empty()) {
-            let (steps, plural) = (a.per_interval, if a.per_interval == 1 { "" } else { "s" });
-            text.push_str(&format!(
-                "{}: {} samples, {steps} Runge-Kutta step{plural} between samples, integration error {:.0e} of the range\n",
-                run.name,
-                run.len(),
-                a.error
-            ));
+            text.push_str(&format!("{}: {} samples, {a}\n", run.name, run.len()));
         }
     }
     text

@@ -184,7 +184,8 @@ fn respond<'a>(model: &Model, run: &'a Run, values: &Values, arguments: &Argumen
         (None, Some(fitted)) => fitted,
         (None, None) => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
     };
-    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
+    let simulator = Simulator::with_scheme(model.dynamics(), run, accuracy.scheme, accuracy.per_interval);
+    let mut simulator = simulator.map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
@@ -227,6 +228,7 @@ fn as_json(model: &Model, response: &Response<'_>) -> serde_json::Value {
     json!({
         "run": response.run.name,
         "channels": channels,
+        "integration": response.accuracy.scheme.to_string(),
         "steps_per_interval": response.accuracy.per_interval,
         "integration_error": finite(&response.accuracy.error),
         "divergence": response.divergence.map(|d| json!({

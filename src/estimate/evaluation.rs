@@ -201,14 +201,21 @@ impl RunState<'_, '_> {
         moments.begin();
         sums.begin();
         let measured = &run.measured;
+        // the squares are among the products
+        let squares = whitener.is_none() && !sums.precise;
         let result = run.response.sensitivities(theta, &unknowns.columns, &mut |mut block| {
             let cells = block.first * q..block.first * q + block.y.len();
             y[cells.clone()].copy_from_slice(block.y);
-            moments.add(block.y, &measured[cells.clone()]);
+            if !squares {
+                moments.add(block.y, &measured[cells.clone()]);
+            }
             sums.add(&mut block, &measured[cells], whitener);
         });
         result.map_err(Failure::Diverged)?;
         sums.end();
+        if squares {
+            moments.take_squares(sums);
+        }
         self.comparable(q)?;
         let groups = if whitener.is_some() { 1 } else { q };
         if (0..groups).all(|g| self.sums.group(g).iter().all(|v| v.is_finite())) {

@@ -89,7 +89,7 @@ impl Sums {
             return accumulate(rows, stride, block.samples(), self.width, order, sums);
         }
         let own = &mut self.own[output];
-        if own.as_ref().is_none_or(|(known, _)| known != row) {
+        if own.is_none() || block.first == 0 && own.as_ref().is_some_and(|(known, _)| known != row) {
             *own = Some((row.clone(), vec![0.0; order * row.width]));
         }
         if let Some((_, sums)) = own {
@@ -142,12 +142,13 @@ impl Sums {
 /// Writes the residuals of an output to the free lane of its rows; where nothing was measured the row becomes zero.
 fn place_residuals(block: &mut Block<'_>, measured: &[f64], output: usize) {
     let (q, row) = (block.layout.outputs.len(), &block.layout.outputs[output]);
-    let samples = block.rows.chunks_exact_mut(block.layout.length);
-    for ((rows, y), z) in samples.zip(block.y.chunks_exact(q)).zip(measured.chunks_exact(q)) {
-        if z[output].is_nan() {
-            rows[row.start..][..row.width].fill(0.0);
+    let (free, length) = (row.start + row.columns.len(), block.layout.length);
+    for sample in 0..block.y.len() / q {
+        let z = measured[sample * q + output];
+        if z.is_nan() {
+            block.rows[sample * length + row.start..][..row.width].fill(0.0);
         } else {
-            rows[row.start + row.columns.len()] = z[output] - y[output];
+            block.rows[sample * length + free] = z - block.y[sample * q + output];
         }
     }
 }
@@ -180,6 +181,13 @@ impl Moments {
     /// Begins a run.
     pub(super) fn begin(&mut self) {
         self.sums.fill(0.0);
+    }
+
+    /// Takes the squares from the sums of a run whose outputs are apart; products of different outputs stay zero.
+    pub(super) fn take_squares(&mut self, sums: &Sums) {
+        for o in 0..self.outputs {
+            self.sums[o * self.width + o] = sums.group(o)[sums.columns * sums.width + sums.columns];
+        }
     }
 
     /// Adds consecutive samples of a response and its measurement (by q); cells that were not measured count nothing.

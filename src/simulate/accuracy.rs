@@ -6,6 +6,7 @@ use super::scheme::Scheme;
 use super::simulator::{Divergence, Simulator, Unsuited};
 use crate::dynamics::Dynamics;
 use crate::record::Run;
+use std::fmt;
 
 /// What was chosen for a run and what it is worth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +18,20 @@ pub struct Accuracy {
     /// Estimated integration error, as a part of each output's range, largest over outputs and samples; infinite when
     /// no step that was tried gave a finite response.
     pub error: f64,
+}
+
+impl fmt::Display for Accuracy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (scheme, steps, plural) = (self.scheme, self.per_interval, if self.per_interval == 1 { "" } else { "s" });
+        match scheme {
+            Scheme::RungeKutta => write!(f, "{steps} {scheme} step{plural} between samples")?,
+            Scheme::Recursion { .. } if self.error == 0.0 => return write!(f, "{scheme}"),
+            Scheme::Recursion { .. } => {
+                write!(f, "{scheme}, {steps} step{plural} between samples for its delayed inputs")?
+            }
+        }
+        write!(f, ", integration error {:.0e} of the range", self.error)
+    }
 }
 
 /// Integration errors below this part of an output's range are of no consequence to any estimate.

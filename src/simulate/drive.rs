@@ -98,6 +98,34 @@ impl DriveTable {
         }
     }
 
+    /// Length of a row of the drive.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Number of delayed signals.
+    pub(super) fn delays(&self) -> usize {
+        self.delayed.len()
+    }
+
+    /// Drive at the three stages of all steps (steps by 3 by width).
+    #[inline]
+    pub(super) fn all_stages(&self) -> &[f64] {
+        &self.stages
+    }
+
+    /// Slopes at the same (steps by 3 by delayed signals).
+    #[inline]
+    pub(super) fn all_stage_slopes(&self) -> &[f64] {
+        &self.stage_slopes
+    }
+
+    /// Drive at all samples (N by width).
+    #[inline]
+    pub(super) fn all_samples(&self) -> &[f64] {
+        &self.samples
+    }
+
     /// Drive at a sample (width), writable for the delayed states.
     #[inline]
     pub(super) fn sample(&mut self, sample: usize) -> &mut [f64] {

@@ -1,6 +1,7 @@
 //! How the equations are integrated between samples.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// How a run is integrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -15,4 +16,16 @@ pub enum Scheme {
         /// Subsystems that do not influence each other.
         subsystems: usize,
     },
+}
+
+impl fmt::Display for Scheme {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::RungeKutta => write!(f, "Runge-Kutta"),
+            Self::Recursion { subsystems: 1 } => write!(f, "exact recursion (linear model)"),
+            Self::Recursion { subsystems } => {
+                write!(f, "exact recursion (linear model, {subsystems} subsystems)")
+            }
+        }
+    }
 }

@@ -28,7 +28,7 @@ use equations::Equations;
 use fdm_grammar::graph::Signal;
 use partition::partition;
 use pulp::{Simd, WithSimd};
-use subsystem::Subsystem;
+use subsystem::{STEPS, Subsystem};
 
 /// Subsystems with more states are left to steps that touch structural nonzeros only.
 const MOST_STATES: usize = 24;
@@ -87,7 +87,8 @@ impl Recursion {
         for k in columns {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
-        let (held, kinds, linear) = (&simulator.run.held, intervals.lengths.len(), observed(layout));
+        let (held, linear) = (&simulator.run.held, observed(layout));
+        let kinds = (intervals.lengths.len(), simulator.grid.per_interval());
         let parts = partition(layout, linear).into_iter();
         let subsystems: Vec<_> = parts.map(|part| Subsystem::new(layout, part, columns, held, kinds)).collect();
         let general = (!linear).then(|| General {
@@ -143,9 +144,8 @@ impl Recursion {
     ) -> Divergence {
         self.subsystems.iter_mut().zip(&self.before).for_each(|(s, before)| s.restore(before));
         for k in steps.clone() {
-            let kind = intervals.of_step(k);
             for subsystem in &mut self.subsystems {
-                pulp::Arch::new().dispatch(Single { subsystem, simulator, k, kind });
+                pulp::Arch::new().dispatch(Single { subsystem, simulator, intervals, k });
             }
             if let Some(state) = self.first_not_finite() {
                 let (t, h) = simulator.grid.step(k);
@@ -184,8 +184,8 @@ fn lanes_of(layout: &Layout, subsystem: &Subsystem) -> Vec<usize> {
 struct Single<'m, 'a> {
     subsystem: &'m mut Subsystem,
     simulator: &'m Simulator<'a>,
+    intervals: &'m Intervals,
     k: usize,
-    kind: usize,
 }
 
 impl WithSimd for Single<'_, '_> {
@@ -193,7 +193,65 @@ impl WithSimd for Single<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        self.subsystem.step(simd, &self.simulator.drive, self.k, self.kind);
+        self.subsystem.advance(simd, &self.simulator.drive, self.intervals, self.k..self.k + 1);
+    }
+}
+
+/// Where outputs and rows of some samples are written.
+struct Place<'p> {
+    layout: &'p RowLayout,
+    y: &'p mut [f64],
+    rows: &'p mut [f64],
+    /// Rows of outputs that are not states.
+    spare: &'p mut [f64],
+}
+
+impl Place<'_> {
+    /// One of the samples.
+    fn only(&mut self, at: usize) -> Place<'_> {
+        let (q, length) = (self.layout.outputs.len(), self.layout.length);
+        let (y, rows) = (&mut self.y[at * q..][..q], &mut self.rows[at * length..][..length]);
+        Place { layout: self.layout, y, rows, spare: self.spare }
+    }
+
+    /// Outputs that are states, at `count` samples whose states stand in the slots from `slot` on.
+    #[inline(always)]
+    fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
+        let (q, length, width) = (self.layout.outputs.len(), self.layout.length, subsystem.width);
+        for (output, state) in &subsystem.part.shown {
+            let start = self.layout.outputs[*output].start;
+            for at in 0..count {
+                let row = &subsystem.slot(slot + at)[state * width..][..width];
+                let to = &mut self.rows[at * length + start..][..width];
+                for vector in 0..width / VECTOR {
+                    let lanes = vector * VECTOR..(vector + 1) * VECTOR;
+                    to[lanes.clone()].copy_from_slice(&row[lanes]);
+                }
+                self.y[at * q + output] = row[subsystem.lane];
+            }
+        }
+    }
+
+    /// Other linear outputs, at one sample.
+    #[inline(always)]
+    fn observe<S: Simd>(
+        &mut self,
+        simd: S,
+        subsystem: &mut Subsystem,
+        simulator: &mut Simulator<'_>,
+        (sample, at): (usize, usize),
+        slot: usize,
+    ) {
+        if subsystem.part.outputs.is_empty() {
+            return;
+        }
+        let (q, length, width) = (self.layout.outputs.len(), self.layout.length, subsystem.width);
+        subsystem.observe(simd, &mut simulator.drive, (sample, slot), self.spare);
+        for (output, row) in subsystem.part.outputs.iter().zip(self.spare.chunks_exact(width)) {
+            let start = self.layout.outputs[*output].start;
+            copy_vectors(row, &mut self.rows[at * length + start..][..width]);
+            self.y[at * q + output] = row[subsystem.lane];
+        }
     }
 }
 
@@ -219,7 +277,7 @@ impl WithSimd for March<'_, '_> {
         let (samples, per) = (simulator.run.len(), simulator.grid.per_interval());
         let mut first = 0;
         while first < samples {
-            let most = if recursion.general.is_some() { 1 } else { samples - first };
+            let most = if recursion.general.is_some() { 1 } else { (samples - first).min(STEPS) };
             let count = recursion.advance(simd, simulator, intervals, (first, most));
             let steps = first.saturating_sub(1) * per..(first + count - 1) * per;
             if recursion.first_not_finite().is_some() {
@@ -252,24 +310,31 @@ impl Recursion {
         let mut count = 0;
         for (subsystem, before) in subsystems.iter_mut().zip(before) {
             before.copy_from_slice(subsystem.states());
-            let (layout, _, rows, several) = gathering.several(most);
+            let (layout, y, rows, several) = gathering.several(most);
             count = several;
-            for (at, rows) in rows.chunks_exact_mut(layout.length.max(1)).enumerate().take(count) {
+            let mut place = Place { layout, y, rows, spare };
+            if per == 1 {
+                let steps = first.saturating_sub(1)..first + count - 1;
+                subsystem.advance(simd, &simulator.drive, intervals, steps);
+                let after = usize::from(first > 0);
+                place.show(subsystem, count, after);
+                // no closure: it would be compiled without the wide registers
+                for at in 0..count {
+                    place.observe(simd, subsystem, simulator, (first + at, at), at + after);
+                }
+                continue;
+            }
+            for at in 0..count {
                 let sample = first + at;
-                for k in sample.saturating_sub(1) * per..sample * per {
-                    subsystem.step(simd, &simulator.drive, k, intervals.of_step(k));
+                let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
+                while from < end {
+                    let to = end.min(from + STEPS);
+                    subsystem.advance(simd, &simulator.drive, intervals, from..to);
+                    from = to;
                 }
-                let width = subsystem.width;
-                for (output, state) in &subsystem.part.shown {
-                    let row = &mut rows[layout.outputs[*output].start..][..width];
-                    copy_vectors(&subsystem.states()[state * width..][..width], row);
-                }
-                if !subsystem.part.outputs.is_empty() {
-                    subsystem.observe(simd, &mut simulator.drive, sample, spare);
-                    for (output, from) in subsystem.part.outputs.iter().zip(spare.chunks_exact(width)) {
-                        copy_vectors(from, &mut rows[layout.outputs[*output].start..][..width]);
-                    }
-                }
+                let mut place = place.only(at);
+                place.show(subsystem, 1, subsystem.present());
+                place.observe(simd, subsystem, simulator, (sample, 0), subsystem.present());
             }
         }
         count
@@ -283,18 +348,17 @@ impl Recursion {
         if self.general.is_some() {
             return self.observe_in_general(simulator, first);
         }
-        let (layout, y, rows, _) = self.gathering.several(count);
-        let outputs = layout.outputs.len().max(1);
-        for (at, (y, rows)) in y.chunks_exact_mut(outputs).zip(rows.chunks_exact(layout.length.max(1))).enumerate() {
-            for (y, row) in y.iter_mut().zip(&layout.outputs) {
-                *y = rows[row.start + row.columns.len()];
-            }
-            if y.iter().any(|y| !y.is_finite()) {
-                let sample = first + at;
-                return Err(Divergence { time: simulator.run.time[sample], state: None, sample });
+        let (layout, y, ..) = self.gathering.several(count);
+        if self.subsystems.iter().all(|s| s.part.outputs.is_empty()) {
+            return Ok(());
+        }
+        match y.iter().position(|y| !y.is_finite()) {
+            None => Ok(()),
+            Some(cell) => {
+                let sample = first + cell / layout.outputs.len();
+                Err(Divergence { time: simulator.run.time[sample], state: None, sample })
             }
         }
-        Ok(())
     }
 
     fn observe_in_general(&mut self, simulator: &mut Simulator<'_>, sample: usize) -> Result<(), Divergence> {

@@ -1,6 +1,7 @@
 //! One subsystem: its coefficients for every length of a step, its states, and how it reads the drive.
 
 use super::equations::{Equations, Group};
+use super::intervals::Intervals;
 use super::jet::Jet;
 use super::map::LinearMap;
 use super::partition::Part;
@@ -8,12 +9,19 @@ use super::transition::{Method, Transition};
 use crate::dynamics::Layout;
 use crate::simulate::drive::DriveTable;
 use crate::simulate::vectors::{Aligned, VECTOR};
+use std::ops::Range;
+
+/// Most steps that are worked off together.
+pub(super) const STEPS: usize = 16;
 
 /// One number of the feed.
 #[derive(Debug, Clone, Copy)]
 enum Reading {
     /// From the values of the drive, at this distance from those of the step or sample.
     Value(u32),
+    /// From the samples, at this distance from the one at the beginning of the step: where every step is an interval, the
+    /// inputs stand there closer together.
+    Sample(u32),
     /// From the slopes of delayed signals, likewise.
     Slope(u32),
     /// 1, for constants.
@@ -51,19 +59,28 @@ pub(super) struct Subsystem {
     by_weight: [Jet; 3],
     /// Whether there are no constants: the last number of the feed is then not read.
     homogeneous: bool,
-    /// States with their sensitivities, before and after a step.
-    s: [Aligned; 2],
+    /// States with their sensitivities, rows of lanes: before the first of some steps, and after each.
+    slots: Aligned,
+    /// Which of the slots holds the present.
+    present: usize,
     feed: Vec<f64>,
 }
 
 impl Subsystem {
-    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths.
-    pub(super) fn new(layout: &Layout, part: Part, columns: &[usize], held: &[bool], kinds: usize) -> Self {
+    /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths, `per` that of steps
+    /// between samples.
+    pub(super) fn new(
+        layout: &Layout,
+        part: Part,
+        columns: &[usize],
+        held: &[bool],
+        (kinds, per): (usize, usize),
+    ) -> Self {
         let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
         let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
         let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
         let (width, drives) = ((lane + 1).next_multiple_of(VECTOR), part.drive.len() + 1);
-        let terms = step_terms(layout, &part, held);
+        let terms = step_terms(layout, &part, held, per);
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
@@ -76,8 +93,9 @@ impl Subsystem {
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
             homogeneous: false,
-            s: [Aligned::new(n * width), Aligned::new(n * width)],
-            feed: vec![0.0; terms.len().max(output_terms.len())],
+            slots: Aligned::new((STEPS + 1) * n * width),
+            present: 0,
+            feed: vec![0.0; STEPS * terms.len().max(output_terms.len())],
             part,
             columns,
             width,
@@ -90,12 +108,25 @@ impl Subsystem {
     /// The states with their sensitivities, rows of lanes.
     #[inline(always)]
     pub(super) fn states(&self) -> &[f64] {
-        &self.s[0]
+        self.slot(self.present)
+    }
+
+    /// Which slot that is.
+    pub(super) fn present(&self) -> usize {
+        self.present
+    }
+
+    /// The states in one of the slots.
+    #[inline(always)]
+    pub(super) fn slot(&self, slot: usize) -> &[f64] {
+        let size = self.part.states.len() * self.width;
+        &self.slots[slot * size..][..size]
     }
 
     /// Goes back to states from before.
     pub(super) fn restore(&mut self, states: &[f64]) {
-        self.s[0].copy_from_slice(states);
+        self.present = 0;
+        self.slots[..states.len()].copy_from_slice(states);
     }
 
     /// Coefficients for new parameters.
@@ -122,12 +153,13 @@ impl Subsystem {
             self.fill_step(kind, layout, known);
         }
         self.fill_observe(layout, equations, known);
-        self.s[0].fill(0.0);
+        self.present = 0;
+        self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
-            self.s[0][i * self.width + self.lane] = known[layout.initial.start + state];
+            self.slots[i * self.width + self.lane] = known[layout.initial.start + state];
             for (k, param) in layout.patterns.initial_by_param.row(*state) {
                 if let Some(lane) = self.columns.iter().position(|(_, p)| *p == param) {
-                    self.s[0][i * self.width + lane] = known[layout.initial_by_param.start + k];
+                    self.slots[i * self.width + lane] = known[layout.initial_by_param.start + k];
                 }
             }
         }
@@ -229,25 +261,70 @@ impl Subsystem {
         }
     }
 
-    /// Advances by one step.
+    /// Advances by some steps, at most [`STEPS`]: the states before them are in slot 0, those after step k in slot k + 1.
     #[inline(always)]
-    pub(super) fn step<S: pulp::Simd>(&mut self, simd: S, drive: &DriveTable, k: usize, kind: usize) {
-        read(&self.terms, drive.stages(k), drive.stage_slopes(k), &mut self.feed);
-        let [before, after] = &mut self.s;
-        self.steps[kind].apply(simd, before, &self.feed, after);
-        self.s.swap(0, 1);
+    pub(super) fn advance<S: pulp::Simd>(
+        &mut self,
+        simd: S,
+        drive: &DriveTable,
+        intervals: &Intervals,
+        steps: Range<usize>,
+    ) {
+        let size = self.part.states.len() * self.width;
+        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
+        let (mut from, end) = (steps.start, steps.end);
+        while from < end {
+            let kind = intervals.of_step(from);
+            let mut to = from + 1;
+            while to < end && intervals.of_step(to) == kind {
+                to += 1;
+            }
+            let map = &self.steps[kind];
+            gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
+            map.march(simd, &mut self.slots[(from - steps.start) * size..], &self.feed, to - from);
+            from = to;
+        }
+        self.present = end - steps.start;
     }
 
-    /// Outputs that are not states, one row each.
+    /// Outputs that are not states, one row each, from the states in a slot.
     #[inline(always)]
-    pub(super) fn observe<S: pulp::Simd>(&mut self, simd: S, drive: &mut DriveTable, sample: usize, out: &mut [f64]) {
-        read(&self.output_terms, drive.sample(sample), &[], &mut self.feed);
+    pub(super) fn observe<S: pulp::Simd>(
+        &mut self,
+        simd: S,
+        drive: &mut DriveTable,
+        (sample, slot): (usize, usize),
+        out: &mut [f64],
+    ) {
         for (f, term) in self.feed.iter_mut().zip(&self.output_terms) {
-            if let Reading::Slope(at) = term.reading {
-                *f = drive.sample_slopes(sample)[at as usize];
-            }
+            *f = match term.reading {
+                Reading::Value(at) | Reading::Sample(at) => drive.sample(sample)[at as usize],
+                Reading::Slope(at) => drive.sample_slopes(sample)[at as usize],
+                Reading::One => 1.0,
+            };
         }
-        self.observe.apply(simd, &self.s[0], &self.feed, out);
+        let size = self.part.states.len() * self.width;
+        self.observe.apply(simd, &self.slots[slot * size..][..size], &self.feed, out);
+    }
+}
+
+/// The feed of some steps, one row of numbers for each.
+#[inline(always)]
+fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f64]) {
+    let (width, count) = (terms.len(), steps.len());
+    let feed = &mut feed[..width * count];
+    for (m, term) in terms.iter().enumerate() {
+        let (table, stride, at) = match term.reading {
+            Reading::Value(at) => (drive.all_stages(), 3 * drive.width(), at as usize),
+            Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
+            Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
+            Reading::One => (&[1.0][..], 0, 0),
+        };
+        let mut from = steps.start * stride + at;
+        for k in 0..count {
+            feed[k * width + m] = table[from];
+            from += stride;
+        }
     }
 }
 
@@ -260,20 +337,9 @@ fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns
     }
 }
 
-#[inline(always)]
-fn read(terms: &[Term], values: &[f64], slopes: &[f64], feed: &mut [f64]) {
-    for (f, term) in feed.iter_mut().zip(terms) {
-        *f = match term.reading {
-            Reading::Value(at) => values[at as usize],
-            Reading::Slope(at) => slopes.get(at as usize).copied().unwrap_or(0.0),
-            Reading::One => 1.0,
-        };
-    }
-}
-
 /// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
 /// the delay is estimated; then the constant.
-fn step_terms(layout: &Layout, part: &Part, held: &[bool]) -> Vec<Term> {
+fn step_terms(layout: &Layout, part: &Part, held: &[bool], per: usize) -> Vec<Term> {
     let (width, delays) = (layout.drive(), layout.delayed.len());
     let mut terms = Vec::new();
     for (drive, d) in part.drive.iter().enumerate() {
@@ -281,9 +347,13 @@ fn step_terms(layout: &Layout, part: &Part, held: &[bool]) -> Vec<Term> {
             let reading = Reading::Value((stage * width + d) as u32);
             Term { reading, drive, weights }
         };
+        let end = |end: usize, weights: [f64; 3]| match per {
+            1 => Term { reading: Reading::Sample((end * width + d) as u32), drive, weights },
+            _ => value(2 * end, weights),
+        };
         match d.checked_sub(layout.inputs) {
-            None if held[*d] => terms.push(value(0, [1.0, 1.0, 1.0])),
-            None => terms.extend([value(0, [1.0, 0.5, 0.0]), value(2, [0.0, 0.5, 1.0])]),
+            None if held[*d] => terms.push(end(0, [1.0, 1.0, 1.0])),
+            None => terms.extend([end(0, [1.0, 0.5, 0.0]), end(1, [0.0, 0.5, 1.0])]),
             Some(delayed) => {
                 let unit = |stage: usize| [0, 1, 2].map(|s| f64::from(u8::from(s == stage)));
                 terms.extend([0, 1, 2].map(|stage| value(stage, unit(stage))));
