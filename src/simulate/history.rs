@@ -32,7 +32,7 @@ struct Weights {
 impl History {
     /// Room for delays up to `longest` on this grid; allocates only when it must grow.
     pub(super) fn begin(&mut self, states: usize, lanes: usize, longest: f64, grid: &Grid) {
-        self.capacity = nodes_within(longest, grid) + 3;
+        self.capacity = grid.most_within(longest) + 3;
         (self.states, self.lanes, self.nodes) = (states, lanes, 0);
         let (values, rows) = (self.capacity * states, self.capacity * states * lanes);
         self.time.resize(self.capacity, 0.0);
@@ -107,25 +107,13 @@ impl Weights {
     }
 }
 
-/// The greatest number of nodes in any window of this length.
-fn nodes_within(longest: f64, grid: &Grid) -> usize {
-    let (samples, mut first, mut most) = (grid.samples(), 0, 1);
-    for (k, t) in samples.iter().enumerate() {
-        while samples[first] < t - longest {
-            first += 1;
-        }
-        most = most.max(k - first + 2);
-    }
-    most * grid.per_interval()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn cubics_are_interpolated_exactly_and_slopes_are_derivatives() {
-        let grid = Grid::new(&[0.0, 0.5, 1.0, 2.0], 1);
+        let grid = Grid::new(&[0.0, 0.5, 1.0, 2.0], &1.into());
         let (f, g) = (|t: f64| 1.0 - t + t * t * t, |t: f64| 3.0 * t * t - 1.0);
         let mut history = History::default();
         history.begin(1, 0, 1.4, &grid);
@@ -146,8 +134,8 @@ mod tests {
     #[test]
     fn the_ring_reaches_back_far_enough() {
         let times: Vec<f64> = (0..50).map(|k| 0.1 * f64::from(k)).collect();
-        let grid = Grid::new(&times, 3);
-        assert!(nodes_within(0.35, &grid) >= 3 * 4);
-        assert!(nodes_within(1e9, &grid) >= 3 * 49);
+        let grid = Grid::new(&times, &3.into());
+        assert!(grid.most_within(0.35) >= 3 * 4);
+        assert!(grid.most_within(1e9) >= 3 * 49);
     }
 }

@@ -11,13 +11,16 @@ mod accuracy;
 mod drive;
 mod grid;
 mod history;
+mod implicit;
 mod moments;
 mod observation;
 mod sensitivity;
 mod simulator;
+mod steps;
 mod tangent;
 mod vectors;
 
 pub use accuracy::{Accuracy, choose_steps, integration_error};
 pub use grid::Grid;
 pub use simulator::{Divergence, Simulator, Unsuited};
+pub use steps::{Integrator, Steps};

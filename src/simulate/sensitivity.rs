@@ -4,6 +4,7 @@
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
 //! as vectors.
 
+use super::implicit::{ImplicitTangent, Interval};
 use super::observation::{Observation, Scatter, scatter};
 use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
 use super::tangent::TangentPlan;
@@ -38,6 +39,8 @@ pub(super) struct Sensitivity {
     s: Aligned,
     scratch: Aligned,
     partials: [Aligned; 2],
+    /// Made when the implicit method first needs it.
+    implicit: Option<ImplicitTangent>,
     /// Result of `rates_and_partials` at the ends of a step, for the history.
     ends: Vec<f64>,
 }
@@ -59,6 +62,7 @@ impl Sensitivity {
             scratch: Aligned::new(plan.scratch()),
             plan,
             partials: [Aligned::new(4 * stage.width), Aligned::new(4 * stage.width)],
+            implicit: None,
             ends: vec![0.0; stage.width],
         }
     }
@@ -82,7 +86,54 @@ impl Sensitivity {
         for c in &self.initial {
             self.s[c.to as usize] = simulator.known[c.from as usize];
         }
+        if simulator.implicit.is_some() {
+            self.implicit.get_or_insert_with(|| ImplicitTangent::new(simulator.dynamics.layout()));
+            return pulp::Arch::new().dispatch(|| self.march_implicitly(simulator, y, jacobian));
+        }
         pulp::Arch::new().dispatch(March { sensitivity: self, simulator, y, jacobian })
+    }
+
+    /// The loop over the steps of the implicit method: states, then their sensitivities.
+    #[inline(always)]
+    fn march_implicitly(
+        &mut self,
+        simulator: &mut Simulator<'_>,
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        let steps = simulator.grid.steps();
+        for k in 0..=steps {
+            if let Some(sample) = simulator.grid.sample_at(k) {
+                self.observe(simulator, sample, k, y, jacobian)?;
+            }
+            if k < steps {
+                simulator.advance_implicitly(k)?;
+                self.follow(simulator, k)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sensitivities over the implicit step k, which the states have taken.
+    #[inline(always)]
+    fn follow(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
+        let Simulator { dynamics, grid, drive, known, nodes, work, implicit, .. } = simulator;
+        let (Some(collocation), Some(tangent)) = (implicit, &mut self.implicit) else { return Ok(()) };
+        let ((t, h), (x, _)) = (grid.step(k), two_nodes(nodes, k));
+        let step = Interval { t, h, x, drive: drive.stages(k), known };
+        let (terms, width, slopes) = (&self.rates_by_delay, self.width, drive.stage_slopes(k));
+        let delays = slopes.len() / 3;
+        let complete = |partials: &mut [f64]| {
+            if !terms.is_empty() {
+                for (at, row) in partials.chunks_exact_mut(width).enumerate() {
+                    add_delays(terms, row, &slopes[at * delays..][..delays], known);
+                }
+            }
+        };
+        if tangent.step(collocation, (*dynamics, step), complete, &mut self.s, work) {
+            return Ok(());
+        }
+        Err(Divergence { time: t + h, state: None, sample: grid.sample_before(k) })
     }
 
     /// Outputs and their sensitivities at the sample of node k, to their places among all samples.

@@ -1,9 +1,11 @@
-//! One run of a model: outputs, and outputs with sensitivities, by fixed-step Runge-Kutta.
+//! One run of a model: outputs, and outputs with sensitivities, by steps that are chosen before.
 
 use super::drive::DriveTable;
 use super::grid::Grid;
 use super::history::History;
+use super::implicit::{Collocation, Interval};
 use super::sensitivity::Sensitivity;
+use super::steps::{Integrator, Steps};
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
@@ -35,14 +37,28 @@ pub enum Unsuited {
         input: usize,
     },
     /// The steps would not fit into memory.
-    #[error("{per_interval} steps between samples are more than {MOST_STEPS} in a run of {samples} samples")]
+    #[error("{steps} steps are more than {MOST_STEPS} in a run of {samples} samples")]
     TooManySteps {
-        /// Steps between samples.
-        per_interval: usize,
+        /// Steps of the run.
+        steps: usize,
         /// Samples of the run.
         samples: usize,
     },
+    /// Delayed states would have to be interpolated with the sensitivities of the collocation polynomial.
+    #[error(
+        "the implicit method does not know delayed states yet: integrate this model by Runge-Kutta (`--integrator runge-kutta`)"
+    )]
+    DelayedStates,
+    /// The equations of an implicit step would not fit into memory.
+    #[error("{states} states are more than the {MOST_IMPLICIT} of the implicit method: use `--integrator runge-kutta`")]
+    TooManyStates {
+        /// States of the model.
+        states: usize,
+    },
 }
+
+/// Most states of the implicit method: its matrix has nine times their square entries.
+const MOST_IMPLICIT: usize = 1000;
 
 /// Simulates one run again and again with other parameters; allocates once.
 pub struct Simulator<'a> {
@@ -55,18 +71,30 @@ pub struct Simulator<'a> {
     pub(super) history: Option<History>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
+    /// The stage equations of the implicit method.
+    pub(super) implicit: Option<Box<Collocation>>,
     sensitivity: Option<Sensitivity>,
 }
 
 impl<'a> Simulator<'a> {
-    /// Prepares a run; `per_interval` steps between samples.
+    /// Prepares a run; `steps` as [`super::choose_steps`] gives them, or a whole number of equal Runge-Kutta steps between samples.
     ///
     /// # Errors
-    /// [`Unsuited`] when sensitivities would be silently zero, or the steps do not fit into memory.
-    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
-        let layout = dynamics.layout();
-        if layout.states > 0 && per_interval.saturating_mul(run.len()) > MOST_STEPS {
-            return Err(Unsuited::TooManySteps { per_interval, samples: run.len() });
+    /// [`Unsuited`] when sensitivities would be silently zero, the steps do not fit into memory, or the method does not suit
+    /// the model.
+    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, steps: impl Into<Steps>) -> Result<Self, Unsuited> {
+        let (layout, steps) = (dynamics.layout(), steps.into());
+        let total = steps.total(run.len());
+        if layout.states > 0 && total > MOST_STEPS {
+            return Err(Unsuited::TooManySteps { steps: total, samples: run.len() });
+        }
+        let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+        let implicit = layout.states > 0 && steps.integrator() == Integrator::Radau;
+        if implicit && delays_states {
+            return Err(Unsuited::DelayedStates);
+        }
+        if implicit && layout.states > MOST_IMPLICIT {
+            return Err(Unsuited::TooManyStates { states: layout.states });
         }
         for (d, signal) in layout.delayed.iter().enumerate() {
             if let Signal::Input(input) = *signal
@@ -77,17 +105,17 @@ impl<'a> Simulator<'a> {
                 return Err(Unsuited::HeldAndDelayed { input: input as usize });
             }
         }
-        let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
-        let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+        let grid = if layout.states == 0 { Grid::without_steps(&run.time) } else { Grid::new(&run.time, &steps) };
         Ok(Self {
             dynamics,
             run,
-            drive: DriveTable::new(layout, run, &grid),
+            drive: DriveTable::new(layout, run, &grid, &steps),
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
             history: delays_states.then(History::default),
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
+            implicit: implicit.then(|| Box::new(Collocation::new(layout))),
             sensitivity: None,
         })
     }
@@ -118,6 +146,15 @@ impl<'a> Simulator<'a> {
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
+        if self.implicit.is_some() {
+            // compiled for the machine's widest registers, where the factors are
+            return pulp::Arch::new().dispatch(|| self.march(y));
+        }
+        self.march(y)
+    }
+
+    #[inline(always)]
+    fn march(&mut self, y: &mut [f64]) -> Result<(), Divergence> {
         let steps = self.grid.steps();
         for k in 0..=steps {
             if self.history.is_some() {
@@ -181,6 +218,9 @@ impl<'a> Simulator<'a> {
             return Err(start(Some(state)));
         }
         self.nodes[0].copy_from_slice(x0);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.begin();
+        }
         let tau = &self.known[layout.tau.clone()];
         if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
             return Err(start(None));
@@ -195,12 +235,32 @@ impl<'a> Simulator<'a> {
     }
 
     /// One step without sensitivities.
+    #[inline(always)]
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
+        if self.implicit.is_some() {
+            return self.advance_implicitly(k);
+        }
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
         finite(&self.grid, k, next)
+    }
+
+    /// One step of the implicit method.
+    #[inline(always)]
+    pub(super) fn advance_implicitly(&mut self, k: usize) -> Result<(), Divergence> {
+        let Some(implicit) = &mut self.implicit else { return Ok(()) };
+        let (t, h) = self.grid.step(k);
+        let (x, next) = two_nodes(&mut self.nodes, k);
+        let step = Interval { t, h, x, drive: self.drive.stages(k), known: &self.known };
+        match implicit.step(self.dynamics, step, next, &mut self.work) {
+            Ok(()) => finite(&self.grid, k, next),
+            Err(unsolved) => {
+                let sample = self.grid.sample_before(k);
+                Err(Divergence { time: t + h, state: Some(unsolved.state), sample })
+            }
+        }
     }
 
     /// Time of node k.
@@ -255,7 +315,7 @@ pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence>
     }
     let (t, h) = grid.step(k);
     let state = x.iter().position(|x| !x.is_finite());
-    Err(Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) })
+    Err(Divergence { time: t + h, state, sample: grid.sample_before(k) })
 }
 
 /// Which of the three nodes in turn holds node k.
