@@ -6,7 +6,7 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
-use fdm_grammar::model::Param;
+use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
 use std::io::Read;
@@ -121,6 +121,23 @@ impl Model {
             dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
         }
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
+    }
+
+    /// The model with measured records in the place of the chosen states (by index) on the right sides of its equations
+    /// (see [`fdm_grammar::Model::substituted`]), compiled anew. Its runs are completed by
+    /// [`Run::with_measured`](crate::record::Run::with_measured).
+    ///
+    /// # Errors
+    /// [`Unshown`] with the states that no output shows.
+    ///
+    /// # Panics
+    /// When an index is not that of a state.
+    pub fn substituted(&self, states: &[usize]) -> Result<Self, Unshown> {
+        let mut model = self.compiled.model.substituted(states)?;
+        let schedule = Schedule::new(&mut model);
+        let dynamics = crate::code::compile(&schedule, Engine::default()).into();
+        let compiled = Arc::new(Compiled { model, schedule, warnings: self.compiled.warnings.clone() });
+        Ok(Self { source: self.source.clone(), compiled, dynamics })
     }
 
     /// The model's own name.

@@ -78,6 +78,20 @@ fn time_and_delays() -> (Model, Model) {
     }
 }
 
+fn delayed_states() -> (Model, Model) {
+    twice! {
+        model late_feedback {
+            input u;
+            state x = x0, y = free;
+            param x0 = 0.2, k = 1.3, tau = 0.4 in [0, 2], lag = 0.1, kept = 0.7 fixed;
+            let feedback = delay(x*y + u*t, tau);
+            der(x) = -k*feedback + delay(x, tau + lag)^2;
+            der(y) = sin(delay(feedback, lag)) - kept*y*delay(y, 0.25);
+            output one = x, two = delay(y, tau)*x + u;
+        }
+    }
+}
+
 fn stateless() -> (Model, Model) {
     twice! {
         model curve {
@@ -170,13 +184,23 @@ fn time_delays_and_derived_parameters_have_the_same_bits() {
 }
 
 #[test]
+fn delayed_states_in_equations_have_the_same_bits() {
+    let (read, written) = delayed_states();
+    let found = fdm::code::verify(read.definition(), read.schedule(), &fdm::code::Nominal::start(read.definition()));
+    assert!(found.passed(), "{found:?}");
+    let delayed = read.layout().patterns.rates_by_delayed.len();
+    assert!(delayed >= 6 && found.worst.is_none_or(|d| d.relative < 1e-12), "{delayed}");
+    agree((read, written));
+}
+
+#[test]
 fn a_model_without_states_has_the_same_bits() {
     agree(stateless());
 }
 
 #[test]
 fn the_numbers_of_the_test_are_numbers() {
-    for (read, _) in [ship(), functions(), time_and_delays(), stateless()] {
+    for (read, _) in [ship(), functions(), time_and_delays(), delayed_states(), stateless()] {
         let tape = fdm::code::Tape::new(read.schedule());
         let nan = f64::NAN.to_bits();
         let finite = (0..50).filter(|seed| everything(&tape, &mut Noise(*seed)).iter().all(|(_, b)| !b.contains(&nan)));

@@ -46,6 +46,8 @@ pub struct Channels {
     pub inputs: Vec<Channel>,
     /// Outputs in the model's order.
     pub outputs: Vec<Channel>,
+    /// The outputs (by index) whose records drive the model, in the order of its hidden inputs.
+    pub driving: Vec<usize>,
 }
 
 /// The channels of a model: time is wanted by states, delays and explicit time.
@@ -56,8 +58,9 @@ pub fn channels(model: &Model) -> Channels {
         time: model.time.clone(),
         timed: dynamic || model.uses_time(),
         samples: if dynamic { 2 } else { 1 },
-        inputs: model.inputs.iter().map(|i| channel(&i.quantity)).collect(),
+        inputs: model.inputs.iter().filter(|i| i.measured.is_none()).map(|i| channel(&i.quantity)).collect(),
         outputs: model.outputs.iter().map(|o| channel(&o.quantity)).collect(),
+        driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),
     }
 }
 
@@ -66,6 +69,16 @@ impl Channels {
     pub(crate) fn all(&self) -> impl Iterator<Item = (Role, &Channel)> {
         let inputs = self.inputs.iter().map(|c| (Role::Input, c));
         inputs.chain(self.outputs.iter().map(|c| (Role::Output, c)))
+    }
+
+    /// Whether the output at this index must be in the record.
+    pub(crate) fn needs(&self, output: usize, require_outputs: bool) -> bool {
+        require_outputs || self.driving.contains(&output)
+    }
+
+    /// Whether the record of the output of this name drives the model.
+    pub(crate) fn drives(&self, output: &str) -> bool {
+        self.driving.iter().any(|k| self.outputs[*k].name == output)
     }
 
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {

@@ -5,6 +5,7 @@ use super::channel::{Channel, Channels, Plan, Role, Source};
 use super::dialect::Dialect;
 use super::error::{Names, Problem, RecordError};
 use super::fault::Fault;
+use super::measured;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::search;
@@ -130,7 +131,7 @@ fn check_amount(
     let no_input =
         |k: usize| empty(&samples.inputs, m, k).then_some((Role::Input, &channels.inputs[k], &plan.inputs[k]));
     let no_output = |k: usize| {
-        let source = plan.outputs[k].as_ref().filter(|_| options.require_outputs)?;
+        let source = plan.outputs[k].as_ref().filter(|_| channels.needs(k, options.require_outputs))?;
         empty(&samples.measured, q, k).then_some((Role::Output, &channels.outputs[k], source))
     };
     let problem = |(role, channel, source): (Role, &Channel, &Source)| {
@@ -150,20 +151,25 @@ fn finish(
     options: &ReadOptions,
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
-    let Samples { time, mut inputs, mut measured, .. } = samples;
+    let Samples { time, inputs, mut measured, .. } = samples;
     let time = match plan.time.as_ref().filter(|_| channels.timed) {
         Some(source) => since_first(time, source.scale).ok_or_else(|| vec![Fault::TimeResolution.anywhere()])?,
         None => (0..time.len()).map(|k| k as f64).collect(),
     };
-    let (m, q) = (plan.inputs.len(), plan.outputs.len());
-    let held: Vec<_> = channels.inputs.iter().map(|c| options.hold.contains(&c.name)).collect();
+    let (declared, q) = (plan.inputs.len(), plan.outputs.len());
+    let mut inputs = measured::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
+    let m = declared + channels.driving.len();
+    let mut held: Vec<_> = channels.inputs.iter().map(|c| options.hold.contains(&c.name)).collect();
+    held.resize(m, false);
     let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
     if !channels.timed {
         bridge::compare_not(&inputs, m, &mut measured, q);
     }
     let input_gaps: Vec<_> = (0..m).map(|k| bridge::bridge(&time, &mut inputs, m, k, held[k])).collect();
-    for (channel, gaps) in channels.inputs.iter().zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {
-        notes.push(Note::Bridged { input: channel.name.clone(), gaps: *gaps, in_time: channels.timed });
+    let hidden = channels.driving.iter().map(|k| format!("measured({})", channels.outputs[*k].name));
+    let inputs_by_name = channels.inputs.iter().map(|c| c.name.clone()).chain(hidden);
+    for (input, gaps) in inputs_by_name.zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {
+        notes.push(Note::Bridged { input, gaps: *gaps, in_time: channels.timed });
     }
     Ok(Run { name, time, inputs, held, measured, input_gaps, output_gaps })
 }
@@ -189,7 +195,7 @@ fn sources(table: &Table, plan: &Plan, run: &Run, names: &[(Role, String)]) -> V
         gaps,
     };
     let columns = plan.inputs.iter().map(Some).chain(plan.outputs.iter().map(Option::as_ref));
-    let gaps = run.input_gaps.iter().chain(&run.output_gaps);
+    let gaps = run.input_gaps.iter().take(plan.inputs.len()).chain(&run.output_gaps);
     let channels = names.iter().zip(columns).zip(gaps).map(|(((role, name), s), gaps)| source(*role, name, s, *gaps));
     plan.time.iter().map(|t| source(Role::Time, "t", Some(t), 0)).chain(channels).collect()
 }

@@ -8,7 +8,8 @@ pub struct Run {
     /// Time since the run began (N), in the model's time unit, strictly rising from 0. For a model without states
     /// and without explicit time it counts samples.
     pub time: Vec<f64>,
-    /// Inputs, one row per sample (N by m), in the model's units; gaps are bridged linearly and counted.
+    /// Inputs, one row per sample (N by m), in the model's units, hidden ones (records of outputs) behind the declared
+    /// ones; gaps are bridged linearly and counted.
     pub inputs: Vec<f64>,
     /// Whether an input keeps its value until the next sample (m); otherwise it is linear between samples.
     pub held: Vec<bool>,

@@ -23,8 +23,10 @@ pub(crate) fn plan(
     let mut search = Search { table, channels, options, notes, problems: Vec::new() };
     search.check_map();
     let time = search.time();
-    let inputs: Vec<_> = channels.inputs.iter().map(|c| search.channel(Role::Input, c)).collect();
-    let outputs: Vec<_> = channels.outputs.iter().map(|c| search.channel(Role::Output, c)).collect();
+    let inputs: Vec<_> = channels.inputs.iter().map(|c| search.channel(Role::Input, c, true)).collect();
+    let needs = |k: usize| channels.needs(k, options.require_outputs);
+    let outputs = channels.outputs.iter().enumerate();
+    let outputs: Vec<_> = outputs.map(|(k, c)| search.channel(Role::Output, c, needs(k))).collect();
     let problems = search.problems;
     if problems.is_empty() {
         Ok(Plan { time, inputs: inputs.into_iter().flatten().collect(), outputs })
@@ -127,14 +129,18 @@ impl Search<'_> {
         self.problems.push(fault.anywhere().hint(hint));
     }
 
-    fn channel(&mut self, role: Role, channel: &Channel) -> Option<Source> {
+    fn channel(&mut self, role: Role, channel: &Channel, needed: bool) -> Option<Source> {
         let mapped = self.mapped(|c| c == channel.name).map(|(_, column)| column.to_string());
         let found = match mapped {
             Some(column) => self.mapped_column(&channel.name, &column)?,
             None => match self.column(&channel.name) {
                 Ok(Some(column)) => (column, None),
                 Ok(None) => {
-                    self.missing(role, channel);
+                    if needed {
+                        self.missing(role, channel);
+                    } else {
+                        self.notes.push(Note::NotMeasured { output: channel.name.clone() });
+                    }
                     return None;
                 }
                 Err(problem) => {
@@ -197,15 +203,13 @@ impl Search<'_> {
     }
 
     fn missing(&mut self, role: Role, channel: &Channel) {
-        if role == Role::Output && !self.options.require_outputs {
-            self.notes.push(Note::NotMeasured { output: channel.name.clone() });
-            return;
-        }
         let name = &channel.name;
         let hint = match self.like(name) {
             Some(title) => format!("if `{title}` is meant, say --map \"{name}={title}\""),
             None => format!("name the column `{name}`, or say --map {name}=COLUMN"),
         };
+        let drives = role == Role::Output && self.channels.drives(name);
+        let hint = if drives { format!("`measured({name})` drives the model; {hint}") } else { hint };
         let fault = Fault::Missing { role, channel: name.clone(), columns: self.table.titles() };
         self.problems.push(fault.anywhere().hint(hint));
     }

@@ -171,14 +171,15 @@ impl fmt::Display for Note {
     }
 }
 
-/// The notes that follow from the samples alone.
+/// The notes that follow from the samples alone; `names` are those of the columns, inputs before outputs.
 pub(crate) fn suspicions(run: &Run, names: &[(Role, String)], sampling: Option<Sampling>) -> Vec<Note> {
     const FEWEST: usize = 3;
     /// Intervals of uneven sampling differ; a pause is far beyond that.
     const PAUSE: f64 = 10.0;
-    let (inputs, outputs) = (run.held.len(), run.output_gaps.len());
+    let (width, outputs) = (run.held.len(), run.output_gaps.len());
+    let inputs = names.len() - outputs;
     let column = |k: usize| -> (&[f64], usize, usize) {
-        if k < inputs { (&run.inputs, inputs, k) } else { (&run.measured, outputs, k - inputs) }
+        if k < inputs { (&run.inputs, width, k) } else { (&run.measured, outputs, k - inputs) }
     };
     let mut notes = Vec::new();
     for (k, (role, name)) in names.iter().enumerate() {

@@ -14,7 +14,14 @@ fn unit(text: &str) -> Option<Unit> {
 fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
     let channel = |(name, u): &(&str, &str)| Channel { name: (*name).into(), unit: unit(u) };
     let list = |c: &[(&str, &str)]| c.iter().map(channel).collect();
-    Channels { time: Unit::second(), timed: true, samples: 2, inputs: list(inputs), outputs: list(outputs) }
+    Channels {
+        time: Unit::second(),
+        timed: true,
+        samples: 2,
+        inputs: list(inputs),
+        outputs: list(outputs),
+        driving: Vec::new(),
+    }
 }
 
 /// One input `u` and one output `y`, without units.

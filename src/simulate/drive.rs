@@ -95,6 +95,15 @@ impl DriveTable {
         &self.stage_slopes[step * 3 * delays..][..3 * delays]
     }
 
+    /// Puts a delayed state into the drive of a step.
+    pub(super) fn place(&mut self, step: usize, delayed: usize, seen: StageValues) {
+        let delays = self.delayed.len();
+        for stage in 0..3 {
+            self.stages[(3 * step + stage) * self.width + self.inputs + delayed] = seen.value[stage];
+            self.stage_slopes[(3 * step + stage) * delays + delayed] = seen.slope[stage];
+        }
+    }
+
     /// Drive at a sample (width), writable for the delayed states.
     #[inline]
     pub(super) fn sample(&mut self, sample: usize) -> &mut [f64] {

@@ -57,6 +57,11 @@ impl Grid {
         (sample != self.before[node - 1]).then_some(sample as usize)
     }
 
+    /// Time at the end of a step: to the bit the beginning of the next.
+    pub(super) fn end(&self, k: usize) -> f64 {
+        self.steps.get(k + 1).map_or_else(|| self.samples[self.samples.len() - 1], |(t, _)| *t)
+    }
+
     /// Beginning and length of a step.
     #[inline]
     pub fn step(&self, k: usize) -> (f64, f64) {

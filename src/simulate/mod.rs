@@ -10,10 +10,10 @@
 mod accuracy;
 mod drive;
 mod grid;
-mod history;
 mod implicit;
 mod moments;
 mod observation;
+mod retarded;
 mod sensitivity;
 mod simulator;
 mod steps;

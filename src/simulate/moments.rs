@@ -105,11 +105,20 @@ impl Follower {
 }
 
 /// Adds the moments of an amount at s.
-fn add(moments: &mut [f64; 3], s: f64, amount: f64) {
+#[inline(always)]
+pub(super) fn add(moments: &mut [f64; 3], s: f64, amount: f64) {
     let rest = 1.0 - s;
     moments[0] += amount;
     moments[1] += rest * amount;
     moments[2] += 0.5 * rest * rest * amount;
+}
+
+/// The stage values that have these moments.
+#[inline(always)]
+pub(super) fn stages([m0, m1, m2]: [f64; 3]) -> [f64; 3] {
+    let middle = 6.0 * m1 - 12.0 * m2;
+    let first = 24.0 * m2 - 6.0 * m1;
+    [first, middle, 6.0 * m0 - first - 4.0 * middle]
 }
 
 #[cfg(test)]

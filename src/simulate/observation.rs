@@ -3,7 +3,7 @@
 //! Every integrator observes by this: it gives the states at the sample and their sensitivities in lanes.
 
 use super::drive::DriveTable;
-use super::history::History;
+use super::retarded::History;
 use super::simulator::{Divergence, Simulator, node};
 use super::vectors::{VECTOR, accumulate, copy_vectors, gather};
 use crate::dynamics::{Layout, Point};

@@ -1,4 +1,4 @@
-//! Sensitivities of one run: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
+//! Sensitivities of one run without delayed states: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
 //!
 //! The state chain is bound by latency, the sensitivities by throughput; running the states one step ahead lets the
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
@@ -6,15 +6,15 @@
 
 use super::implicit::{ImplicitTangent, Interval};
 use super::observation::{Observation, Scatter, scatter};
-use super::simulator::{Divergence, Simulator, finite, node, two_nodes};
+use super::simulator::{Divergence, Simulator, diverged, finite, two_nodes};
 use super::tangent::TangentPlan;
-use super::vectors::{Aligned, accumulate};
-use crate::dynamics::{Dynamics, Layout, Point, Step};
+use super::vectors::Aligned;
+use crate::dynamics::{Dynamics, Layout, Step};
 use pulp::{Simd, WithSimd};
 
 /// Adds `entry * -slope * tau_theta` to a lane: a delay's part in the forcing.
 #[derive(Debug, Clone, Copy)]
-struct DelayTerm {
+pub(super) struct DelayTerm {
     /// Slot of the entry of f_delay.
     entry: u32,
     /// Which delayed signal.
@@ -41,8 +41,6 @@ pub(super) struct Sensitivity {
     partials: [Aligned; 2],
     /// Made when the implicit method first needs it.
     implicit: Option<ImplicitTangent>,
-    /// Result of `rates_and_partials` at the ends of a step, for the history.
-    ends: Vec<f64>,
 }
 
 impl Sensitivity {
@@ -63,7 +61,6 @@ impl Sensitivity {
             plan,
             partials: [Aligned::new(4 * stage.width), Aligned::new(4 * stage.width)],
             implicit: None,
-            ends: vec![0.0; stage.width],
         }
     }
 
@@ -133,7 +130,7 @@ impl Sensitivity {
         if tangent.step(collocation, (*dynamics, step), complete, &mut self.s, work) {
             return Ok(());
         }
-        Err(Divergence { time: t + h, state: None, sample: grid.sample_before(k) })
+        Err(diverged(grid, k, None))
     }
 
     /// Outputs and their sensitivities at the sample of node k, to their places among all samples.
@@ -169,36 +166,10 @@ impl Sensitivity {
         }
         Ok(())
     }
-
-    /// Adds node k to the history with rates and their sensitivities on both sides.
-    #[inline(always)]
-    fn remember(&mut self, simulator: &mut Simulator<'_>, k: usize) {
-        let Some(mut history) = simulator.history.take() else { return };
-        let dynamics = simulator.dynamics;
-        let layout = dynamics.layout();
-        let (n, lanes, stage, delays) = (layout.states, self.lanes, &layout.stage, layout.delayed.len());
-        let x = &simulator.nodes[node(k)];
-        let t = simulator.time_of(k);
-        history.push(t, x, &self.s);
-        for (end, step, row) in simulator.sides(k) {
-            let drive = &simulator.drive.stages(step)[row * layout.drive()..][..layout.drive()];
-            let at = Point { t, x, drive, known: &simulator.known };
-            dynamics.rates_and_partials(at, &mut self.ends, &mut simulator.work);
-            let slopes = &simulator.drive.stage_slopes(step)[row * delays..][..delays];
-            add_delays(&self.rates_by_delay, &mut self.ends, slopes, &simulator.known);
-            let (rates, rows) = history.rates(end, end);
-            rates.copy_from_slice(&self.ends[..n]);
-            rows.copy_from_slice(&self.ends[stage.forcing..][..n * lanes]);
-            for ((_, i, j), slot) in layout.patterns.rates_by_state.entries().zip(&stage.by_state) {
-                accumulate(self.ends[*slot as usize], &self.s[j * lanes..][..lanes], &mut rows[i * lanes..][..lanes]);
-            }
-        }
-        simulator.history = Some(history);
-    }
 }
 
-/// What delays of inputs add to f_theta.
-fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
+/// What estimated delays add to f_theta.
+pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     let (p, stage) = (&layout.patterns, &layout.stage);
     let mut terms: Vec<DelayTerm> = Vec::new();
     for (k, i, d) in p.rates_by_delayed.entries() {
@@ -217,7 +188,7 @@ fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     terms
 }
 
-fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
+pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
     for d in terms {
         let part = row[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
         let lane = &mut row[d.to as usize];
@@ -244,9 +215,6 @@ impl WithSimd for March<'_, '_> {
             sensitivity.advance(simulator, 0)?;
         }
         for k in 0..=steps {
-            if simulator.history.is_some() {
-                sensitivity.remember(simulator, k);
-            }
             if let Some(sample) = simulator.grid.sample_at(k) {
                 sensitivity.observe(simulator, sample, k, y, jacobian)?;
             }

@@ -2,11 +2,11 @@
 
 use super::drive::DriveTable;
 use super::grid::Grid;
-use super::history::History;
 use super::implicit::{Collocation, Interval};
+use super::retarded::{History, Retarded, RetardedSensitivity};
 use super::sensitivity::Sensitivity;
 use super::steps::{Integrator, Steps};
-use crate::dynamics::{Dynamics, Point, Step, Workspace};
+use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
 
@@ -27,6 +27,17 @@ const MOST_STEPS: usize = 20_000_000;
 /// Why a run cannot be simulated with exact sensitivities.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsuited {
+    /// The run was made for another model, or lacks the records that drive this one.
+    #[error(
+        "the run has {found} inputs where the model has {expected}, those that are measured outputs included \
+         (`Run::with_measured` completes them)"
+    )]
+    OtherInputs {
+        /// Inputs of the run.
+        found: usize,
+        /// Inputs of the model, hidden ones included.
+        expected: usize,
+    },
     /// An output that shows a held input directly moves in jumps with its delay: its derivative is zero or infinite.
     #[error(
         "an output shows an input directly that is held between samples and delayed by an estimated delay: it moves in \
@@ -55,6 +66,17 @@ pub enum Unsuited {
         /// States of the model.
         states: usize,
     },
+    /// The past that a delay reaches back to would not fit into memory.
+    #[error(
+        "a state delayed by {longest} reaches back over {nodes} steps, too many to keep with their sensitivities; shorten the delay, \
+         or thin out the record"
+    )]
+    LongMemory {
+        /// The longest delay of a state, in the model's time unit.
+        longest: f64,
+        /// Steps that it covers.
+        nodes: usize,
+    },
 }
 
 /// Most states of the implicit method: its matrix has nine times their square entries.
@@ -68,12 +90,15 @@ pub struct Simulator<'a> {
     pub(super) drive: DriveTable,
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
+    /// The past of states that are seen delayed, and the steps of such a model.
     pub(super) history: Option<History>,
+    retarded: Option<Retarded>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
     /// The stage equations of the implicit method.
     pub(super) implicit: Option<Box<Collocation>>,
     sensitivity: Option<Sensitivity>,
+    retarded_sensitivity: Option<RetardedSensitivity>,
 }
 
 impl<'a> Simulator<'a> {
@@ -84,6 +109,9 @@ impl<'a> Simulator<'a> {
     /// the model.
     pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, steps: impl Into<Steps>) -> Result<Self, Unsuited> {
         let (layout, steps) = (dynamics.layout(), steps.into());
+        if run.held.len() != layout.inputs || run.inputs.len() != run.len() * layout.inputs {
+            return Err(Unsuited::OtherInputs { found: run.held.len(), expected: layout.inputs });
+        }
         let total = steps.total(run.len());
         if layout.states > 0 && total > MOST_STEPS {
             return Err(Unsuited::TooManySteps { steps: total, samples: run.len() });
@@ -106,6 +134,7 @@ impl<'a> Simulator<'a> {
             }
         }
         let grid = if layout.states == 0 { Grid::without_steps(&run.time) } else { Grid::new(&run.time, &steps) };
+        let history = History::new(layout);
         Ok(Self {
             dynamics,
             run,
@@ -113,10 +142,12 @@ impl<'a> Simulator<'a> {
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
-            history: delays_states.then(History::default),
+            retarded: history.as_ref().map(|history| Retarded::new(layout, history)),
+            history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
             implicit: implicit.then(|| Box::new(Collocation::new(layout))),
             sensitivity: None,
+            retarded_sensitivity: None,
         })
     }
 
@@ -156,10 +187,10 @@ impl<'a> Simulator<'a> {
     #[inline(always)]
     fn march(&mut self, y: &mut [f64]) -> Result<(), Divergence> {
         let steps = self.grid.steps();
+        if let Some(history) = &mut self.history {
+            history.node(self.run.time[0], &self.nodes[0], &[]);
+        }
         for k in 0..=steps {
-            if self.history.is_some() {
-                self.remember(k);
-            }
             if let Some(sample) = self.grid.sample_at(k) {
                 self.observe(sample, k, &mut y[sample * self.outputs()..])?;
             }
@@ -188,6 +219,11 @@ impl<'a> Simulator<'a> {
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
+        if let Some(mut retarded) = self.retarded.take() {
+            let result = self.retarded_sensitivities(&mut retarded, theta, columns, y, jacobian);
+            self.retarded = Some(retarded);
+            return result;
+        }
         let mut sensitivity = match self.sensitivity.take() {
             Some(s) if s.columns() == columns => s,
             _ => Sensitivity::new(self.dynamics, columns),
@@ -195,6 +231,44 @@ impl<'a> Simulator<'a> {
         let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, y, jacobian));
         self.sensitivity = Some(sensitivity);
         result
+    }
+
+    /// [`Self::sensitivities`] of a model that sees delayed states.
+    fn retarded_sensitivities(
+        &mut self,
+        retarded: &mut Retarded,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        jacobian: &mut [f64],
+    ) -> Result<(), Divergence> {
+        let mut sensitivity = match self.retarded_sensitivity.take() {
+            Some(s) if s.columns() == columns => s,
+            _ => RetardedSensitivity::new(self.dynamics, columns, retarded),
+        };
+        let began = self.begin(theta, self.dynamics.layout().stage.lanes);
+        let result = began.and_then(|()| {
+            retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
+            sensitivity.run(retarded, self, y, jacobian)
+        });
+        self.retarded_sensitivity = Some(sensitivity);
+        result
+    }
+
+    /// Whether the past that the delays at theta reach back to can be kept.
+    ///
+    /// # Errors
+    /// [`Unsuited::LongMemory`].
+    pub fn remembers(&mut self, theta: &[f64]) -> Result<(), Unsuited> {
+        let Some(history) = &self.history else { return Ok(()) };
+        let layout = self.dynamics.layout();
+        self.dynamics.prepare(theta, &mut self.known, &mut self.work);
+        let longest = longest_state_delay(layout, &self.known);
+        let (lanes, grid) = (layout.stage.lanes, &self.grid);
+        match history.numbers(lanes, longest, grid) {
+            numbers if numbers <= History::MOST => Ok(()),
+            numbers => Err(Unsuited::LongMemory { longest, nodes: numbers / history.numbers_per_node(lanes) }),
+        }
     }
 
     /// Samples behind the first of a model without states: nothing to integrate, only outputs.
@@ -227,9 +301,14 @@ impl<'a> Simulator<'a> {
         }
         self.drive.delay(tau, self.run, &self.grid);
         if let Some(history) = &mut self.history {
-            let states = layout.delayed.iter().zip(tau).filter(|(s, _)| matches!(s, Signal::State(_)));
-            let longest = states.map(|(_, t)| *t).fold(0.0, f64::max);
-            history.begin(layout.states, stride, longest, &self.grid);
+            let longest = longest_state_delay(layout, &self.known);
+            if history.numbers(stride, longest, &self.grid) > History::MOST {
+                return Err(start(None));
+            }
+            history.begin(stride, longest, &self.grid);
+        }
+        if let Some(retarded) = &mut self.retarded {
+            retarded.begin(tau, &self.grid);
         }
         Ok(())
     }
@@ -239,6 +318,11 @@ impl<'a> Simulator<'a> {
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
         if self.implicit.is_some() {
             return self.advance_implicitly(k);
+        }
+        if let Some(mut retarded) = self.retarded.take() {
+            let result = retarded.advance(self, k);
+            self.retarded = Some(retarded);
+            return result;
         }
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
@@ -256,35 +340,8 @@ impl<'a> Simulator<'a> {
         let step = Interval { t, h, x, drive: self.drive.stages(k), known: &self.known };
         match implicit.step(self.dynamics, step, next, &mut self.work) {
             Ok(()) => finite(&self.grid, k, next),
-            Err(unsolved) => {
-                let sample = self.grid.sample_before(k);
-                Err(Divergence { time: t + h, state: Some(unsolved.state), sample })
-            }
+            Err(unsolved) => Err(diverged(&self.grid, k, Some(unsolved.state))),
         }
-    }
-
-    /// Time of node k.
-    pub(super) fn time_of(&self, k: usize) -> f64 {
-        if k < self.grid.steps() { self.grid.step(k).0 } else { self.grid.samples()[self.grid.samples().len() - 1] }
-    }
-
-    /// The steps on both sides of node k, as (end of the step: 0 beginning, 1 end; step; row of its drive).
-    pub(super) fn sides(&self, k: usize) -> impl Iterator<Item = (usize, usize, usize)> + use<> {
-        let after = (k < self.grid.steps()).then_some((0, k, 0));
-        k.checked_sub(1).map(|step| (1, step, 2)).into_iter().chain(after)
-    }
-
-    /// Adds node k to the history, with the rates at the end of the step before and at the beginning of the next.
-    fn remember(&mut self, k: usize) {
-        let Some(mut history) = self.history.take() else { return };
-        let (x, t, width) = (&self.nodes[node(k)], self.time_of(k), self.dynamics.layout().drive());
-        history.push(t, x, &[]);
-        for (end, step, row) in self.sides(k) {
-            let drive = &self.drive.stages(step)[row * width..][..width];
-            let at = Point { t, x, drive, known: &self.known };
-            self.dynamics.rates(at, history.rates(end, end).0, &mut self.work);
-        }
-        self.history = Some(history);
     }
 
     /// Outputs at a sample, delayed states filled in first.
@@ -313,9 +370,19 @@ pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence>
     if x.iter().all(|x| x.is_finite()) {
         return Ok(());
     }
+    Err(diverged(grid, k, x.iter().position(|x| !x.is_finite())))
+}
+
+/// Step k has left the finite numbers.
+pub(super) fn diverged(grid: &Grid, k: usize, state: Option<usize>) -> Divergence {
     let (t, h) = grid.step(k);
-    let state = x.iter().position(|x| !x.is_finite());
-    Err(Divergence { time: t + h, state, sample: grid.sample_before(k) })
+    Divergence { time: t + h, state, sample: grid.sample_before(k) }
+}
+
+/// The longest delay of a state.
+fn longest_state_delay(layout: &Layout, known: &[f64]) -> f64 {
+    let delays = layout.delayed.iter().zip(&known[layout.tau.clone()]);
+    delays.filter(|(s, _)| matches!(s, Signal::State(_))).map(|(_, tau)| *tau).fold(0.0, f64::max)
 }
 
 /// Which of the three nodes in turn holds node k.

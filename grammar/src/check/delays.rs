@@ -17,7 +17,6 @@ pub(super) struct TooMany;
 #[derive(Default)]
 pub(super) struct Delays {
     varies: Vec<bool>,
-    of_state: Vec<bool>,
     done: HashMap<(ExprId, ExprId), ExprId>,
 }
 
@@ -49,12 +48,6 @@ impl Delays {
         Ok(self.shifted(e, tau))
     }
 
-    /// Whether the expression contains a delayed state.
-    pub(super) fn has_delayed_state(&mut self, graph: &Graph, e: ExprId) -> bool {
-        self.look(graph);
-        self.of_state[e.index()]
-    }
-
     fn shifted(&self, e: ExprId, tau: ExprId) -> ExprId {
         self.done.get(&(e, tau)).copied().unwrap_or(e)
     }
@@ -79,17 +72,12 @@ impl Delays {
     fn look(&mut self, graph: &Graph) {
         for k in self.varies.len()..graph.nodes().len() {
             let e = ExprId(k as u32);
-            let (varies, of_state) = match graph.node(e) {
-                Node::Constant(_) | Node::Leaf(Leaf::Param(_)) => (false, false),
-                Node::Leaf(Leaf::Delayed(d)) => (true, matches!(graph.delayed()[d as usize].signal, Signal::State(_))),
-                Node::Leaf(_) => (true, false),
-                Node::Apply(..) => {
-                    let any = |flags: &[bool]| graph.operands(e).iter().any(|a| flags[a.index()]);
-                    (any(&self.varies), any(&self.of_state))
-                }
+            let varies = match graph.node(e) {
+                Node::Constant(_) | Node::Leaf(Leaf::Param(_)) => false,
+                Node::Leaf(_) => true,
+                Node::Apply(..) => graph.operands(e).iter().any(|a| self.varies[a.index()]),
             };
             self.varies.push(varies);
-            self.of_state.push(of_state);
         }
     }
 }
@@ -150,7 +138,6 @@ mod tests {
         let p = [0.7, 0.25];
         assert!((at(&g, once, 3.0, p) - at(&g, e, 2.75, p)).abs() < 1e-15);
         assert!((at(&g, twice, 3.0, p) - at(&g, e, 2.5, p)).abs() < 1e-15);
-        assert!(delays.has_delayed_state(&g, twice) && !delays.has_delayed_state(&g, e));
         assert_eq!(delays.delay(&mut g, a, tau), Ok(a), "parameters do not change");
         let zero = g.number(0.0);
         assert_eq!(delays.delay(&mut g, e, zero), Ok(e));

@@ -128,11 +128,6 @@ impl Expressions {
         self.graph.constant(self.of(e))
     }
 
-    /// Whether the expression contains a delayed state.
-    pub(super) fn has_delayed_state(&mut self, e: ExprId) -> bool {
-        self.pushed.has_delayed_state(&self.graph, e)
-    }
-
     fn node(
         &mut self,
         scope: &Scope<'_>,

@@ -29,7 +29,6 @@ mod tests;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::syntax::{Role, SyntaxTree};
-use equations::Equation;
 use expressions::{Expressions, Indices};
 use kinds::Kinds;
 use names::Scope;
@@ -64,12 +63,11 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let kinds = Kinds::new(scope, &blocks, &meanings, &circular, findings);
     let indices = Indices::new(scope, &kinds);
 
-    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();
     start::check(scope, &kinds, &expressions, &start, findings);
-    delayed_states(scope, &blocks, &equations, &kinds, &mut expressions, findings);
     let checked = units::Checked {
         scope,
         blocks: &blocks,
@@ -103,29 +101,5 @@ fn outputs(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
         let message = format!("the model `{}` has no output", name.text);
         let finding = Diagnostic::new(Code::NoOutput, name.span, message);
         findings.push(finding.hint("`output y = ...;` says what is measured"));
-    }
-}
-
-/// Delays of states make delay differential equations, which are not compiled yet.
-fn delayed_states(
-    scope: &Scope<'_>,
-    blocks: &Blocks,
-    equations: &[Equation],
-    kinds: &Kinds,
-    expressions: &mut Expressions,
-    findings: &mut Vec<Diagnostic>,
-) {
-    for block in &blocks.list {
-        let order::Owner::Right(k) = block.owner else { continue };
-        if kinds.of(block.root).broken || !expressions.has_delayed_state(expressions.of(block.root)) {
-            continue;
-        }
-        // the first node with a delayed state is the delay itself, or the name that stands for it
-        let delayed =
-            |e: &&crate::syntax::ExprRef| !kinds.of(**e).broken && expressions.has_delayed_state(expressions.of(**e));
-        let place = blocks.nodes(block).iter().find(delayed).copied().unwrap_or(equations[k].right);
-        let message = "a delayed state in an equation makes a delay differential equation, which is not compiled yet";
-        let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(place), message);
-        findings.push(finding.hint("delays of inputs, and delays in outputs, are compiled"));
     }
 }

@@ -5,7 +5,7 @@ use super::equations::Equation;
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::names::{Scope, Symbol, SymbolId};
-use crate::graph::{Graph, Leaf, Node};
+use crate::graph::{Graph, Leaf};
 use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, State};
 use crate::op::{Build, ExprId};
 use crate::syntax::{Name, Role, Value};
@@ -117,41 +117,17 @@ pub(super) fn assemble(
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
 /// such, the graph is built anew without them.
 fn drop_unused_delays(model: &mut Model) {
-    let old = std::mem::take(&mut model.graph);
     let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
     let outputs = model.outputs.iter().map(|o| o.expr);
-    let mut roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).collect();
-    let used: Vec<ExprId> = old.reachable(roots.iter().copied());
-    let signals = used.iter().filter_map(|e| match old.node(*e) {
-        Node::Leaf(Leaf::Delayed(k)) => Some(old.delayed()[k as usize].tau),
-        _ => None,
-    });
-    let taus: Vec<ExprId> = signals.collect();
-    if taus.len() == old.delayed().len() {
-        model.graph = old;
+    let roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).collect();
+    if model.graph.delays_of(&roots).len() == model.graph.delayed().len() {
         return;
     }
-    roots.extend(taus);
     let mut graph = Graph::default();
-    let mut moved = vec![ExprId::NONE; old.nodes().len()];
-    for e in old.reachable(roots) {
-        moved[e.index()] = match old.node(e) {
-            Node::Constant(bits) => graph.number(f64::from_bits(bits)),
-            Node::Leaf(Leaf::Delayed(k)) => {
-                let delayed = old.delayed()[k as usize];
-                graph.delay(delayed.signal, moved[delayed.tau.index()])
-            }
-            Node::Leaf(leaf) => graph.leaf(leaf),
-            Node::Apply(op, args) => {
-                graph.apply(op, &args.map(|a| moved.get(a.index()).copied().unwrap_or(a))[..op.row().arity])
-            }
-        };
-    }
-    for state in &mut model.states {
-        state.rate = moved[state.rate.index()];
-        state.initial = moved[state.initial.index()];
-    }
-    model.outputs.iter_mut().for_each(|o| o.expr = moved[o.expr.index()]);
-    model.derived.iter_mut().for_each(|d| d.expr = moved[d.expr.index()]);
+    let mut moved = model.graph.rebuild(&roots, &mut graph, Graph::reference).into_iter();
+    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
+    let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
+    let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    expressions.zip(&mut moved).for_each(|(e, new)| *e = new);
     model.graph = graph;
 }

@@ -5,9 +5,11 @@
 //! **Start** at [`Graph`]; the few local simplifications are in `simplify.rs`, printing in `show.rs`.
 
 mod memo;
+mod rebuild;
 mod show;
 mod simplify;
 
+pub use rebuild::Reference;
 pub use show::{Names, show};
 
 use crate::op::{Args, Build, ExprId, Op};

@@ -212,10 +212,12 @@ fn delays() {
             &["2:21 E0406 this delay is -1 at the start values of the params; a delay is 0 or more"],
         ),
         (
-            "state z; der(z) = delay(x, 1); output w = z;",
-            &[
-                "2:19 E0405 a delayed state in an equation makes a delay differential equation, which is not compiled yet; delays of inputs, and delays in outputs, are compiled",
-            ],
+            "state z; param d = -2; der(z) = -delay(z, d); output w = z;",
+            &["2:16 E0406 `d` is a delay and cannot be negative, it starts at -2; start at 0 or above"],
+        ),
+        (
+            "state z; der(z) = -delay(z, abs(z)); output w = z;",
+            &["2:29 E0406 a delay must not change during the run; it may depend on params, consts and numbers only"],
         ),
     ]);
 }

@@ -144,6 +144,26 @@ fn delays_reach_the_signals() {
     assert_eq!(at(model.outputs[1].expr), a);
 }
 
+/// `delay(x*u, tau)` and a delay of it in equations of states: delayed signals, with their partials.
+#[test]
+fn delays_of_states_enter_equations() {
+    let text = "model m { input u; state x = 1, z; param tau = 0.1, k = 2, sigma = 0.2 in [0, 1];
+        let product = delay(x*u, tau);
+        der(x) = -k*product; der(z) = delay(product, sigma) - delay(z, 0) + delay(x, tau); output y = z; }";
+    let compiled = crate::compile(&crate::Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+    let model = &compiled.model;
+    let seen: Vec<_> = model.graph.delayed().iter().map(|d| (d.signal, show(&model.graph, d.tau, model))).collect();
+    let (x, u) = (Signal::State(0), Signal::Input(0));
+    assert_eq!(seen.iter().map(|(s, _)| *s).collect::<Vec<_>>(), [u, x, u, x]);
+    assert_eq!(seen.iter().map(|(_, t)| t.as_str()).collect::<Vec<_>>(), ["tau", "tau", "tau + sigma", "tau + sigma"]);
+    let entries = |pattern: &crate::Pattern| pattern.entries().map(|(_, i, j)| (i, j)).collect::<Vec<_>>();
+    let patterns = &compiled.schedule.layout.patterns;
+    assert_eq!(entries(&patterns.rates_by_delayed), [(0, 0), (0, 1), (1, 1), (1, 2), (1, 3)]);
+    assert_eq!(entries(&patterns.rates_by_state), [(1, 1)], "a delay of nothing is the state itself");
+    assert_eq!(entries(&patterns.tau_by_param), [(0, 0), (1, 0), (2, 0), (2, 2), (3, 0), (3, 2)]);
+    assert!(compiled.warnings.is_empty(), "tau acts on the output through the states: {:?}", compiled.warnings);
+}
+
 #[test]
 fn branches_that_are_never_taken_may_be_infinite() {
     let model = good("const a = 0; state x; der(x) = if a > 0 then 1/a else x; output y = x;");

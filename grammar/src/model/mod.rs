@@ -3,6 +3,13 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
+mod reading;
+mod substitution;
+#[cfg(test)]
+mod tests;
+
+pub use substitution::Unshown;
+
 use crate::graph::{Graph, Leaf, Names, Signal};
 use crate::op::ExprId;
 use crate::unit::Unit;
@@ -23,7 +30,8 @@ pub struct Quantity {
 pub struct Input {
     /// Name, doc, unit.
     pub quantity: Quantity,
-    /// Made from `measured(.)`: the recorded channel of this output drives the model. None for a declared input.
+    /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
+    /// for a declared input.
     pub measured: Option<u32>,
 }
 
@@ -106,7 +114,7 @@ pub struct Model {
     pub doc: String,
     /// Unit of `t` and of the time in `der`.
     pub time: Unit,
-    /// Inputs in the order of declaration.
+    /// Inputs in the order of declaration, then the hidden ones (see [`Input::measured`]).
     pub inputs: Vec<Input>,
     /// States in the order of declaration.
     pub states: Vec<State>,

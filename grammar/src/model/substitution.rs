@@ -1,0 +1,139 @@
+//! Measured records in the place of states: Goodman's substitution. Where the equations are driven by what was measured
+//! instead of by what was simulated, the response depends on most parameters linearly, and a correction converges from
+//! starts from which it fails otherwise.
+
+use super::reading::{Reading, reading};
+use super::{Input, Model, Quantity};
+use crate::graph::{Graph, Leaf, Reference, Signal};
+use crate::op::{Build, ExprId, Op};
+
+/// States that cannot be replaced by a record, by name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unshown {
+    /// The states that no output shows.
+    pub states: Vec<String>,
+}
+
+impl std::fmt::Display for Unshown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names: Vec<String> = self.states.iter().map(|s| format!("`{s}`")).collect();
+        let plural = if names.len() == 1 { "" } else { "s" };
+        write!(
+            f,
+            "no output shows the state{plural} {}: a record replaces a state where an output is the state itself, or a \
+             multiple of it plus a constant",
+            names.join(", ")
+        )
+    }
+}
+
+impl std::error::Error for Unshown {}
+
+impl Model {
+    /// The model with measured records in the place of the chosen states (by index) on the right sides of all
+    /// equations, delayed ones too. The record is that of the output which is the state itself, or `a*state + b` with
+    /// `a` and `b` of constants and fixed parameters; then `(record - b)/a` is used. Outputs and initial values
+    /// keep the simulated states. The records are hidden inputs ([`Input::measured`]) behind the others.
+    ///
+    /// # Errors
+    /// [`Unshown`] with all chosen states that no output shows so.
+    ///
+    /// # Panics
+    /// When an index is not that of a state.
+    pub fn substituted(&self, states: &[usize]) -> Result<Model, Unshown> {
+        let mut old = self.graph.clone();
+        let mut model = Model { graph: Graph::default(), ..self.clone() };
+        let mut readings: Vec<Option<Reading>> = vec![None; self.states.len()];
+        for state in states {
+            readings[*state] = reading(self, &mut old, *state as u32);
+        }
+        let missing = |state: &usize| readings[*state].is_none();
+        let unshown: Vec<&usize> = states.iter().filter(|s| missing(s)).collect();
+        if !unshown.is_empty() {
+            return Err(Unshown {
+                states: unshown.into_iter().map(|s| self.states[*s].quantity.name.clone()).collect(),
+            });
+        }
+        let records: Vec<Option<Record>> =
+            readings.iter().map(|r| r.map(|r| Record::new(r, &mut model, &old))).collect();
+        let mut graph = std::mem::take(&mut model.graph);
+        let rates: Vec<ExprId> = self.states.iter().map(|s| s.rate).collect();
+        let rates = old.rebuild(&rates, &mut graph, |g, reference| {
+            let (state, tau) = match reference {
+                Reference::Now(Leaf::State(k)) => (k, None),
+                Reference::Earlier(Signal::State(k), tau) => (k, Some(tau)),
+                other => return g.reference(other),
+            };
+            match records[state as usize] {
+                Some(record) => record.state(g, tau),
+                None => g.reference(reference),
+            }
+        });
+        let others: Vec<ExprId> = self.values().collect();
+        let others = old.rebuild(&others, &mut graph, Graph::reference);
+        model.graph = graph;
+        model.states.iter_mut().zip(rates).for_each(|(state, rate)| state.rate = rate);
+        model.values_mut().zip(others).for_each(|(value, e)| *value = e);
+        Ok(model)
+    }
+
+    /// All expressions but the rates: initial values, derived parameters, outputs.
+    fn values(&self) -> impl Iterator<Item = ExprId> + '_ {
+        let derived = self.derived.iter().map(|d| d.expr);
+        self.states.iter().map(|s| s.initial).chain(derived).chain(self.outputs.iter().map(|o| o.expr))
+    }
+
+    /// The same, to be changed.
+    fn values_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
+        let derived = self.derived.iter_mut().map(|d| &mut d.expr);
+        self.states
+            .iter_mut()
+            .map(|s| &mut s.initial)
+            .chain(derived)
+            .chain(self.outputs.iter_mut().map(|o| &mut o.expr))
+    }
+
+    /// The hidden input that is the record of an output; made when there is none.
+    fn measured_input(&mut self, output: usize) -> u32 {
+        let known = self.inputs.iter().position(|i| i.measured == Some(output as u32));
+        let k = known.unwrap_or_else(|| {
+            self.inputs.push(Input::measured(output as u32, &self.outputs[output].quantity));
+            self.inputs.len() - 1
+        });
+        k as u32
+    }
+}
+
+impl Input {
+    /// The hidden input that is the record of an output of this name, doc and unit.
+    pub(crate) fn measured(output: u32, of: &Quantity) -> Self {
+        Self { quantity: Quantity { name: format!("measured({})", of.name), ..of.clone() }, measured: Some(output) }
+    }
+}
+
+/// A record that says what a state was: `(input - offset)/slope`, in the new graph.
+#[derive(Debug, Clone, Copy)]
+struct Record {
+    input: u32,
+    slope: ExprId,
+    offset: ExprId,
+}
+
+impl Record {
+    /// Adds what is needed to the model and to its new graph.
+    fn new(reading: Reading, model: &mut Model, old: &Graph) -> Self {
+        let input = model.measured_input(reading.output);
+        let moved = old.rebuild(&[reading.slope, reading.offset], &mut model.graph, Graph::reference);
+        Self { input, slope: moved[0], offset: moved[1] }
+    }
+
+    /// The state as measured, now or earlier.
+    fn state(self, graph: &mut Graph, tau: Option<ExprId>) -> ExprId {
+        let record = match tau {
+            Some(tau) => graph.delay(Signal::Input(self.input), tau),
+            None => graph.leaf(Leaf::Input(self.input)),
+        };
+        let above = graph.apply(Op::Sub, &[record, self.offset]);
+        graph.apply(Op::Div, &[above, self.slope])
+    }
+}
