@@ -2,7 +2,7 @@
 //! between the engines.
 
 use fdm::record::Run;
-use fdm::simulate::{Integrator, Simulator, Steps};
+use fdm::simulate::{Scheme, Simulator, Steps};
 use fdm::{Model, code};
 use std::f64::consts::PI;
 
@@ -83,8 +83,8 @@ fn nonlinear_states_and_initial_values() {
     );
     check(&ship, &run(&ship, 80, 0.1), 1);
     check(&ship, &run(&ship, 40, 0.2), 3);
-    check(&ship, &run(&ship, 40, 0.2), Steps::counts(Integrator::RungeKutta, &[1, 4, 2]));
-    check(&ship, &run(&ship, 40, 0.2), Steps::equal(Integrator::Radau, 1));
+    check(&ship, &run(&ship, 40, 0.2), Steps::counts(Scheme::RungeKutta, &[1, 4, 2]));
+    check(&ship, &run(&ship, 40, 0.2), Steps::equal(Scheme::Radau, 1));
 }
 
 #[test]
@@ -109,9 +109,9 @@ fn delays_of_inputs_in_implicit_steps() {
         der(x) = -fast*(x - z) + drive; der(z) = -w^2*x - 0.4*z + drive + 0.5*delay(b, 2*tau_b)*x;
         output y = x; output both = x*z + 0.1*delay(b, tau_b); output zm = z; }";
     let delays = model(text);
-    check(&delays, &run(&delays, 60, 0.11), Steps::equal(Integrator::Radau, 1));
+    check(&delays, &run(&delays, 60, 0.11), Steps::equal(Scheme::Radau, 1));
     let held = Run { held: vec![true, false], ..run(&delays, 40, 0.11) };
-    check(&delays, &held, Steps::equal(Integrator::Radau, 3));
+    check(&delays, &held, Steps::equal(Scheme::Radau, 3));
 }
 
 #[test]
@@ -123,11 +123,7 @@ fn explicit_time_choices_and_functions() {
         output y = exp(-c*x) + x^d*0 + hypot(x, b) + atan2(x, d); output z = max(x, a*t)*sqrt(b + t); }";
     let functions = model(&text.replace("x^d*0 + ", "(2 + x)^d*0.1 + "));
     check(&functions, &run(&functions, 90, 0.05), 2);
-    check(
-        &functions,
-        &run(&functions, 30, 0.15),
-        Steps::uneven(Integrator::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]),
-    );
+    check(&functions, &run(&functions, 30, 0.15), Steps::uneven(Scheme::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]));
 }
 
 #[test]

@@ -4,12 +4,11 @@
 //! that the number of threads does not change a bit.
 
 use super::bend;
-use super::information::{Linearised, Sums};
+use super::information::{Moments, Sums};
 use super::problem::{Problem, ProblemRun};
 use super::unknowns::Unknowns;
 use crate::simulate::Divergence;
 use rayon::prelude::*;
-use std::sync::{Mutex, PoisonError};
 
 /// Why a run could not be compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +47,7 @@ struct RunState<'e, 'a> {
     /// Responses a part of a step ahead; only curved problems need them.
     ahead: Vec<f64>,
     bend: Vec<f64>,
-    moments: Vec<f64>,
+    moments: Moments,
     sums: Sums,
     failure: Option<Failure>,
 }
@@ -60,8 +59,6 @@ pub(super) struct Evaluator<'e, 'a> {
     outputs: usize,
     /// Sums of products of residuals over all runs, q by q, of the last evaluation.
     pub(super) moments: Vec<f64>,
-    /// Jacobians, one for each thread at work.
-    buffers: Mutex<Vec<Vec<f64>>>,
     /// Evaluations with sensitivities so far, and without.
     pub(super) evaluations: usize,
     pub(super) simulations: usize,
@@ -74,12 +71,11 @@ impl<'e, 'a> Evaluator<'e, 'a> {
         let states = problem.runs.iter_mut().zip(&unknowns.theta).map(|(run, theta)| {
             let cells = run.measured.len();
             let sums = Sums::new(unknowns.columns.len(), groups);
-            let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], vec![0.0; q * q]);
+            let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], Moments::new(q));
             RunState { run, theta, y, kept, ahead: Vec::new(), bend: Vec::new(), moments, sums, failure: None }
         });
-        let (moments, buffers) = (vec![0.0; q * q], Mutex::new(Vec::new()));
         let states = states.collect();
-        Self { states, unknowns, outputs: q, moments, buffers, evaluations: 0, simulations: 0 }
+        Self { states, unknowns, outputs: q, moments: vec![0.0; q * q], evaluations: 0, simulations: 0 }
     }
 
     /// Evaluates all runs.
@@ -87,10 +83,10 @@ impl<'e, 'a> Evaluator<'e, 'a> {
     /// # Errors
     /// The first run that fails.
     pub(super) fn evaluate(&mut self, values: &[f64], want: Want<'_>) -> Result<(), RunFailure> {
-        let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
+        let (unknowns, q) = (self.unknowns, self.outputs);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
             unknowns.assemble(r, values, &mut state.theta);
-            state.failure = state.evaluate(unknowns, buffers, q, want).err();
+            state.failure = state.evaluate(unknowns, q, want).err();
         };
         each(&mut self.states, work);
         match want {
@@ -102,7 +98,9 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             if let Some(failure) = state.failure {
                 return Err(RunFailure { run, failure });
             }
-            self.moments.iter_mut().zip(&state.moments).for_each(|(total, m)| *total += m);
+            for (k, total) in self.moments.iter_mut().enumerate() {
+                *total += state.moments.at(k / q, k % q);
+            }
         }
         Ok(())
     }
@@ -122,13 +120,13 @@ impl<'e, 'a> Evaluator<'e, 'a> {
         let ahead: Vec<f64> = values.iter().zip(step).map(|(v, s)| v + bend::AHEAD * s).collect();
         self.evaluate(&ahead, Want::Response)?;
         self.evaluations += 1;
-        let (unknowns, buffers, q) = (self.unknowns, &self.buffers, self.outputs);
+        let (unknowns, q) = (self.unknowns, self.outputs);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
             std::mem::swap(&mut state.ahead, &mut state.y);
             state.y.resize(state.ahead.len(), 0.0);
             unknowns.assemble(r, values, &mut state.theta);
             let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| step[unknowns.position(r, c)]).collect();
-            state.failure = state.bend(unknowns, buffers, q, &own, inverse_noise).err();
+            state.failure = state.bend(unknowns, q, &own, inverse_noise).err();
         };
         each(&mut self.states, work);
         bend.fill(0.0);
@@ -172,96 +170,72 @@ fn each<S: Send>(states: &mut [S], work: impl Fn((usize, &mut S)) + Send + Sync)
     }
 }
 
-fn borrow(buffers: &Mutex<Vec<Vec<f64>>>) -> Vec<f64> {
-    buffers.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
-}
-
-fn give_back(buffers: &Mutex<Vec<Vec<f64>>>, buffer: Vec<f64>) {
-    buffers.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
-}
-
 impl RunState<'_, '_> {
-    fn evaluate(
-        &mut self,
-        unknowns: &Unknowns,
-        buffers: &Mutex<Vec<Vec<f64>>>,
-        q: usize,
-        want: Want<'_>,
-    ) -> Result<(), Failure> {
+    fn evaluate(&mut self, unknowns: &Unknowns, q: usize, want: Want<'_>) -> Result<(), Failure> {
         let Want::Sensitivities(whitener) = want else {
             self.run.response.simulate(&self.theta, &mut self.y).map_err(Failure::Diverged)?;
-            return self.compare(q);
+            self.moments.begin();
+            self.moments.add(&self.y, &self.run.measured);
+            return self.comparable(q);
         };
-        let mut jacobian = borrow(buffers);
-        let stride = unknowns.columns.len().next_multiple_of(8);
-        jacobian.resize(self.y.len() * stride, 0.0);
-        let result = self.linearise(unknowns, &mut jacobian, stride, q, whitener);
-        give_back(buffers, jacobian);
-        result
+        self.linearise(unknowns, q, whitener)
     }
 
-    fn bend(
-        &mut self,
-        unknowns: &Unknowns,
-        buffers: &Mutex<Vec<Vec<f64>>>,
-        q: usize,
-        step: &[f64],
-        inverse_noise: &[f64],
-    ) -> Result<(), Failure> {
-        let mut jacobian = borrow(buffers);
-        let stride = step.len().next_multiple_of(8);
-        jacobian.resize(self.y.len() * stride, 0.0);
-        let response = &mut self.run.response;
-        let result = response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, &mut jacobian);
-        let at = Linearised { outputs: q, measured: &self.run.measured, y: &self.y, jacobian: &jacobian, stride };
-        self.bend.resize(step.len(), 0.0);
-        bend::project(&at, &self.ahead, step, inverse_noise, &mut self.bend);
-        give_back(buffers, jacobian);
-        result.map_err(Failure::Diverged)
-    }
-
-    fn linearise(
-        &mut self,
-        unknowns: &Unknowns,
-        jacobian: &mut [f64],
-        stride: usize,
-        q: usize,
-        whitener: Option<&[f64]>,
-    ) -> Result<(), Failure> {
-        let response = &mut self.run.response;
-        response.sensitivities(&self.theta, &unknowns.columns, &mut self.y, jacobian).map_err(Failure::Diverged)?;
-        self.compare(q)?;
-        let at = Linearised { outputs: q, measured: &self.run.measured, y: &self.y, jacobian, stride };
-        self.sums.sum(&at, whitener);
+    fn linearise(&mut self, unknowns: &Unknowns, q: usize, whitener: Option<&[f64]>) -> Result<(), Failure> {
+        let Self { run, theta, y, moments, sums, .. } = self;
+        moments.begin();
+        sums.begin();
+        let measured = &run.measured;
+        let result = run.response.sensitivities(theta, &unknowns.columns, &mut |mut block| {
+            let cells = block.first * q..block.first * q + block.y.len();
+            y[cells.clone()].copy_from_slice(block.y);
+            moments.add(block.y, &measured[cells.clone()]);
+            sums.add(&mut block, &measured[cells], whitener);
+        });
+        result.map_err(Failure::Diverged)?;
+        sums.end();
+        self.comparable(q)?;
         let groups = if whitener.is_some() { 1 } else { q };
         if (0..groups).all(|g| self.sums.group(g).iter().all(|v| v.is_finite())) {
             return Ok(());
         }
-        let compared = (0..self.y.len()).filter(|k| !self.run.measured[*k].is_nan());
-        let size = |x: &f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
-        let worst = |k: usize| {
-            let row = jacobian[k * stride..k * stride + unknowns.columns.len()].iter().map(size).enumerate();
-            row.max_by(|a, b| a.1.total_cmp(&b.1))
-        };
-        // the first cell that is not finite, else the largest one
-        let cells = compared.filter_map(|k| worst(k).map(|(column, size)| (k, column, size)));
-        let cell = cells.reduce(|a, b| if b.2 > a.2 { b } else { a });
-        let (k, column, _) = cell.unwrap_or((0, 0, 0.0));
-        let param = unknowns.columns.get(column).copied();
-        Err(Failure::NotFinite { output: k % q, sample: k / q, param })
+        Err(self.worst_derivative(unknowns, q))
     }
 
-    /// Moments of the residuals.
-    fn compare(&mut self, q: usize) -> Result<(), Failure> {
-        self.moments.fill(0.0);
-        for (y, z) in self.y.chunks(q).zip(self.run.measured.chunks(q)) {
-            for a in (0..q).filter(|a| !z[*a].is_nan()) {
-                for b in (0..q).filter(|b| !z[*b].is_nan()) {
-                    self.moments[a * q + b] += (z[a] - y[a]) * (z[b] - y[b]);
+    /// The first derivative that is not finite, else the largest one.
+    fn worst_derivative(&mut self, unknowns: &Unknowns, q: usize) -> Failure {
+        let (measured, mut worst) = (&self.run.measured, (0, None, 0.0));
+        let size = |x: f64| if x.is_nan() { f64::INFINITY } else { x.abs() };
+        // it has just been evaluated here
+        let _ = self.run.response.sensitivities(&self.theta, &unknowns.columns, &mut |block| {
+            for k in (0..block.y.len()).filter(|k| !measured[block.first * q + k].is_nan()) {
+                for (column, x) in block.layout.outputs[k % q].columns.iter().zip(block.row(k / q, k % q)) {
+                    if size(*x) <= worst.2 {
+                        continue;
+                    }
+                    worst = (block.first * q + k, unknowns.columns.get(*column as usize).copied(), size(*x));
                 }
             }
-        }
-        if self.moments.iter().all(|m| m.is_finite()) {
+        });
+        Failure::NotFinite { output: worst.0 % q, sample: worst.0 / q, param: worst.1 }
+    }
+
+    fn bend(&mut self, unknowns: &Unknowns, q: usize, step: &[f64], inverse_noise: &[f64]) -> Result<(), Failure> {
+        self.bend.clear();
+        self.bend.resize(step.len(), 0.0);
+        let Self { run, theta, y, ahead, bend, .. } = self;
+        let measured = &run.measured;
+        let result = run.response.sensitivities(theta, &unknowns.columns, &mut |block| {
+            let cells = block.first * q..block.first * q + block.y.len();
+            y[cells.clone()].copy_from_slice(block.y);
+            bend::project(&block, &measured[cells.clone()], &ahead[cells], step, inverse_noise, bend);
+        });
+        result.map_err(Failure::Diverged)
+    }
+
+    /// Whether the moments are finite; tells the first residual that is not.
+    fn comparable(&self, q: usize) -> Result<(), Failure> {
+        if self.moments.is_finite() {
             return Ok(());
         }
         let residuals = self.y.iter().zip(&self.run.measured).map(|(y, z)| z - y).enumerate();

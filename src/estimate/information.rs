@@ -1,16 +1,17 @@
-//! Sums over the samples of one run: products of the rows [J v], or their triangle.
+//! Sums over the samples of one run: products of the rows [J v], or their triangle, and moments of the residuals.
 //!
-//! Rows are gathered in blocks, with the residual as one more lane, so that one sweep gives J'J, J'v and v'v. The
-//! update runs over contiguous lanes in the processor's widest registers; lanes do not mix and every product is
-//! fused with its sum, so that every width gives the same bits.
+//! Rows come in blocks, and the residual goes to their free lane, so that one sweep gives J'J, J'v and v'v of an output
+//! without copying anything. Lanes do not mix and every product is fused with its sum, so that every width of the
+//! processor's registers gives the same bits, and so does every division into blocks.
 
+use super::products::accumulate;
 use super::triangle;
-use pulp::{Simd, WithSimd};
+use crate::simulate::{Block, OutputRow};
 
 /// Lanes of the longest vector that the loops are laid out for.
 const LANES: usize = 8;
-/// Rows of a block.
-const ROWS: usize = 16;
+/// Rows that are worked off together where they must be copied first.
+const ROWS: usize = 32;
 
 /// The sums of one run, one group for every output (full noise: one group for all, of whitened rows), so that
 /// weights can be applied afterwards.
@@ -24,16 +25,19 @@ pub(super) struct Sums {
     pub(super) precise: bool,
     /// Groups of (columns + 1) by width; only the upper triangle is meant.
     values: Vec<f64>,
-    block: Vec<f64>,
-    work: Vec<f64>,
+    /// The columns of each output that does not depend on all of them, and the products of these alone.
+    own: Vec<Option<(OutputRow, Vec<f64>)>>,
+    /// Rows of all columns, waiting to be worked off.
+    waiting: Vec<f64>,
     filled: usize,
+    work: Vec<f64>,
 }
 
 impl Sums {
     pub(super) fn new(columns: usize, groups: usize) -> Self {
         let width = (columns + 1).next_multiple_of(LANES);
-        let (values, block) = (vec![0.0; groups * (columns + 1) * width], vec![0.0; ROWS * width]);
-        Self { columns, width, precise: false, values, block, work: Vec::new(), filled: 0 }
+        let (values, own) = (vec![0.0; groups * (columns + 1) * width], vec![None; groups]);
+        Self { columns, width, precise: false, values, own, waiting: Vec::new(), filled: 0, work: Vec::new() }
     }
 
     /// One group, (columns + 1) by width.
@@ -42,149 +46,209 @@ impl Sums {
         &self.values[group * size..(group + 1) * size]
     }
 
-    /// Sums up a run. `whitener` (q by q) mixes the outputs of a sample into one group.
-    pub(super) fn sum(&mut self, at: &Linearised<'_>, whitener: Option<&[f64]>) {
+    /// Begins a run.
+    pub(super) fn begin(&mut self) {
         self.values.fill(0.0);
-        let q = at.outputs;
+        self.own.iter_mut().flatten().for_each(|(_, products)| products.fill(0.0));
+        self.filled = 0;
+    }
+
+    /// Adds a block; `measured` belongs to its samples (by q). `whitener` (q by q) mixes the outputs of a sample into one
+    /// group.
+    pub(super) fn add(&mut self, block: &mut Block<'_>, measured: &[f64], whitener: Option<&[f64]>) {
+        let outputs = block.layout.outputs.len();
+        (0..outputs).for_each(|output| place_residuals(block, measured, output));
         match whitener {
-            None => {
-                for output in 0..q {
-                    for k in (output..at.y.len()).step_by(q).filter(|k| !at.measured[*k].is_nan()) {
-                        self.add_row(output, |row, columns| at.copy(k, row, columns));
-                    }
-                    self.flush(output);
+            None if !self.precise => (0..outputs).for_each(|o| self.add_products(block, o)),
+            None => (0..outputs).for_each(|o| self.add_rows(block, o)),
+            Some(whitener) => self.add_mixed(block, whitener),
+        }
+    }
+
+    /// Ends a run: products of outputs with columns of their own go to their places among all columns.
+    pub(super) fn end(&mut self) {
+        let (size, width) = ((self.columns + 1) * self.width, self.width);
+        for (values, own) in self.values.chunks_exact_mut(size).zip(&self.own) {
+            let Some((row, products)) = own.as_ref().filter(|_| !self.precise) else { continue };
+            let place = |lane: usize| row.columns.get(lane).map_or(self.columns, |c| *c as usize);
+            for i in 0..=row.columns.len() {
+                for j in i..=row.columns.len() {
+                    values[place(i) * width + place(j)] = products[i * row.width + j];
                 }
-            }
-            Some(w) => {
-                for sample in (0..at.y.len()).step_by(q).filter(|k| !at.measured[*k].is_nan()) {
-                    for mix in w.chunks(q) {
-                        self.add_row(0, |row, columns| {
-                            row.fill(0.0);
-                            mix.iter().enumerate().for_each(|(o, f)| at.add(sample + o, *f, row, columns));
-                        });
-                    }
-                }
-                self.flush(0);
             }
         }
+    }
+
+    /// Products of one output's rows, where they stand.
+    fn add_products(&mut self, block: &Block<'_>, output: usize) {
+        let (row, stride) = (&block.layout.outputs[output], block.layout.length);
+        let (order, rows) = (row.columns.len() + 1, &block.rows[row.start..]);
+        if row.columns.len() == self.columns {
+            let size = (self.columns + 1) * self.width;
+            let sums = &mut self.values[output * size..][..size];
+            return accumulate(rows, stride, block.samples(), self.width, order, sums);
+        }
+        let own = &mut self.own[output];
+        if own.as_ref().is_none_or(|(known, _)| known != row) {
+            *own = Some((row.clone(), vec![0.0; order * row.width]));
+        }
+        if let Some((_, sums)) = own {
+            accumulate(rows, stride, block.samples(), row.width, order, sums);
+        }
+    }
+
+    fn add_rows(&mut self, block: &Block<'_>, output: usize) {
+        for sample in 0..block.samples() {
+            self.add_row(output, |row, residual| spread(block, (sample, output), 1.0, row, residual));
+        }
+        self.reduce(output);
+    }
+
+    fn add_mixed(&mut self, block: &Block<'_>, whitener: &[f64]) {
+        for sample in 0..block.samples() {
+            for mix in whitener.chunks(block.layout.outputs.len()) {
+                self.add_row(0, |row, residual| {
+                    mix.iter().enumerate().for_each(|(o, f)| spread(block, (sample, o), *f, row, residual));
+                });
+            }
+        }
+        self.reduce(0);
     }
 
     fn add_row(&mut self, group: usize, fill: impl FnOnce(&mut [f64], usize)) {
-        let row = &mut self.block[self.filled * self.width..(self.filled + 1) * self.width];
+        self.waiting.resize(ROWS * self.width, 0.0);
+        let row = &mut self.waiting[self.filled * self.width..(self.filled + 1) * self.width];
+        row.fill(0.0);
         fill(row, self.columns);
         self.filled += 1;
         if self.filled == ROWS {
-            self.flush(group);
+            self.reduce(group);
         }
     }
 
-    /// Works off the rows gathered so far.
-    fn flush(&mut self, group: usize) {
-        let (size, order) = ((self.columns + 1) * self.width, self.columns + 1);
-        let sums = &mut self.values[group * size..(group + 1) * size];
+    /// Works off the rows that are waiting.
+    fn reduce(&mut self, group: usize) {
+        let (width, order, filled) = (self.width, self.columns + 1, std::mem::take(&mut self.filled));
+        let sums = &mut self.values[group * order * width..(group + 1) * order * width];
+        let rows = &mut self.waiting[..filled * width];
         if self.precise {
-            triangle::reduce(sums, order, &mut self.block[..self.filled * self.width], self.width, &mut self.work);
-        } else if self.filled > 0 {
-            self.block[self.filled * self.width..].fill(0.0);
-            pulp::Arch::new().dispatch(Products { block: &self.block, width: self.width, order, sums });
+            triangle::reduce(sums, order, rows, width, &mut self.work);
+        } else {
+            accumulate(rows, width, filled, width, order, sums);
         }
-        self.filled = 0;
     }
 }
 
-/// A run's response with its Jacobian at one point.
-pub(super) struct Linearised<'a> {
-    /// q.
-    pub(super) outputs: usize,
-    /// N by q.
-    pub(super) measured: &'a [f64],
-    /// N by q.
-    pub(super) y: &'a [f64],
-    /// N q by stride.
-    pub(super) jacobian: &'a [f64],
-    /// Row length of the Jacobian.
-    pub(super) stride: usize,
-}
-
-impl Linearised<'_> {
-    /// Writes the row [J v] of cell k.
-    #[inline(always)]
-    fn copy(&self, k: usize, row: &mut [f64], columns: usize) {
-        let jacobian = &self.jacobian[k * self.stride..][..self.stride];
-        // whole vectors, without a call; lanes behind the columns are zero
-        for (r, j) in row.as_chunks_mut::<LANES>().0.iter_mut().zip(jacobian.as_chunks::<LANES>().0) {
-            *r = *j;
+/// Writes the residuals of an output to the free lane of its rows; where nothing was measured the row becomes zero.
+fn place_residuals(block: &mut Block<'_>, measured: &[f64], output: usize) {
+    let (q, row) = (block.layout.outputs.len(), &block.layout.outputs[output]);
+    let samples = block.rows.chunks_exact_mut(block.layout.length);
+    for ((rows, y), z) in samples.zip(block.y.chunks_exact(q)).zip(measured.chunks_exact(q)) {
+        if z[output].is_nan() {
+            rows[row.start..][..row.width].fill(0.0);
+        } else {
+            rows[row.start + row.columns.len()] = z[output] - y[output];
         }
-        row[columns..].fill(0.0);
-        row[columns] = self.measured[k] - self.y[k];
-    }
-
-    /// Adds `factor` times the row [J v] of cell k.
-    #[inline(always)]
-    fn add(&self, k: usize, factor: f64, row: &mut [f64], columns: usize) {
-        let jacobian = &self.jacobian[k * self.stride..k * self.stride + columns];
-        for (r, j) in row.iter_mut().zip(jacobian) {
-            *r += factor * j;
-        }
-        row[columns] += factor * (self.measured[k] - self.y[k]);
     }
 }
 
-/// sums += block' block, upper triangle in whole vectors. Unused rows of the block are zero.
-struct Products<'a> {
-    block: &'a [f64],
+/// Adds `factor` times the row [J v] of an output to a row of all columns.
+fn spread(block: &Block<'_>, (sample, output): (usize, usize), factor: f64, row: &mut [f64], residual: usize) {
+    let place = &block.layout.outputs[output];
+    let lanes = &block.rows[sample * block.layout.length + place.start..][..place.width];
+    for (column, value) in place.columns.iter().zip(lanes) {
+        row[*column as usize] += factor * value;
+    }
+    row[residual] += factor * lanes[place.columns.len()];
+}
+
+/// Sums of products of residuals of different outputs, q by q.
+#[derive(Debug, Clone)]
+pub(super) struct Moments {
+    outputs: usize,
     width: usize,
-    order: usize,
-    sums: &'a mut [f64],
+    sums: Vec<f64>,
+    residuals: Vec<f64>,
 }
 
-impl WithSimd for Products<'_> {
-    type Output = ();
+impl Moments {
+    pub(super) fn new(outputs: usize) -> Self {
+        let width = outputs.next_multiple_of(LANES);
+        Self { outputs, width, sums: vec![0.0; outputs * width], residuals: vec![0.0; ROWS * width] }
+    }
 
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { block, width, order, sums } = self;
-        let (vectors, sums) = (S::as_simd_f64s(&block[..ROWS * width]).0, S::as_mut_simd_f64s(sums).0);
-        let across = width / S::F64_LANES;
-        let mut i = 0;
-        while i < order {
-            // two rows of sums share every vector that is loaded
-            let rows = if i + 1 < order { 2 } else { 1 };
-            for c in i / S::F64_LANES..across {
-                let mut total = [sums[i * across + c], sums[(i + rows - 1) * across + c]];
-                for k in 0..ROWS {
-                    let lanes = vectors[k * across + c];
-                    let factors = [block[k * width + i], block[k * width + i + 1 - (2 - rows)]];
-                    total[0] = simd.mul_add_f64s(simd.splat_f64s(factors[0]), lanes, total[0]);
-                    total[1] = simd.mul_add_f64s(simd.splat_f64s(factors[1]), lanes, total[1]);
+    /// Begins a run.
+    pub(super) fn begin(&mut self) {
+        self.sums.fill(0.0);
+    }
+
+    /// Adds consecutive samples of a response and its measurement (by q); cells that were not measured count nothing.
+    pub(super) fn add(&mut self, y: &[f64], measured: &[f64]) {
+        let (q, width) = (self.outputs, self.width);
+        for (y, z) in y.chunks(ROWS * q).zip(measured.chunks(ROWS * q)) {
+            let rows = self.residuals.chunks_exact_mut(width);
+            for ((row, y), z) in rows.zip(y.chunks_exact(q)).zip(z.chunks_exact(q)) {
+                for o in 0..q {
+                    row[o] = if z[o].is_nan() { 0.0 } else { z[o] - y[o] };
                 }
-                sums[i * across + c] = total[0];
-                sums[(i + rows - 1) * across + c] = total[rows - 1];
             }
-            i += rows;
+            accumulate(&self.residuals, width, y.len() / q, width, q, &mut self.sums);
         }
+    }
+
+    /// The sum of products of the residuals of two outputs.
+    pub(super) fn at(&self, a: usize, b: usize) -> f64 {
+        self.sums[a.min(b) * self.width + a.max(b)]
+    }
+
+    /// Whether all sums are finite.
+    pub(super) fn is_finite(&self) -> bool {
+        (0..self.outputs).all(|a| (a..self.outputs).all(|b| self.at(a, b).is_finite()))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::RowLayout;
 
+    /// Two outputs of which the second depends on some columns only, in blocks of uneven length, with an empty cell.
     #[test]
     fn products_and_triangle_agree_and_skip_empty_cells() {
-        let (n, q, columns, stride) = (37, 2, 8, 8);
-        let jacobian: Vec<f64> = (0..n * q * stride).map(|k| ((k * k % 97) as f64 / 97.0 - 0.5).sin()).collect();
+        let (n, q, columns) = (37, 2, 8);
+        let layout = RowLayout::new([(0..8).collect(), vec![1, 4, 7]]);
+        let depends = |o: usize, c: usize| o == 0 || [1, 4, 7].contains(&c);
+        let entry = |k: usize, c: usize| (((k * 8 + c) * (k * 8 + c) % 97) as f64 / 97.0 - 0.5).sin();
+        let jacobian = |k: usize, c: usize| if depends(k % q, c) { entry(k, c) } else { 0.0 };
         let y: Vec<f64> = (0..n * q).map(|k| (k as f64).cos()).collect();
         let mut measured: Vec<f64> = (0..n * q).map(|k| (k as f64).cos() + 0.1 * (k % 5) as f64).collect();
         measured[6] = f64::NAN;
-        let at = Linearised { outputs: q, measured: &measured, y: &y, jacobian: &jacobian, stride };
-        let mut sums = Sums::new(columns, q);
-        sums.sum(&at, None);
+        let sum = |sums: &mut Sums, moments: &mut Moments| {
+            sums.begin();
+            moments.begin();
+            for (first, end) in [(0, 5), (5, 6), (6, n)] {
+                let mut rows = vec![0.0; (end - first) * layout.length];
+                for sample in first..end {
+                    for (o, output) in layout.outputs.iter().enumerate() {
+                        for (lane, c) in output.columns.iter().enumerate() {
+                            rows[(sample - first) * layout.length + output.start + lane] =
+                                jacobian(sample * q + o, *c as usize);
+                        }
+                    }
+                }
+                let (y, measured) = (&y[first * q..end * q], &measured[first * q..end * q]);
+                sums.add(&mut Block { first, y, rows: &mut rows, layout: &layout }, measured, None);
+                moments.add(y, measured);
+            }
+            sums.end();
+        };
+        let (mut sums, mut moments) = (Sums::new(columns, q), Moments::new(q));
+        sum(&mut sums, &mut moments);
         let products = sums.clone();
         sums.precise = true;
-        sums.sum(&at, None);
+        sum(&mut sums, &mut moments);
         for o in 0..q {
-            let cell = |k: usize, c: usize| if c < columns { jacobian[k * stride + c] } else { measured[k] - y[k] };
+            let cell = |k: usize, c: usize| if c < columns { jacobian(k, c) } else { measured[k] - y[k] };
             for i in 0..=columns {
                 for j in i..=columns {
                     let cells = (o..n * q).step_by(q).filter(|k| *k != 6);
@@ -195,6 +259,29 @@ mod tests {
                     assert!((product - want).abs() < 1e-12 && (triangle - want).abs() < 1e-12, "{o} {i} {j}");
                 }
             }
+            let square = products.group(o)[columns * products.width + columns];
+            assert_eq!(square, moments.at(o, o), "the same residuals in the same order");
         }
+        let mixed: f64 = (0..n)
+            .filter(|s| *s != 3)
+            .map(|s| (measured[2 * s] - y[2 * s]) * (measured[2 * s + 1] - y[2 * s + 1]))
+            .sum();
+        assert!((moments.at(0, 1) - mixed).abs() < 1e-12 && moments.at(0, 1) == moments.at(1, 0));
+    }
+
+    #[test]
+    fn a_whitener_mixes_outputs() {
+        let layout = RowLayout::new([vec![0, 1], vec![1]]);
+        let mut rows = vec![0.0; layout.length];
+        (rows[0], rows[1], rows[layout.outputs[1].start]) = (1.0, 2.0, 3.0);
+        let mut sums = Sums::new(2, 1);
+        sums.begin();
+        let mut block = Block { first: 0, y: &[0.0, 0.0], rows: &mut rows, layout: &layout };
+        sums.add(&mut block, &[5.0, 7.0], Some(&[2.0, 1.0, 0.0, 4.0]));
+        sums.end();
+        // rows: 2 (1, 2, 5) + (0, 3, 7) = (2, 7, 17) and 4 (0, 3, 7) = (0, 12, 28)
+        let at = |i: usize, j: usize| sums.group(0)[i * sums.width + j];
+        assert_eq!((at(0, 0), at(0, 1), at(0, 2)), (4.0, 14.0, 34.0));
+        assert_eq!((at(1, 1), at(1, 2), at(2, 2)), (49.0 + 144.0, 119.0 + 336.0, 289.0 + 784.0));
     }
 }

@@ -26,6 +26,7 @@ mod keeper;
 mod noise;
 mod output_fit;
 mod problem;
+mod products;
 mod progress;
 mod quadratic;
 mod solve;

@@ -2,7 +2,7 @@
 
 use super::derived::DerivedQuantities;
 use super::noise::Noise;
-use crate::simulate::{Divergence, Simulator};
+use crate::simulate::{Divergence, Simulator, Sink};
 use fdm_grammar::model::{Model, Param};
 use std::fmt;
 
@@ -22,18 +22,11 @@ pub trait Response: Send {
     /// [`Divergence`] when the simulation cannot reach the end of the run; `y` is then of no use.
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence>;
 
-    /// Outputs and their partials by `theta[columns[j]]`: `jacobian` has N q rows of `stride` numbers, where the stride
-    /// is `columns.len()` rounded up to a multiple of 8 and the lanes beyond the columns are zero.
+    /// Outputs and their partials by `theta[columns[j]]`, all samples in blocks to `sink`.
     ///
     /// # Errors
-    /// As [`Response::simulate`].
-    fn sensitivities(
-        &mut self,
-        theta: &[f64],
-        columns: &[usize],
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence>;
+    /// As [`Response::simulate`]; blocks before the failure may have been handed over.
+    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
 }
 
 impl Response for Simulator<'_> {
@@ -49,14 +42,8 @@ impl Response for Simulator<'_> {
         self.simulate(theta, y)
     }
 
-    fn sensitivities(
-        &mut self,
-        theta: &[f64],
-        columns: &[usize],
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
-        self.sensitivities(theta, columns, y, jacobian)
+    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.stream(theta, columns, sink)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::derived::DerivedQuantities;
 use super::problem::{Problem, ProblemRun, Response};
-use crate::simulate::Divergence;
+use crate::simulate::{Block, Divergence, RowLayout, Sink};
 use fdm_grammar::model::{Origin, Param, Quantity};
 
 /// A free, unbounded, shared parameter.
@@ -43,24 +43,20 @@ impl Response for Closed {
         Ok(())
     }
 
-    fn sensitivities(
-        &mut self,
-        theta: &[f64],
-        columns: &[usize],
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
-        self.simulate(theta, y)?;
-        let (p, stride) = (theta.len(), columns.len().next_multiple_of(8));
-        let (mut partials, mut unused) = (vec![0.0; self.q * p], vec![0.0; self.q]);
-        jacobian.fill(0.0);
-        for (k, x) in self.x.iter().enumerate() {
-            (self.sample)(*x, theta, &mut unused, &mut partials);
-            for o in 0..self.q {
+    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        let p = theta.len();
+        let layout = RowLayout::full(self.q, columns.len());
+        let (mut partials, mut y, mut rows) = (vec![0.0; self.q * p], vec![0.0; self.q], vec![0.0; layout.length]);
+        let mut plain = vec![0.0; self.x.len() * self.q];
+        self.simulate(theta, &mut plain)?;
+        for (first, x) in self.x.iter().enumerate() {
+            (self.sample)(*x, theta, &mut y, &mut partials);
+            for (o, output) in layout.outputs.iter().enumerate() {
                 for (c, column) in columns.iter().enumerate() {
-                    jacobian[(k * self.q + o) * stride + c] = partials[o * p + column];
+                    rows[output.start + c] = partials[o * p + column];
                 }
             }
+            sink(Block { first, y: &y, rows: &mut rows, layout: &layout });
         }
         Ok(())
     }

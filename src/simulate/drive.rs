@@ -32,7 +32,7 @@ impl DriveTable {
             width,
             inputs,
             delayed: layout.delayed.clone(),
-            rule: Rule::of(steps.integrator()),
+            rule: Rule::of(steps.scheme()),
             stages: vec![0.0; count * 3 * width],
             stage_slopes: vec![0.0; count * 3 * delays],
             samples: vec![0.0; run.len() * width],
@@ -44,14 +44,8 @@ impl DriveTable {
         let mut rows = table.stages.chunks_exact_mut((3 * width).max(1));
         for interval in (0..run.len().saturating_sub(1)).filter(|_| count > 0 && inputs > 0) {
             steps.each(interval, |begin, end| {
-                let Some(stages) = rows.next() else { return };
-                for (stage, node) in stages.chunks_exact_mut(width).zip(table.rule.nodes()) {
-                    let part = if node == 1.0 { end } else { begin + node * (end - begin) };
-                    for input in 0..inputs {
-                        let (a, b) =
-                            (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
-                        stage[input] = between(a, b, part, run.held[input]);
-                    }
+                if let Some(stages) = rows.next() {
+                    inputs_of_step(run, interval, (begin, end), &table.rule, width, stages);
                 }
             });
         }
@@ -115,6 +109,25 @@ impl DriveTable {
     pub(super) fn sample_slopes(&self, sample: usize) -> &[f64] {
         let delays = self.delayed.len();
         &self.sample_slopes[sample * delays..][..delays]
+    }
+}
+
+/// Inputs at the stages (3 by width) of the step between two parts of an interval.
+pub(super) fn inputs_of_step(
+    run: &Run,
+    interval: usize,
+    (begin, end): (f64, f64),
+    rule: &Rule,
+    width: usize,
+    stages: &mut [f64],
+) {
+    let inputs = run.held.len();
+    for (stage, node) in stages.chunks_exact_mut(width).zip(rule.nodes()) {
+        let part = if node == 1.0 { end } else { begin + node * (end - begin) };
+        for input in 0..inputs {
+            let (a, b) = (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
+            stage[input] = between(a, b, part, run.held[input]);
+        }
     }
 }
 

@@ -90,7 +90,7 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::steps::Integrator;
+    use crate::simulate::scheme::Scheme;
 
     #[test]
     fn steps_fill_uneven_intervals() {
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn uneven_steps_end_on_samples() {
-        let steps = Steps::uneven(Integrator::Radau, [&[0.25, 1.0][..], &[1.0]]);
+        let steps = Steps::uneven(Scheme::Radau, [&[0.25, 1.0][..], &[1.0]]);
         let g = Grid::new(&[0.0, 2.0, 3.0], &steps);
         assert_eq!((0..3).map(|k| g.step(k)).collect::<Vec<_>>(), [(0.0, 0.5), (0.5, 1.5), (2.0, 1.0)]);
         assert_eq!([0, 1, 2, 3].map(|k| g.sample_at(k)), [Some(0), None, Some(1), Some(2)]);

@@ -13,7 +13,7 @@
 //! by the delay is that of the same moments.
 
 use super::implicit;
-use super::steps::Integrator;
+use super::scheme::Scheme;
 use crate::record::{Cursor, Place, Run};
 
 /// Where a method's stages stand in a step, and their values for given moments.
@@ -25,13 +25,13 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    pub(super) fn of(integrator: Integrator) -> Self {
+    pub(super) fn of(integrator: Scheme) -> Self {
         match integrator {
-            Integrator::RungeKutta => {
+            Scheme::RungeKutta => {
                 let weights = [[0.0, -6.0, 24.0], [0.0, 6.0, -12.0], [6.0, -18.0, 24.0]];
                 Self { nodes: [0.0, 0.5, 1.0], weights }
             }
-            Integrator::Radau => Self { nodes: implicit::NODES, weights: implicit::NODES.map(quadratic) },
+            Scheme::Radau => Self { nodes: implicit::NODES, weights: implicit::NODES.map(quadratic) },
         }
     }
 
@@ -131,7 +131,7 @@ mod tests {
         Run { name: "r".into(), time, inputs, held, measured, input_gaps: vec![0], output_gaps: Vec::new() }
     }
 
-    const RULES: [Integrator; 2] = [Integrator::RungeKutta, Integrator::Radau];
+    const RULES: [Scheme; 2] = [Scheme::RungeKutta, Scheme::Radau];
 
     #[test]
     fn without_kinks_the_stages_are_the_values() {
@@ -151,7 +151,7 @@ mod tests {
         for held in [false, true] {
             let (run, from, h) = (run(held), -0.4, 3.7);
             let StageValues { value: [a, b, c], .. } =
-                Follower::default().step(&run, 0, (from, h), &Rule::of(Integrator::RungeKutta));
+                Follower::default().step(&run, 0, (from, h), &Rule::of(Scheme::RungeKutta));
             let (n, mut moments) = (200_000, [0.0; 3]);
             for k in 0..n {
                 let s = (f64::from(k) + 0.5) / f64::from(n);

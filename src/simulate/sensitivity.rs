@@ -1,12 +1,13 @@
-//! Sensitivities of one run without delayed states: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
+//! Sensitivities of one run: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
 //!
 //! The state chain is bound by latency, the sensitivities by throughput; running the states one step ahead lets the
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
 //! as vectors.
 
-use super::implicit::{ImplicitTangent, Interval};
-use super::observation::{Observation, Scatter, scatter};
-use super::simulator::{Divergence, Simulator, diverged, finite, two_nodes};
+use super::block::Sink;
+use super::emission::Emission;
+use super::observation::{Scatter, scatter};
+use super::simulator::{Divergence, Simulator, finite, two_nodes};
 use super::tangent::TangentPlan;
 use super::vectors::Aligned;
 use crate::dynamics::{Dynamics, Layout, Step};
@@ -30,17 +31,14 @@ pub(super) struct DelayTerm {
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
-    lanes: usize,
     width: usize,
     plan: TangentPlan,
     initial: Vec<Scatter>,
     rates_by_delay: Vec<DelayTerm>,
-    observation: Observation,
+    emission: Emission,
     s: Aligned,
     scratch: Aligned,
     partials: [Aligned; 2],
-    /// Made when the implicit method first needs it.
-    implicit: Option<ImplicitTangent>,
 }
 
 impl Sensitivity {
@@ -51,16 +49,14 @@ impl Sensitivity {
         let (n, stage, plan) = (layout.states, &layout.stage, TangentPlan::new(layout));
         Self {
             columns: columns.to_vec(),
-            lanes: stage.lanes,
             width: stage.width,
             initial: scatter(layout, &layout.patterns.initial_by_param, layout.initial_by_param.start),
             rates_by_delay: delay_terms(layout),
-            observation: Observation::new(layout, columns),
+            emission: Emission::new(layout, columns),
             s: Aligned::new(n * stage.lanes),
             scratch: Aligned::new(plan.scratch()),
             plan,
             partials: [Aligned::new(4 * stage.width), Aligned::new(4 * stage.width)],
-            implicit: None,
         }
     }
 
@@ -68,84 +64,25 @@ impl Sensitivity {
         &self.columns
     }
 
-    /// Lanes of a sensitivity row.
-    pub(super) fn lanes(&self) -> usize {
-        self.lanes
-    }
-
-    pub(super) fn run(
-        &mut self,
-        simulator: &mut Simulator<'_>,
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
+    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.emission.begin();
         self.s.fill(0.0);
         for c in &self.initial {
             self.s[c.to as usize] = simulator.known[c.from as usize];
         }
-        if simulator.implicit.is_some() {
-            self.implicit.get_or_insert_with(|| ImplicitTangent::new(simulator.dynamics.layout()));
-            return pulp::Arch::new().dispatch(|| self.march_implicitly(simulator, y, jacobian));
-        }
-        pulp::Arch::new().dispatch(March { sensitivity: self, simulator, y, jacobian })
+        pulp::Arch::new().dispatch(March { sensitivity: self, simulator, sink })
     }
 
-    /// The loop over the steps of the implicit method: states, then their sensitivities.
-    #[inline(always)]
-    fn march_implicitly(
-        &mut self,
-        simulator: &mut Simulator<'_>,
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
-        let steps = simulator.grid.steps();
-        for k in 0..=steps {
-            if let Some(sample) = simulator.grid.sample_at(k) {
-                self.observe(simulator, sample, k, y, jacobian)?;
-            }
-            if k < steps {
-                simulator.advance_implicitly(k)?;
-                self.follow(simulator, k)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Sensitivities over the implicit step k, which the states have taken.
-    #[inline(always)]
-    fn follow(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
-        let Simulator { dynamics, grid, drive, known, nodes, work, implicit, .. } = simulator;
-        let (Some(collocation), Some(tangent)) = (implicit, &mut self.implicit) else { return Ok(()) };
-        let ((t, h), (x, _)) = (grid.step(k), two_nodes(nodes, k));
-        let step = Interval { t, h, x, drive: drive.stages(k), known };
-        let (terms, width, slopes) = (&self.rates_by_delay, self.width, drive.stage_slopes(k));
-        let delays = slopes.len() / 3;
-        let complete = |partials: &mut [f64]| {
-            if !terms.is_empty() {
-                for (at, row) in partials.chunks_exact_mut(width).enumerate() {
-                    add_delays(terms, row, &slopes[at * delays..][..delays], known);
-                }
-            }
-        };
-        if tangent.step(collocation, (*dynamics, step), complete, &mut self.s, work) {
-            return Ok(());
-        }
-        Err(diverged(grid, k, None))
-    }
-
-    /// Outputs and their sensitivities at the sample of node k, to their places among all samples.
+    /// Outputs and their sensitivities at the sample of node k.
     #[inline(always)]
     fn observe(
         &mut self,
         simulator: &mut Simulator<'_>,
         sample: usize,
         k: usize,
-        y: &mut [f64],
-        jacobian: &mut [f64],
+        sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
-        let (q, row) = (simulator.outputs(), self.observation.stride);
-        let (y, rows) = (&mut y[sample * q..][..q], &mut jacobian[sample * q * row..][..q * row]);
-        self.observation.observe(simulator, (sample, k), &self.s, y, rows)
+        self.emission.sample(simulator, (sample, k), &self.s, sink)
     }
 
     /// One step of the states; their partials go to the buffer of step k.
@@ -168,7 +105,7 @@ impl Sensitivity {
     }
 }
 
-/// What estimated delays add to f_theta.
+/// What delays of inputs add to f_theta.
 pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     let (p, stage) = (&layout.patterns, &layout.stage);
     let mut terms: Vec<DelayTerm> = Vec::new();
@@ -188,6 +125,7 @@ pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     terms
 }
 
+#[inline(always)]
 pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
     for d in terms {
         let part = row[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
@@ -200,8 +138,7 @@ pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], k
 struct March<'m, 'a> {
     sensitivity: &'m mut Sensitivity,
     simulator: &'m mut Simulator<'a>,
-    y: &'m mut [f64],
-    jacobian: &'m mut [f64],
+    sink: &'m mut Sink<'m>,
 }
 
 impl WithSimd for March<'_, '_> {
@@ -209,14 +146,14 @@ impl WithSimd for March<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { sensitivity, simulator, y, jacobian } = self;
+        let Self { sensitivity, simulator, sink } = self;
         let steps = simulator.grid.steps();
         if steps > 0 {
             sensitivity.advance(simulator, 0)?;
         }
         for k in 0..=steps {
             if let Some(sample) = simulator.grid.sample_at(k) {
-                sensitivity.observe(simulator, sample, k, y, jacobian)?;
+                sensitivity.observe(simulator, sample, k, sink)?;
             }
             if k + 1 < steps {
                 sensitivity.advance(simulator, k + 1)?;
@@ -226,6 +163,8 @@ impl WithSimd for March<'_, '_> {
                 plan.step(simd, simulator.grid.step(k).1, &partials[k % 2], s, scratch);
             }
         }
-        simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, y, jacobian))
+        simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, sink))?;
+        sensitivity.emission.flush(sink);
+        Ok(())
     }
 }

@@ -1,11 +1,14 @@
 //! One run of a model: outputs, and outputs with sensitivities, by steps that are chosen before.
 
+use super::block::Sink;
 use super::drive::DriveTable;
 use super::grid::Grid;
-use super::implicit::{Collocation, Interval};
+use super::implicit::{Collocation, ImplicitSensitivity, Interval};
 use super::retarded::{History, Retarded, RetardedSensitivity};
+use super::scheme::Scheme;
 use super::sensitivity::Sensitivity;
-use super::steps::{Integrator, Steps};
+use super::steps::Steps;
+use super::vectors::VECTOR;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
@@ -80,7 +83,7 @@ pub enum Unsuited {
 }
 
 /// Most states of the implicit method: its matrix has nine times their square entries.
-const MOST_IMPLICIT: usize = 1000;
+pub(super) const MOST_IMPLICIT: usize = 1000;
 
 /// Simulates one run again and again with other parameters; allocates once.
 pub struct Simulator<'a> {
@@ -90,15 +93,24 @@ pub struct Simulator<'a> {
     pub(super) drive: DriveTable,
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
-    /// The past of states that are seen delayed, and the steps of such a model.
+    /// The past of states that are seen delayed.
     pub(super) history: Option<History>,
-    retarded: Option<Retarded>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
-    /// The stage equations of the implicit method.
-    pub(super) implicit: Option<Box<Collocation>>,
-    sensitivity: Option<Sensitivity>,
-    retarded_sensitivity: Option<RetardedSensitivity>,
+    integrator: Integrator,
+}
+
+/// What advances the states and their sensitivities, with its memory.
+enum Integrator {
+    RungeKutta(Option<Sensitivity>),
+    Retarded(Box<Retarded>, Option<RetardedSensitivity>),
+    Radau(Box<Collocation>, Option<ImplicitSensitivity>),
+}
+
+impl Default for Integrator {
+    fn default() -> Self {
+        Self::RungeKutta(None)
+    }
 }
 
 impl<'a> Simulator<'a> {
@@ -117,7 +129,7 @@ impl<'a> Simulator<'a> {
             return Err(Unsuited::TooManySteps { steps: total, samples: run.len() });
         }
         let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
-        let implicit = layout.states > 0 && steps.integrator() == Integrator::Radau;
+        let implicit = layout.states > 0 && steps.scheme() == Scheme::Radau;
         if implicit && delays_states {
             return Err(Unsuited::DelayedStates);
         }
@@ -142,12 +154,13 @@ impl<'a> Simulator<'a> {
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
-            retarded: history.as_ref().map(|history| Retarded::new(layout, history)),
+            integrator: match &history {
+                Some(history) => Integrator::Retarded(Box::new(Retarded::new(layout, history)), None),
+                None if implicit => Integrator::Radau(Box::new(Collocation::new(layout)), None),
+                None => Integrator::RungeKutta(None),
+            },
             history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
-            implicit: implicit.then(|| Box::new(Collocation::new(layout))),
-            sensitivity: None,
-            retarded_sensitivity: None,
         })
     }
 
@@ -177,15 +190,26 @@ impl<'a> Simulator<'a> {
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
-        if self.implicit.is_some() {
-            // compiled for the machine's widest registers, where the factors are
-            return pulp::Arch::new().dispatch(|| self.march(y));
-        }
-        self.march(y)
+        let mut integrator = std::mem::take(&mut self.integrator);
+        let result = match &mut integrator {
+            Integrator::RungeKutta(_) => self.march(y, Self::advance),
+            Integrator::Retarded(retarded, _) => self.march(y, |simulator, k| retarded.advance(simulator, k)),
+            // compiled for the machine's widest registers, for the factors
+            Integrator::Radau(collocation, _) => {
+                pulp::Arch::new().dispatch(|| self.march(y, |simulator, k| collocation.advance(simulator, k)))
+            }
+        };
+        self.integrator = integrator;
+        result
     }
 
+    /// The loop over the steps.
     #[inline(always)]
-    fn march(&mut self, y: &mut [f64]) -> Result<(), Divergence> {
+    fn march(
+        &mut self,
+        y: &mut [f64],
+        mut advance: impl FnMut(&mut Self, usize) -> Result<(), Divergence>,
+    ) -> Result<(), Divergence> {
         let steps = self.grid.steps();
         if let Some(history) = &mut self.history {
             history.node(self.run.time[0], &self.nodes[0], &[]);
@@ -195,7 +219,7 @@ impl<'a> Simulator<'a> {
                 self.observe(sample, k, &mut y[sample * self.outputs()..])?;
             }
             if k < steps {
-                self.advance(k)?;
+                advance(self, k)?;
             }
         }
         self.stateless(|simulator, sample| {
@@ -204,14 +228,46 @@ impl<'a> Simulator<'a> {
         })
     }
 
-    /// Outputs (N by q) and their derivatives by the parameters `columns` (indices into theta): `jacobian` has N q rows
-    /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns are zero.
+    /// Outputs and their derivatives by the parameters `columns` (indices into theta), a block of samples at a time to
+    /// `sink`.
     ///
     /// # Panics
     /// When a column is fixed in the model: it has no derivatives, and a silent zero would be wrong.
     ///
     /// # Errors
-    /// [`Divergence`] at the first value that is not finite.
+    /// [`Divergence`] at the first value that is not finite; blocks before it may have been handed over.
+    pub fn stream(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.begin(theta, self.dynamics.layout().stage.lanes)?;
+        let (dynamics, mut integrator) = (self.dynamics, std::mem::take(&mut self.integrator));
+        let result = match &mut integrator {
+            Integrator::RungeKutta(memory) => {
+                memory.take_if(|s| s.columns() != columns);
+                memory.get_or_insert_with(|| Sensitivity::new(dynamics, columns)).run(self, sink)
+            }
+            Integrator::Retarded(retarded, memory) => {
+                memory.take_if(|s| s.columns() != columns);
+                let sensitivity = memory.get_or_insert_with(|| RetardedSensitivity::new(dynamics, columns, retarded));
+                sensitivity.run(retarded, self, sink)
+            }
+            Integrator::Radau(collocation, memory) => {
+                memory.take_if(|s| s.columns() != columns);
+                let sensitivity = memory.get_or_insert_with(|| ImplicitSensitivity::new(dynamics, columns));
+                sensitivity.run(collocation, self, sink)
+            }
+        };
+        self.integrator = integrator;
+        result
+    }
+
+    /// Everything that [`Simulator::stream`] gives, in one piece: outputs (N by q), and derivatives in `jacobian`, N q rows
+    /// of `stride` lanes, where stride is the number of columns rounded up to a multiple of 8; lanes behind the columns
+    /// are zero.
+    ///
+    /// # Panics
+    /// As [`Simulator::stream`].
+    ///
+    /// # Errors
+    /// As [`Simulator::stream`].
     pub fn sensitivities(
         &mut self,
         theta: &[f64],
@@ -219,40 +275,8 @@ impl<'a> Simulator<'a> {
         y: &mut [f64],
         jacobian: &mut [f64],
     ) -> Result<(), Divergence> {
-        if let Some(mut retarded) = self.retarded.take() {
-            let result = self.retarded_sensitivities(&mut retarded, theta, columns, y, jacobian);
-            self.retarded = Some(retarded);
-            return result;
-        }
-        let mut sensitivity = match self.sensitivity.take() {
-            Some(s) if s.columns() == columns => s,
-            _ => Sensitivity::new(self.dynamics, columns),
-        };
-        let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, y, jacobian));
-        self.sensitivity = Some(sensitivity);
-        result
-    }
-
-    /// [`Self::sensitivities`] of a model that sees delayed states.
-    fn retarded_sensitivities(
-        &mut self,
-        retarded: &mut Retarded,
-        theta: &[f64],
-        columns: &[usize],
-        y: &mut [f64],
-        jacobian: &mut [f64],
-    ) -> Result<(), Divergence> {
-        let mut sensitivity = match self.retarded_sensitivity.take() {
-            Some(s) if s.columns() == columns => s,
-            _ => RetardedSensitivity::new(self.dynamics, columns, retarded),
-        };
-        let began = self.begin(theta, self.dynamics.layout().stage.lanes);
-        let result = began.and_then(|()| {
-            retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
-            sensitivity.run(retarded, self, y, jacobian)
-        });
-        self.retarded_sensitivity = Some(sensitivity);
-        result
+        let stride = columns.len().next_multiple_of(VECTOR);
+        self.stream(theta, columns, &mut |block| block.copy_to(y, jacobian, stride))
     }
 
     /// Whether the past that the delays at theta reach back to can be kept.
@@ -292,9 +316,6 @@ impl<'a> Simulator<'a> {
             return Err(start(Some(state)));
         }
         self.nodes[0].copy_from_slice(x0);
-        if let Some(implicit) = &mut self.implicit {
-            implicit.begin();
-        }
         let tau = &self.known[layout.tau.clone()];
         if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
             return Err(start(None));
@@ -307,8 +328,10 @@ impl<'a> Simulator<'a> {
             }
             history.begin(stride, longest, &self.grid);
         }
-        if let Some(retarded) = &mut self.retarded {
-            retarded.begin(tau, &self.grid);
+        match &mut self.integrator {
+            Integrator::RungeKutta(_) => {}
+            Integrator::Retarded(retarded, _) => retarded.begin(tau, &self.grid),
+            Integrator::Radau(collocation, _) => collocation.begin(),
         }
         Ok(())
     }
@@ -316,14 +339,6 @@ impl<'a> Simulator<'a> {
     /// One step without sensitivities.
     #[inline(always)]
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
-        if self.implicit.is_some() {
-            return self.advance_implicitly(k);
-        }
-        if let Some(mut retarded) = self.retarded.take() {
-            let result = retarded.advance(self, k);
-            self.retarded = Some(retarded);
-            return result;
-        }
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
@@ -331,17 +346,13 @@ impl<'a> Simulator<'a> {
         finite(&self.grid, k, next)
     }
 
-    /// One step of the implicit method.
+    /// Step k as the implicit method sees it, where its end goes, and memory.
     #[inline(always)]
-    pub(super) fn advance_implicitly(&mut self, k: usize) -> Result<(), Divergence> {
-        let Some(implicit) = &mut self.implicit else { return Ok(()) };
+    pub(super) fn interval(&mut self, k: usize) -> (Interval<'_>, &mut [f64], &mut Workspace) {
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
-        let step = Interval { t, h, x, drive: self.drive.stages(k), known: &self.known };
-        match implicit.step(self.dynamics, step, next, &mut self.work) {
-            Ok(()) => finite(&self.grid, k, next),
-            Err(unsolved) => Err(diverged(&self.grid, k, Some(unsolved.state))),
-        }
+        let (drive, slopes) = (self.drive.stages(k), self.drive.stage_slopes(k));
+        (Interval { t, h, x, drive, slopes, known: &self.known }, next, &mut self.work)
     }
 
     /// Outputs at a sample, delayed states filled in first.

@@ -1,33 +1,15 @@
 //! How a run is integrated: the method, and its steps inside each interval between samples, chosen once for a fit.
 
+use super::scheme::Scheme;
 use std::fmt;
 use std::ops::Range;
-
-/// How states follow from rates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Integrator {
-    /// The classical Runge-Kutta method of order 4, explicit.
-    #[default]
-    RungeKutta,
-    /// Three-stage Radau IIA of order 5, implicit: for stiff models.
-    Radau,
-}
-
-impl fmt::Display for Integrator {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::RungeKutta => "Runge-Kutta",
-            Self::Radau => "Radau IIA",
-        })
-    }
-}
 
 /// The method and the steps of one run; they never cross a sample. The same steps fit every run of as many samples.
 ///
 /// A whole number stands for as many equal Runge-Kutta steps in every interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Steps {
-    integrator: Integrator,
+    scheme: Scheme,
     spacing: Spacing,
 }
 
@@ -41,18 +23,18 @@ enum Spacing {
 
 impl From<usize> for Steps {
     fn from(per_interval: usize) -> Self {
-        Self::equal(Integrator::RungeKutta, per_interval)
+        Self::equal(Scheme::RungeKutta, per_interval)
     }
 }
 
 impl Steps {
     /// As many equal steps in every interval, at least one.
-    pub fn equal(integrator: Integrator, per_interval: usize) -> Self {
-        Self { integrator, spacing: Spacing::Equal(per_interval.max(1)) }
+    pub fn equal(scheme: Scheme, per_interval: usize) -> Self {
+        Self { scheme, spacing: Spacing::Equal(per_interval.max(1)) }
     }
 
     /// For each interval the ends of its steps, as parts of the interval: rising, the last one is taken as 1.
-    pub fn uneven<'s>(integrator: Integrator, intervals: impl IntoIterator<Item = &'s [f64]>) -> Self {
+    pub fn uneven<'s>(scheme: Scheme, intervals: impl IntoIterator<Item = &'s [f64]>) -> Self {
         let (mut first, mut ends) = (vec![0], Vec::new());
         for interval in intervals {
             let inner = interval.split_last().map_or(&[][..], |(_, inner)| inner);
@@ -66,22 +48,22 @@ impl Steps {
             ends.push(1.0);
             first.push(ends.len());
         }
-        Self { integrator, spacing: Spacing::Uneven { first, ends } }
+        Self { scheme, spacing: Spacing::Uneven { first, ends } }
     }
 
     /// For each interval as many equal steps as asked for.
-    pub fn counts(integrator: Integrator, counts: &[usize]) -> Self {
+    pub fn counts(scheme: Scheme, counts: &[usize]) -> Self {
         let parts = |count: &usize| -> Vec<f64> {
             let count = (*count).max(1);
             (1..=count).map(|k| k as f64 / count as f64).collect()
         };
         let intervals: Vec<Vec<f64>> = counts.iter().map(parts).collect();
-        Self::uneven(integrator, intervals.iter().map(Vec::as_slice))
+        Self::uneven(scheme, intervals.iter().map(Vec::as_slice))
     }
 
     /// The method.
-    pub fn integrator(&self) -> Integrator {
-        self.integrator
+    pub fn scheme(&self) -> Scheme {
+        self.scheme
     }
 
     /// Steps in an interval; behind the last interval that is known, as many as there.
@@ -126,7 +108,7 @@ impl Steps {
                 Spacing::Uneven { first: first.iter().map(|f| 2 * f).collect(), ends: halves }
             }
         };
-        Self { integrator: self.integrator, spacing }
+        Self { scheme: self.scheme, spacing }
     }
 
     /// The steps of a part of the run, given by its samples.
@@ -136,8 +118,16 @@ impl Steps {
             Spacing::Equal(_) => self.clone(),
             Spacing::Uneven { .. } => {
                 let intervals = samples.start..samples.end.saturating_sub(1).max(samples.start);
-                Self::uneven(self.integrator, intervals.map(|k| self.ends(k)))
+                Self::uneven(self.scheme, intervals.map(|k| self.ends(k)))
             }
+        }
+    }
+
+    /// The greatest number of steps in any interval.
+    pub fn most(&self) -> usize {
+        match &self.spacing {
+            Spacing::Equal(per_interval) => *per_interval,
+            Spacing::Uneven { first, .. } => first.windows(2).map(|f| f[1] - f[0]).max().unwrap_or(1),
         }
     }
 
@@ -167,28 +157,39 @@ impl Steps {
     }
 }
 
+impl fmt::Display for Steps {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (count, place) = match &self.spacing {
+            Spacing::Equal(per_interval) => (*per_interval, " between samples"),
+            Spacing::Uneven { ends, .. } => (ends.len(), ""),
+        };
+        let plural = if count == 1 { "" } else { "s" };
+        write!(f, "{count} {} step{plural}{place}", self.scheme)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn uneven_steps_are_counted_halved_and_cut() {
-        let steps = Steps::uneven(Integrator::Radau, [&[0.1, 1.0][..], &[1.0], &[0.25, 0.5, 1.0]]);
+        let steps = Steps::uneven(Scheme::Radau, [&[0.1, 1.0][..], &[1.0], &[0.25, 0.5, 1.0]]);
         assert_eq!((steps.total(4), steps.within(0), steps.within(2)), (6, 2, 3));
         let mut halves = Vec::new();
         steps.halved().each(0, |a, b| halves.push((a, b)));
         assert_eq!(halves, [(0.0, 0.05), (0.05, 0.1), (0.1, 0.55), (0.55, 1.0)]);
         assert_eq!(steps.part(1..4).total(3), 4);
-        assert_eq!(Steps::counts(Integrator::RungeKutta, &[1, 3]).total(3), 4);
+        assert_eq!(Steps::counts(Scheme::RungeKutta, &[1, 3]).total(3), 4);
         assert_eq!(Steps::from(4).total(3), 8);
     }
 
     /// A list that is empty or does not rise is not a reason to panic.
     #[test]
     fn broken_lists_are_one_step() {
-        let steps = Steps::uneven(Integrator::Radau, [&[][..], &[0.5, 0.2, 7.0]]);
+        let steps = Steps::uneven(Scheme::Radau, [&[][..], &[0.5, 0.2, 7.0]]);
         assert_eq!((steps.within(0), steps.within(1)), (1, 2));
-        let none = Steps::uneven(Integrator::Radau, []);
+        let none = Steps::uneven(Scheme::Radau, []);
         assert_eq!((none.total(1), none.total(3), none.halved().total(3)), (0, 2, 2));
     }
 }

@@ -10,6 +10,7 @@
 use super::lu::Lu;
 use super::tableau::{INVERSE, NODES, STAGES, weights};
 use crate::dynamics::{Dynamics, Layout, Point, Workspace};
+use crate::simulate::simulator::{Divergence, Simulator, diverged, finite, two_nodes};
 use crate::simulate::vectors::Aligned;
 
 /// A step whose stage equations are to be solved.
@@ -21,8 +22,9 @@ pub(in crate::simulate) struct Interval<'a> {
     pub(in crate::simulate) h: f64,
     /// States at the beginning (n).
     pub(in crate::simulate) x: &'a [f64],
-    /// Drive at the stages (3 by drive).
+    /// Drive at the stages (3 by drive), and slopes of the delayed inputs there (3 by delayed signals).
     pub(in crate::simulate) drive: &'a [f64],
+    pub(in crate::simulate) slopes: &'a [f64],
     /// What `prepare` computed.
     pub(in crate::simulate) known: &'a [f64],
 }
@@ -31,6 +33,14 @@ pub(in crate::simulate) struct Interval<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::simulate) struct Unsolved {
     pub(in crate::simulate) state: usize,
+}
+
+/// What a step takes over from those before it.
+#[derive(Debug, Clone)]
+pub(in crate::simulate) struct Past {
+    z: Vec<f64>,
+    h: f64,
+    size: Vec<f64>,
 }
 
 /// Corrections below this part of a state's size are rounding.
@@ -98,6 +108,17 @@ impl Collocation {
         self.size.fill(0.0);
     }
 
+    /// Takes step k of a run.
+    #[inline(always)]
+    pub(in crate::simulate) fn advance(&mut self, simulator: &mut Simulator<'_>, k: usize) -> Result<(), Divergence> {
+        let dynamics = simulator.dynamics;
+        let (step, next, work) = simulator.interval(k);
+        match self.step(dynamics, step, next, work) {
+            Ok(()) => finite(&simulator.grid, k, two_nodes(&mut simulator.nodes, k).1),
+            Err(unsolved) => Err(diverged(&simulator.grid, k, Some(unsolved.state))),
+        }
+    }
+
     /// Solves a step; the states at its end go to `end`.
     #[inline(always)]
     pub(in crate::simulate) fn step(
@@ -140,15 +161,16 @@ impl Collocation {
         solved.then_some((&mut self.partials[..], &self.matrix))
     }
 
-    /// Goes back to the state before a step that is not to count.
-    pub(in crate::simulate) fn keep(&mut self) -> (Vec<f64>, f64) {
-        (self.last.clone(), self.last_h)
+    /// What the next step begins with.
+    pub(in crate::simulate) fn past(&self) -> Past {
+        Past { z: self.last.clone(), h: self.last_h, size: self.size.clone() }
     }
 
-    /// Takes up what [`Collocation::keep`] gave.
-    pub(in crate::simulate) fn restore(&mut self, kept: &(Vec<f64>, f64)) {
-        self.last.copy_from_slice(&kept.0);
-        self.last_h = kept.1;
+    /// Takes up a past again, so that what was tried since does not count.
+    pub(in crate::simulate) fn resume(&mut self, past: &Past) {
+        self.last.copy_from_slice(&past.z);
+        self.size.copy_from_slice(&past.size);
+        self.last_h = past.h;
     }
 
     /// Increments that continue the collocation polynomial of the step before.

@@ -10,7 +10,7 @@ use crate::dynamics::{Dynamics, Layout, Workspace};
 use crate::simulate::vectors::{Aligned, accumulate};
 
 /// Plan and memory for the sensitivities of implicit steps.
-pub(in crate::simulate) struct ImplicitTangent {
+pub(super) struct ImplicitTangent {
     n: usize,
     lanes: usize,
     slots: usize,
@@ -22,7 +22,7 @@ pub(in crate::simulate) struct ImplicitTangent {
 }
 
 impl ImplicitTangent {
-    pub(in crate::simulate) fn new(layout: &Layout) -> Self {
+    pub(super) fn new(layout: &Layout) -> Self {
         let stage = &layout.stage;
         let entries = layout.patterns.rates_by_state.entries().zip(&stage.by_state);
         Self {
@@ -38,7 +38,7 @@ impl ImplicitTangent {
     /// Advances S (n by lanes) over the step that `collocation` has just solved; `complete` adds what delays contribute to
     /// the three rows of partials. `false` when the equations have no factors there.
     #[inline(always)]
-    pub(in crate::simulate) fn step(
+    pub(super) fn step(
         &mut self,
         collocation: &mut Collocation,
         (dynamics, step): (&dyn Dynamics, Interval<'_>),

@@ -3,7 +3,9 @@
 //! The delayed sensitivities enter a step by the weights of the delayed states. Where a step sees itself they satisfy
 //! linear equations, those of the last Newton correction, which are solved for all parameters at once.
 
-use super::super::observation::{Observation, Scatter, scatter};
+use super::super::block::Sink;
+use super::super::emission::Emission;
+use super::super::observation::{Scatter, scatter};
 use super::super::sensitivity::{DelayTerm, add_delays, delay_terms};
 use super::super::simulator::{Divergence, Simulator, node};
 use super::super::tangent::TangentPlan;
@@ -21,7 +23,7 @@ pub(in super::super) struct RetardedSensitivity {
     plan: TangentPlan,
     initial: Vec<Scatter>,
     by_delay: Vec<DelayTerm>,
-    observation: Observation,
+    emission: Emission,
     /// Entries of f_x of each state: slot in a stage's row, and column.
     f_x: Vec<Vec<(usize, usize)>>,
     s: Aligned,
@@ -35,7 +37,7 @@ pub(in super::super) struct RetardedSensitivity {
 
 impl RetardedSensitivity {
     /// # Panics
-    /// As [`Observation::new`].
+    /// As [`Emission::new`].
     pub(in super::super) fn new(dynamics: &dyn Dynamics, columns: &[usize], retarded: &Retarded) -> Self {
         let layout = dynamics.layout();
         let (n, lanes, plan) = (layout.states, layout.stage.lanes, TangentPlan::new(layout));
@@ -47,7 +49,7 @@ impl RetardedSensitivity {
             forcing: layout.stage.forcing,
             initial: scatter(layout, &layout.patterns.initial_by_param, layout.initial_by_param.start),
             by_delay: delay_terms(layout),
-            observation: Observation::new(layout, columns),
+            emission: Emission::new(layout, columns),
             f_x: (0..n).map(row).collect(),
             s: Aligned::new(n * lanes),
             trial: Aligned::new(n * lanes),
@@ -67,14 +69,14 @@ impl RetardedSensitivity {
         &mut self,
         retarded: &mut Retarded,
         simulator: &mut Simulator<'_>,
-        y: &mut [f64],
-        jacobian: &mut [f64],
+        sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
+        self.emission.begin();
         self.s.fill(0.0);
         for c in &self.initial {
             self.s[c.to as usize] = simulator.known[c.from as usize];
         }
-        pulp::Arch::new().dispatch(March { sensitivity: self, retarded, simulator, y, jacobian })
+        pulp::Arch::new().dispatch(March { sensitivity: self, retarded, simulator, sink })
     }
 
     /// One step of states and sensitivities, and its memory.
@@ -179,8 +181,7 @@ struct March<'m, 'a> {
     sensitivity: &'m mut RetardedSensitivity,
     retarded: &'m mut Retarded,
     simulator: &'m mut Simulator<'a>,
-    y: &'m mut [f64],
-    jacobian: &'m mut [f64],
+    sink: &'m mut Sink<'m>,
 }
 
 impl WithSimd for March<'_, '_> {
@@ -188,20 +189,20 @@ impl WithSimd for March<'_, '_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { sensitivity, retarded, simulator, y, jacobian } = self;
-        let (steps, q, stride) = (simulator.grid.steps(), simulator.outputs(), sensitivity.observation.stride);
+        let Self { sensitivity, retarded, simulator, sink } = self;
+        let steps = simulator.grid.steps();
         if let Some(history) = &mut simulator.history {
             history.node(simulator.grid.samples()[0], &simulator.nodes[0], &sensitivity.s);
         }
         for k in 0..=steps {
             if let Some(sample) = simulator.grid.sample_at(k) {
-                let (y, rows) = (&mut y[sample * q..][..q], &mut jacobian[sample * q * stride..][..q * stride]);
-                sensitivity.observation.observe(simulator, (sample, k), &sensitivity.s, y, rows)?;
+                sensitivity.emission.sample(simulator, (sample, k), &sensitivity.s, sink)?;
             }
             if k < steps {
                 sensitivity.advance(simd, retarded, simulator, k)?;
             }
         }
+        sensitivity.emission.flush(sink);
         Ok(())
     }
 }
