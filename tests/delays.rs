@@ -100,7 +100,7 @@ fn check(model: &Model, run: &Run, per_interval: usize, set: &[(&str, f64)]) {
 const ONE: &str = "model one {
     input u; param x0 = 0.7, z0 = -0.4 per run; state x = x0, z = z0;
     param a = -0.8, b = -1.1, c = 0.6, tau = 0.3 in [0, 20];
-    der(x) = a*x + b*delay(x, tau) + c*z + u; der(z) = -z*abs(z) - delay(x, tau)*x + c*u;
+    der(x) = a*x + b*delay(x, tau) + c*z + u; der(z) = -z*hypot(z, 0.3) - delay(x, tau)*x + c*u;
     output y = x; output w = z + c*x; }";
 
 #[test]
@@ -215,9 +215,28 @@ fn errors(model: &Model, run: &Run, set: &[(&str, f64)], exact: impl Fn(f64) -> 
 #[test]
 fn orders_of_convergence() {
     let decay = model("model d { state x = 1; param tau = 1 in [0, 9]; der(x) = -delay(x, tau); output y = x; }");
-    for tau in [1.0, 0.7312, 0.1, 1.4, 0.03] {
+    for tau in [1.0, 0.7312, 0.1, 1.4, 0.03, 0.0] {
         let run = run(&decay, even(26, 0.25));
-        let e = errors(&decay, &run, &[("tau", tau)], |t| steps(t, tau).0);
+        let e = errors(&decay, &run, &[("tau", tau)], |t| if tau == 0.0 { (-t).exp() } else { steps(t, tau).0 });
         eprintln!("tau {tau}: {}", e.iter().map(|e| format!("{e:.1e} ")).collect::<String>());
+    }
+    let cases = [
+        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau); der(z) = x - z; output y = x + z;",
+        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau) + 0.5*delay(x, 0.317) + u; der(z) = x - z; output y = x + z;",
+        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = -2*x - 4*delay(x, tau) + 0.5*delay(x, 0.317) + delay(u, 0.113); der(z) = x - z; output y = delay(x, 0.1733) + z;",
+        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3; der(z) = delay(x, tau)^2 - z; output y = x + z;",
+        "input u; state x = 1, z; param tau = 0.7312 in [0, 9]; der(x) = 1.5*delay(x, tau)*(1 - x) - delay(x, 0.317)^3 + delay(u, 0.113); der(z) = delay(x, tau)^2 - z; output y = x + z;",
+    ];
+    for case in cases {
+        let m = model(&format!("model m {{ {case} }}"));
+        let run = run(&m, even(41, 0.125));
+        let theta = m.definition().start();
+        let exact = response(&m, &run, 1024, &theta);
+        let e: Vec<f64> = (0..8)
+            .map(|k| {
+                response(&m, &run, 1 << k, &theta).iter().zip(&exact).fold(0.0_f64, |e, (a, b)| e.max((a - b).abs()))
+            })
+            .collect();
+        eprintln!("{case}: {}", e.iter().map(|e| format!("{e:.1e} ")).collect::<String>());
     }
 }

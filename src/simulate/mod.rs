@@ -12,7 +12,6 @@ mod block;
 mod choice;
 mod control;
 mod drive;
-mod emission;
 mod grid;
 mod implicit;
 mod moments;

@@ -1,15 +1,14 @@
-//! Sensitivities of one run: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
+//! Sensitivities of one run without delayed states: the states' Runge-Kutta steps one ahead of the sensitivities' steps.
 //!
 //! The state chain is bound by latency, the sensitivities by throughput; running the states one step ahead lets the
 //! processor overlap both, and gives the forcing terms, written one by one, time to reach the cache before they are read
 //! as vectors.
 
-use super::block::Sink;
-use super::emission::Emission;
-use super::observation::{Scatter, scatter};
+use super::block::{Gathering, RowLayout, Sink};
+use super::observation::{Observation, Scatter, scatter};
 use super::simulator::{Divergence, Simulator, finite, two_nodes};
 use super::tangent::TangentPlan;
-use super::vectors::Aligned;
+use super::vectors::{Aligned, VECTOR, copy_vectors};
 use crate::dynamics::{Dynamics, Layout, Step};
 use pulp::{Simd, WithSimd};
 
@@ -31,13 +30,17 @@ pub(super) struct DelayTerm {
 /// Plans and memory for one choice of columns.
 pub(super) struct Sensitivity {
     columns: Vec<usize>,
+    pub(super) lanes: usize,
     width: usize,
-    plan: TangentPlan,
+    pub(super) plan: TangentPlan,
     initial: Vec<Scatter>,
-    rates_by_delay: Vec<DelayTerm>,
-    emission: Emission,
-    s: Aligned,
-    scratch: Aligned,
+    pub(super) rates_by_delay: Vec<DelayTerm>,
+    observation: Observation,
+    gathering: Gathering,
+    /// Rows of one sample without the free lane, when that is not merely padding.
+    bare: Vec<f64>,
+    pub(super) s: Aligned,
+    pub(super) scratch: Aligned,
     partials: [Aligned; 2],
 }
 
@@ -47,12 +50,18 @@ impl Sensitivity {
     pub(super) fn new(dynamics: &dyn Dynamics, columns: &[usize]) -> Self {
         let layout = dynamics.layout();
         let (n, stage, plan) = (layout.states, &layout.stage, TangentPlan::new(layout));
+        let observation = Observation::new(layout, columns);
+        let rows = RowLayout::full(layout.outputs, columns.len());
+        let bare = if rows.length == layout.outputs * observation.stride { 0 } else { observation.stride };
         Self {
             columns: columns.to_vec(),
+            lanes: stage.lanes,
             width: stage.width,
             initial: scatter(layout, &layout.patterns.initial_by_param, layout.initial_by_param.start),
             rates_by_delay: delay_terms(layout),
-            emission: Emission::new(layout, columns),
+            observation,
+            gathering: Gathering::new(rows),
+            bare: vec![0.0; layout.outputs * bare],
             s: Aligned::new(n * stage.lanes),
             scratch: Aligned::new(plan.scratch()),
             plan,
@@ -64,25 +73,47 @@ impl Sensitivity {
         &self.columns
     }
 
-    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
-        self.emission.begin();
+    /// Back to the initial values.
+    pub(super) fn begin(&mut self, known: &[f64]) {
+        self.gathering.begin();
         self.s.fill(0.0);
         for c in &self.initial {
-            self.s[c.to as usize] = simulator.known[c.from as usize];
+            self.s[c.to as usize] = known[c.from as usize];
         }
+    }
+
+    /// Hands over the samples that are still gathered.
+    pub(super) fn flush(&mut self, sink: &mut Sink<'_>) {
+        self.gathering.flush(sink);
+    }
+
+    /// A whole run for which the simulator is prepared.
+    pub(super) fn run(&mut self, simulator: &mut Simulator<'_>, sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        self.begin(&simulator.known);
         pulp::Arch::new().dispatch(March { sensitivity: self, simulator, sink })
     }
 
     /// Outputs and their sensitivities at the sample of node k.
     #[inline(always)]
-    fn observe(
+    pub(super) fn observe(
         &mut self,
         simulator: &mut Simulator<'_>,
         sample: usize,
         k: usize,
         sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
-        self.emission.sample(simulator, (sample, k), &self.s, sink)
+        let (y, rows) = self.gathering.next();
+        if self.bare.is_empty() {
+            self.observation.observe(simulator, (sample, k), &self.s, y, rows)?;
+        } else {
+            self.observation.observe(simulator, (sample, k), &self.s, y, &mut self.bare)?;
+            let stride = self.observation.stride;
+            for (row, bare) in rows.chunks_exact_mut(stride + VECTOR).zip(self.bare.chunks_exact(stride.max(1))) {
+                copy_vectors(bare, row);
+            }
+        }
+        self.gathering.filled(1, sink);
+        Ok(())
     }
 
     /// One step of the states; their partials go to the buffer of step k.
@@ -105,7 +136,7 @@ impl Sensitivity {
     }
 }
 
-/// What delays of inputs add to f_theta.
+/// What estimated delays add to f_theta.
 pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     let (p, stage) = (&layout.patterns, &layout.stage);
     let mut terms: Vec<DelayTerm> = Vec::new();
@@ -125,7 +156,6 @@ pub(super) fn delay_terms(layout: &Layout) -> Vec<DelayTerm> {
     terms
 }
 
-#[inline(always)]
 pub(super) fn add_delays(terms: &[DelayTerm], row: &mut [f64], slopes: &[f64], known: &[f64]) {
     for d in terms {
         let part = row[d.entry as usize] * slopes[d.delayed as usize] * known[d.tau as usize];
@@ -164,7 +194,7 @@ impl WithSimd for March<'_, '_> {
             }
         }
         simulator.stateless(|simulator, sample| sensitivity.observe(simulator, sample, 0, sink))?;
-        sensitivity.emission.flush(sink);
+        sensitivity.flush(sink);
         Ok(())
     }
 }

@@ -19,6 +19,8 @@ pub(in super::super) struct History {
     lanes: usize,
     capacity: usize,
     nodes: usize,
+    /// Time of the first node, which the ring may have dropped.
+    first: f64,
     time: Vec<f64>,
     x: Vec<f64>,
     s: Vec<f64>,
@@ -74,6 +76,9 @@ impl History {
     #[inline(always)]
     pub(in super::super) fn node(&mut self, t: f64, x: &[f64], s: &[f64]) {
         let (at, slots, lanes) = (self.nodes % self.capacity, self.kept.len(), self.lanes);
+        if self.nodes == 0 {
+            self.first = t;
+        }
         self.nodes += 1;
         self.time[at] = t;
         for (slot, state) in self.kept.iter().enumerate() {
@@ -94,6 +99,17 @@ impl History {
         (&self.kept, &mut self.rate_s[end][at * slots * self.lanes..][..slots * self.lanes])
     }
 
+    /// Time of the first node of the run.
+    pub(super) fn first(&self) -> f64 {
+        self.first
+    }
+
+    /// The oldest node that is still kept.
+    #[inline(always)]
+    pub(super) fn oldest(&self) -> usize {
+        self.nodes.saturating_sub(self.capacity)
+    }
+
     /// The newest node.
     pub(super) fn newest(&self) -> usize {
         self.nodes - 1
@@ -106,8 +122,8 @@ impl History {
     }
 
     /// The last node not after t, or the oldest one.
-    pub(super) fn before(&self, t: f64) -> usize {
-        let (mut low, mut high) = (self.nodes.saturating_sub(self.capacity), self.nodes - 1);
+    fn before(&self, t: f64) -> usize {
+        let (mut low, mut high) = (self.oldest(), self.nodes - 1);
         while high - low > 1 {
             let middle = usize::midpoint(low, high);
             if self.time(middle) <= t { low = middle } else { high = middle }
@@ -148,7 +164,7 @@ impl History {
     /// Value and slope of a state at a time not after the newest node; adds the sensitivity of the value to `lanes`.
     #[inline(always)]
     pub(in super::super) fn at(&self, t: f64, state: usize, lanes: &mut [f64]) -> (f64, f64) {
-        let (slot, oldest) = (self.slot(state), self.nodes.saturating_sub(self.capacity));
+        let (slot, oldest) = (self.slot(state), self.oldest());
         if self.nodes == 1 || t <= self.time(oldest) {
             self.add_value(oldest, slot, 1.0, lanes);
             return (self.value(oldest, slot), 0.0);

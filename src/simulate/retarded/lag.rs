@@ -43,8 +43,9 @@ impl Lag {
         self.past = StageValues { value: [0.0; 3], slope: [0.0; 3] };
         let end = (window.0 + h).min(t);
         let mut from = window.0;
-        let first = history.time(0);
-        if from < first && self.cursor == 0 {
+        let first = history.first();
+        self.cursor = self.cursor.max(history.oldest());
+        if from < first {
             let weights = Share::constant((from, end.min(first)), window);
             for (stage, weight) in weights.into_iter().enumerate() {
                 self.past.value[stage] += weight * history.value(0, self.slot);

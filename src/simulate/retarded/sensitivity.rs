@@ -4,11 +4,8 @@
 //! linear equations, those of the last Newton correction, which are solved for all parameters at once.
 
 use super::super::block::Sink;
-use super::super::emission::Emission;
-use super::super::observation::{Scatter, scatter};
-use super::super::sensitivity::{DelayTerm, add_delays, delay_terms};
+use super::super::sensitivity::{Sensitivity, add_delays};
 use super::super::simulator::{Divergence, Simulator, node};
-use super::super::tangent::TangentPlan;
 use super::super::vectors::{Aligned, accumulate};
 use super::Retarded;
 use super::step::DRIVE_ROW;
@@ -17,18 +14,12 @@ use pulp::{Simd, WithSimd};
 
 /// Plans and memory for one choice of columns.
 pub(in super::super) struct RetardedSensitivity {
-    columns: Vec<usize>,
-    lanes: usize,
+    /// S, its step, and how outputs are observed: as without delayed states.
+    base: Sensitivity,
     forcing: usize,
-    plan: TangentPlan,
-    initial: Vec<Scatter>,
-    by_delay: Vec<DelayTerm>,
-    emission: Emission,
     /// Entries of f_x of each state: slot in a stage's row, and column.
     f_x: Vec<Vec<(usize, usize)>>,
-    s: Aligned,
     trial: Aligned,
-    scratch: Aligned,
     /// Sensitivities of the stage values of each lag, 3 rows each.
     seen: Vec<f64>,
     /// Sensitivities of x1, f0 and f1 of the states that a step sees of itself.
@@ -37,45 +28,34 @@ pub(in super::super) struct RetardedSensitivity {
 
 impl RetardedSensitivity {
     /// # Panics
-    /// As [`Emission::new`].
+    /// As [`Sensitivity::new`].
     pub(in super::super) fn new(dynamics: &dyn Dynamics, columns: &[usize], retarded: &Retarded) -> Self {
-        let layout = dynamics.layout();
-        let (n, lanes, plan) = (layout.states, layout.stage.lanes, TangentPlan::new(layout));
+        let (layout, base) = (dynamics.layout(), Sensitivity::new(dynamics, columns));
+        let (n, lanes) = (layout.states, base.lanes);
         let f_x = &layout.patterns.rates_by_state;
         let row = |i: usize| f_x.row(i).map(|(k, j)| (layout.stage.by_state[k] as usize, j)).collect();
         Self {
-            columns: columns.to_vec(),
-            lanes,
+            base,
             forcing: layout.stage.forcing,
-            initial: scatter(layout, &layout.patterns.initial_by_param, layout.initial_by_param.start),
-            by_delay: delay_terms(layout),
-            emission: Emission::new(layout, columns),
             f_x: (0..n).map(row).collect(),
-            s: Aligned::new(n * lanes),
             trial: Aligned::new(n * lanes),
-            scratch: Aligned::new(plan.scratch()),
-            plan,
             seen: vec![0.0; 3 * lanes * retarded.lags.len()],
             own: vec![0.0; 3 * lanes * retarded.unknown.len()],
         }
     }
 
     pub(in super::super) fn columns(&self) -> &[usize] {
-        &self.columns
+        self.base.columns()
     }
 
-    /// Outputs and their sensitivities of a whole run that has begun.
+    /// A whole run for which the simulator is prepared.
     pub(in super::super) fn run(
         &mut self,
         retarded: &mut Retarded,
         simulator: &mut Simulator<'_>,
         sink: &mut Sink<'_>,
     ) -> Result<(), Divergence> {
-        self.emission.begin();
-        self.s.fill(0.0);
-        for c in &self.initial {
-            self.s[c.to as usize] = simulator.known[c.from as usize];
-        }
+        self.base.begin(&simulator.known);
         pulp::Arch::new().dispatch(March { sensitivity: self, retarded, simulator, sink })
     }
 
@@ -100,15 +80,16 @@ impl RetardedSensitivity {
         let Some(history) = &mut simulator.history else { return Ok(()) };
         for end in 0..2 {
             if end == 1 {
-                self.plan.step(simd, h, &retarded.partials, &mut self.s, &mut self.scratch);
+                let Sensitivity { plan, s, scratch, .. } = &mut self.base;
+                plan.step(simd, h, &retarded.partials, s, scratch);
             }
             let row = if end == 0 { &retarded.partials[..retarded.width] } else { &retarded.ends[..] };
             let (kept, rows) = history.rates(end, &row[..layout.states]);
-            for (state, to) in kept.iter().zip(rows.chunks_exact_mut(self.lanes.max(1))) {
-                self.slope(row, *state, &self.s, to);
+            for (state, to) in kept.iter().zip(rows.chunks_exact_mut(self.base.lanes.max(1))) {
+                self.slope(row, *state, &self.base.s, to);
             }
         }
-        history.node(simulator.grid.end(k), &simulator.nodes[node(k + 1)], &self.s);
+        history.node(simulator.grid.end(k), &simulator.nodes[node(k + 1)], &self.base.s);
         Ok(())
     }
 
@@ -119,14 +100,14 @@ impl RetardedSensitivity {
         let Retarded { partials, ends, width, .. } = retarded;
         let rows = partials.chunks_exact_mut(*width).zip(DRIVE_ROW).chain([(&mut ends[..], 2)]);
         for (row, at) in rows {
-            add_delays(&self.by_delay, row, &slopes[at * delays..][..delays], &simulator.known);
+            add_delays(&self.base.rates_by_delay, row, &slopes[at * delays..][..delays], &simulator.known);
         }
     }
 
     /// Adds `f_delay S_delayed` to f_theta of the four stages and of the end.
     #[inline(always)]
     fn force(&self, retarded: &mut Retarded) {
-        let (lanes, Retarded { partials, ends, width, entries, .. }) = (self.lanes, retarded);
+        let (lanes, Retarded { partials, ends, width, entries, .. }) = (self.base.lanes, retarded);
         let rows = partials.chunks_exact_mut(*width).zip(DRIVE_ROW).chain([(&mut ends[..], 2)]);
         for (row, at) in rows {
             for e in entries.iter() {
@@ -139,15 +120,16 @@ impl RetardedSensitivity {
     /// Solves for what the step sees of itself, and adds it to f_theta.
     #[inline(always)]
     fn close<S: Simd>(&mut self, simd: S, retarded: &mut Retarded, h: f64) {
-        let lanes = self.lanes;
+        let lanes = self.base.lanes;
         let mut own = std::mem::take(&mut self.own);
-        self.trial.copy_from_slice(&self.s);
-        self.plan.step(simd, h, &retarded.partials, &mut self.trial, &mut self.scratch);
+        self.trial.copy_from_slice(&self.base.s);
+        let Sensitivity { plan, scratch, .. } = &mut self.base;
+        plan.step(simd, h, &retarded.partials, &mut self.trial, scratch);
         for (state, rows) in retarded.unknown.iter().zip(own.chunks_exact_mut(3 * lanes.max(1))) {
             let (x1, rates) = rows.split_at_mut(lanes);
             let (f0, f1) = rates.split_at_mut(lanes);
             x1.copy_from_slice(&self.trial[state * lanes..][..lanes]);
-            self.slope(&retarded.partials[..retarded.width], *state, &self.s, f0);
+            self.slope(&retarded.partials[..retarded.width], *state, &self.base.s, f0);
             self.slope(&retarded.ends, *state, &self.trial, f1);
         }
         retarded.lu.solve_lanes(&mut own, lanes);
@@ -168,7 +150,7 @@ impl RetardedSensitivity {
     /// One row of `f_x S + f_theta`.
     #[inline(always)]
     fn slope(&self, row: &[f64], state: usize, s: &[f64], to: &mut [f64]) {
-        let lanes = self.lanes;
+        let lanes = self.base.lanes;
         to.copy_from_slice(&row[self.forcing + state * lanes..][..lanes]);
         for (slot, column) in &self.f_x[state] {
             accumulate(row[*slot], &s[column * lanes..][..lanes], to);
@@ -192,17 +174,17 @@ impl WithSimd for March<'_, '_> {
         let Self { sensitivity, retarded, simulator, sink } = self;
         let steps = simulator.grid.steps();
         if let Some(history) = &mut simulator.history {
-            history.node(simulator.grid.samples()[0], &simulator.nodes[0], &sensitivity.s);
+            history.node(simulator.grid.samples()[0], &simulator.nodes[0], &sensitivity.base.s);
         }
         for k in 0..=steps {
             if let Some(sample) = simulator.grid.sample_at(k) {
-                sensitivity.emission.sample(simulator, (sample, k), &sensitivity.s, sink)?;
+                sensitivity.base.observe(simulator, sample, k, sink)?;
             }
             if k < steps {
                 sensitivity.advance(simd, retarded, simulator, k)?;
             }
         }
-        sensitivity.emission.flush(sink);
+        sensitivity.base.flush(sink);
         Ok(())
     }
 }
