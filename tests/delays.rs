@@ -3,7 +3,7 @@
 
 use fdm::estimate::{FitOptions, fit};
 use fdm::record::Run;
-use fdm::simulate::{Simulator, choose_steps};
+use fdm::simulate::{Simulator, Steps, choose_steps};
 use fdm::{Model, code};
 use std::f64::consts::PI;
 
@@ -43,9 +43,9 @@ fn theta(model: &Model, set: &[(&str, f64)]) -> Vec<f64> {
     theta
 }
 
-fn response(model: &Model, run: &Run, per_interval: usize, theta: &[f64]) -> Vec<f64> {
+fn response(model: &Model, run: &Run, steps: impl Into<Steps>, theta: &[f64]) -> Vec<f64> {
     let mut y = vec![0.0; run.len() * model.layout().outputs];
-    let mut simulator = Simulator::new(model.dynamics(), run, per_interval).expect("suited");
+    let mut simulator = Simulator::new(model.dynamics(), run, steps).expect("suited");
     simulator.simulate(theta, &mut y).expect("finite");
     y
 }
@@ -174,14 +174,14 @@ fn sensitivities_of_many_states_and_many_parameters() {
 
 /// The solution of x' = b x(t - p) + c x(t - q) + u(t - r) by the method of steps, for x = 1 until 0 and u linear between samples
 /// of a run, constant before: polynomial pieces.
-struct Steps<'r> {
+struct BySteps<'r> {
     b: f64,
     c: f64,
     delays: [f64; 3],
     run: &'r Run,
 }
 
-impl Steps<'_> {
+impl BySteps<'_> {
     /// The fundamental solution, integrated `times` times: sum of (n over i) b^i c^j (t - i p - j q)^(n + times)/(n + times)!
     fn fundamental(&self, t: f64, times: i32) -> f64 {
         let [p, q, _] = self.delays;
@@ -258,14 +258,9 @@ fn linear_delay_equations_converge_to_the_method_of_steps() {
         (&forced, [-1.0, -0.7, 0.7312, 0.4417, 0.0713]),
     ] {
         let [b, c, p, q, r] = set;
-        let steps = Steps { b, c, delays: [p, q, r], run };
+        let steps = BySteps { b, c, delays: [p, q, r], run };
         let set = [("b", b), ("c", c), ("p", p), ("q", q), ("r", r)];
         let errors = errors(&linear, run, &set, |t| steps.at(t));
-        eprintln!(
-            "{set:?}: {} order {:.2}",
-            errors.iter().map(|e| format!("{e:.1e} ")).collect::<String>(),
-            order(&errors)
-        );
 
         // pieces of polynomials on the grid are found exactly
         let exact = errors[0] < 1e-13;
@@ -308,7 +303,6 @@ fn a_decay_beside_the_delay_converges_with_order_four() {
             1.0 + (a + b) * pieces.map(piece).sum::<f64>()
         };
         let errors = errors(&decay, &run, &[("tau", tau)], exact);
-        eprintln!("{tau}: {errors:?} order {:.2}", order(&errors));
         assert!(order(&errors) > 3.6, "{tau}: {errors:?}");
     }
 }
@@ -326,13 +320,11 @@ fn nonlinear_delay_equations_converge_with_order_three_across_kinks() {
         let exact = response(&nonlinear, &run, 1024, &[0.7312]);
         let at = |t: f64| exact[(t / 0.125).round() as usize];
         let errors = errors(&nonlinear, &run, &[], at);
-        eprintln!("{case}: {errors:?} order {:.2}", order(&errors));
         assert!(order(&errors) > 2.5, "{case}: {errors:?}");
         let chosen = choose_steps(nonlinear.dynamics(), &run, &[0.7312]).expect("suited");
-        let y = response(&nonlinear, &run, chosen.per_interval, &[0.7312]);
+        let y = response(&nonlinear, &run, chosen.steps.clone(), &[0.7312]);
         let (low, high) = exact.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
         let error = y.iter().zip(&exact).fold(0.0_f64, |e, (y, x)| e.max((y - x).abs())) / (high - low);
-        eprintln!("{chosen:?} {error:.1e}");
         assert!(chosen.error <= 1e-8 && error < 3e-8, "{chosen:?} {error:e}");
     }
 }
@@ -461,14 +453,8 @@ fn delays_of_a_state_an_input_and_an_output_are_found_again() {
     run.measured = response(&looped, &run, 64, &theta(&looped, &truth));
     let found = fit(&looped, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).expect("runs");
     assert!(found.estimate.is_good(), "{}", found.estimate.termination);
-    eprintln!("{:?} {}", found.integration, found.estimate.iterations);
     for (name, want) in truth {
         let got = found.estimate.parameter(name, None).expect("estimated").value;
-        eprintln!(
-            "{name}: {got} ({:.1e}), start {}",
-            (got / want - 1.0).abs(),
-            looped.definition().start()[looped.definition().param(name).unwrap_or(0)]
-        );
         assert!((got - want).abs() < 1e-6 * want.abs(), "{name}: {got} instead of {want}");
     }
 }

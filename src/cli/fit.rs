@@ -1,6 +1,7 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs.
 
 use crate::failure::{Failure, NUMBERS, print};
+use crate::integrator::{Integrator, integration};
 use crate::progress::Progress;
 use crate::records::Records;
 use crate::subject::{Subject, assignment};
@@ -36,9 +37,12 @@ pub(crate) struct Arguments {
     /// Largest correction, relative to the parameter, at which the estimates count as converged
     #[arg(long, value_name = "T", default_value_t = 1e-9)]
     tolerance: f64,
-    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
+    /// Equal steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
+    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
+    #[arg(long, value_enum, default_value_t)]
+    integrator: Integrator,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -67,12 +71,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             ..Options::default()
         },
         per_interval: arguments.steps.map(NonZeroUsize::get),
+        scheme: arguments.integrator.scheme(),
     };
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
     let result = result.map_err(|e| Failure::input([e]))?;
-    print(&if arguments.json { format!("{}\n", fit_json(&result)) } else { text(&result, &runs) });
+    print(&if arguments.json {
+        format!("{}\n", fit_json(&result))
+    } else {
+        text(&result, &runs, options.scheme.is_none() && options.per_interval.is_none())
+    });
     if let Some(path) = &arguments.plot {
         let drawn = svg(&histories(&result, &runs)).map_err(|e| Failure::input([e]))?;
         std::fs::write(path, drawn).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
@@ -139,7 +148,7 @@ fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
     Ok(if any { Noise::Given(given) } else { kind.unwrap_or_default() })
 }
 
-fn text(fit: &Fit, runs: &[Run]) -> String {
+fn text(fit: &Fit, runs: &[Run], chosen: bool) -> String {
     let e = &fit.estimate;
     let name = fit.model.name();
     let doc = &fit.model.definition().doc;
@@ -149,13 +158,7 @@ fn text(fit: &Fit, runs: &[Run]) -> String {
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {
         for (run, a) in runs.iter().zip(&fit.integration).filter(|_| !e.runs.is_empty()) {
-            let (steps, plural) = (a.per_interval, if a.per_interval == 1 { "" } else { "s" });
-            text.push_str(&format!(
-                "{}: {} samples, {steps} Runge-Kutta step{plural} between samples, integration error {:.0e} of the range\n",
-                run.name,
-                run.len(),
-                a.error
-            ));
+            text.push_str(&format!("{}: {} samples, {}\n", run.name, run.len(), integration(a, chosen)));
         }
     }
     text

@@ -5,6 +5,7 @@
 mod check;
 mod failure;
 mod fit;
+mod integrator;
 mod progress;
 mod records;
 mod simulate;

@@ -1,13 +1,14 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
 use crate::failure::{Failure, NUMBERS, print};
+use crate::integrator::{Integrator, integration};
 use crate::records::Records;
 use crate::subject::Subject;
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::initial_guess;
 use fdm::record::{Column, Dialect, Run, write, write_to};
-use fdm::simulate::{Accuracy, Divergence, Scheme, Simulator, choose_steps};
+use fdm::simulate::{Accuracy, Divergence, Simulator, Steps, choose_steps_by};
 use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -20,9 +21,12 @@ pub(crate) struct Arguments {
     subject: Subject,
     #[command(flatten)]
     records: Records,
-    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
+    /// Equal steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
+    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
+    #[arg(long, value_enum, default_value_t)]
+    integrator: Integrator,
     /// Print JSON
     #[arg(long, conflicts_with = "output")]
     json: bool,
@@ -61,6 +65,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let mut code = ExitCode::SUCCESS;
     for response in &responses {
+        let chosen = arguments.steps.is_none() && arguments.integrator.scheme().is_none();
+        if model.layout().states > 0 && !arguments.json {
+            eprintln!("{}: {}", response.run.name, integration(&response.accuracy, chosen));
+        }
         if let Some(d) = response.divergence {
             let state = d.state.map_or(String::from("an output"), |s| {
                 format!("state `{}`", model.definition().states[s].quantity.name)
@@ -80,11 +88,12 @@ fn respond<'a>(model: &Model, run: &'a Run, arguments: &Arguments) -> Result<Res
         }
     }
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
+    let scheme = arguments.integrator.scheme();
     let accuracy = match arguments.steps {
-        Some(steps) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
-        None => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
+        Some(steps) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps.get()), error: f64::NAN },
+        None => choose_steps_by(model.dynamics(), run, &theta, scheme).map_err(unsuited)?,
     };
-    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.per_interval).map_err(unsuited)?;
+    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
@@ -127,7 +136,9 @@ fn as_json(model: &Model, response: &Response<'_>) -> serde_json::Value {
     json!({
         "run": response.run.name,
         "channels": channels,
-        "steps_per_interval": response.accuracy.per_interval,
+        "integrator": response.accuracy.steps.scheme().to_string(),
+        "steps": response.accuracy.steps.total(response.run.len()),
+        "steps_per_interval": response.accuracy.steps.most(),
         "integration_error": finite(&response.accuracy.error),
         "divergence": response.divergence.map(|d| json!({
             "time": d.time,

@@ -10,7 +10,7 @@ use super::solve::estimate;
 use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Scheme, Simulator, Unsuited, choose_steps, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, Steps, Unsuited, choose_steps_by, integration_error};
 use std::fmt;
 
 /// What a user may choose about a fit.
@@ -20,8 +20,10 @@ pub struct FitOptions {
     pub changes: Changes,
     /// How to estimate.
     pub options: Options,
-    /// Runge-Kutta steps between neighbouring samples; chosen for accuracy when not given.
+    /// Equal steps between neighbouring samples; chosen for accuracy when not given.
     pub per_interval: Option<usize>,
+    /// How to integrate; chosen for accuracy and speed when not given.
+    pub scheme: Option<Scheme>,
 }
 
 /// Estimates, and how the runs were simulated.
@@ -83,11 +85,8 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
     let mut steps = Vec::with_capacity(runs.len());
     for (run, theta) in runs.iter().zip(&starts) {
         steps.push(match options.per_interval {
-            Some(steps) => (Scheme::RungeKutta, steps.max(1)),
-            None => {
-                let chosen = choose_steps(model.dynamics(), run, theta).map_err(|e| unsuited(run, e))?;
-                (chosen.scheme, chosen.per_interval)
-            }
+            Some(per_interval) => Steps::equal(options.scheme.unwrap_or_default(), per_interval),
+            None => choose_steps_by(model.dynamics(), run, theta, options.scheme).map_err(|e| unsuited(run, e))?.steps,
         });
     }
     let mut round = 1;
@@ -102,8 +101,11 @@ pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn
         let mut finer = steps.clone();
         for (k, run) in runs.iter().enumerate() {
             starts[k] = at(&model, &estimate, &run.name, &starts[k]);
-            let chosen = choose_steps(model.dynamics(), run, &starts[k]).map_err(|e| unsuited(run, e))?;
-            finer[k] = (chosen.scheme, finer[k].1.max(chosen.per_interval));
+            let chosen = choose_steps_by(model.dynamics(), run, &starts[k], options.scheme);
+            let chosen = chosen.map_err(|e| unsuited(run, e))?;
+            if integration[k].error > COARSE && chosen.error < integration[k].error {
+                finer[k] = chosen.steps;
+            }
         }
         if finer == steps {
             // halving does not help: kinks, or a response on the edge of divergence
@@ -129,13 +131,13 @@ fn estimate_once(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
-    steps: &[(Scheme, usize)],
+    steps: &[Steps],
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), (scheme, per_interval)) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::with_scheme(model.dynamics(), run, *scheme, *per_interval);
+    for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::new(model.dynamics(), run, steps.clone());
         let simulator = simulator.map_err(|e| unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
@@ -155,13 +157,13 @@ fn check(
     runs: &[Run],
     estimate: &Estimate,
     starts: &[Vec<f64>],
-    steps: &[(Scheme, usize)],
+    steps: &[Steps],
 ) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, start), (scheme, per_interval)): ((&Run, &Vec<f64>), &(Scheme, usize))| {
+    let one = |((run, start), steps): ((&Run, &Vec<f64>), &Steps)| {
         let theta = at(model, estimate, &run.name, start);
-        let error = integration_error(model.dynamics(), run, &theta, *scheme, *per_interval);
+        let error = integration_error(model.dynamics(), run, &theta, steps.clone());
         let error = error.map_err(|e| unsuited(run, e))?;
-        Ok(Accuracy { scheme: *scheme, per_interval: *per_interval, error })
+        Ok(Accuracy { steps: steps.clone(), error })
     };
     runs.iter().zip(starts).zip(steps).map(one).collect()
 }

@@ -22,7 +22,7 @@ pub fn fit_json(fit: &Fit) -> Value {
         .runs
         .iter()
         .zip(&fit.integration)
-        .map(|(run, a)| json!({ "run": run.run, "steps_per_interval": a.per_interval, "error": finite(a.error) }))
+        .map(|(run, a)| json!({ "run": run.run, "integrator": a.steps.scheme().to_string(), "steps": a.steps.total(run.response.len() / e.outputs.len().max(1)), "steps_per_interval": a.steps.most(), "error": finite(a.error) }))
         .collect();
     json!({
         "model": fit.model.name(),
