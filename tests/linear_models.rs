@@ -3,7 +3,7 @@
 
 use fdm::Model;
 use fdm::record::Run;
-use fdm::simulate::{Scheme, Simulator, choose_steps};
+use fdm::simulate::{Scheme, Simulator, Steps, choose_steps};
 use std::f64::consts::PI;
 
 fn model(text: &str) -> Model {
@@ -37,13 +37,13 @@ fn columns(model: &Model) -> Vec<usize> {
 
 fn exact(model: &Model) -> Scheme {
     let run = run(model, even(3, 0.1));
-    choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited").scheme
+    choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited").steps.scheme()
 }
 
 /// Outputs and Jacobian.
 fn response(model: &Model, run: &Run, scheme: Scheme, per: usize) -> (Vec<f64>, Vec<f64>) {
     let (theta, columns) = (model.definition().start(), columns(model));
-    let mut simulator = Simulator::with_scheme(model.dynamics(), run, scheme, per).expect("suited");
+    let mut simulator = Simulator::new(model.dynamics(), run, Steps::equal(scheme, per)).expect("suited");
     let rows = run.len() * model.layout().outputs;
     let (mut y, mut plain) = (vec![0.0; rows], vec![0.0; rows]);
     let mut jacobian = vec![f64::NAN; rows * columns.len().next_multiple_of(8)];
@@ -178,7 +178,7 @@ fn central_differences_agree() {
     let (mut theta, columns, q) = (everything.definition().start(), columns(&everything), 5);
     for scheme in [Scheme::RungeKutta, exact(&everything)] {
         let (_, jacobian) = response(&everything, &run, scheme, 1);
-        let mut simulator = Simulator::with_scheme(everything.dynamics(), &run, scheme, 1).expect("suited");
+        let mut simulator = Simulator::new(everything.dynamics(), &run, Steps::equal(scheme, 1)).expect("suited");
         for (lane, column) in columns.iter().enumerate() {
             let at = theta[*column];
             let mut moved = |by: f64| {
@@ -204,7 +204,7 @@ fn divergence_is_found_at_its_step() {
     let unstable =
         model("model m { param k = 60; state calm = 1, x = 1; der(calm) = -calm; der(x) = k*x; output y = x; }");
     let run = run(&unstable, even(500, 0.1));
-    let mut simulator = Simulator::with_scheme(unstable.dynamics(), &run, exact(&unstable), 1).expect("suited");
+    let mut simulator = Simulator::new(unstable.dynamics(), &run, Steps::equal(exact(&unstable), 1)).expect("suited");
     let mut y = vec![0.0; 500];
     let found = simulator.simulate(&[60.0], &mut y).expect_err("e^(60 t) overflows");
     // 709.78/60 = 11.83
@@ -217,5 +217,5 @@ fn uneven_samples_are_left_to_runge_kutta() {
     let lag = model("model m { input u; param k = 2; state x; der(x) = k*(u - x); output y = x; }");
     let run = run(&lag, (0..60).map(|k| 0.1 * f64::from(k) + 0.002 * f64::from(k * k)).collect());
     let chosen = choose_steps(lag.dynamics(), &run, &lag.definition().start()).expect("suited");
-    assert!(chosen.scheme == Scheme::RungeKutta && chosen.error < 1e-8, "{chosen:?}");
+    assert!(chosen.steps.scheme() == Scheme::RungeKutta && chosen.error < 1e-8, "{chosen:?}");
 }

@@ -2,7 +2,7 @@
 //! between the engines.
 
 use fdm::record::Run;
-use fdm::simulate::Simulator;
+use fdm::simulate::{Scheme, Simulator, Steps};
 use fdm::{Model, code};
 use std::f64::consts::PI;
 
@@ -32,9 +32,9 @@ fn model(text: &str) -> Model {
 }
 
 /// Every column of the Jacobian against extrapolated central differences.
-fn check(model: &Model, run: &Run, per_interval: usize) {
+fn check(model: &Model, run: &Run, steps: impl Into<Steps>) {
     let columns: Vec<usize> = (0..model.layout().params).filter(|k| !model.definition().params[*k].fixed).collect();
-    let mut simulator = Simulator::new(model.dynamics(), run, per_interval).expect("suited");
+    let mut simulator = Simulator::new(model.dynamics(), run, steps).expect("suited");
     let (rows, stride) = (run.len() * model.layout().outputs, columns.len().div_ceil(8) * 8);
     let (mut y, mut plain, mut jacobian) = (vec![0.0; rows], vec![0.0; rows], vec![f64::NAN; rows * stride]);
     let theta = model.definition().start();
@@ -83,6 +83,8 @@ fn nonlinear_states_and_initial_values() {
     );
     check(&ship, &run(&ship, 80, 0.1), 1);
     check(&ship, &run(&ship, 40, 0.2), 3);
+    check(&ship, &run(&ship, 40, 0.2), Steps::counts(Scheme::RungeKutta, &[1, 4, 2]));
+    check(&ship, &run(&ship, 40, 0.2), Steps::equal(Scheme::Radau, 1));
 }
 
 #[test]
@@ -99,6 +101,20 @@ fn delays_of_inputs_and_outputs_one_in_the_other() {
 }
 
 #[test]
+fn delays_of_inputs_in_implicit_steps() {
+    let text = "model delays {
+        input a, b; param x0 = 0.2; state x = x0, z;
+        param k = 1.3, w = 2.1, fast = 300, tau_a = 0.137 in [0, 1], tau_b = 0.41 in [0, 1];
+        let drive = delay(a*k + t, tau_a);
+        der(x) = -fast*(x - z) + drive; der(z) = -w^2*x - 0.4*z + drive + 0.5*delay(b, 2*tau_b)*x;
+        output y = x; output both = x*z + 0.1*delay(b, tau_b); output zm = z; }";
+    let delays = model(text);
+    check(&delays, &run(&delays, 60, 0.11), Steps::equal(Scheme::Radau, 1));
+    let held = Run { held: vec![true, false], ..run(&delays, 40, 0.11) };
+    check(&delays, &held, Steps::equal(Scheme::Radau, 3));
+}
+
+#[test]
 fn explicit_time_choices_and_functions() {
     let text = "model functions {
         input u; param x0 = 0.4; state x = x0;
@@ -107,6 +123,7 @@ fn explicit_time_choices_and_functions() {
         output y = exp(-c*x) + x^d*0 + hypot(x, b) + atan2(x, d); output z = max(x, a*t)*sqrt(b + t); }";
     let functions = model(&text.replace("x^d*0 + ", "(2 + x)^d*0.1 + "));
     check(&functions, &run(&functions, 90, 0.05), 2);
+    check(&functions, &run(&functions, 30, 0.15), Steps::uneven(Scheme::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]));
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
+use crate::integrator::{Integrator, integration};
 use crate::iteration::Choice;
 use crate::keeping::Keeping;
 use crate::noise::noise;
@@ -37,9 +38,12 @@ pub(crate) struct Arguments {
     noise: Vec<String>,
     #[command(flatten)]
     choice: Choice,
-    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
+    /// Equal steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N", help_heading = "Estimation")]
     steps: Option<NonZeroUsize>,
+    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
+    #[arg(long, value_enum, default_value_t, help_heading = "Estimation")]
+    integrator: Integrator,
     /// Fit from so many starts and take the best: the given one, and others between the bounds of the parameters or around
     /// their start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
@@ -68,6 +72,7 @@ impl Arguments {
             changes: self.subject.changes(&self.fix, &self.free),
             options: self.choice.options(noise(&self.noise, model)?),
             per_interval: self.steps.map(NonZeroUsize::get),
+            scheme: self.integrator.scheme(),
             starts: MultiStart { count: self.starts as usize, seed: self.seed },
             ..FitOptions::default()
         };
@@ -141,7 +146,8 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {
         for (run, a) in runs.iter().zip(&fit.integration).filter(|_| !e.runs.is_empty()) {
-            text.push_str(&format!("{}: {} samples, {a}\n", run.name, run.len()));
+            let chosen = arguments.steps.is_none() && arguments.integrator.scheme().is_none();
+            text.push_str(&format!("{}: {} samples, {}\n", run.name, run.len(), integration(a, chosen)));
         }
     }
     text

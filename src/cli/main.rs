@@ -7,6 +7,7 @@ mod delivery;
 mod failure;
 mod fit;
 mod histories;
+mod integrator;
 mod iteration;
 mod keeping;
 mod noise;

@@ -1,6 +1,7 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
 use crate::failure::{Failure, NUMBERS, print};
+use crate::integrator::{Integrator, integration};
 use crate::reading::{Reading, open};
 use crate::records::{Selection, load};
 use crate::subject::{assignment, load_model};
@@ -8,7 +9,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Changes, initial_guess};
 use fdm::record::{Column, Dialect, ReadOptions, Run, Summary, write, write_to};
-use fdm::simulate::{Accuracy, Divergence, Scheme, Simulator, choose_steps};
+use fdm::simulate::{Accuracy, Divergence, Simulator, Steps, choose_steps_by};
 use fdm::store::{DataFile, ResultError, ResultFolder};
 use serde_json::json;
 use std::num::NonZeroUsize;
@@ -37,9 +38,12 @@ pub(crate) struct Arguments {
     data: Vec<PathBuf>,
     #[command(flatten)]
     selection: Selection,
-    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
+    /// Equal steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
+    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
+    #[arg(long, value_enum, default_value_t)]
+    integrator: Integrator,
     /// Print JSON
     #[arg(long, conflicts_with = "output")]
     json: bool,
@@ -87,6 +91,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let mut code = ExitCode::SUCCESS;
     for response in &responses {
+        let chosen = arguments.steps.is_none() && arguments.integrator.scheme().is_none();
+        if model.layout().states > 0 && !arguments.json {
+            eprintln!("{}: {}", response.run.name, integration(&response.accuracy, chosen));
+        }
         if let Some(d) = response.divergence {
             let state = d.state.map_or(String::from("an output"), |s| {
                 format!("state `{}`", model.definition().states[s].quantity.name)
@@ -179,13 +187,13 @@ fn theta(model: &Model, run: &Run, values: &Values, arguments: &Arguments) -> Re
 fn respond<'a>(model: &Model, run: &'a Run, values: &Values, arguments: &Arguments) -> Result<Response<'a>, Failure> {
     let theta = theta(model, run, values, arguments)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let accuracy = match (arguments.steps, arguments.fitted_steps(&run.name, values)) {
-        (Some(steps), _) => Accuracy { scheme: Scheme::RungeKutta, per_interval: steps.get(), error: f64::NAN },
+    let scheme = arguments.integrator.scheme();
+    let accuracy = match (arguments.steps, arguments.fitted_steps(&run.name, values).filter(|_| scheme.is_none())) {
+        (Some(steps), _) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps.get()), error: f64::NAN },
         (None, Some(fitted)) => fitted,
-        (None, None) => choose_steps(model.dynamics(), run, &theta).map_err(unsuited)?,
+        (None, None) => choose_steps_by(model.dynamics(), run, &theta, scheme).map_err(unsuited)?,
     };
-    let simulator = Simulator::with_scheme(model.dynamics(), run, accuracy.scheme, accuracy.per_interval);
-    let mut simulator = simulator.map_err(unsuited)?;
+    let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
@@ -228,8 +236,9 @@ fn as_json(model: &Model, response: &Response<'_>) -> serde_json::Value {
     json!({
         "run": response.run.name,
         "channels": channels,
-        "integration": response.accuracy.scheme.to_string(),
-        "steps_per_interval": response.accuracy.per_interval,
+        "integrator": response.accuracy.steps.scheme().to_string(),
+        "steps": response.accuracy.steps.total(response.run.len()),
+        "steps_per_interval": response.accuracy.steps.most(),
         "integration_error": finite(&response.accuracy.error),
         "divergence": response.divergence.map(|d| json!({
             "time": d.time,

@@ -20,7 +20,7 @@ use super::starts::{MultiStart, StartSummary, many_starts};
 use crate::model::Model;
 use crate::quality::{OutputQuality, run_quality};
 use crate::record::Run;
-use crate::simulate::Accuracy;
+use crate::simulate::{Accuracy, Scheme};
 
 /// What a user may choose about a fit.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -29,8 +29,10 @@ pub struct FitOptions {
     pub changes: Changes,
     /// How to estimate.
     pub options: Options,
-    /// Runge-Kutta steps between neighbouring samples; chosen for accuracy when not given.
+    /// Equal steps between neighbouring samples; chosen for accuracy when not given.
     pub per_interval: Option<usize>,
+    /// How to integrate; chosen for accuracy and speed when not given.
+    pub scheme: Option<Scheme>,
     /// Whether and how the record is lengthened from a short one.
     pub continuation: Continuation,
     /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the

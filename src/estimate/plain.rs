@@ -11,7 +11,7 @@ use super::start::after;
 use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Scheme, Simulator, choose_steps, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, integration_error};
 
 /// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
 const COARSE: f64 = 1e-7;
@@ -31,8 +31,8 @@ pub(super) fn plain(
 ) -> Result<Fit, FitError> {
     let mut starts = starts.to_vec();
     let mut steps = match options.per_interval {
-        Some(per_interval) => vec![(Scheme::RungeKutta, per_interval.max(1)); runs.len()],
-        None => chosen_steps(model, runs, &starts)?,
+        Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
+        None => chosen_steps(model, runs, &starts, options.scheme)?.into_iter().map(|a| a.steps).collect(),
     };
     let mut round = 1;
     loop {
@@ -42,7 +42,11 @@ pub(super) fn plain(
         let fine = integration.iter().all(|a| a.error <= COARSE);
         let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
         let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
-        let finer = if last { steps.clone() } else { finer(&steps, &chosen_steps(model, runs, &reached)?) };
+        let finer = if last {
+            steps.clone()
+        } else {
+            finer(&steps, &integration, chosen_steps(model, runs, &reached, options.scheme)?)
+        };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
             return Ok(Fit::new(model.clone(), estimate, integration));
@@ -52,17 +56,22 @@ pub(super) fn plain(
     }
 }
 
-/// A scheme, and its steps between samples.
-type Steps = (Scheme, usize);
-
-fn finer(steps: &[Steps], chosen: &[Steps]) -> Vec<Steps> {
-    steps.iter().zip(chosen).map(|(a, b)| (b.0, a.1.max(b.1))).collect()
+/// Steps that were too coarse give way to better ones.
+fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>) -> Vec<Steps> {
+    let better = |((steps, was), chosen): ((&Steps, &Accuracy), Accuracy)| {
+        if was.error > COARSE && chosen.error < was.error { chosen.steps } else { steps.clone() }
+    };
+    steps.iter().zip(integration).zip(chosen).map(better).collect()
 }
 
-fn chosen_steps(model: &Model, runs: &[Run], starts: &[Vec<f64>]) -> Result<Vec<Steps>, FitError> {
+fn chosen_steps(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    scheme: Option<Scheme>,
+) -> Result<Vec<Accuracy>, FitError> {
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        let chosen = choose_steps(model.dynamics(), run, theta).map_err(|e| FitError::unsuited(run, e))?;
-        Ok((chosen.scheme, chosen.per_interval))
+        choose_steps_by(model.dynamics(), run, theta, scheme).map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
 }
@@ -77,8 +86,8 @@ fn correct(
     observer: &mut dyn Observer,
 ) -> Result<Estimate, FitError> {
     let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), (scheme, per_interval)) in runs.iter().zip(starts).zip(steps) {
-        let simulator = Simulator::with_scheme(model.dynamics(), run, *scheme, *per_interval);
+    for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::new(model.dynamics(), run, steps.clone());
         let simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
@@ -94,10 +103,10 @@ fn correct(
 
 /// Steps in use and their error at the estimates.
 fn accuracy(model: &Model, runs: &[Run], reached: &[Vec<f64>], steps: &[Steps]) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, theta), (scheme, per_interval)): ((&Run, &Vec<f64>), &Steps)| {
-        let error = integration_error(model.dynamics(), run, theta, *scheme, *per_interval);
+    let one = |((run, theta), steps): ((&Run, &Vec<f64>), &Steps)| {
+        let error = integration_error(model.dynamics(), run, theta, steps.clone());
         let error = error.map_err(|e| FitError::unsuited(run, e))?;
-        Ok(Accuracy { scheme: *scheme, per_interval: *per_interval, error })
+        Ok(Accuracy { steps: steps.clone(), error })
     };
     runs.iter().zip(reached).zip(steps).map(one).collect()
 }

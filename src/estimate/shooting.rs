@@ -21,7 +21,7 @@ use super::uncut::Uncut;
 use super::{DerivedQuantities, initial_guess};
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Scheme, Simulator, choose_steps, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, choose_steps_by, integration_error};
 use serde::Serialize;
 
 /// How the record is cut.
@@ -324,10 +324,10 @@ impl<'a> Shot<'a> {
             for (k, piece) in pieces.iter().enumerate() {
                 let theta = local(&run.start, k, self.sizes);
                 let dynamics = self.models.of(k).dynamics();
-                let one = integration_error(dynamics, piece, &theta, Scheme::RungeKutta, *steps);
+                let one = integration_error(dynamics, piece, &theta, *steps);
                 error = error.max(one.map_err(|e| FitError::unsuited(piece, e))?);
             }
-            found.push(Accuracy { scheme: Scheme::RungeKutta, per_interval: *steps, error });
+            found.push(Accuracy { steps: (*steps).into(), error });
         }
         Ok(found)
     }
@@ -346,8 +346,8 @@ fn local(theta: &[f64], segment: usize, sizes: Sizes) -> Vec<f64> {
 fn chosen_steps(models: &SegmentModels, pieces: &[Run], theta: &[f64], sizes: Sizes) -> Result<usize, FitError> {
     let mut most = 1;
     for (k, piece) in pieces.iter().enumerate() {
-        let chosen = choose_steps(models.of(k).dynamics(), piece, &local(theta, k, sizes));
-        most = most.max(chosen.map_err(|e| FitError::unsuited(piece, e))?.per_interval);
+        let chosen = choose_steps_by(models.of(k).dynamics(), piece, &local(theta, k, sizes), Some(Scheme::RungeKutta));
+        most = most.max(chosen.map_err(|e| FitError::unsuited(piece, e))?.steps.most());
     }
     Ok(most)
 }

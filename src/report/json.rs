@@ -17,8 +17,11 @@ pub fn fit_json(fit: &Fit) -> Value {
         .iter()
         .zip(&fit.integration)
         .map(|(run, a)| {
-            let (steps, error) = (a.per_interval, finite(a.error));
-            json!({ "run": run.run, "scheme": a.scheme, "steps_per_interval": steps, "error": error })
+            let samples = run.response.len() / e.outputs.len().max(1);
+            json!({
+                "run": run.run, "integrator": a.steps.scheme().to_string(), "steps": a.steps.total(samples),
+                "steps_per_interval": a.steps.most(), "spacing": a.steps, "error": finite(a.error),
+            })
         })
         .collect();
     json!({

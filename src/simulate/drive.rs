@@ -1,7 +1,8 @@
 //! What drives the model at the stages of every step and at every sample: inputs, and inputs delayed.
 
 use super::grid::Grid;
-use super::moments::{Follower, StageValues};
+use super::moments::{Follower, Rule, StageValues};
+use super::steps::Steps;
 use crate::dynamics::Layout;
 use crate::record::{Cursor, Run};
 use fdm_grammar::graph::Signal;
@@ -12,7 +13,8 @@ pub(super) struct DriveTable {
     width: usize,
     inputs: usize,
     delayed: Vec<Signal>,
-    /// Steps by 3 by width: beginning, middle and end of each step.
+    rule: Rule,
+    /// Steps by 3 by width: the stages of each step.
     stages: Vec<f64>,
     /// Steps by 3 by delayed signals: slopes of delayed inputs.
     stage_slopes: Vec<f64>,
@@ -24,30 +26,28 @@ pub(super) struct DriveTable {
 
 impl DriveTable {
     /// Fills in the inputs that are not delayed; they stay as they are for the whole fit.
-    pub(super) fn new(layout: &Layout, run: &Run, grid: &Grid) -> Self {
-        let (width, inputs, delays, steps) = (layout.drive(), layout.inputs, layout.delayed.len(), grid.steps());
+    pub(super) fn new(layout: &Layout, run: &Run, grid: &Grid, steps: &Steps) -> Self {
+        let (width, inputs, delays, count) = (layout.drive(), layout.inputs, layout.delayed.len(), grid.steps());
         let mut table = Self {
             width,
             inputs,
             delayed: layout.delayed.clone(),
-            stages: vec![0.0; steps * 3 * width],
-            stage_slopes: vec![0.0; steps * 3 * delays],
+            rule: Rule::of(steps.scheme()),
+            stages: vec![0.0; count * 3 * width],
+            stage_slopes: vec![0.0; count * 3 * delays],
             samples: vec![0.0; run.len() * width],
             sample_slopes: vec![0.0; run.len() * delays],
         };
         for (sample, row) in run.inputs.chunks_exact(inputs.max(1)).enumerate().filter(|_| inputs > 0) {
             table.samples[sample * width..][..inputs].copy_from_slice(row);
         }
-        let per = grid.per_interval();
-        for k in 0..steps {
-            let (interval, within) = (k / per, k % per);
-            for input in 0..inputs {
-                let (a, b) = (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
-                for stage in 0..3 {
-                    let part = (2 * within + stage) as f64 / (2 * per) as f64;
-                    table.stages[(3 * k + stage) * width + input] = between(a, b, part, run.held[input]);
+        let mut rows = table.stages.chunks_exact_mut((3 * width).max(1));
+        for interval in (0..run.len().saturating_sub(1)).filter(|_| count > 0 && inputs > 0) {
+            steps.each(interval, |begin, end| {
+                if let Some(stages) = rows.next() {
+                    inputs_of_step(run, interval, (begin, end), &table.rule, width, stages);
                 }
-            }
+            });
         }
         table
     }
@@ -61,7 +61,7 @@ impl DriveTable {
             let mut follower = Follower::default();
             for k in 0..grid.steps() {
                 let (t, h) = grid.step(k);
-                let StageValues { value, slope } = follower.step(run, input, t - tau, h);
+                let StageValues { value, slope } = follower.step(run, input, (t - tau, h), &self.rule);
                 for stage in 0..3 {
                     self.stages[(3 * k + stage) * self.width + column] = value[stage];
                     self.stage_slopes[(3 * k + stage) * delays + d] = slope[stage];
@@ -76,13 +76,13 @@ impl DriveTable {
         }
     }
 
-    /// Drive at the beginning, middle and end of a step (3 by width).
+    /// Drive at the stages of a step (3 by width): with Runge-Kutta its beginning, middle and end.
     #[inline]
     pub(super) fn stages(&self, step: usize) -> &[f64] {
         &self.stages[step * 3 * self.width..][..3 * self.width]
     }
 
-    /// Slopes of the delayed inputs at the same three times (3 by delayed signals).
+    /// Slopes of the delayed inputs at the same three stages (3 by delayed signals).
     #[inline]
     pub(super) fn stage_slopes(&self, step: usize) -> &[f64] {
         let delays = self.delayed.len();
@@ -137,6 +137,25 @@ impl DriveTable {
     pub(super) fn sample_slopes(&self, sample: usize) -> &[f64] {
         let delays = self.delayed.len();
         &self.sample_slopes[sample * delays..][..delays]
+    }
+}
+
+/// Inputs at the stages (3 by width) of the step between two parts of an interval.
+pub(super) fn inputs_of_step(
+    run: &Run,
+    interval: usize,
+    (begin, end): (f64, f64),
+    rule: &Rule,
+    width: usize,
+    stages: &mut [f64],
+) {
+    let inputs = run.held.len();
+    for (stage, node) in stages.chunks_exact_mut(width).zip(rule.nodes()) {
+        let part = if node == 1.0 { end } else { begin + node * (end - begin) };
+        for input in 0..inputs {
+            let (a, b) = (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
+            stage[input] = between(a, b, part, run.held[input]);
+        }
     }
 }
 

@@ -1,4 +1,4 @@
-//! A delayed input seen by a Runge-Kutta step: stage values with the moments of the true signal.
+//! A delayed input seen by a step: stage values with the moments of the true signal.
 //!
 //! A recorded input has kinks (jumps, when it is held) at its samples, and a delay carries them into the middle of steps,
 //! where sampling the input at three points would leave an error of second order and a response that bends whenever a
@@ -7,10 +7,51 @@
 //! `(u0 + 4 um + u1)/6 = M0`, `u0/6 + um/3 = M1`, `(u0 + um)/12 = M2`, with `Mk = integral of (1 - s)^k/k! u(s) ds`
 //!
 //! up to its own order. Three stage values that have the true moments therefore lose nothing to kinks; where there is none they
-//! are the signal's values. The moments are smooth in the delay, jumps included, and so is the response: the derivative
+//! are the signal's values. A collocation method integrates a quadratic exactly: it gets the stage values of the one quadratic that has
+//! these moments. Where the model is so fast that it follows its input, a kink inside a step then costs an error of the first order,
+//! which halving the steps shows. The moments are smooth in the delay, jumps included, and so is the response: the derivative
 //! by the delay is that of the same moments.
 
+use super::implicit;
+use super::scheme::Scheme;
 use crate::record::{Cursor, Place, Run};
+
+/// Where a method's stages stand in a step, and their values for given moments.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rule {
+    nodes: [f64; 3],
+    /// Stages by moments.
+    weights: [[f64; 3]; 3],
+}
+
+impl Rule {
+    pub(super) fn of(integrator: Scheme) -> Self {
+        match integrator {
+            Scheme::RungeKutta | Scheme::Recursion { .. } => {
+                let weights = [[0.0, -6.0, 24.0], [0.0, 6.0, -12.0], [6.0, -18.0, 24.0]];
+                Self { nodes: [0.0, 0.5, 1.0], weights }
+            }
+            Scheme::Radau => Self { nodes: implicit::NODES, weights: implicit::NODES.map(quadratic) },
+        }
+    }
+
+    /// Parts of the step at which the stages stand.
+    pub(super) fn nodes(&self) -> [f64; 3] {
+        self.nodes
+    }
+
+    fn stages(&self, moments: [f64; 3]) -> [f64; 3] {
+        self.weights.map(|[a, b, c]| a * moments[0] + b * moments[1] + c * moments[2])
+    }
+}
+
+/// Weights of the moments for the value at s of the quadratic that has them: in powers of 1 - s its coefficients
+/// follow from the inverse of Hilbert's matrix.
+fn quadratic(s: f64) -> [f64; 3] {
+    let rest = 1.0 - s;
+    let sum = |a: f64, b: f64, c: f64| a + rest * (b + rest * c);
+    [sum(9.0, -36.0, 30.0), sum(-36.0, 192.0, -180.0), 2.0 * sum(30.0, -180.0, 180.0)]
+}
 
 /// Values and slopes at the three stages of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,13 +71,13 @@ const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 impl Follower {
     /// The input over `from..from + h`, both already delayed.
-    pub(super) fn step(&mut self, run: &Run, input: usize, from: f64, h: f64) -> StageValues {
+    pub(super) fn step(&mut self, run: &Run, input: usize, (from, h): (f64, f64), rule: &Rule) -> StageValues {
         let (time, to) = (&run.time, from + h);
         self.cursor.at(time, from);
         let count = self.cursor.count();
         if count == time.len() || time[count] >= to {
             let at = |t: f64| run.input(input, Place::after(time, count, t));
-            let [(a, p), (b, q), (c, r)] = [at(from), at(from + 0.5 * h), at(to)];
+            let [(a, p), (b, q), (c, r)] = rule.nodes.map(|node| at(if node == 1.0 { to } else { from + node * h }));
             return StageValues { value: [a, b, c], slope: [p, q, r] };
         }
         let (mut value, mut slope) = ([0.0; 3], [0.0; 3]);
@@ -59,7 +100,7 @@ impl Follower {
             add(&mut slope, (end - from) / h, jump / h);
             (k, begin) = (k + 1, end);
         }
-        StageValues { value: stages(value), slope: stages(slope) }
+        StageValues { value: rule.stages(value), slope: rule.stages(slope) }
     }
 }
 
@@ -90,18 +131,27 @@ mod tests {
         Run { name: "r".into(), time, inputs, held, measured, input_gaps: vec![0], output_gaps: Vec::new() }
     }
 
+    const RULES: [Scheme; 2] = [Scheme::RungeKutta, Scheme::Radau];
+
     #[test]
     fn without_kinks_the_stages_are_the_values() {
-        let got = Follower::default().step(&run(false), 0, 0.2, 0.5);
-        let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-14);
-        assert!(near(got.value, [1.4, 1.9, 2.4]) && near(got.slope, [2.0; 3]), "{got:?}");
+        for rule in RULES.map(Rule::of) {
+            let got = Follower::default().step(&run(false), 0, (0.2, 0.5), &rule);
+            let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-14);
+            assert!(near(got.value, rule.nodes.map(|s| 1.4 + s)) && near(got.slope, [2.0; 3]), "{got:?}");
+            // the same from the moments of the same signal
+            let mut moments = [0.0; 3];
+            GAUSS.iter().for_each(|s| add(&mut moments, *s, 0.5 * (1.4 + s)));
+            assert!(near(rule.stages(moments), got.value), "{moments:?}");
+        }
     }
 
     #[test]
     fn moments_are_those_of_the_signal() {
         for held in [false, true] {
             let (run, from, h) = (run(held), -0.4, 3.7);
-            let StageValues { value: [a, b, c], .. } = Follower::default().step(&run, 0, from, h);
+            let StageValues { value: [a, b, c], .. } =
+                Follower::default().step(&run, 0, (from, h), &Rule::of(Scheme::RungeKutta));
             let (n, mut moments) = (200_000, [0.0; 3]);
             for k in 0..n {
                 let s = (f64::from(k) + 0.5) / f64::from(n);
@@ -116,9 +166,9 @@ mod tests {
 
     #[test]
     fn slopes_are_derivatives_by_the_shift_also_across_jumps() {
-        for held in [false, true] {
+        for (held, rule) in [false, true].into_iter().flat_map(|held| RULES.map(|r| (held, Rule::of(r)))) {
             let (run, from, h, step) = (run(held), 0.7, 2.1, 1e-5);
-            let at = |from: f64| Follower::default().step(&run, 0, from, h);
+            let at = |from: f64| Follower::default().step(&run, 0, (from, h), &rule);
             let (low, high, middle) = (at(from - step), at(from + step), at(from));
             for k in 0..3 {
                 let difference = (high.value[k] - low.value[k]) / (2.0 * step);

@@ -73,11 +73,6 @@ impl Sensitivity {
         &self.columns
     }
 
-    /// Lanes of a sensitivity row.
-    pub(super) fn lanes(&self) -> usize {
-        self.lanes
-    }
-
     /// Back to the initial values.
     pub(super) fn begin(&mut self, known: &[f64]) {
         self.gathering.begin();

@@ -1,12 +1,14 @@
-//! One run of a model: outputs, and outputs with sensitivities, by fixed-step Runge-Kutta.
+//! One run of a model: outputs, and outputs with sensitivities, by steps that are chosen before.
 
 use super::block::{Block, Sink};
 use super::drive::DriveTable;
 use super::grid::Grid;
+use super::implicit::{Collocation, ImplicitSensitivity, Interval};
 use super::recursion::{self, Intervals, Method, Recursion};
 use super::retarded::{History, Retarded, RetardedSensitivity};
 use super::scheme::Scheme;
 use super::sensitivity::Sensitivity;
+use super::steps::Steps;
 use super::vectors::VECTOR;
 use crate::dynamics::{Dynamics, Layout, Point, Step, Workspace};
 use crate::record::Run;
@@ -50,12 +52,23 @@ pub enum Unsuited {
         input: usize,
     },
     /// The steps would not fit into memory.
-    #[error("{per_interval} steps between samples are more than {MOST_STEPS} in a run of {samples} samples")]
+    #[error("{steps} steps are more than {MOST_STEPS} in a run of {samples} samples")]
     TooManySteps {
-        /// Steps between samples.
-        per_interval: usize,
+        /// Steps of the run.
+        steps: usize,
         /// Samples of the run.
         samples: usize,
+    },
+    /// Delayed states would have to be interpolated with the sensitivities of the collocation polynomial.
+    #[error(
+        "the implicit method does not know delayed states yet: integrate this model by Runge-Kutta (`--integrator runge-kutta`)"
+    )]
+    DelayedStates,
+    /// The equations of an implicit step would not fit into memory.
+    #[error("{states} states are more than the {MOST_IMPLICIT} of the implicit method: use `--integrator runge-kutta`")]
+    TooManyStates {
+        /// States of the model.
+        states: usize,
     },
     /// The past that a delay reaches back to would not fit into memory.
     #[error(
@@ -80,6 +93,9 @@ pub enum Unsuited {
     },
 }
 
+/// Most states of the implicit method: its matrix has nine times their square entries.
+pub(super) const MOST_IMPLICIT: usize = 1000;
+
 /// Simulates one run again and again with other parameters; allocates once.
 pub struct Simulator<'a> {
     pub(super) dynamics: &'a dyn Dynamics,
@@ -88,9 +104,8 @@ pub struct Simulator<'a> {
     pub(super) drive: DriveTable,
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
-    /// The past of states that are seen delayed, and the steps of such a model.
+    /// The past of states that are seen delayed.
     pub(super) history: Option<History>,
-    retarded: Option<Retarded>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
     integrator: Integrator,
@@ -99,59 +114,81 @@ pub struct Simulator<'a> {
 /// What advances the states and their sensitivities, with its memory.
 enum Integrator {
     RungeKutta(Option<Sensitivity>),
-    /// Runge-Kutta steps that see delayed states.
-    Retarded(Option<RetardedSensitivity>),
-    Recursion {
-        method: Method,
-        intervals: Intervals,
-        /// Without columns, and with those that were last asked for.
-        response: Option<Box<Recursion>>,
-        sensitivity: Option<Box<Recursion>>,
-    },
+    Retarded(Box<Retarded>, Option<RetardedSensitivity>),
+    Radau(Box<Collocation>, Option<ImplicitSensitivity>),
+    Recursion(Box<LinearIntegrator>),
+}
+
+/// A linear model's steps, with their memory.
+struct LinearIntegrator {
+    method: Method,
+    intervals: Intervals,
+    /// Without columns, and with those that were last asked for.
+    response: Option<Recursion>,
+    sensitivity: Option<Recursion>,
 }
 
 impl Integrator {
     /// A linear model's Runge-Kutta steps are a recursion as well, with other coefficients.
-    fn new(layout: &Layout, grid: &Grid, scheme: Scheme, delays_states: bool) -> Self {
-        if delays_states {
-            return Self::Retarded(None);
+    fn new(layout: &Layout, grid: &Grid, scheme: Scheme, history: Option<&History>) -> Self {
+        if let Some(history) = history {
+            return Self::Retarded(Box::new(Retarded::new(layout, history)), None);
         }
         let method = match scheme {
-            Scheme::RungeKutta => Method::RungeKutta,
+            Scheme::Radau if layout.states > 0 => return Self::Radau(Box::new(Collocation::new(layout)), None),
             Scheme::Recursion { .. } => Method::Exact,
+            Scheme::RungeKutta | Scheme::Radau => Method::RungeKutta,
         };
-        match Intervals::of(grid).filter(|_| recursion::suits(layout)) {
-            Some(intervals) => Self::Recursion { method, intervals, response: None, sensitivity: None },
+        let intervals = grid.per_interval().filter(|_| recursion::suits(layout)).and_then(|_| Intervals::of(grid));
+        match intervals {
+            Some(intervals) => {
+                Self::Recursion(Box::new(LinearIntegrator { method, intervals, response: None, sensitivity: None }))
+            }
             None => Self::RungeKutta(None),
         }
     }
 }
 
-impl<'a> Simulator<'a> {
-    /// Prepares a run for the classical Runge-Kutta method; `per_interval` steps between samples.
-    ///
-    /// # Errors
-    /// As [`Simulator::with_scheme`].
-    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, per_interval: usize) -> Result<Self, Unsuited> {
-        Self::with_scheme(dynamics, run, Scheme::RungeKutta, per_interval)
+impl LinearIntegrator {
+    /// All samples by recursion.
+    fn run(&mut self, simulator: &mut Simulator<'_>, columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        let Self { method, intervals, response, sensitivity } = self;
+        let memory = if columns.is_empty() { response } else { sensitivity };
+        memory.take_if(|r| r.columns() != columns);
+        memory
+            .get_or_insert_with(|| Recursion::new(simulator, columns, *method, intervals))
+            .run(simulator, intervals, sink)
     }
+}
 
-    /// Prepares a run; `per_interval` steps between samples.
+impl Default for Integrator {
+    fn default() -> Self {
+        Self::RungeKutta(None)
+    }
+}
+
+impl<'a> Simulator<'a> {
+    /// Prepares a run; `steps` as [`super::choose_steps`] gives them, or a whole number of equal Runge-Kutta steps between samples.
     ///
     /// # Errors
-    /// [`Unsuited`] when sensitivities would be silently zero, or the steps do not fit into memory.
-    pub fn with_scheme(
-        dynamics: &'a dyn Dynamics,
-        run: &'a Run,
-        scheme: Scheme,
-        per_interval: usize,
-    ) -> Result<Self, Unsuited> {
-        let layout = dynamics.layout();
+    /// [`Unsuited`] when sensitivities would be silently zero, the steps do not fit into memory, or the method does not suit
+    /// the model.
+    pub fn new(dynamics: &'a dyn Dynamics, run: &'a Run, steps: impl Into<Steps>) -> Result<Self, Unsuited> {
+        let (layout, steps) = (dynamics.layout(), steps.into());
         if run.held.len() != layout.inputs || run.inputs.len() != run.len() * layout.inputs {
             return Err(Unsuited::OtherInputs { found: run.held.len(), expected: layout.inputs });
         }
-        if layout.states > 0 && per_interval.saturating_mul(run.len()) > MOST_STEPS {
-            return Err(Unsuited::TooManySteps { per_interval, samples: run.len() });
+        let total = steps.total(run.len());
+        if layout.states > 0 && total > MOST_STEPS {
+            return Err(Unsuited::TooManySteps { steps: total, samples: run.len() });
+        }
+        let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+        let implicit = layout.states > 0 && steps.scheme() == Scheme::Radau;
+        if implicit && delays_states {
+            return Err(Unsuited::DelayedStates);
+        }
+        if implicit && layout.states > MOST_IMPLICIT {
+            return Err(Unsuited::TooManyStates { states: layout.states });
         }
         for (d, signal) in layout.delayed.iter().enumerate() {
             if let Signal::Input(input) = *signal
@@ -162,20 +199,19 @@ impl<'a> Simulator<'a> {
                 return Err(Unsuited::HeldAndDelayed { input: input as usize });
             }
         }
-        let grid = Grid::new(&run.time, if layout.states == 0 { 0 } else { per_interval.max(1) });
+        let grid = if layout.states == 0 { Grid::without_steps(&run.time) } else { Grid::new(&run.time, &steps) };
         let history = History::new(layout);
-        let integrator = Integrator::new(layout, &grid, scheme, history.is_some());
+        let integrator = Integrator::new(layout, &grid, steps.scheme(), history.as_ref());
         Ok(Self {
             dynamics,
             run,
-            drive: DriveTable::new(layout, run, &grid),
+            drive: DriveTable::new(layout, run, &grid, &steps),
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
-            retarded: history.as_ref().map(|history| Retarded::new(layout, history)),
+            integrator,
             history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
-            integrator,
         })
     }
 
@@ -204,15 +240,32 @@ impl<'a> Simulator<'a> {
     /// # Errors
     /// [`Divergence`] at the first value that is not finite; rows before it are filled.
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
-        if let Integrator::Recursion { .. } = self.integrator {
-            let q = self.outputs();
-            let mut sink = |block: Block<'_>| y[block.first * q..][..block.y.len()].copy_from_slice(block.y);
-            return self.recur(theta, &[], &mut sink);
-        }
         self.begin(theta, 0)?;
-        if let Some(retarded) = &mut self.retarded {
-            retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
-        }
+        let mut integrator = std::mem::take(&mut self.integrator);
+        let result = match &mut integrator {
+            Integrator::RungeKutta(_) => self.march(y, Self::advance),
+            Integrator::Retarded(retarded, _) => self.march(y, |simulator, k| retarded.advance(simulator, k)),
+            // compiled for the machine's widest registers, for the factors
+            Integrator::Radau(collocation, _) => {
+                pulp::Arch::new().dispatch(|| self.march(y, |simulator, k| collocation.advance(simulator, k)))
+            }
+            Integrator::Recursion(linear) => {
+                let q = self.outputs();
+                let mut sink = |block: Block<'_>| y[block.first * q..][..block.y.len()].copy_from_slice(block.y);
+                linear.run(self, &[], &mut sink)
+            }
+        };
+        self.integrator = integrator;
+        result
+    }
+
+    /// The loop over the steps.
+    #[inline(always)]
+    fn march(
+        &mut self,
+        y: &mut [f64],
+        mut advance: impl FnMut(&mut Self, usize) -> Result<(), Divergence>,
+    ) -> Result<(), Divergence> {
         let steps = self.grid.steps();
         if let Some(history) = &mut self.history {
             history.node(self.run.time[0], &self.nodes[0], &[]);
@@ -222,7 +275,7 @@ impl<'a> Simulator<'a> {
                 self.observe(sample, k, &mut y[sample * self.outputs()..])?;
             }
             if k < steps {
-                self.advance(k)?;
+                advance(self, k)?;
             }
         }
         self.stateless(|simulator, sample| {
@@ -240,49 +293,26 @@ impl<'a> Simulator<'a> {
     /// # Errors
     /// [`Divergence`] at the first value that is not finite; blocks before it may have been handed over.
     pub fn stream(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
-        match &mut self.integrator {
+        self.begin(theta, self.dynamics.layout().stage.lanes)?;
+        let (dynamics, mut integrator) = (self.dynamics, std::mem::take(&mut self.integrator));
+        let result = match &mut integrator {
             Integrator::RungeKutta(memory) => {
-                let mut sensitivity = match memory.take() {
-                    Some(s) if s.columns() == columns => s,
-                    _ => Sensitivity::new(self.dynamics, columns),
-                };
-                let result = self.begin(theta, sensitivity.lanes()).and_then(|()| sensitivity.run(self, sink));
-                self.integrator = Integrator::RungeKutta(Some(sensitivity));
-                result
+                memory.take_if(|s| s.columns() != columns);
+                memory.get_or_insert_with(|| Sensitivity::new(dynamics, columns)).run(self, sink)
             }
-            Integrator::Retarded(memory) => {
-                let Some(mut retarded) = self.retarded.take() else { return Ok(()) };
-                let mut sensitivity = match memory.take() {
-                    Some(s) if s.columns() == columns => s,
-                    _ => RetardedSensitivity::new(self.dynamics, columns, &retarded),
-                };
-                let result = self.begin(theta, sensitivity.lanes()).and_then(|()| {
-                    retarded.begin(&self.known[self.dynamics.layout().tau.clone()], &self.grid);
-                    sensitivity.run(&mut retarded, self, sink)
-                });
-                self.retarded = Some(retarded);
-                self.integrator = Integrator::Retarded(Some(sensitivity));
-                result
+            Integrator::Retarded(retarded, memory) => {
+                memory.take_if(|s| s.columns() != columns);
+                let sensitivity = memory.get_or_insert_with(|| RetardedSensitivity::new(dynamics, columns, retarded));
+                sensitivity.run(retarded, self, sink)
             }
-            Integrator::Recursion { .. } => self.recur(theta, columns, sink),
-        }
-    }
-
-    /// All samples by recursion.
-    fn recur(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
-        self.begin(theta, 0)?;
-        let integrator = std::mem::replace(&mut self.integrator, Integrator::RungeKutta(None));
-        let Integrator::Recursion { method, intervals, mut response, mut sensitivity } = integrator else {
-            return Ok(());
+            Integrator::Radau(collocation, memory) => {
+                memory.take_if(|s| s.columns() != columns);
+                let sensitivity = memory.get_or_insert_with(|| ImplicitSensitivity::new(dynamics, columns));
+                sensitivity.run(collocation, self, sink)
+            }
+            Integrator::Recursion(linear) => linear.run(self, columns, sink),
         };
-        let memory = if columns.is_empty() { &mut response } else { &mut sensitivity };
-        let mut recursion = match memory.take() {
-            Some(recursion) if recursion.columns() == columns => recursion,
-            _ => Box::new(Recursion::new(self, columns, method, &intervals)),
-        };
-        let result = recursion.run(self, &intervals, sink);
-        *memory = Some(recursion);
-        self.integrator = Integrator::Recursion { method, intervals, response, sensitivity };
+        self.integrator = integrator;
         result
     }
 
@@ -314,7 +344,10 @@ impl<'a> Simulator<'a> {
         let layout = self.dynamics.layout();
         self.dynamics.prepare(theta, &mut self.known, &mut self.work);
         let lanes = layout.stage.lanes;
-        let Self { history: Some(history), retarded: Some(retarded), known, grid, .. } = self else { return Ok(()) };
+        let Self { history: Some(history), integrator: Integrator::Retarded(retarded, _), known, grid, .. } = self
+        else {
+            return Ok(());
+        };
         let longest = longest_state_delay(layout, known);
         let numbers = history.numbers(lanes, longest, grid);
         if numbers > History::MOST {
@@ -354,29 +387,39 @@ impl<'a> Simulator<'a> {
         self.drive.delay(tau, self.run, &self.grid);
         if let Some(history) = &mut self.history {
             let longest = longest_state_delay(layout, &self.known);
-            let too_many = |r: &Retarded| r.states_at_once(tau, &self.grid) > Retarded::MOST_AT_ONCE;
-            if history.numbers(stride, longest, &self.grid) > History::MOST
-                || self.retarded.as_ref().is_some_and(too_many)
-            {
+            if history.numbers(stride, longest, &self.grid) > History::MOST {
                 return Err(start(None));
             }
             history.begin(stride, longest, &self.grid);
+        }
+        match &mut self.integrator {
+            Integrator::RungeKutta(_) | Integrator::Recursion(_) => {}
+            Integrator::Retarded(retarded, _) if retarded.states_at_once(tau, &self.grid) > Retarded::MOST_AT_ONCE => {
+                return Err(start(None));
+            }
+            Integrator::Retarded(retarded, _) => retarded.begin(tau, &self.grid),
+            Integrator::Radau(collocation, _) => collocation.begin(),
         }
         Ok(())
     }
 
     /// One step without sensitivities.
+    #[inline(always)]
     fn advance(&mut self, k: usize) -> Result<(), Divergence> {
-        if let Some(mut retarded) = self.retarded.take() {
-            let result = retarded.advance(self, k);
-            self.retarded = Some(retarded);
-            return result;
-        }
         let (t, h) = self.grid.step(k);
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
         finite(&self.grid, k, next)
+    }
+
+    /// Step k as the implicit method sees it, where its end goes, and memory.
+    #[inline(always)]
+    pub(super) fn interval(&mut self, k: usize) -> (Interval<'_>, &mut [f64], &mut Workspace) {
+        let (t, h) = self.grid.step(k);
+        let (x, next) = two_nodes(&mut self.nodes, k);
+        let (drive, slopes) = (self.drive.stages(k), self.drive.stage_slopes(k));
+        (Interval { t, h, x, drive, slopes, known: &self.known }, next, &mut self.work)
     }
 
     /// Outputs at a sample, delayed states filled in first.
@@ -411,7 +454,7 @@ pub(super) fn finite(grid: &Grid, k: usize, x: &[f64]) -> Result<(), Divergence>
 /// Step k has left the finite numbers.
 pub(super) fn diverged(grid: &Grid, k: usize, state: Option<usize>) -> Divergence {
     let (t, h) = grid.step(k);
-    Divergence { time: t + h, state, sample: k / grid.per_interval().max(1) }
+    Divergence { time: t + h, state, sample: grid.sample_before(k) }
 }
 
 /// The longest delay of a state.

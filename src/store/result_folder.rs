@@ -255,13 +255,12 @@ impl ResultFolder {
         Ok(params.iter().map(value).collect())
     }
 
-    /// Runge-Kutta steps between samples with which a run was fitted, and their integration error.
+    /// Method and steps with which a run was fitted, and their integration error.
     pub fn integration(&self, run: &str) -> Option<Accuracy> {
         let all = self.result["integration"].as_array()?;
         let found = all.iter().find(|i| i["run"] == run)?;
-        let per_interval = usize::try_from(found["steps_per_interval"].as_u64()?).ok().filter(|n| *n > 0)?;
-        let scheme = serde_json::from_value(found["scheme"].clone()).ok()?;
-        Some(Accuracy { scheme, per_interval, error: found["error"].as_f64().unwrap_or(f64::NAN) })
+        let steps = serde_json::from_value(found["spacing"].clone()).ok()?;
+        Some(Accuracy { steps, error: found["error"].as_f64().unwrap_or(f64::NAN) })
     }
 
     /// What makes a fit of `model` a validation of this result: shared parameters are held where they were found, and so

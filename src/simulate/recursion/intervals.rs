@@ -57,13 +57,13 @@ mod tests {
     #[test]
     fn rounding_of_times_is_no_difference_and_jitter_is() {
         let even: Vec<f64> = (0..5000).map(|k| k as f64 * 0.1).collect();
-        let intervals = Intervals::of(&Grid::new(&even, 2)).expect("one length");
+        let intervals = Intervals::of(&Grid::new(&even, &2.into())).expect("one length");
         assert!((intervals.lengths[0] - 0.05).abs() < 1e-14 && intervals.lengths.len() == 1);
         let rounded: Vec<f64> = (0..50).map(|k| (k as f64 * 1000.0 / 350.0).round() / 1000.0).collect();
-        let intervals = Intervals::of(&Grid::new(&rounded, 1)).expect("two lengths");
+        let intervals = Intervals::of(&Grid::new(&rounded, &1.into())).expect("two lengths");
         assert_eq!(intervals.lengths.len(), 2);
         assert!((intervals.lengths[intervals.of_step(0)] - 0.003).abs() < 1e-15);
         let uneven: Vec<f64> = (0..50).map(|k| (k * k) as f64).collect();
-        assert!(Intervals::of(&Grid::new(&uneven, 1)).is_none());
+        assert!(Intervals::of(&Grid::new(&uneven, &1.into())).is_none());
     }
 }

@@ -88,7 +88,7 @@ impl Recursion {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
         let (held, linear) = (&simulator.run.held, observed(layout));
-        let kinds = (intervals.lengths.len(), simulator.grid.per_interval());
+        let kinds = (intervals.lengths.len(), simulator.grid.per_interval().unwrap_or(1));
         let parts = partition(layout, linear).into_iter();
         let subsystems: Vec<_> = parts.map(|part| Subsystem::new(layout, part, columns, held, kinds)).collect();
         let general = (!linear).then(|| General {
@@ -149,12 +149,12 @@ impl Recursion {
             }
             if let Some(state) = self.first_not_finite() {
                 let (t, h) = simulator.grid.step(k);
-                let sample = k / simulator.grid.per_interval().max(1);
+                let sample = k / simulator.grid.per_interval().unwrap_or(1);
                 return Divergence { time: t + h, state, sample };
             }
         }
         let (t, h) = simulator.grid.step(steps.end - 1);
-        Divergence { time: t + h, state: None, sample: (steps.end - 1) / simulator.grid.per_interval().max(1) }
+        Divergence { time: t + h, state: None, sample: (steps.end - 1) / simulator.grid.per_interval().unwrap_or(1) }
     }
 
     /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
@@ -274,7 +274,7 @@ impl WithSimd for March<'_, '_> {
             let how = (recursion.method, &intervals.lengths[..]);
             subsystem.prepare(layout, &recursion.equations, &simulator.known, how);
         }
-        let (samples, per) = (simulator.run.len(), simulator.grid.per_interval());
+        let (samples, per) = (simulator.run.len(), simulator.grid.per_interval().unwrap_or(1));
         let mut first = 0;
         while first < samples {
             let most = if recursion.general.is_some() { 1 } else { (samples - first).min(STEPS) };
@@ -306,7 +306,7 @@ impl Recursion {
         (first, most): (usize, usize),
     ) -> usize {
         let Self { subsystems, gathering, rows: spare, before, .. } = self;
-        let per = simulator.grid.per_interval();
+        let per = simulator.grid.per_interval().unwrap_or(1);
         let mut count = 0;
         for (subsystem, before) in subsystems.iter_mut().zip(before) {
             before.copy_from_slice(subsystem.states());

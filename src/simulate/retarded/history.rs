@@ -177,16 +177,9 @@ impl History {
     }
 }
 
-/// Nodes of a ring for delays up to `longest`: the greatest number in any window of this length, with those around it.
+/// Nodes of a ring for delays up to `longest`: the greatest number of steps in any window of this length, with those around it.
 fn capacity(longest: f64, grid: &Grid) -> usize {
-    let (samples, mut first, mut most) = (grid.samples(), 0, 1);
-    for (k, t) in samples.iter().enumerate() {
-        while samples[first] < t - longest {
-            first += 1;
-        }
-        most = most.max(k - first + 2);
-    }
-    (most * grid.per_interval()).min(grid.steps()) + 3
+    (grid.most_within(longest) + 2).min(grid.steps()) + 3
 }
 
 #[cfg(test)]
@@ -195,7 +188,7 @@ mod tests {
 
     #[test]
     fn cubics_are_interpolated_exactly_and_slopes_are_derivatives() {
-        let grid = Grid::new(&[0.0, 0.5, 1.0, 2.0], 1);
+        let grid = Grid::new(&[0.0, 0.5, 1.0, 2.0], &1.into());
         let (f, g) = (|t: f64| 1.0 - t + t * t * t, |t: f64| 3.0 * t * t - 1.0);
         let mut history = History { kept: vec![1], ..History::default() };
         history.begin(0, 1.4, &grid);
@@ -214,7 +207,7 @@ mod tests {
     #[test]
     fn the_ring_reaches_back_far_enough() {
         let times: Vec<f64> = (0..50).map(|k| 0.1 * f64::from(k)).collect();
-        let grid = Grid::new(&times, 3);
+        let grid = Grid::new(&times, &3.into());
         assert!(capacity(0.35, &grid) >= 3 * 4);
         assert!((150..=151).contains(&capacity(1e9, &grid)));
     }

@@ -48,11 +48,6 @@ impl RetardedSensitivity {
         self.base.columns()
     }
 
-    /// Lanes of a sensitivity row.
-    pub(in super::super) fn lanes(&self) -> usize {
-        self.base.lanes
-    }
-
     /// A whole run for which the simulator is prepared.
     pub(in super::super) fn run(
         &mut self,

@@ -17,6 +17,8 @@ use fdm_grammar::graph::Signal;
 
 /// Newton corrections of one step before it counts as failed.
 const MOST_CORRECTIONS: usize = 40;
+/// Corrections that are enough for all but noise, as a rule.
+const USUAL_CORRECTIONS: usize = 6;
 
 /// An entry of f_delay.
 #[derive(Debug, Clone, Copy)]
@@ -163,13 +165,14 @@ impl Retarded {
         let (h, failed) = (simulator.grid.step(k).1, diverged(&simulator.grid, k, None));
         self.predict(simulator, k);
         let mut last = false;
-        for _ in 0..MOST_CORRECTIONS {
+        for count in 0..MOST_CORRECTIONS {
             self.place(simulator, k);
             self.evaluate(simulator, k);
             finite(&simulator.grid, k, two_nodes(&mut simulator.nodes, k).1)?;
             self.residual(simulator, k);
             self.factor(h);
-            if last || self.size(simulator, k) <= 2.0 * f64::EPSILON {
+            let rounding = || self.size(simulator, k) <= 2.0 * f64::EPSILON;
+            if last || rounding() || (count > USUAL_CORRECTIONS && self.is_noise(simulator, k)) {
                 return Ok(());
             }
             self.lu.solve(&mut self.correction);
@@ -232,15 +235,25 @@ impl Retarded {
         let x = &simulator.nodes[node(k)];
         let mut worst = 0.0_f64;
         for ((state, own), r) in self.unknown.iter().zip(&self.own).zip(self.correction.as_chunks::<3>().0) {
-            let scale = x[*state].abs() + own[0].abs() + h * (own[1].abs() + own[2].abs());
             let size = r[0].abs() + h * (r[1].abs() + r[2].abs());
-            if size != 0.0 {
-                // not `max`, which would hide what is not a number
-                let part = size / scale;
-                worst = if part <= worst { worst } else { part };
+            // what is corrected counts, too: a state may leave zero in this step
+            let scale = x[*state].abs() + own[0].abs() + h * (own[1].abs() + own[2].abs()) + size;
+            if !scale.is_finite() {
+                return f64::INFINITY;
+            }
+            if size > 0.0 {
+                worst = worst.max(size / scale);
             }
         }
         worst
+    }
+
+    /// Whether nothing is left but what rounding of other states leaves of a state that should be zero.
+    fn is_noise(&self, simulator: &Simulator<'_>, k: usize) -> bool {
+        let h = simulator.grid.step(k).1;
+        let largest = simulator.nodes[node(k)].iter().fold(0.0_f64, |l, x| l.max(x.abs()));
+        let parts = self.correction.as_chunks::<3>().0;
+        parts.iter().all(|r| r[0].abs() + h * (r[1].abs() + r[2].abs()) <= 1e-13 * largest)
     }
 
     /// Factors identity less the derivative of what the step gives by what is assumed.

@@ -1,0 +1,203 @@
+//! Steps as long as accuracy allows: each is compared with two of half its length (Hairer, Norsett & Wanner, Solving ordinary
+//! differential equations I, II.4).
+//!
+//! Embedded formulas would cost less, but the implicit method's is of order 3 only and would ask for many more steps than
+//! the method of order 5 needs; and steps are chosen once for a whole fit.
+
+use super::probe::Probe;
+use super::scheme::Scheme;
+use super::steps::Steps;
+
+/// Sizes that errors are measured by: the magnitude of each state and the range of each output so far.
+#[derive(Debug, Clone)]
+pub(super) struct Scales {
+    states: Vec<f64>,
+    outputs: Vec<(f64, f64)>,
+}
+
+/// Longest and shortest next step, as multiples of the last one.
+const GROWTH: f64 = 5.0;
+const SHRINKING: f64 = 0.2;
+const SAFETY: f64 = 0.9;
+/// A step that has no solution is cut to this part.
+const CUT: f64 = 0.25;
+/// Shortest step as a part of its interval.
+const SHORTEST: f64 = 1e-14;
+/// Differences below this part of a value are rounding.
+const ROUNDING: f64 = 1e-14;
+
+impl Scales {
+    pub(super) fn new(states: usize, outputs: usize) -> Self {
+        Self { states: vec![0.0; states], outputs: vec![(f64::INFINITY, f64::NEG_INFINITY); outputs] }
+    }
+
+    fn include(&mut self, x: &[f64], y: &[f64]) {
+        for (scale, x) in self.states.iter_mut().zip(x) {
+            *scale = scale.max(x.abs());
+        }
+        for ((low, high), y) in self.outputs.iter_mut().zip(y) {
+            (*low, *high) = (low.min(*y), high.max(*y));
+        }
+    }
+
+    /// Largest difference, as a part of its scale.
+    fn error(&self, coarse: (&[f64], &[f64]), fine: (&[f64], &[f64])) -> f64 {
+        let part = |scale: f64, a: f64, b: f64| {
+            let difference = (a - b).abs() - ROUNDING * b.abs();
+            if difference > 0.0 {
+                difference / scale.max(f64::MIN_POSITIVE)
+            } else if difference.is_nan() {
+                f64::INFINITY
+            } else {
+                0.0
+            }
+        };
+        let mut worst = 0.0_f64;
+        for (k, scale) in self.states.iter().enumerate() {
+            let (a, b) = (coarse.0[k], fine.0[k]);
+            worst = worst.max(part(scale.max(a.abs()).max(b.abs()), a, b));
+        }
+        for (k, (low, high)) in self.outputs.iter().enumerate() {
+            if high > low {
+                worst = worst.max(part(high - low, coarse.1[k], fine.1[k]));
+            }
+        }
+        worst
+    }
+}
+
+/// Steps whose local errors are about `tolerance` of the scales, which grow with what is met; `None` when it takes more than
+/// `most` of them, or there is no step short enough.
+pub(super) fn choose(
+    probe: &mut Probe<'_>,
+    scheme: Scheme,
+    tolerance: f64,
+    scales: &mut Scales,
+    most: usize,
+) -> Option<Steps> {
+    let (n, q) = (scales.states.len(), scales.outputs.len());
+    let mut march = March {
+        scheme,
+        tolerance,
+        wanted: f64::INFINITY,
+        attempts: most.saturating_mul(4).saturating_add(1000),
+        x: vec![0.0; n],
+        coarse: vec![0.0; n],
+        middle: vec![0.0; n],
+        fine: vec![0.0; n],
+        y: vec![0.0; q],
+        y_fine: vec![0.0; q],
+    };
+    if !probe.begin(&mut march.x) {
+        return None;
+    }
+    let mut intervals: Vec<Vec<f64>> = Vec::with_capacity(probe.run.len());
+    let mut total = 0;
+    for interval in 0..probe.run.len().saturating_sub(1) {
+        let ends = march.cross(probe, interval, scales, most - total)?;
+        total += ends.len();
+        intervals.push(ends);
+    }
+    Some(Steps::uneven(scheme, intervals.iter().map(Vec::as_slice)))
+}
+
+/// Where the choice has come to.
+struct March {
+    scheme: Scheme,
+    tolerance: f64,
+    /// Length of the next step, if nothing stands in its way.
+    wanted: f64,
+    attempts: usize,
+    x: Vec<f64>,
+    coarse: Vec<f64>,
+    middle: Vec<f64>,
+    fine: Vec<f64>,
+    y: Vec<f64>,
+    y_fine: Vec<f64>,
+}
+
+impl March {
+    /// The ends of the steps across an interval.
+    fn cross(&mut self, probe: &mut Probe<'_>, interval: usize, scales: &mut Scales, most: usize) -> Option<Vec<f64>> {
+        let (from, to) = (probe.run.time[interval], probe.run.time[interval + 1]);
+        let (whole, mut begin, mut ends) = (to - from, 0.0, Vec::new());
+        while begin < 1.0 {
+            let end = self.reach(begin, whole);
+            let length = whole * (end - begin);
+            self.attempts = self.attempts.checked_sub(1)?;
+            if ends.len() >= most || end - begin < SHORTEST || from + whole * begin + length <= from + whole * begin {
+                return None;
+            }
+            let past = probe.collocation.as_ref().map(|c| c.past());
+            let error = self.attempt(probe, interval, (begin, end), scales);
+            let after = probe.collocation.as_ref().map(|c| c.past());
+            let Some(error) = error.filter(|e| *e <= self.tolerance) else {
+                let factor = error.map_or(CUT, |e| self.factor(e).min(0.8));
+                self.wanted = length * factor;
+                resume(probe, past.as_ref());
+                continue;
+            };
+            // what the frozen steps will give, and its collocation polynomial: the coarse step's
+            resume(probe, after.as_ref());
+            let longer = length * self.factor(error);
+            self.wanted = if length < self.wanted { self.wanted.max(longer) } else { longer };
+            self.x.copy_from_slice(&self.coarse);
+            scales.include(&self.x, &self.y);
+            ends.push(end);
+            begin = end;
+        }
+        Some(ends)
+    }
+
+    /// The end of the next step: as far as wanted, and in equal parts when the rest is no more than two of that.
+    fn reach(&self, begin: f64, whole: f64) -> f64 {
+        let part = self.wanted / whole;
+        let rest = 1.0 - begin;
+        if part >= rest * (1.0 - 1e-9) {
+            1.0
+        } else if 2.0 * part >= rest {
+            begin + 0.5 * rest
+        } else {
+            begin + part
+        }
+    }
+
+    fn factor(&self, error: f64) -> f64 {
+        let exponent = 1.0 / f64::from(self.scheme.order() + 1);
+        (SAFETY * (self.tolerance / error.max(f64::MIN_POSITIVE)).powf(exponent)).clamp(SHRINKING, GROWTH)
+    }
+
+    /// The error of a step, its end in `coarse`; none when one of the three steps cannot be taken. The probe's past is then that of
+    /// the coarse step.
+    fn attempt(
+        &mut self,
+        probe: &mut Probe<'_>,
+        interval: usize,
+        (begin, end): (f64, f64),
+        scales: &Scales,
+    ) -> Option<f64> {
+        let half = 0.5 * (begin + end);
+        let before = probe.collocation.as_ref().map(|c| c.past());
+        if !probe.step(interval, (begin, end), &self.x, &mut self.coarse) {
+            return None;
+        }
+        let t = probe.run.time[interval] + (probe.run.time[interval + 1] - probe.run.time[interval]) * end;
+        probe.outputs(t, &self.coarse, &mut self.y);
+        let after = probe.collocation.as_ref().map(|c| c.past());
+        resume(probe, before.as_ref());
+        let halves = probe.step(interval, (begin, half), &self.x, &mut self.middle)
+            && probe.step(interval, (half, end), &self.middle, &mut self.fine);
+        if !halves {
+            return None;
+        }
+        probe.outputs(t, &self.fine, &mut self.y_fine);
+        resume(probe, after.as_ref());
+        Some(scales.error((&self.coarse, &self.y), (&self.fine, &self.y_fine)) * self.scheme.part_removed_by_halving())
+    }
+}
+
+fn resume(probe: &mut Probe<'_>, past: Option<&super::implicit::Past>) {
+    if let (Some(collocation), Some(past)) = (&mut probe.collocation, past) {
+        collocation.resume(past);
+    }
+}
