@@ -24,7 +24,7 @@ fn front(cells: usize, far: bool) -> Model {
             c2 = cells * cells
         ));
     }
-    text.push_str(&format!("output a = x{}; output b = x{}; }}", cells / 2, cells - 1));
+    text.push_str(&format!("output a = x{}; output b = x{}; }}", cells / 3, cells / 2));
     Model::from_text("front.fdm", text).unwrap()
 }
 

@@ -149,14 +149,18 @@ impl Choice<'_> {
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
     fn uneven(&self, scheme: Scheme, most: usize) -> Result<Option<Accuracy>, Unsuited> {
         let layout = self.dynamics.layout();
-        let mut probe = Probe::new(self.dynamics, self.run, self.theta, scheme);
+        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme);
         let mut scales = Scales::new(layout.states, layout.outputs);
-        if control::choose(&mut probe, scheme, ROUGH, &mut scales, most).is_none() {
-            return Ok(None);
+        if layout.states <= MOST_IMPLICIT {
+            scales = control::measure(&mut at(Scheme::Radau), scales);
         }
+        let mut probe = at(scheme);
+        let Some((_, met)) = control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
+        scales = met;
         let (mut tolerance, mut best): (f64, Option<Accuracy>) = (TOLERANCE, None);
         for _ in 0..MOST_PASSES {
-            let Some(steps) = control::choose(&mut probe, scheme, tolerance, &mut scales, most) else { break };
+            let Some((steps, met)) = control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
+            scales = met;
             let error = integration_error(self.dynamics, self.run, self.theta, steps.clone())?;
             let before = best.as_ref().map_or(f64::INFINITY, |b| b.error);
             if error < before {
