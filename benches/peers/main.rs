@@ -68,6 +68,7 @@ fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Referen
         changes: Changes { set: set.collect(), ..Changes::default() },
         options: Options { noise: Noise::Given(reference.deviations()?), tolerance: 1e-8, ..Options::default() },
         per_interval: Some(1),
+        scheme: None,
     };
     let solve = || fit(model, std::slice::from_ref(&run), &options, &mut ()).expect("W1 can be estimated");
     let found = solve();
