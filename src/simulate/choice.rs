@@ -164,14 +164,18 @@ impl Choice<'_> {
     /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
     fn uneven(&self, scheme: Scheme, most: usize) -> Result<Option<Accuracy>, Unsuited> {
         let layout = self.dynamics.layout();
-        let mut probe = Probe::new(self.dynamics, self.run, self.theta, scheme);
+        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme);
         let mut scales = Scales::new(layout.states, layout.outputs);
-        if control::choose(&mut probe, scheme, ROUGH, &mut scales, most).is_none() {
-            return Ok(None);
+        if layout.states <= MOST_IMPLICIT {
+            scales = control::measure(&mut at(Scheme::Radau), scales);
         }
+        let mut probe = at(scheme);
+        let Some((_, met)) = control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
+        scales = met;
         let (mut tolerance, mut best): (f64, Option<Accuracy>) = (TOLERANCE, None);
         for _ in 0..MOST_PASSES {
-            let Some(steps) = control::choose(&mut probe, scheme, tolerance, &mut scales, most) else { break };
+            let Some((steps, met)) = control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
+            scales = met;
             let error = integration_error(self.dynamics, self.run, self.theta, steps.clone())?;
             let before = best.as_ref().map_or(f64::INFINITY, |b| b.error);
             if error < before {
@@ -195,7 +199,13 @@ impl Choice<'_> {
     }
 }
 
-/// Operations of a step with its sensitivities.
+/// An operation of an implicit step takes as long as this many of an explicit one, whose rows are longer and known before; measured by
+/// `tests/studies_stiff.rs` with 10 to 200 states.
+const SLOWER: f64 = 6.0;
+/// Times that an implicit step looks through its whole matrix.
+const SCANS: f64 = 10.0;
+
+/// Operations of a step with its sensitivities, in those of an explicit step.
 struct Work {
     runge_kutta: f64,
     radau: f64,
@@ -215,7 +225,14 @@ impl Work {
         let solutions = 4.0 * size * band;
         Self {
             runge_kutta: 4.0 * (partials + 2.0 * (entries + 2.0 * n) * lanes),
-            radau: 200.0 + 6.0 * partials + 9.0 * rates + 2.0 * factors + 3.0 * solutions + solutions * lanes,
+            radau: SLOWER
+                * (200.0
+                    + 6.0 * partials
+                    + 9.0 * rates
+                    + 2.0 * factors
+                    + 3.0 * solutions
+                    + solutions * lanes
+                    + SCANS * size * size),
         }
     }
 }

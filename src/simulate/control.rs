@@ -8,7 +8,7 @@ use super::probe::Probe;
 use super::scheme::Scheme;
 use super::steps::Steps;
 
-/// Sizes that errors are measured by: the magnitude of each state and the range of each output so far.
+/// Sizes that errors are measured by: the magnitude of each state and the range of each output.
 #[derive(Debug, Clone)]
 pub(super) struct Scales {
     states: Vec<f64>,
@@ -23,6 +23,8 @@ const SAFETY: f64 = 0.9;
 const CUT: f64 = 0.25;
 /// Shortest step as a part of its interval.
 const SHORTEST: f64 = 1e-14;
+/// Shortest step as a part of its interval while sizes are measured.
+const SHORTEST_MEASURING: f64 = 1e-6;
 /// Differences below this part of a value are rounding.
 const ROUNDING: f64 = 1e-14;
 
@@ -66,19 +68,51 @@ impl Scales {
     }
 }
 
-/// Steps whose local errors are about `tolerance` of the scales, which grow with what is met; `None` when it takes more than
-/// `most` of them, or there is no step short enough.
+/// Sizes as steps show them that are as long as the implicit method can take them: it is damped, and so they are about right
+/// whatever their length. Beginning with nothing would not do: a state far down a chain grows from zero by a high power of time, and
+/// no step is short enough for a part of that.
+pub(super) fn measure(probe: &mut Probe<'_>, mut scales: Scales) -> Scales {
+    let (mut x, mut next) = (vec![0.0; scales.states.len()], vec![0.0; scales.states.len()]);
+    let mut y = vec![0.0; scales.outputs.len()];
+    if !probe.begin(&mut x) {
+        return scales;
+    }
+    for interval in 0..probe.run.len().saturating_sub(1) {
+        let (from, to) = (probe.run.time[interval], probe.run.time[interval + 1]);
+        let (mut begin, mut length) = (0.0, 1.0);
+        while begin < 1.0 {
+            let end = if begin + 1.5 * length > 1.0 { 1.0 } else { begin + length };
+            if probe.step(interval, (begin, end), &x, &mut next) {
+                std::mem::swap(&mut x, &mut next);
+                probe.outputs(from + (to - from) * end, &x, &mut y);
+                scales.include(&x, &y);
+                begin = end;
+            } else {
+                length *= CUT;
+                if length < SHORTEST_MEASURING {
+                    return scales;
+                }
+            }
+        }
+    }
+    scales
+}
+
+/// Steps whose local errors are about `tolerance` of the scales (or of what is met, when that is more), and the scales that were
+/// met; `None` when it takes more than `most` of them, or there is no step short enough.
 pub(super) fn choose(
     probe: &mut Probe<'_>,
     scheme: Scheme,
     tolerance: f64,
-    scales: &mut Scales,
+    scales: &Scales,
     most: usize,
-) -> Option<Steps> {
+) -> Option<(Steps, Scales)> {
     let (n, q) = (scales.states.len(), scales.outputs.len());
     let mut march = March {
         scheme,
         tolerance,
+        scales: scales.clone(),
+        met: Scales::new(n, q),
         wanted: f64::INFINITY,
         attempts: most.saturating_mul(4).saturating_add(1000),
         x: vec![0.0; n],
@@ -94,17 +128,19 @@ pub(super) fn choose(
     let mut intervals: Vec<Vec<f64>> = Vec::with_capacity(probe.run.len());
     let mut total = 0;
     for interval in 0..probe.run.len().saturating_sub(1) {
-        let ends = march.cross(probe, interval, scales, most - total)?;
+        let ends = march.cross(probe, interval, most - total)?;
         total += ends.len();
         intervals.push(ends);
     }
-    Some(Steps::uneven(scheme, intervals.iter().map(Vec::as_slice)))
+    Some((Steps::uneven(scheme, intervals.iter().map(Vec::as_slice)), march.met))
 }
 
 /// Where the choice has come to.
 struct March {
     scheme: Scheme,
     tolerance: f64,
+    scales: Scales,
+    met: Scales,
     /// Length of the next step, if nothing stands in its way.
     wanted: f64,
     attempts: usize,
@@ -118,7 +154,7 @@ struct March {
 
 impl March {
     /// The ends of the steps across an interval.
-    fn cross(&mut self, probe: &mut Probe<'_>, interval: usize, scales: &mut Scales, most: usize) -> Option<Vec<f64>> {
+    fn cross(&mut self, probe: &mut Probe<'_>, interval: usize, most: usize) -> Option<Vec<f64>> {
         let (from, to) = (probe.run.time[interval], probe.run.time[interval + 1]);
         let (whole, mut begin, mut ends) = (to - from, 0.0, Vec::new());
         while begin < 1.0 {
@@ -129,7 +165,7 @@ impl March {
                 return None;
             }
             let past = probe.collocation.as_ref().map(|c| c.past());
-            let error = self.attempt(probe, interval, (begin, end), scales);
+            let error = self.attempt(probe, interval, (begin, end));
             let after = probe.collocation.as_ref().map(|c| c.past());
             let Some(error) = error.filter(|e| *e <= self.tolerance) else {
                 let factor = error.map_or(CUT, |e| self.factor(e).min(0.8));
@@ -142,7 +178,8 @@ impl March {
             let longer = length * self.factor(error);
             self.wanted = if length < self.wanted { self.wanted.max(longer) } else { longer };
             self.x.copy_from_slice(&self.coarse);
-            scales.include(&self.x, &self.y);
+            self.scales.include(&self.x, &self.y);
+            self.met.include(&self.x, &self.y);
             ends.push(end);
             begin = end;
         }
@@ -169,13 +206,7 @@ impl March {
 
     /// The error of a step, its end in `coarse`; none when one of the three steps cannot be taken. The probe's past is then that of
     /// the coarse step.
-    fn attempt(
-        &mut self,
-        probe: &mut Probe<'_>,
-        interval: usize,
-        (begin, end): (f64, f64),
-        scales: &Scales,
-    ) -> Option<f64> {
+    fn attempt(&mut self, probe: &mut Probe<'_>, interval: usize, (begin, end): (f64, f64)) -> Option<f64> {
         let half = 0.5 * (begin + end);
         let before = probe.collocation.as_ref().map(|c| c.past());
         if !probe.step(interval, (begin, end), &self.x, &mut self.coarse) {
@@ -192,7 +223,10 @@ impl March {
         }
         probe.outputs(t, &self.fine, &mut self.y_fine);
         resume(probe, after.as_ref());
-        Some(scales.error((&self.coarse, &self.y), (&self.fine, &self.y_fine)) * self.scheme.part_removed_by_halving())
+        Some(
+            self.scales.error((&self.coarse, &self.y), (&self.fine, &self.y_fine))
+                * self.scheme.part_removed_by_halving(),
+        )
     }
 }
 

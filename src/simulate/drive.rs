@@ -152,9 +152,9 @@ pub(super) fn inputs_of_step(
     let inputs = run.held.len();
     for (stage, node) in stages.chunks_exact_mut(width).zip(rule.nodes()) {
         let part = if node == 1.0 { end } else { begin + node * (end - begin) };
-        for input in 0..inputs {
+        for (input, value) in stage[..inputs].iter_mut().enumerate() {
             let (a, b) = (run.inputs[interval * inputs + input], run.inputs[(interval + 1) * inputs + input]);
-            stage[input] = between(a, b, part, run.held[input]);
+            *value = between(a, b, part, run.held[input]);
         }
     }
 }

@@ -122,10 +122,10 @@ impl Lu {
         for k in (0..n).rev() {
             let at = self.order[k];
             let row = &self.rows[at * stride..][..n];
-            for j in k + 1..self.reach[at] {
-                if row[j] != 0.0 {
+            for (j, u) in row.iter().enumerate().take(self.reach[at]).skip(k + 1) {
+                if *u != 0.0 {
                     let (from, to) = two_rows(b, self.order[j] * lanes, at * lanes, lanes);
-                    add_row(-row[j], from, to);
+                    add_row(-u, from, to);
                 }
             }
             let over = 1.0 / row[k];

@@ -9,6 +9,8 @@
 
 mod collocation;
 mod lu;
+#[cfg(test)]
+mod published;
 mod sensitivity;
 mod tableau;
 mod tangent;

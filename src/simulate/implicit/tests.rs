@@ -2,16 +2,16 @@
 
 use crate::Model;
 use crate::record::Run;
-use crate::simulate::{Scheme, Simulator, Steps, choose_steps};
+use crate::simulate::{Scheme, Simulator, Steps, choose_steps, choose_steps_by};
 
 /// A run without inputs.
-fn run(time: Vec<f64>, outputs: usize) -> Run {
+pub(super) fn run(time: Vec<f64>, outputs: usize) -> Run {
     let measured = vec![f64::NAN; time.len() * outputs];
     let (inputs, held, input_gaps, output_gaps) = (Vec::new(), Vec::new(), Vec::new(), vec![0; outputs]);
     Run { name: "r".into(), time, inputs, held, measured, input_gaps, output_gaps }
 }
 
-fn model(text: &str) -> Model {
+pub(super) fn model(text: &str) -> Model {
     Model::from_text("test.fdm", text).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -186,6 +186,97 @@ fn robertson_has_its_reference_sensitivities() {
             }
         }
     }
-    eprintln!("{} states {:.1e} sensitivities {:.1e}", chosen.steps, worst.0, worst.1);
     assert!(worst.0 < 1e-6 && worst.1 < 1e-6, "{} {worst:?}", chosen.steps);
+}
+
+/// The linear problem of Prothero and Robinson: y = g(t) whatever the stiffness. The error at the end of stiff steps falls with the
+/// stage order and more (Hairer & Wanner II, IV.15), states that are not stiff with order 5.
+#[test]
+fn order_is_kept_where_it_is_stiff() {
+    let stiff = model(
+        "model prothero_robinson { param fast = 1e6; state y = 0, slow = 1;
+        der(y) = -fast*(y - sin(t)) + cos(t); der(slow) = -slow*cos(t) + y*0; output oy = y; output os = slow; }",
+    );
+    let run = run(vec![0.0, 1.0, 2.5], 2);
+    let error = |n| {
+        let y = response(&stiff, &run, &Steps::equal(Scheme::Radau, n));
+        let worst = |o: usize, f: &dyn Fn(f64) -> f64| {
+            (0..3).map(|k| (y[2 * k + o] - f(run.time[k])).abs()).fold(0.0, f64::max)
+        };
+        (worst(0, &f64::sin), worst(1, &|t| (-t.sin()).exp()))
+    };
+    let ((a, slow_a), (b, slow_b)) = (error(4), error(8));
+    assert!(a < 1e-9 && a / b > 7.0, "{a:e} {b:e}");
+    assert!((4.6..5.4).contains(&(slow_a / slow_b).log2()), "{slow_a:e} {slow_b:e}");
+}
+
+/// The derivative of the discrete response, on steps as they are chosen for a stiff model.
+#[test]
+fn sensitivities_are_derivatives_of_the_discrete_response() {
+    let robertson = model(&ROBERTSON.replace("a = 1, b, c", "a = a0, b, c").replace("k1 =", "a0 = 1, k1 ="));
+    let run = run(vec![0.0, 1e-4, 0.02, 0.5, 11.0, 300.0, 1e4], 3);
+    let theta = robertson.definition().start();
+    let steps = choose_steps(robertson.dynamics(), &run, &theta).expect("suited").steps;
+    let (mut y, mut jacobian) = (vec![0.0; 21], vec![0.0; 21 * 8]);
+    let mut simulator = Simulator::new(robertson.dynamics(), &run, steps).expect("suited");
+    simulator.sensitivities(&theta, &[0, 1, 2, 3], &mut y, &mut jacobian).expect("finite");
+    for column in 0..4 {
+        let h = 2e-3 * theta[column];
+        let mut at = |step: f64| {
+            let (mut moved, mut y) = (theta.clone(), vec![0.0; 21]);
+            moved[column] += step;
+            simulator.simulate(&moved, &mut y).expect("finite");
+            y
+        };
+        // central differences, extrapolated twice
+        let d: Vec<Vec<f64>> = [h, h / 2.0, h / 4.0]
+            .map(|h| {
+                let (a, b) = (at(h), at(-h));
+                a.iter().zip(&b).map(|(a, b)| (a - b) / (2.0 * h)).collect()
+            })
+            .into();
+        for state in 0..3 {
+            let scale = (0..7).map(|k| jacobian[(3 * k + state) * 8 + column].abs()).fold(0.0, f64::max);
+            for k in 1..7 {
+                let r = 3 * k + state;
+                let (first, second) = ((4.0 * d[1][r] - d[0][r]) / 3.0, (4.0 * d[2][r] - d[1][r]) / 3.0);
+                let best = (16.0 * second - first) / 15.0;
+                let error = (best - jacobian[r * 8 + column]).abs() / scale;
+                assert!(error < 1e-8, "parameter {column}, state {state}, sample {k}: {error:.1e}");
+            }
+        }
+    }
+}
+
+/// A start from which the explicit method explodes with any number of steps that is tried, or is only slow.
+#[test]
+fn an_explicit_failure_is_rescued() {
+    let fast = model("model fast { param k = 1e9; state x = 0; der(x) = -k*(x - cos(t)^3); output y = x; }");
+    let run = run((0..20).map(|k| 0.1 * f64::from(k)).collect(), 1);
+    let theta = fast.definition().start();
+    let explicit = choose_steps_by(fast.dynamics(), &run, &theta, Some(Scheme::RungeKutta)).expect("suited");
+    assert!(explicit.error > 1e-3);
+    let chosen = choose_steps(fast.dynamics(), &run, &theta).expect("suited");
+    assert!(chosen.steps.scheme() == Scheme::Radau && chosen.error <= 1e-8, "{chosen:?}");
+}
+
+/// What does not profit from implicit steps does not get them.
+#[test]
+fn smooth_models_stay_explicit() {
+    let pendulum = model("model p { param w = 2; state a = 1.5, r; der(a) = r; der(r) = -w^2*sin(a); output y = a; }");
+    let run = run((0..100).map(|k| 0.1 * f64::from(k)).collect(), 1);
+    let chosen = choose_steps(pendulum.dynamics(), &run, &pendulum.definition().start()).expect("suited");
+    assert!(chosen.steps.scheme() == Scheme::RungeKutta && chosen.error <= 1e-8, "{chosen:?}");
+}
+
+/// Samples spread over decades: explicit steps as many as each interval needs.
+#[test]
+fn decades_of_samples_get_as_many_explicit_steps_as_they_need() {
+    let swing = model("model swing { param d = 0.1; state x = 1, v; der(x) = v; der(v) = -x - d*v; output y = x; }");
+    let run = run(std::iter::once(0.0).chain((0..15).map(|k| 10.0_f64.powf(-2.0 + 0.25 * f64::from(k)))).collect(), 1);
+    let theta = swing.definition().start();
+    let chosen = choose_steps_by(swing.dynamics(), &run, &theta, Some(Scheme::RungeKutta)).expect("suited");
+    assert!(chosen.error <= 1e-8 && chosen.steps.per_interval().is_none(), "{chosen:?}");
+    // the longest interval alone wants 512
+    assert!(chosen.steps.total(16) < 2000, "{}", chosen.steps);
 }
