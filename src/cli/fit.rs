@@ -6,12 +6,13 @@ use crate::keeping::Keeping;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
+use crate::strategies::Strategies;
 use crate::subject::Subject;
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, MultiStart, Options, fit_kept};
 use fdm::record::Run;
-use fdm::report::{estimate_table, fit_json, starts_table};
+use fdm::report::{confidence, estimate_table, fit_json, starts_table, way};
 use fdm::store::{Identity, Manifest};
 use std::num::NonZeroUsize;
 use std::process::ExitCode;
@@ -51,6 +52,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "S", default_value_t = 0, help_heading = "Estimation")]
     seed: u64,
     #[command(flatten)]
+    strategies: Strategies,
+    #[command(flatten)]
     keeping: Keeping,
     #[command(flatten)]
     delivery: Delivery,
@@ -58,7 +61,7 @@ pub(crate) struct Arguments {
 
 impl Arguments {
     fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
-        Ok(FitOptions {
+        let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
             options: Options {
                 noise: noise(&self.noise, model)?,
@@ -69,7 +72,8 @@ impl Arguments {
             per_interval: self.steps.map(NonZeroUsize::get),
             starts: MultiStart { count: self.starts as usize, seed: self.seed },
             ..FitOptions::default()
-        })
+        };
+        Ok(self.strategies.among(options))
     }
 }
 
@@ -130,6 +134,8 @@ fn text(fit: &Fit, runs: &[Run], starts: usize) -> String {
     if !fit.starts.is_empty() {
         text.push_str(&format!("{}\n", starts_table(&fit.starts, starts)));
     }
+    text.push_str(&confidence(fit));
+    text.push_str(&way(fit));
     let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {

@@ -13,6 +13,7 @@ mod progress;
 mod reading;
 mod records;
 mod simulate;
+mod strategies;
 mod subject;
 mod validate;
 

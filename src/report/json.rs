@@ -1,6 +1,6 @@
 //! Estimates for other programs.
 
-use crate::estimate::{Fit, StartSummary, Termination};
+use crate::estimate::{Fit, StartSummary, Termination, by_confidence};
 use serde_json::{Value, json};
 
 /// Parameters, outputs, cost and how the iteration ended, in the model's units. Numbers that do not exist are null.
@@ -42,6 +42,13 @@ pub fn fit_json(fit: &Fit) -> Value {
         "history": e.history,
         "integration": integration,
         "starts": starts(fit),
+        "rescue": fit.rescue,
+        "rescue_message": fit.rescue.as_ref().map(ToString::to_string),
+        "substituted": fit.substituted,
+        "shooting": fit.shooting,
+        "by_length": fit.by_length,
+        "confidence": by_confidence(&fit.by_length),
+        "weights": fit.reweighting,
     })
 }
 

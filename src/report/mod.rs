@@ -3,6 +3,7 @@
 //! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, JSON, SVG.
 //! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`estimate_table`].
 
+mod confidence;
 mod diagnostic;
 mod json;
 mod plot;
@@ -11,6 +12,7 @@ mod summary;
 mod table;
 mod validation;
 
+pub use confidence::{confidence, way};
 pub use diagnostic::render;
 pub use json::fit_json;
 pub use plot::{PlotError, TimeHistory, svg};
