@@ -9,6 +9,8 @@ use fdm::report::{quality_json, svg};
 use fdm::store::{Contents, Destination, Manifest};
 use serde_json::Value;
 use std::fmt::Display;
+use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
 
 /// Where a result goes.
@@ -49,11 +51,23 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Delivery {
-    /// Looks at the folder before any work is done in vain.
+    /// Looks at the places before any work is done in vain.
     pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
+        if let Some(path) = &self.plot {
+            admits(path).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
+        }
         let destination = self.out.as_deref().map(Destination::prepare).transpose();
         Ok(Prepared { delivery: self, destination: destination.map_err(|e| Failure::input([e]))? })
     }
+}
+
+/// Whether a file can be written, as far as can be told without writing it.
+fn admits(path: &Path) -> io::Result<()> {
+    if path.exists() {
+        return File::options().append(true).open(path).map(drop);
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(folder).map(drop)
 }
 
 impl Prepared<'_> {

@@ -5,6 +5,7 @@ use fdm::estimate::{Continuation, FitOptions, Shooting};
 
 /// Ways to the estimates, and confidence in them.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Strategy")]
 pub(crate) struct Strategies {
     /// Fit a short record first and lengthen it: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
     /// rising times

@@ -14,7 +14,7 @@ pub(crate) struct Subject {
     #[arg(value_name = "MODEL")]
     pub(crate) model: PathBuf,
     /// Other start value of a parameter (free initial values are called `x(0)`)
-    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment, help_heading = "Parameters")]
     pub(crate) set: Vec<(String, f64)>,
 }
 

@@ -1,7 +1,7 @@
 //! What is wrong with an estimate that another way from the same start could better.
 
 use super::estimate::Estimate;
-use super::termination::Termination;
+use super::termination::{Reason, Termination};
 use crate::quality::OutputFit;
 use serde::Serialize;
 use std::fmt;
@@ -42,7 +42,8 @@ const SMOOTH: f64 = 0.8;
 /// What is wrong with an estimate, if anything is that another way could better.
 pub(super) fn trouble(estimate: &Estimate) -> Option<Trouble> {
     let stuck = match &estimate.termination {
-        Termination::Interrupted => return None,
+        // where nothing is free no other way leads anywhere else
+        Termination::Interrupted | Termination::Converged(Reason::NothingToEstimate) => return None,
         Termination::Converged(_) => false,
         Termination::IterationLimit => estimate.iterations >= MANY,
         _ => true,
