@@ -49,8 +49,8 @@ fn system(name: &'static str, text: &str, samples: usize, dt: f64, input: fn(f64
         output_gaps: vec![0; q],
     };
     let mut theta = model.definition().start();
-    let tail = theta.len() - start.len();
-    theta[tail..].copy_from_slice(start);
+    // free initial values stand first
+    theta[..start.len()].copy_from_slice(start);
     let mut y = vec![0.0; samples * q];
     Simulator::new(model.dynamics(), &clean, 1).unwrap().simulate(&theta, &mut y).unwrap();
     clean.measured = y;
