@@ -3,12 +3,13 @@
 use crate::failure::{Failure, NUMBERS, print};
 use crate::progress::Progress;
 use crate::records::Records;
+use crate::strategies::Strategies;
 use crate::subject::{Subject, assignment};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, Noise, Options, fit};
 use fdm::record::{Run, Summary};
-use fdm::report::{TimeHistory, fit_json, fit_table, history_table, svg};
+use fdm::report::{TimeHistory, confidence, fit_json, fit_table, history_table, svg, way};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -39,6 +40,8 @@ pub(crate) struct Arguments {
     /// Runge-Kutta steps between samples, instead of as many as accuracy needs
     #[arg(long, value_name = "N")]
     steps: Option<NonZeroUsize>,
+    #[command(flatten)]
+    strategies: Strategies,
     /// Print JSON instead of tables
     #[arg(long)]
     json: bool,
@@ -75,6 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         per_interval: arguments.steps.map(NonZeroUsize::get),
         ..FitOptions::default()
     };
+    let options = arguments.strategies.among(options);
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
@@ -155,6 +159,8 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     if arguments.history {
         text.push_str(&format!("\n{}\n", history_table(&e.history)));
     }
+    text.push_str(&confidence(fit));
+    text.push_str(&way(fit));
     let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {

@@ -8,6 +8,7 @@ mod fit;
 mod progress;
 mod records;
 mod simulate;
+mod strategies;
 mod subject;
 
 use clap::{Parser, Subcommand};

@@ -2,14 +2,15 @@
 //! rescue included.
 
 use super::continuation::{Continuation, Lengthening};
-use super::estimate::Estimate;
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
 use super::plain::plain;
 use super::progress::Observer;
-use super::rescue::{Trouble, rescue};
-use super::shooting::shoot;
+use super::rescue::rescue;
+use super::shooting::{Shooting, shoot};
+use super::substitution::Substitution;
 use super::termination::Termination;
+use super::trouble::trouble;
 use crate::model::Model;
 use crate::record::Run;
 
@@ -40,6 +41,26 @@ fn as_asked(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
+    if options.substitute.is_empty() {
+        return from_here(model, runs, starts, options, observer);
+    }
+    let substitution = Substitution::new(model, runs, &options.substitute).map_err(FitError::Strategy)?;
+    let (first, starts) = substitution.first_fit(starts, options, observer)?;
+    let fit = match first.estimate.termination {
+        Termination::Interrupted => Fit { model: model.clone(), ..first },
+        _ => from_here(model, runs, &starts, options, observer)?,
+    };
+    Ok(Fit { substituted: substitution.states, ..fit })
+}
+
+/// The full model by shooting, by lengthening the record, or plainly.
+fn from_here(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
     if let Some(shooting) = options.shooting {
         return shoot(model, runs, starts, (shooting, options), observer);
     }
@@ -49,18 +70,19 @@ fn as_asked(
     }
 }
 
-/// Mean R^2 below which an estimate cannot be what was meant.
-const POOR: f64 = 0.5;
-
-/// What is wrong with an estimate, if anything is that another way could better.
-pub(super) fn trouble(estimate: &Estimate) -> Option<Trouble> {
-    match &estimate.termination {
-        Termination::Interrupted => None,
-        Termination::Converged(_) | Termination::IterationLimit => {
-            let r2: Vec<f64> = estimate.outputs.iter().filter_map(|o| o.r2).map(|r2| r2.max(-1.0)).collect();
-            let mean = r2.iter().sum::<f64>() / r2.len().max(1) as f64;
-            (!r2.is_empty() && mean < POOR).then_some(Trouble::PoorMatch { r2: mean })
+/// The model of a finished fit once more, to other runs or with other weights, from values near its estimates: in segments
+/// when there was no other way, else plainly.
+pub(super) fn again(
+    fit: &Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    match &fit.shooting {
+        Some(cut) if !cut.polished => {
+            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), observer)
         }
-        ended => Some(Trouble::Ended(ended.clone())),
+        _ => plain(&fit.model, runs, starts, options, observer),
     }
 }

@@ -4,7 +4,6 @@
 //! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
 //! before the record is long enough; the whole record is fitted without that.
 
-use super::attempt::trouble;
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
 use super::lengths::{Length, LengthFit};
@@ -13,6 +12,7 @@ use super::problem::Options;
 use super::progress::Observer;
 use super::start::after;
 use super::termination::Termination;
+use super::trouble::trouble;
 use crate::model::Model;
 use crate::record::Run;
 use fdm_grammar::model::{Origin, Prior};

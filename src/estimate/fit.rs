@@ -6,10 +6,11 @@ use super::changes::Changes;
 use super::continuation::Continuation;
 use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
-use super::lengths::LengthFit;
+use super::lengths::{LengthFit, shortened};
 use super::problem::Options;
 use super::progress::Observer;
 use super::rescue::Rescue;
+use super::reweighting::{Reweighting, reweighted};
 use super::shooting::{Continuity, Shooting};
 use super::start::starts;
 use crate::model::Model;
@@ -54,6 +55,10 @@ pub struct Fit {
     pub rescue: Option<Rescue>,
     /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
     pub by_length: Vec<LengthFit>,
+    /// Estimates with other weights of the outputs; none when that was not asked for, or there was no noise to weigh.
+    pub reweighting: Option<Reweighting>,
+    /// States whose measured records took their place in a first fit, because that was asked for.
+    pub substituted: Vec<String>,
     /// How continuous the result of multiple shooting is; none when there was none.
     pub shooting: Option<Continuity>,
 }
@@ -61,8 +66,17 @@ pub struct Fit {
 impl Fit {
     /// A plain fit, without a rescue and without anything said about confidence.
     pub(super) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
-        let (quality, by_length) = (Vec::new(), Vec::new());
-        Self { model, estimate, integration, quality, rescue: None, by_length, shooting: None }
+        Self {
+            model,
+            estimate,
+            integration,
+            quality: Vec::new(),
+            rescue: None,
+            by_length: Vec::new(),
+            reweighting: None,
+            substituted: Vec::new(),
+            shooting: None,
+        }
     }
 }
 
@@ -73,10 +87,31 @@ impl Fit {
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
     let starts = starts(&model, runs, &options.changes);
-    let mut found = attempt(&model, runs, &starts, options, observer)?;
-    let judge = |(run, result): (&Run, &RunFit)| run_quality(&model, run, &result.response);
-    found.quality = runs.iter().zip(&found.estimate.runs).flat_map(judge).collect();
-    Ok(found)
+    let fit = attempt(&model, runs, &starts, options, observer)?;
+    examined(fit, runs, &starts, options, observer)
+}
+
+/// Adds what the residuals say, and what was asked about the confidence in a fit: estimates by length, and by other weights.
+///
+/// # Errors
+/// As for [`fit()`].
+pub fn examined(
+    mut fit: Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
+    fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
+    let sound = fit.estimate.termination.is_good();
+    if options.confidence && sound {
+        fit.by_length = shortened(&fit, runs, starts, options, observer)?;
+    }
+    if options.reweight && sound {
+        fit.reweighting = reweighted(&fit, runs, starts, options, observer)?;
+    }
+    Ok(fit)
 }
 
 /// The model with the changes that were asked for.

@@ -3,25 +3,16 @@
 use super::continuation::Lengthening;
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
+use super::plain::plain;
 use super::progress::Observer;
+use super::shooting::{Shooting, shoot};
+use super::substitution::Substitution;
 use super::termination::Termination;
+use super::trouble::Trouble;
 use crate::model::Model;
 use crate::record::Run;
 use serde::Serialize;
 use std::fmt;
-
-/// What is wrong with an estimate.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Trouble {
-    /// The iteration did not end at a minimum.
-    Ended(Termination),
-    /// It did, but the model matches the measurement badly there.
-    PoorMatch {
-        /// Mean of R^2 over the outputs of all runs.
-        r2: f64,
-    },
-}
 
 /// A way out.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -50,15 +41,6 @@ pub struct Rescue {
     pub failed: Vec<Remedy>,
     /// What gave the result; none when nothing did better than the plain correction.
     pub by: Option<Remedy>,
-}
-
-impl fmt::Display for Trouble {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Ended(termination) => write!(f, "{termination}"),
-            Self::PoorMatch { r2 } => write!(f, "converged to a poor match, mean R^2 {r2:.3}"),
-        }
-    }
 }
 
 impl fmt::Display for Remedy {
@@ -98,27 +80,20 @@ pub(super) fn rescue(
     (plain, trouble): (Fit, Trouble),
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
-    let mut best = Fit { rescue: Some(Rescue { trouble, failed: Vec::new(), by: None }), ..plain };
-    let mut failed = Vec::new();
-    for way in [lengthened] {
+    let (mut best, mut by, mut tried) = (plain, None, Vec::new());
+    for way in [lengthened, substituted, in_segments] {
         let Some((remedy, fit)) = way(model, runs, starts, options, observer)? else { continue };
-        let sound = super::attempt::trouble(&fit.estimate).is_none();
-        let interrupted = fit.estimate.termination == Termination::Interrupted;
+        let done = super::trouble::trouble(&fit.estimate).is_none();
         if better(&fit, &best) {
-            let before = best.rescue.take();
-            best = fit;
-            best.rescue = before.map(|r| Rescue { by: Some(remedy), failed: failed.clone(), ..r });
-        } else {
-            failed.push(remedy);
+            (best, by) = (fit, Some(remedy.clone()));
         }
-        if sound || interrupted {
+        tried.push(remedy);
+        if done {
             break;
         }
     }
-    if let Some(rescue) = best.rescue.as_mut().filter(|r| r.by.is_none()) {
-        rescue.failed = failed;
-    }
-    Ok(best)
+    let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
+    Ok(Fit { rescue: Some(Rescue { trouble, failed, by }), ..best })
 }
 
 /// Whether a fit is worth more than another: it has a cost at all, and by more than rounding a lower one.
@@ -140,4 +115,44 @@ fn lengthened(
 ) -> Result<Way, FitError> {
     let mut lengthening = Lengthening { model, runs, options, stages: Vec::new() };
     Ok(lengthening.adaptive(starts, observer)?.map(|fit| (Remedy::Continuation, fit)))
+}
+
+fn substituted(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let Some(substitution) = Substitution::all(model, runs) else { return Ok(None) };
+    let (first, starts) = substitution.first_fit(starts, options, observer)?;
+    let fit = match first.estimate.termination {
+        Termination::Interrupted => Fit { model: model.clone(), ..first },
+        _ => plain(model, runs, &starts, options, observer)?,
+    };
+    Ok(Some((Remedy::Substitution { states: substitution.states }, fit)))
+}
+
+fn in_segments(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let Some(segments) = fitting(model, runs) else { return Ok(None) };
+    let fit = shoot(model, runs, starts, (Shooting::Segments(segments), options), observer)?;
+    let segments = fit.shooting.as_ref().map_or(segments, |s| s.segments);
+    Ok(Some((Remedy::Shooting { segments }, fit)))
+}
+
+/// Segments with a few cells for each state in them, but not too many; none when the model cannot be cut.
+fn fitting(model: &Model, runs: &[Run]) -> Option<usize> {
+    const CELLS: usize = 4;
+    const MOST: usize = 20;
+    let layout = model.layout();
+    let cells = |run: &Run| run.measured.iter().filter(|z| !z.is_nan()).count();
+    let least = runs.iter().map(cells).min()?;
+    let segments = (least / (CELLS * layout.states.max(1))).min(MOST);
+    (segments > 1 && layout.states > 0 && layout.delayed.is_empty()).then_some(segments)
 }

@@ -5,7 +5,6 @@
 //! known deviation that shrinks, and what they should be is shifted until they vanish. A correction of the uncut model
 //! ends it where that is possible.
 
-use super::attempt::trouble;
 use super::estimate::Estimate;
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
@@ -17,6 +16,7 @@ use super::segments::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_
 use super::solve::estimate;
 use super::strategy_error::StrategyError;
 use super::termination::Termination;
+use super::trouble::trouble;
 use super::uncut::Uncut;
 use super::{DerivedQuantities, initial_guess};
 use crate::model::Model;

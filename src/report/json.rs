@@ -1,7 +1,7 @@
 //! Estimates for other programs.
 
 use crate::Model;
-use crate::estimate::{Fit, Termination};
+use crate::estimate::{Fit, Termination, by_confidence};
 use crate::quality::{OutputFit, OutputQuality};
 use serde_json::{Value, json};
 
@@ -38,6 +38,13 @@ pub fn fit_json(fit: &Fit) -> Value {
         "condition": e.condition,
         "history": e.history,
         "integration": integration,
+        "rescue": fit.rescue,
+        "rescue_message": fit.rescue.as_ref().map(ToString::to_string),
+        "substituted": fit.substituted,
+        "shooting": fit.shooting,
+        "by_length": fit.by_length,
+        "confidence": by_confidence(&fit.by_length),
+        "weights": fit.reweighting,
     })
 }
 

@@ -3,6 +3,7 @@
 //! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, JSON, SVG.
 //! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
 
+mod confidence;
 mod diagnostic;
 mod history;
 mod json;
@@ -13,6 +14,7 @@ mod residuals;
 mod summary;
 mod table;
 
+pub use confidence::{confidence, way};
 pub use diagnostic::render;
 pub use history::history_table;
 pub use json::{fit_json, quality_json};
