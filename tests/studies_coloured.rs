@@ -49,8 +49,8 @@ fn system(name: &'static str, text: &str, samples: usize, dt: f64, input: fn(f64
         output_gaps: vec![0; q],
     };
     let mut theta = model.definition().start();
-    let tail = theta.len() - start.len();
-    theta[tail..].copy_from_slice(start);
+    // free initial values stand first
+    theta[..start.len()].copy_from_slice(start);
     let mut y = vec![0.0; samples * q];
     Simulator::new(model.dynamics(), &clean, 1).unwrap().simulate(&theta, &mut y).unwrap();
     clean.measured = y;
@@ -206,7 +206,7 @@ fn summary(rows: &[Row], of: fn(&Row) -> f64) -> (f64, f64) {
 #[test]
 #[ignore = "a study of minutes; run it in release"]
 fn scatter_over_200_repeats_beside_both_errors() {
-    let mut lines = Vec::new();
+    let (mut lines, mut missed) = (Vec::new(), Vec::new());
     for system in systems() {
         for kind in KINDS {
             let rows = study(&system, kind, 400);
@@ -218,15 +218,15 @@ fn scatter_over_200_repeats_beside_both_errors() {
                 format!("{kind:?}")
             ));
             // the scatter of 400 repeats is itself known to 3.5 percent, the worst of a dozen to three times that
-            if system.name != "roll decay with zero" || kind != Kind::OneOverF {
-                assert!((worst - 1.0).abs() < 0.15 + 0.05, "{}, {kind:?}: {worst}", system.name);
-                assert!((mean - 1.0).abs() < 0.15, "{}, {kind:?}: {mean}", system.name);
+            if !((worst - 1.0).abs() < 0.2 && (mean - 1.0).abs() < 0.15) {
+                missed.push(format!("{}, {kind:?}: {mean}, {worst}", system.name));
             }
         }
     }
     println!("\nerror / scatter: geometric mean over the parameters, and the one furthest from 1");
     println!("{:22} {:10} {:>8} {:>8} {:>10} {:>8}", "", "noise", "raw", "worst", "corrected", "worst");
     lines.iter().for_each(|l| println!("{l}"));
+    assert!(missed.is_empty(), "{missed:#?}");
 }
 
 #[test]

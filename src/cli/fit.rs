@@ -135,7 +135,7 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     let title = if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") };
     let mut text = format!("{title}\n\n{}\n", fit_table(fit, arguments.intervals));
     if arguments.history {
-        text.push_str(&format!("{}\n", history_table(&e.history)));
+        text.push_str(&format!("\n{}\n", history_table(&e.history)));
     }
     if !fit.starts.is_empty() {
         text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));

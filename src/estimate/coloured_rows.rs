@@ -84,7 +84,7 @@ impl ColouredRows {
     /// and forward again to what the noise looks like.
     pub(super) fn filter(&self, colour: &Colour, inverse_noise: &[f64]) -> Filtered {
         let (q, width) = (self.rows.len(), self.width);
-        let memory = colour.models.iter().map(|m| m.memory(4 * self.length)).max().unwrap_or(0);
+        let memory = colour.models.iter().map(|m| m.memory(self.length)).max().unwrap_or(0);
         let effects: Vec<Vec<f64>> = (0..q)
             .map(|a| {
                 let mut rows = vec![0.0; memory * width];

@@ -150,6 +150,8 @@ pub fn examined(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
+    let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
+    fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     let sound = fit.estimate.termination.is_good();
     if options.confidence && sound {
         fit.by_length = shortened(&fit, runs, starts, options, observer)?;

@@ -4,11 +4,11 @@ use super::autocovariance::Lagged;
 use super::autoregression::AutoRegression;
 
 /// Highest order: the longest lag whose correlation is used.
-const MOST_ORDER: usize = 30;
+const MOST_ORDER: usize = 60;
 /// Samples for each lag.
 const SAMPLES_PER_LAG: usize = 8;
 /// Price of a coefficient of coloured noise, in n log(variance); docs/statistics.md tells how it was chosen.
-const PRICE: f64 = 1.0;
+const PRICE: f64 = 0.7;
 
 /// Highest order of an autoregression that so many samples can tell.
 pub(crate) fn most_order(samples: usize) -> usize {

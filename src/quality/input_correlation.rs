@@ -90,7 +90,7 @@ impl InputCorrelation {
 
 /// Standard deviation of the sum of `u(i) v(i)` over the places where v is present.
 fn spread(residuals: &[f64], input: &[f64], colour: &AutoRegression) -> f64 {
-    let memory = colour.memory(4 * residuals.len());
+    let memory = colour.memory(residuals.len());
     let mut rows = vec![0.0; memory];
     rows.extend(residuals.iter().zip(input).map(|(v, u)| if v.is_nan() { 0.0 } else { *u }));
     colour.backward(&mut rows, 1);

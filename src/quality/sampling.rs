@@ -64,7 +64,7 @@ impl Sampling {
             late += steps - whole;
             // over a long gap an interval known to a few digits adds up to more than jitter
             let allowed = JITTER + 1e-3 * whole;
-            if !(late.abs() <= allowed) {
+            if late.is_nan() || late.abs() > allowed {
                 return Err(Untested::UnevenSampling);
             }
             // what is left after one sample must not add up over the record: the clock may drift

@@ -59,7 +59,8 @@ impl Whiteness {
         let series = centred(residuals.to_vec());
         let lagged = Lagged::of(&series, LAGS.min(present / 5));
         let size = residuals.iter().filter(|v| !v.is_nan()).fold(0.0_f64, |m, v| m.max(v.abs()));
-        if !(lagged.sums[0] > present as f64 * (4.0 * f64::EPSILON * size).powi(2)) {
+        let varies = lagged.sums[0] > present as f64 * (4.0 * f64::EPSILON * size).powi(2);
+        if !varies {
             return Err(Untested::NoResidual);
         }
         let n = present as f64;
@@ -97,7 +98,7 @@ impl RunsTest {
         let n = high + low;
         let expected = 1.0 + 2.0 * high * low / n;
         let variance = (expected - 1.0) * (expected - 2.0) / (n - 1.0);
-        if !(variance > 0.0) {
+        if variance.is_nan() || variance <= 0.0 {
             return None;
         }
         let runs = 1 + above.windows(2).filter(|w| w[0] != w[1]).count();
