@@ -54,6 +54,8 @@ const MOST_ROUNDS: usize = 25;
 /// Corrections of each round.
 const ITERATIONS: usize = 60;
 const TOLERANCE: f64 = 1e-8;
+/// Corrections of the uncut model.
+const POLISH: usize = 25;
 /// Most sensitivities that a run may hold.
 const MOST_CELLS: usize = 100_000_000;
 
@@ -110,7 +112,10 @@ pub(super) fn shoot(
     if matches!(cut.termination, Termination::Interrupted) || cut.cost.is_none() {
         return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
     }
-    let polished = plain(model, runs, &reached, options, observer)?;
+    // from where it is to begin it needs few corrections, or it cannot be done
+    let iterations = POLISH.min(options.options.iterations);
+    let few = FitOptions { options: Options { iterations, ..options.options.clone() }, ..options.clone() };
+    let polished = plain(model, runs, &reached, &few, observer)?;
     if as_good(&polished.estimate, &cut) {
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });
