@@ -173,7 +173,7 @@ fn a_start_that_diverges_is_rescued_and_that_is_said() {
     check(&measured, &TAKEN_UP, 1e-6);
     assert_eq!(measured.substituted, ["q"]);
     let shooting = Some(Shooting::Segments(12));
-    let shot = fitted(&model, &run, &start, FitOptions { shooting, ..never() });
+    let shot = fitted(&model, &run, &[("alpha", 0.0)], FitOptions { shooting, ..never() });
     check(&shot, &TAKEN_UP, 1e-6);
     assert!(shot.shooting.unwrap().polished);
     // not even from the first sample to the second
