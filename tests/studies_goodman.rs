@@ -82,16 +82,20 @@ impl System {
         self.truth.iter().map(off).fold(0.0, f64::max)
     }
 
-    /// Estimates and printed errors of repeats, parameter by parameter.
-    fn repeats(&self, part: f64, count: u64) -> Vec<Vec<(f64, f64)>> {
+    /// Estimates and printed errors of repeats, parameter by parameter, each from so many records; none for a repeat that
+    /// has no minimum.
+    fn repeats(&self, part: f64, records: u64, count: u64) -> Vec<Option<Vec<(f64, f64)>>> {
         let one = |seed: u64| {
-            let found = fit(&self.model, &[self.noisy(part, seed)], &self.from_truth(), &mut ()).unwrap();
-            assert!(found.estimate.is_good(), "repeat {seed}: {}", found.estimate.termination);
+            let named = |k: u64| Run { name: format!("run {k}"), ..self.noisy(part, seed * records + k) };
+            let runs: Vec<Run> = (0..records).map(named).collect();
+            let options = FitOptions { continuation: Continuation::Never, ..self.from_truth() };
+            let found = fit(&self.model, &runs, &options, &mut ()).unwrap();
             let entry = |(name, _): &(&str, f64)| {
                 let (value, error) = self.value(&found, name);
-                (value, error.unwrap())
+                Some((value, error?))
             };
-            self.truth.iter().map(entry).collect::<Vec<_>>()
+            let good = found.estimate.termination.is_good();
+            self.truth.iter().map(entry).collect::<Option<Vec<_>>>().filter(|_| good)
         };
         (1..=count).into_par_iter().map(one).collect()
     }
@@ -106,24 +110,37 @@ fn summary(repeats: &[Vec<(f64, f64)>], column: usize) -> (f64, f64, f64) {
 }
 
 /// Scatter over printed error, by 200 repeats that are printed and by more that are checked: 200 know a scatter to 5 %.
-fn scatter_agrees(system: &System, part: f64, count: u64) -> Vec<Vec<(f64, f64)>> {
-    let repeats = system.repeats(part, count);
+fn scatter_agrees(system: &System, part: f64, records: u64, count: u64) -> Vec<Vec<(f64, f64)>> {
+    let repeats = system.repeats(part, records, count).into_iter().collect::<Option<Vec<_>>>();
+    let repeats = repeats.expect("every repeat has a minimum");
+    let percent = 100.0 * part;
     println!(
-        "\nnoise {} % of each largest value, 200 repeats (scatter over printed error of {count} repeats last)",
-        100.0 * part
+        "\nnoise {percent} % of each largest value, records: {records}; 200 repeats (last: scatter over printed error of {count})"
     );
     println!(
         "{:>8} {:>12} {:>12} {:>12} {:>12} {:>7} {:>7}",
         "", "true", "mean", "scatter", "printed", "ratio", "checked"
     );
+    let mut wrong = Vec::new();
     for (k, (name, want)) in system.truth.iter().enumerate() {
         let (mean, scatter, printed) = summary(&repeats[..200], k);
         let (_, all, all_printed) = summary(&repeats, k);
         let (ratio, checked) = (scatter / printed, all / all_printed);
         println!("{name:>8} {want:12.4e} {mean:12.4e} {scatter:12.3e} {printed:12.3e} {ratio:7.3} {checked:7.3}");
-        assert!((checked - 1.0).abs() < 0.10, "{name}: scatter {all}, printed {all_printed}");
+        if (checked - 1.0).abs() >= 0.10 {
+            wrong.push(*name);
+        }
     }
+    assert!(wrong.is_empty(), "scatter and printed errors differ: {wrong:?}");
     repeats
+}
+
+/// The middle, and half the width of the middle two thirds, of a column of repeats that may have lost their way.
+fn middle(repeats: &[Option<Vec<(f64, f64)>>], column: usize) -> (f64, f64) {
+    let mut values: Vec<f64> = repeats.iter().flatten().map(|r| r[column].0).collect();
+    values.sort_by(f64::total_cmp);
+    let at = |part: f64| values[((values.len() - 1) as f64 * part).round() as usize];
+    (at(0.5), (at(0.8413) - at(0.1587)) / 2.0)
 }
 
 const SHIP: [(&str, f64); 11] = [
@@ -171,9 +188,15 @@ fn ship_table_1() {
         assert!(ship.worst(&found) < 1e-6);
     }
     let digits = fit(&ship.model, &[ship.rounded(4)], &ship.from_truth(), &mut ()).unwrap();
-    let [two, five] = [0.02, 0.05].map(|part| scatter_agrees(&ship, part, 2000));
+    scatter_agrees(&ship, 0.02, 1, 2000);
+    // at 5 % one record leaves C4, C5, C6 and C8, C9, C10 open by more than their size, and the errors of a linear
+    // theory mean little; as many records as make up for the noise give them back their meaning
+    scatter_agrees(&ship, 0.05, 7, 2000);
+    let [two, five] = [0.02, 0.05].map(|part| ship.repeats(part, 1, 200));
+    let lost = five.iter().filter(|r| r.is_none()).count();
+    println!("\n5 %, one record: {lost} of 200 repeats have no minimum");
     println!(
-        "\nTable 1 in its scaling: the paper's single record | here, mean of 200 +- scatter | with the measured records in the equations, as in the paper"
+        "\nTable 1 in its scaling: the paper's single record | here, middle of 200 and their middle two thirds | with the measured records in the equations, as in the paper"
     );
     println!(
         "{:>4} {:>7} | {:>7} {:>7} | {:>7} {:>17} {:>7} | {:>7} {:>17} {:>7}",
@@ -192,9 +215,9 @@ fn ship_table_1() {
     let [two_biased, five_biased] = [biased(0.02), biased(0.05)];
     for (k, ((name, want), (power, paper))) in SHIP.iter().zip(TABLE_1).enumerate() {
         let s = 10f64.powi(power);
-        let ours = |repeats: &[Vec<(f64, f64)>]| {
-            let (mean, scatter, _) = summary(&repeats[..200], k);
-            format!("{:8.3} +-{:6.3}", s * mean, s * scatter)
+        let ours = |repeats: &[Option<Vec<(f64, f64)>>]| {
+            let (middle, width) = middle(repeats, k);
+            format!("{:8.3} +-{:6.3}", s * middle, s * width)
         };
         println!(
             "{name:>4} {:7.3} | {:7.3} {:7.3} | {:7.3} {:>17} {:7.3} | {:7.3} {:>17} {:7.3}",
@@ -212,7 +235,11 @@ fn ship_table_1() {
     let examined = FitOptions { confidence: true, reweight: true, ..ship.from_truth() };
     let found = fit(&ship.model, &[ship.noisy(0.02, 1)], &examined, &mut ()).unwrap();
     println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
+    assert!(fdm::report::confidence(&found).contains("of minor importance"));
+    // with little noise the order does not hang on the one record
+    let found = fit(&ship.model, &[ship.noisy(0.002, 1)], &examined, &mut ()).unwrap();
     let order = by_confidence(&found.by_length);
+    print_order("ship by confidence, noise 0.2 %", &order);
     let last: Vec<&str> = order[order.len() - 2..].iter().map(|s| s.name.as_str()).collect();
     assert!(last.contains(&"C1") && last.contains(&"C2"), "of minor importance: {last:?}");
 }
@@ -329,7 +356,7 @@ fn t33_table_4() {
     let found = fit(&t33.model, std::slice::from_ref(&t33.clean), &t33.options(Vec::new()), &mut ()).unwrap();
     println!("noise-free, start as the model says: largest relative error {:.1e}", t33.worst(&found));
     assert!(t33.worst(&found) < 1e-6);
-    scatter_agrees(&t33, 0.02, 2000);
+    scatter_agrees(&t33, 0.02, 1, 2000);
     let examined = FitOptions { confidence: true, reweight: true, ..t33.options(Vec::new()) };
     let found = fit(&t33.model, &[t33.noisy(0.02, 1)], &examined, &mut ()).unwrap();
     println!("\n{}{}", fdm::report::estimate_table(&found.estimate), fdm::report::confidence(&found));
@@ -379,7 +406,7 @@ fn elovich_table_5() {
             fit(&elovich.model, std::slice::from_ref(&elovich.clean), &elovich.options(Vec::new()), &mut ()).unwrap();
         println!("noise-free, start as the model says: largest relative error {:.1e}", elovich.worst(&found));
         assert!(elovich.worst(&found) < 1e-6);
-        scatter_agrees(&elovich, 0.01, 2000);
+        scatter_agrees(&elovich, 0.01, 1, 2000);
         let options = FitOptions { confidence: true, ..elovich.options(Vec::new()) };
         let found = fit(&elovich.model, &[elovich.noisy(0.01, 1)], &options, &mut ()).unwrap();
         print_order("by confidence", &by_confidence(&found.by_length));

@@ -133,10 +133,13 @@ impl Lengthening<'_> {
             if fit.estimate.cost.is_some() && !(poor && matched) {
                 starts = after(self.model, self.runs, &fit.estimate, &starts);
                 (reached, growth, matched) = (next, growth.max(GROWTH.sqrt()), matched || !poor);
-            } else if reached == 0.0 {
+            } else if reached > 0.0 {
+                growth = growth.sqrt();
+            } else if self.is_shortest(next) {
                 return Ok(None);
             } else {
-                growth = growth.sqrt();
+                next *= 0.5;
+                continue;
             }
             if growth < STANDSTILL {
                 return Ok(None);
@@ -154,6 +157,11 @@ impl Lengthening<'_> {
         };
         let cells: usize = self.runs.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();
         (CELLS * unknowns(self.runs.len())) as f64 / cells.max(1) as f64
+    }
+
+    /// Whether nothing shorter than this share is left.
+    fn is_shortest(&self, share: f64) -> bool {
+        Length::Share(share).cut(self.runs).iter().all(|run| run.len() <= 2)
     }
 
     /// Fits a record that is not the whole one, weakly pulled towards its start values.

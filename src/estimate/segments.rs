@@ -221,3 +221,58 @@ impl SegmentedResponse<'_> {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::Run;
+
+    #[test]
+    fn sensitivities_are_those_of_the_outputs_and_of_the_gaps() {
+        let text = "model m { input u; state x = x0, v; param k = 3, c = 0.2, x0 = 0.5;
+            der(x) = v; der(v) = u - k*x - c*v*abs(v) - 0.1*k*x^3; output y = x + 0.1*u*v; }";
+        let model = Model::from_text("m.fdm", text).expect("a model");
+        let run = Run {
+            name: "run".into(),
+            time: (0..13).map(|k| 0.2 * f64::from(k)).collect(),
+            inputs: (0..13).map(|k| f64::from(k).cos()).collect(),
+            held: vec![false],
+            measured: vec![f64::NAN; 13],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+        };
+        let models = SegmentModels::new(&model);
+        let ranges = [0..5, 4..9, 8..13];
+        let pieces: Vec<Run> = ranges.iter().map(|r| run.part(r.clone())).collect();
+        let sizes = Sizes { params: 3, states: 2, outputs: 1 };
+        let segment = |(k, piece): (usize, _)| Segment {
+            simulator: Simulator::new(models.of(k).dynamics(), piece, 4).expect("suited"),
+            begin: 4 * k,
+        };
+        let mut response = SegmentedResponse::new(pieces.iter().enumerate().map(segment).collect(), sizes, 13);
+        let theta = [3.0, 0.2, 0.5, 0.3, -0.4, -0.2, 0.6];
+        // not every parameter, and not in order
+        let columns = [6, 0, 3, 2, 4];
+        let (mut y, mut jacobian) = (vec![0.0; 39], vec![f64::NAN; 39 * 8]);
+        response.sensitivities(&theta, &columns, &mut y, &mut jacobian).expect("finite");
+        let mut again = vec![f64::NAN; 39];
+        response.simulate(&theta, &mut again).expect("finite");
+        assert_eq!(y, again);
+        assert!(y[4 * 3 + 1] != 0.0 && y[4 * 3 + 2] != 0.0 && y[5 * 3 + 1] == 0.0, "gaps stand at the cuts only");
+        for (place, column) in columns.iter().enumerate() {
+            let moved = |step: f64| {
+                let (mut theta, mut y) = (theta, vec![0.0; 39]);
+                theta[*column] += step;
+                let mut response = SegmentedResponse::new(pieces.iter().enumerate().map(segment).collect(), sizes, 13);
+                response.simulate(&theta, &mut y).expect("finite");
+                y
+            };
+            let (up, down) = (moved(1e-5), moved(-1e-5));
+            for row in 0..39 {
+                let difference = (up[row] - down[row]) / 2e-5;
+                assert!((jacobian[row * 8 + place] - difference).abs() < 1e-8, "row {row}, parameter {column}");
+            }
+        }
+        assert!(jacobian.chunks(8).all(|lanes| lanes[5..].iter().all(|v| *v == 0.0)));
+    }
+}

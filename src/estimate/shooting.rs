@@ -49,11 +49,16 @@ const CONTINUOUS: f64 = 1e-9;
 /// Deviation of the gaps in the first round, relative to the state's size; then what it shrinks by, and its least.
 const LOOSE: f64 = 0.1;
 const TIGHTEN: f64 = 0.1;
-const TIGHT: f64 = 1e-5;
+const TIGHT: f64 = 1e-7;
 const MOST_ROUNDS: usize = 25;
 /// Corrections of each round.
 const ITERATIONS: usize = 60;
 const TOLERANCE: f64 = 1e-8;
+/// Corrections of the uncut model.
+const POLISH: usize = 25;
+/// Integration errors above this part of an output's range are worth finer steps, and how often that is looked at.
+const COARSE: f64 = 1e-7;
+const MOST_LOOKS: usize = 3;
 /// Most sensitivities that a run may hold.
 const MOST_CELLS: usize = 100_000_000;
 
@@ -100,7 +105,14 @@ pub(super) fn shoot(
     let cuts = runs.iter().map(|run| shooting.cuts(run)).collect::<Result<Vec<_>, _>>().map_err(FitError::Strategy)?;
     let pieces: Vec<Vec<Run>> = runs.iter().zip(&cuts).map(|(run, cuts)| pieces(run, cuts, layout.states)).collect();
     let mut shot = Shot::new(model, &models, &cuts, &pieces, starts, options)?;
-    let estimate = shot.rounds(options, observer)?;
+    let mut estimate = shot.rounds(options, observer)?;
+    for _ in 1..MOST_LOOKS {
+        let over = options.per_interval.is_some() || estimate.termination == Termination::Interrupted;
+        if over || estimate.runs.is_empty() || !shot.refine()? {
+            break;
+        }
+        estimate = shot.rounds(options, observer)?;
+    }
     let continuity = shot.continuity();
     let integration = shot.accuracy()?;
     let reached = shot.reached();
@@ -110,7 +122,10 @@ pub(super) fn shoot(
     if matches!(cut.termination, Termination::Interrupted) || cut.cost.is_none() {
         return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
     }
-    let polished = plain(model, runs, &reached, options, observer)?;
+    // from where it is to begin it needs few corrections, or it cannot be done
+    let iterations = POLISH.min(options.options.iterations);
+    let few = FitOptions { options: Options { iterations, ..options.options.clone() }, ..options.clone() };
+    let polished = plain(model, runs, &reached, &few, observer)?;
     if as_good(&polished.estimate, &cut) {
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });
@@ -229,6 +244,26 @@ impl<'a> Shot<'a> {
             self.shift();
             round += 1;
         }
+    }
+
+    /// Takes finer steps where the ones in use are too coarse at the estimates; false when they are fine, or none is better.
+    fn refine(&mut self) -> Result<bool, FitError> {
+        let mut refined = false;
+        for (k, accuracy) in self.accuracy()?.into_iter().enumerate() {
+            if accuracy.error <= COARSE {
+                continue;
+            }
+            let run = &self.problem.runs[k];
+            let chosen = chosen_steps(self.models, &self.pieces[k], &run.start, self.sizes)?;
+            if chosen > self.steps[k] {
+                let (start, measured) = (run.start.clone(), run.measured.clone());
+                let finer = segmented(self.models, (&self.pieces[k], &self.cuts[k]), self.sizes, chosen)?;
+                self.problem.runs[k] = ProblemRun { start, measured, ..finer };
+                self.steps[k] = chosen;
+                refined = true;
+            }
+        }
+        Ok(refined)
     }
 
     fn options(&self, options: &FitOptions) -> Options {

@@ -64,8 +64,8 @@ fn pooled(outputs: &[OutputFit]) -> Vec<(&str, f64)> {
     for o in outputs {
         let (Some(rms), Some(r2)) = (o.rms, o.r2) else { continue };
         let left = o.compared as f64 * rms * rms;
-        // a match to the last bit has no spread to be told from it
-        let spread = if r2 < 1.0 { left / (1.0 - r2) } else { f64::MIN_POSITIVE };
+        // beside a match to rounding the spread cannot be told, nor is it wanted
+        let (left, spread) = if r2 < 1.0 { (left, left / (1.0 - r2)) } else { (0.0, f64::MIN_POSITIVE) };
         match sums.iter_mut().find(|s| s.0 == o.name) {
             Some(sum) => (sum.1, sum.2) = (sum.1 + left, sum.2 + spread),
             None => sums.push((&o.name, left, spread)),
@@ -86,4 +86,28 @@ fn smoothness(estimate: &Estimate, output: &str) -> f64 {
         squares += measured.iter().map(|v| v * v).sum::<f64>();
     }
     if squares > 0.0 { products / squares } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_are_pooled_over_runs_and_a_match_to_rounding_is_one() {
+        let of = |name: &str, run: &str, rms: f64, r2: f64| OutputFit {
+            name: name.into(),
+            run: run.into(),
+            compared: 10,
+            rms: Some(rms),
+            bias: None,
+            r2: Some(r2),
+            tic: None,
+        };
+        // hardly moved in the second run, so that nothing of it is explained there
+        let outputs = [of("a", "r", 0.1, 0.99), of("b", "r", 1e-14, 1.0), of("a", "s", 0.1, -1.0)];
+        let pooled = pooled(&outputs);
+        assert_eq!(pooled[1], ("b", 1.0));
+        let want = 1.0 - 0.02 / (0.01 / 0.01 + 0.01 / 2.0);
+        assert!(pooled[0].0 == "a" && (pooled[0].1 - want).abs() < 1e-12, "{pooled:?}");
+    }
 }

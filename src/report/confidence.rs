@@ -7,6 +7,8 @@ use crate::estimate::{Fit, LengthFit, ParameterEstimate, Reweighting, Weight, by
 const MUCH: f64 = 2.0;
 /// Doubt beyond which a parameter is of little worth.
 const DOUBTFUL: f64 = 0.2;
+/// Doubt beyond which the records hardly tell a parameter from zero.
+const MINOR: f64 = 0.5;
 
 /// One line on every strategy that led to the estimates; empty when the plain correction did.
 pub fn way(fit: &Fit) -> String {
@@ -52,7 +54,11 @@ fn lengths(lengths: &[LengthFit]) -> String {
     header.extend(lengths.iter().map(|l| format!("to {}", shown(l))));
     header.extend(["standard error", "wander", "doubt"].map(String::from));
     let mut table = plain(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    let mut minor = Vec::new();
     for s in by_confidence(lengths) {
+        if s.doubt > MINOR {
+            minor.push(name(&s.name, s.run.as_ref()));
+        }
         let same = |p: &&ParameterEstimate| p.name == s.name && p.run == s.run;
         let mut row = vec![name(&s.name, s.run.as_ref())];
         row.extend(lengths.iter().map(|l| match l.parameters.iter().find(same) {
@@ -67,7 +73,11 @@ fn lengths(lengths: &[LengthFit]) -> String {
     (1..lengths.len() + 4).for_each(|column| aligned_right(&mut table, column));
     let bad = lengths.iter().filter(|l| !l.termination.is_good()).map(shown).collect::<Vec<_>>();
     let bad = if bad.is_empty() { String::new() } else { format!("not converged: up to {}\n", bad.join(", ")) };
-    format!("{}{bad}", trimmed(&table))
+    let minor = match minor.is_empty() {
+        true => String::new(),
+        false => format!("of minor importance in these records, known to their size only: {}\n", minor.join(", ")),
+    };
+    format!("{}{minor}{bad}", trimmed(&table))
 }
 
 /// Changes of the parameters in standard errors, one column for each variation.
