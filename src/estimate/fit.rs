@@ -159,8 +159,6 @@ pub fn examined(
     if options.reweight && sound {
         fit.reweighting = reweighted(&fit, runs, starts, options, observer)?;
     }
-    let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
-    fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     Ok(fit)
 }
 
