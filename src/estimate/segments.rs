@@ -254,7 +254,9 @@ mod tests {
         // not every parameter, and not in order
         let columns = [6, 0, 3, 2, 4];
         let (mut y, mut jacobian) = (vec![0.0; 39], vec![f64::NAN; 39 * 8]);
-        response.sensitivities(&theta, &columns, &mut y, &mut jacobian).expect("finite");
+        response
+            .sensitivities(&theta, &columns, &mut |block: Block<'_'>| block.copy_to(&mut y, &mut jacobian, 8))
+            .expect("finite");
         let mut again = vec![f64::NAN; 39];
         response.simulate(&theta, &mut again).expect("finite");
         assert_eq!(y, again);

@@ -102,6 +102,7 @@ mod tests {
             bias: None,
             r2: Some(r2),
             tic: None,
+            tic_parts: None,
         };
         // hardly moved in the second run, so that nothing of it is explained there
         let outputs = [of("a", "r", 0.1, 0.99), of("b", "r", 1e-14, 1.0), of("a", "s", 0.1, -1.0)];
