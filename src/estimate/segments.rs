@@ -255,7 +255,7 @@ mod tests {
         let columns = [6, 0, 3, 2, 4];
         let (mut y, mut jacobian) = (vec![0.0; 39], vec![f64::NAN; 39 * 8]);
         response
-            .sensitivities(&theta, &columns, &mut |block: Block<'_'>| block.copy_to(&mut y, &mut jacobian, 8))
+            .sensitivities(&theta, &columns, &mut |block: Block<'_>| block.copy_to(&mut y, &mut jacobian, 8))
             .expect("finite");
         let mut again = vec![f64::NAN; 39];
         response.simulate(&theta, &mut again).expect("finite");
