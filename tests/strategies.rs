@@ -306,6 +306,24 @@ fn strategies_that_cannot_be_followed_are_refused_with_the_reason() {
     assert!(said.contains("no output shows"), "{said}");
 }
 
+#[test]
+fn what_no_way_can_better_ends_and_says_so() {
+    // decay cannot follow growth, from whatever start and in whatever segments
+    let model = Model::from_text(
+        "decay.fdm",
+        "model decay { state x = 1; param k = 1 in [0, 9]; der(x) = -k*x; output y = x; }",
+    )
+    .unwrap();
+    let mut run = blank(&model, "grows", (0..40).map(|k| 0.1 * f64::from(k)).collect());
+    run.measured = run.time.iter().map(|t| t.exp()).collect();
+    let found = fitted(&model, &[run.clone()], &[], FitOptions::default());
+    let rescue = found.rescue.unwrap();
+    assert!(rescue.by.is_none() && rescue.to_string().contains("no better"), "{rescue}");
+    let fixed = Changes { fix: vec!["k".into()], ..Changes::default() };
+    let compared = fit(&model, &[run], &FitOptions { changes: fixed, ..FitOptions::default() }, &mut ()).unwrap();
+    assert!(compared.rescue.is_none() && compared.estimate.termination.is_good());
+}
+
 /// `fdm fit` of a shipped record with these options: whether it went well, its output and its errors.
 fn typed(model: &str, data: &str, options: &[&str]) -> (bool, String, String) {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_fdm"))

@@ -2,7 +2,7 @@
 
 use super::estimate::Estimate;
 use super::output_fit::OutputFit;
-use super::termination::Termination;
+use super::termination::{Reason, Termination};
 use serde::Serialize;
 use std::fmt;
 
@@ -42,7 +42,8 @@ const SMOOTH: f64 = 0.8;
 /// What is wrong with an estimate, if anything is that another way could better.
 pub(super) fn trouble(estimate: &Estimate) -> Option<Trouble> {
     let stuck = match &estimate.termination {
-        Termination::Interrupted => return None,
+        // without unknowns there is nothing that another way could find
+        Termination::Interrupted | Termination::Converged(Reason::NothingToEstimate) => return None,
         Termination::Converged(_) => false,
         Termination::IterationLimit => estimate.iterations >= MANY,
         _ => true,
