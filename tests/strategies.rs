@@ -305,3 +305,53 @@ fn strategies_that_cannot_be_followed_are_refused_with_the_reason() {
     let said = refused(&late, &record, FitOptions { substitute: vec!["x".into()], ..never() });
     assert!(said.contains("no output shows"), "{said}");
 }
+
+#[test]
+fn what_no_way_can_better_ends_and_says_so() {
+    // decay cannot follow growth, from whatever start and in whatever segments
+    let model = Model::from_text(
+        "decay.fdm",
+        "model decay { state x = 1; param k = 1 in [0, 9]; der(x) = -k*x; output y = x; }",
+    )
+    .unwrap();
+    let mut run = blank(&model, "grows", (0..40).map(|k| 0.1 * f64::from(k)).collect());
+    run.measured = run.time.iter().map(|t| t.exp()).collect();
+    let found = fitted(&model, &[run.clone()], &[], FitOptions::default());
+    let rescue = found.rescue.unwrap();
+    assert!(rescue.by.is_none() && rescue.to_string().contains("no better"), "{rescue}");
+    let fixed = Changes { fix: vec!["k".into()], ..Changes::default() };
+    let compared = fit(&model, &[run], &FitOptions { changes: fixed, ..FitOptions::default() }, &mut ()).unwrap();
+    assert!(compared.rescue.is_none() && compared.estimate.termination.is_good());
+}
+
+/// `fdm fit` of a shipped record with these options: whether it went well, its output and its errors.
+fn typed(model: &str, data: &str, options: &[&str]) -> (bool, String, String) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_fdm"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["fit", model, "--data", data, "--quiet"])
+        .args(options)
+        .output()
+        .unwrap();
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.success(), text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn the_command_line_takes_every_strategy_and_says_what_came_of_it() {
+    let (model, data) = ("models/t33/model.fdm", "models/t33/noise_2_percent.csv");
+    let (good, said, _) = typed(model, data, &["--confidence", "--weights", "--continuation", "4"]);
+    assert!(good && said.contains("by confidence") && said.contains("without r_m"), "{said}");
+    let (good, said, _) = typed(model, data, &["--shooting", "5", "--substitute", "p,beta,r"]);
+    assert!(good && said.contains("multiple shooting in 5 segments"), "{said}");
+    assert!(said.contains("started from a fit with the measured p, beta, r in the equations"), "{said}");
+    let (model, data) = ("models/elovich/model.fdm", "models/elovich/at_100_degC.csv");
+    let (good, said, _) = typed(model, data, &["--set", "alpha=-0.03"]);
+    assert!(good && said.contains("failed (run `at_100_degC` diverges"), "{said}");
+    let (good, said, _) = typed(model, data, &["--set", "alpha=-0.03", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert!(good && json["rescue"]["by"] == "continuation" && json["by_length"].as_array().unwrap().len() > 2);
+    let (good, _, errors) = typed(model, data, &["--continuation", "20,10"]);
+    assert!(!good && errors.contains("rising times"), "{errors}");
+    let (good, _, errors) = typed(model, data, &["--substitute", "p"]);
+    assert!(!good && errors.contains("no state `p`"), "{errors}");
+}

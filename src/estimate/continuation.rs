@@ -149,14 +149,16 @@ impl Lengthening<'_> {
         self.whole(&starts, observer).map(Some)
     }
 
-    /// The share of the record that has some cells for each unknown.
+    /// The share of the record that has some cells for each unknown, and two samples at least.
     fn shortest(&self) -> f64 {
         let unknowns = |runs: usize| {
             let params = self.model.definition().params.iter().filter(|p| !p.fixed);
             params.map(|p| if p.per_run { runs } else { 1 }).sum::<usize>()
         };
         let cells: usize = self.runs.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();
-        (CELLS * unknowns(self.runs.len())) as f64 / cells.max(1) as f64
+        let longest = self.runs.iter().map(Run::len).max().unwrap_or(0);
+        let enough = (CELLS * unknowns(self.runs.len())) as f64 / cells.max(1) as f64;
+        enough.max(2.0 / longest.max(2) as f64)
     }
 
     /// Whether nothing shorter than this share is left.
