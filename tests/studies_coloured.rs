@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "a study prints its table")]
 
 use fdm::Model;
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{Continuation, FitOptions, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use rayon::prelude::*;
@@ -143,7 +143,9 @@ struct Row {
 }
 
 fn study(system: &System, kind: Kind, repeats: u64) -> Vec<Row> {
-    let options = FitOptions { per_interval: Some(1), ..FitOptions::default() };
+    // the starts are the truth: nothing needs a rescue
+    let continuation = Continuation::Never;
+    let options = FitOptions { per_interval: Some(1), continuation, ..FitOptions::default() };
     let q = system.model.layout().outputs;
     let n = system.clean.len();
     let size =
