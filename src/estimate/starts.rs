@@ -1,10 +1,12 @@
 //! Many starts: an attempt from each, what came out of it, and which of them is the best.
 
 use super::attempt::attempt;
+use super::continuation::Continuation;
 use super::estimate::{Estimate, Status};
 use super::fit::FitOptions;
 use super::fit_error::FitError;
 use super::ledger::Ledger;
+use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::spread::Spread;
 use super::stages::Stages;
@@ -91,6 +93,14 @@ pub(super) fn many_starts(
     observer: &mut dyn Observer,
 ) -> Result<Starts, FitError> {
     let count = options.starts.count;
+    // colour, finer steps and a rescue are for the best; the others are each other's rescue
+    let continuation = match &options.continuation {
+        Continuation::Auto => Continuation::Never,
+        asked => asked.clone(),
+    };
+    let inner = Options { colour: false, ..options.options.clone() };
+    let options =
+        &FitOptions { options: inner, footing: options.footing.provisional(), continuation, ..options.clone() };
     let spread = Spread::new(model, given, options.starts.seed);
     let watch =
         Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };
