@@ -93,12 +93,14 @@ pub(super) fn many_starts(
     observer: &mut dyn Observer,
 ) -> Result<Starts, FitError> {
     let count = options.starts.count;
-    // colour, finer steps and a rescue are for the best; the others are each other's rescue
+    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
     let continuation = match &options.continuation {
         Continuation::Auto => Continuation::Never,
         asked => asked.clone(),
     };
-    let inner = Options { colour: false, ..options.options.clone() };
+    // a start that needs more is of use only when it is the best, which goes on with the rest
+    let iterations = options.options.iterations.div_ceil(2);
+    let inner = Options { colour: false, iterations, ..options.options.clone() };
     let options =
         &FitOptions { options: inner, footing: options.footing.provisional(), continuation, ..options.clone() };
     let spread = Spread::new(model, given, options.starts.seed);
