@@ -101,7 +101,7 @@ fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), 
     others.extend(tables(outcome.fit, outcome.runs));
     others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
     let model = outcome.fit.model.source().text().to_string();
-    let quality = format!("{}\n", serde_json::Value::from(quality_json(&outcome.fit.model, &outcome.fit.quality)));
+    let quality = format!("{}\n", Value::from(quality_json(&outcome.fit.model, &outcome.fit.quality)));
     let contents = Contents { manifest: outcome.manifest, model, result: json, quality, others };
     contents.write(place).map_err(|e| format!("{e}; the result is what is printed"))
 }
