@@ -318,16 +318,43 @@ fn options_that_fit_nothing() {
         with(verb, &["--from", "5"]).refused(&["--from"]);
         with(verb, &["--wrong"]).refused(&["--wrong"]);
         with(verb, &["--steps", "0"]).refused(&["--steps"]);
+        for option in ["--steps", "--every", "--threads"] {
+            // not taken for an option of that name
+            with(verb, &[option, "-1"]).refused(&[option, "invalid value '-1'"]);
+        }
         with(verb, &["--threads", "0"]).refused(&["--threads"]);
         with(verb, &["--threads", "60000"]).refused(&["--threads", "1024"]);
         let moving = desk.file("moving.fdm", "model moving { state x = 1; output y = x; param a = 1; der(x) = -a*x; }");
         let record = desk.record();
         let data = [OsStr::new("--data"), record.as_os_str(), OsStr::new("--steps"), OsStr::new("900000000")];
-        desk.run([OsStr::new(verb), moving.as_os_str()].into_iter().chain(data)).refused(&["900000000 steps"]);
+        desk.run([OsStr::new(verb), moving.as_os_str()].into_iter().chain(data))
+            .refused(&["18000000000 steps are more than 20000000", "21 samples"]);
     }
     with("fit", &["--noise", "nonsense"]).refused(&["--noise nonsense", "expected NAME=VALUE"]);
     with("fit", &["--noise", "y=-1"]).refused(&["noise"]);
+    with("fit", &["--noise", "full", "--noise", "diagonal"]).refused(&["--noise", "exclude each other"]);
     with("fit", &["--fix", "b"]).refused(&["`b`"]);
+    for (option, value, words) in [
+        ("--starts", "0", "0 is not in 1..=1000000"),
+        ("--seed", "-1", "--seed"),
+        ("--gain", "0", "gain is 0, but must be above 0"),
+        ("--gain", "nan", "gain is NaN"),
+        ("--tolerance", "-1", "tolerance is -1, but must be between 0 and 1"),
+        ("--continuation", "banana", "a number of lengths from 2 on"),
+        ("--continuation", "-3", "a number of lengths from 2 on"),
+        ("--shooting", "0", "--shooting"),
+        ("--shooting", "99999999", "--shooting"),
+        ("--substitute", "nobody", "no state `nobody`"),
+        ("--integrator", "euler", "runge-kutta, radau"),
+        ("--method", "newton", "nelder-mead, lbfgs"),
+    ] {
+        with("fit", &[option, value]).refused(&[words]);
+    }
+    let beneath = model.join("state");
+    let beneath = beneath.to_str().expect("a path of letters");
+    with("fit", &["--checkpoint", beneath]).refused(&["the checkpoint cannot be kept"]);
+    with("fit", &["--out", beneath]).refused(&["the result folder cannot be written"]);
+    with("fit", &["--out", &beneath[..beneath.len() - "/state".len()]]).refused(&["not a result of fdm", "left alone"]);
     // nothing to estimate: the model is compared with the record
     assert_eq!(with("fit", &["--fix", "a", "--quiet"]).code, Some(0));
 }

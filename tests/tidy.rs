@@ -4,8 +4,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// A room may import only from rooms that stand before it.
-const GRAMMAR: &[&str] =
-    &["math", "source", "diagnostic", "unit", "syntax", "op", "graph", "model", "check", "derive", "schedule", "lib"];
+const GRAMMAR: &[&str] = &[
+    "stopwatch",
+    "math",
+    "source",
+    "diagnostic",
+    "unit",
+    "syntax",
+    "op",
+    "graph",
+    "model",
+    "check",
+    "derive",
+    "schedule",
+    "lib",
+];
 const FDM: &[&str] =
     &["dynamics", "code", "record", "model", "simulate", "quality", "estimate", "store", "report", "cli"];
 

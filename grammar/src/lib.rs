@@ -12,6 +12,8 @@ pub mod model;
 pub mod op;
 pub mod schedule;
 pub mod source;
+#[cfg(test)]
+mod stopwatch;
 pub mod syntax;
 pub mod unit;
 

@@ -2,7 +2,7 @@
 
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
-use crate::integrator::{Integrator, integration};
+use crate::integrator::{Integration, integration};
 use crate::iteration::Choice;
 use crate::keeping::Keeping;
 use crate::noise::noise;
@@ -16,7 +16,6 @@ use fdm::estimate::{Fit, FitOptions, MultiStart, fit_kept};
 use fdm::record::Run;
 use fdm::report::{confidence, fit_json, fit_table, history_table, starts_table, way};
 use fdm::store::{Identity, Manifest};
-use std::num::NonZeroUsize;
 use std::process::ExitCode;
 
 /// What `fdm fit` takes.
@@ -38,22 +37,18 @@ pub(crate) struct Arguments {
     noise: Vec<String>,
     #[command(flatten)]
     choice: Choice,
-    /// Equal steps between samples, instead of as many as accuracy needs
-    #[arg(long, value_name = "N", help_heading = "Estimation")]
-    steps: Option<NonZeroUsize>,
-    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
-    #[arg(long, value_enum, default_value_t, help_heading = "Estimation")]
-    integrator: Integrator,
     /// Fit from so many starts and take the best: the given one, and others between the bounds of the parameters or around
     /// their start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
-          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     starts: u32,
     /// Chooses the other starts; the same seed gives the same ones
-    #[arg(long, value_name = "S", default_value_t = 0, help_heading = "Estimation")]
+    #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true, help_heading = "Estimation")]
     seed: u64,
     #[command(flatten)]
     strategies: Strategies,
+    #[command(flatten)]
+    integration: Integration,
     /// Show the interval of two standard errors of each parameter
     #[arg(long, help_heading = "Result")]
     intervals: bool,
@@ -71,8 +66,8 @@ impl Arguments {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
             options: self.choice.options(noise(&self.noise, model)?),
-            per_interval: self.steps.map(NonZeroUsize::get),
-            scheme: self.integrator.scheme(),
+            per_interval: self.integration.per_interval(),
+            scheme: self.integration.scheme(),
             starts: MultiStart { count: self.starts as usize, seed: self.seed },
             ..FitOptions::default()
         };
@@ -146,7 +141,7 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     if fit.model.layout().states > 0 {
         for (run, a) in runs.iter().zip(&fit.integration).filter(|_| !e.runs.is_empty()) {
-            let chosen = arguments.steps.is_none() && arguments.integrator.scheme().is_none();
+            let chosen = arguments.integration.is_open();
             text.push_str(&format!("{}: {} samples, {}\n", run.name, run.len(), integration(a, chosen)));
         }
     }

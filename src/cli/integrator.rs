@@ -1,11 +1,41 @@
 //! How a run is to be integrated, and how it was.
 
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use fdm::simulate::{Accuracy, Scheme};
+use std::num::NonZeroUsize;
+
+/// What a user may choose about the integration.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Integration")]
+pub(crate) struct Integration {
+    /// Equal steps between samples, instead of as many as accuracy needs
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub(crate) steps: Option<NonZeroUsize>,
+    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t)]
+    integrator: Integrator,
+}
+
+impl Integration {
+    /// The method that was asked for.
+    pub(crate) fn scheme(&self) -> Option<Scheme> {
+        self.integrator.scheme()
+    }
+
+    /// The number of steps that was asked for.
+    pub(crate) fn per_interval(&self) -> Option<usize> {
+        self.steps.map(NonZeroUsize::get)
+    }
+
+    /// Whether both are left to accuracy and speed.
+    pub(crate) fn is_open(&self) -> bool {
+        self.steps.is_none() && self.scheme().is_none()
+    }
+}
 
 /// What `--integrator` takes.
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
-pub(crate) enum Integrator {
+enum Integrator {
     /// Whatever reaches the accuracy with less work
     #[default]
     Auto,
@@ -16,8 +46,7 @@ pub(crate) enum Integrator {
 }
 
 impl Integrator {
-    /// The method that was asked for.
-    pub(crate) fn scheme(self) -> Option<Scheme> {
+    fn scheme(self) -> Option<Scheme> {
         match self {
             Self::Auto => None,
             Self::RungeKutta => Some(Scheme::RungeKutta),

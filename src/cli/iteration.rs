@@ -8,16 +8,16 @@ use fdm::estimate::{Method, Noise, Options};
 #[command(next_help_heading = "Estimation")]
 pub(crate) struct Choice {
     /// Most corrections
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true)]
     iterations: usize,
     /// Largest correction, relative to the parameter, at which the estimates count as converged
-    #[arg(long, value_name = "T", default_value_t = 1e-9)]
+    #[arg(long, value_name = "T", default_value = "1e-9", allow_negative_numbers = true)]
     tolerance: f64,
     /// Factor on every correction, above 0, at most 1; damping protects from corrections that are too long by itself
-    #[arg(long, value_name = "G", default_value_t = 1.0)]
+    #[arg(long, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
     gain: f64,
     /// How the minimum is approached; every method ends with corrections
-    #[arg(long, value_enum, default_value_t = Approach::Correction)]
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t = Approach::Correction)]
     method: Approach,
 }
 

@@ -29,7 +29,7 @@ struct Arguments {
     #[command(subcommand)]
     verb: Verb,
     /// Threads to use; the results do not depend on it [default: all cores]
-    #[arg(long, global = true, value_name = "N", display_order = 1000, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, global = true, value_name = "N", display_order = 1000, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
 }
 

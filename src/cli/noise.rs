@@ -12,8 +12,12 @@ pub(crate) fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
     let mut wrong = Vec::new();
     for word in words {
         match word.as_str() {
-            "diagonal" => kind = Some(Noise::Diagonal),
-            "full" => kind = Some(Noise::Full),
+            "diagonal" | "full" => {
+                let wanted = if word == "full" { Noise::Full } else { Noise::Diagonal };
+                if kind.replace(wanted.clone()).is_some_and(|other| other != wanted) {
+                    wrong.push("--noise diagonal and --noise full exclude each other".into());
+                }
+            }
             _ => match assignment(word) {
                 Ok((name, deviation)) => match outputs.iter().position(|o| o.quantity.name == name) {
                     Some(k) => given[k] = Some(deviation),

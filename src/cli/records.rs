@@ -32,7 +32,7 @@ pub(crate) struct Selection {
     #[arg(long, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
     to: Option<f64>,
     /// Use every N-th sample
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "data")]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "data")]
     every: usize,
     /// Input that keeps its value until the next sample, instead of being linear between samples
     #[arg(long, value_name = "INPUT", requires = "data")]

@@ -1,7 +1,7 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
 use crate::failure::{Failure, NUMBERS, print};
-use crate::integrator::{Integrator, integration};
+use crate::integrator::{Integration, integration};
 use crate::reading::{Reading, open};
 use crate::records::{Selection, load};
 use crate::subject::{assignment, load_model};
@@ -12,7 +12,6 @@ use fdm::record::{Column, Dialect, ReadOptions, Run, Summary, write, write_to};
 use fdm::simulate::{Accuracy, Divergence, Simulator, Steps, choose_steps_by};
 use fdm::store::{DataFile, ResultError, ResultFolder};
 use serde_json::json;
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -23,14 +22,14 @@ pub(crate) struct Arguments {
     #[arg(value_name = "MODEL", required_unless_present = "from_result")]
     model: Option<PathBuf>,
     /// Other value of a parameter (free initial values are called `x(0)`)
-    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment, help_heading = "Parameters")]
     set: Vec<(String, f64)>,
     /// Take model and parameters from a result folder that `fdm fit --out` wrote
-    #[arg(long, value_name = "DIR", help_heading = "Result")]
+    #[arg(long, value_name = "DIR", help_heading = "Parameters")]
     from_result: Option<PathBuf>,
     /// Run of the result whose own parameters (biases, initial states) are used, instead of those of the run with the same
     /// name or of the only one
-    #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Result")]
+    #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Parameters")]
     like: Option<String>,
     /// Recorded run (CSV with a header `name [unit], ...`); may be given several times; those of the result when it is left
     /// out
@@ -38,17 +37,13 @@ pub(crate) struct Arguments {
     data: Vec<PathBuf>,
     #[command(flatten)]
     selection: Selection,
-    /// Equal steps between samples, instead of as many as accuracy needs
-    #[arg(long, value_name = "N")]
-    steps: Option<NonZeroUsize>,
-    /// How to integrate: `auto` takes the stiff method (Radau) where the explicit one would cost more
-    #[arg(long, value_enum, default_value_t)]
-    integrator: Integrator,
-    /// Print JSON
-    #[arg(long, conflicts_with = "output")]
+    #[command(flatten)]
+    integration: Integration,
+    /// Print JSON instead of CSV
+    #[arg(long, conflicts_with = "output", help_heading = "Result")]
     json: bool,
     /// Write CSV to a file instead of to the terminal
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", help_heading = "Result")]
     output: Option<PathBuf>,
 }
 
@@ -91,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let mut code = ExitCode::SUCCESS;
     for response in &responses {
-        let chosen = arguments.steps.is_none() && arguments.integrator.scheme().is_none();
+        let chosen = arguments.integration.is_open();
         if model.layout().states > 0 && !arguments.json {
             eprintln!("{}: {}", response.run.name, integration(&response.accuracy, chosen));
         }
@@ -187,12 +182,15 @@ fn theta(model: &Model, run: &Run, values: &Values, arguments: &Arguments) -> Re
 fn respond<'a>(model: &Model, run: &'a Run, values: &Values, arguments: &Arguments) -> Result<Response<'a>, Failure> {
     let theta = theta(model, run, values, arguments)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
-    let scheme = arguments.integrator.scheme();
-    let accuracy = match (arguments.steps, arguments.fitted_steps(&run.name, values).filter(|_| scheme.is_none())) {
-        (Some(steps), _) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps.get()), error: f64::NAN },
-        (None, Some(fitted)) => fitted,
-        (None, None) => choose_steps_by(model.dynamics(), run, &theta, scheme).map_err(unsuited)?,
-    };
+    let scheme = arguments.integration.scheme();
+    let accuracy =
+        match (arguments.integration.steps, arguments.fitted_steps(&run.name, values).filter(|_| scheme.is_none())) {
+            (Some(steps), _) => {
+                Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps.get()), error: f64::NAN }
+            }
+            (None, Some(fitted)) => fitted,
+            (None, None) => choose_steps_by(model.dynamics(), run, &theta, scheme).map_err(unsuited)?,
+        };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];

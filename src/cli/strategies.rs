@@ -9,13 +9,14 @@ use fdm::estimate::{Continuation, FitOptions, Shooting};
 pub(crate) struct Strategies {
     /// Fit a short record first and lengthen it: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
     /// rising times
-    #[arg(long, value_name = "auto|never|N|T1,T2,..", default_value = "auto")]
+    #[arg(long, value_name = "auto|never|N|T1,T2,..", default_value = "auto", allow_hyphen_values = true)]
     continuation: Continuation,
     /// Fit first with the measured records of these states in the equations
     #[arg(long, value_name = "STATE,..|all", value_delimiter = ',')]
     substitute: Vec<String>,
-    /// Cut the record into N segments with initial states of their own (multiple shooting), for unstable models
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    /// Cut the record into N segments, or as many as its samples allow, with initial states of their own (multiple
+    /// shooting), for unstable models
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     shooting: Option<u32>,
     /// Fit shorter records too, and list the parameters in order of confidence
     #[arg(long)]

@@ -4,6 +4,7 @@
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
 use crate::fit::remarks;
+use crate::integrator::Integration;
 use crate::progress::Progress;
 use crate::reading::{Reading, open};
 use crate::records::{Records, notes};
@@ -13,7 +14,6 @@ use fdm::record::Run;
 use fdm::report::{estimate_table, fit_json, validation_table};
 use fdm::store::{Identity, Manifest, ResultFolder};
 use serde_json::json;
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -24,13 +24,12 @@ pub(crate) struct Arguments {
     #[arg(value_name = "MODEL")]
     model: Option<PathBuf>,
     /// Result folder that `fdm fit --out` wrote
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", help_heading = "Data")]
     from_result: PathBuf,
     #[command(flatten)]
     records: Records,
-    /// Runge-Kutta steps between samples, instead of as many as accuracy needs
-    #[arg(long, value_name = "N", help_heading = "Estimation")]
-    steps: Option<NonZeroUsize>,
+    #[command(flatten)]
+    integration: Integration,
     #[command(flatten)]
     delivery: Delivery,
 }
@@ -46,7 +45,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let options = FitOptions {
         changes: folder.held(&model),
         options: Options { noise: folder.manifest().noise.clone(), ..Options::default() },
-        per_interval: arguments.steps.map(NonZeroUsize::get),
+        per_interval: arguments.integration.per_interval(),
+        scheme: arguments.integration.scheme(),
         ..FitOptions::default()
     };
     let prepared = arguments.delivery.prepare()?;

@@ -169,8 +169,9 @@ impl Frame<'_> {
 
 fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     let mut c = vec![0.0; n * n];
-    for (row, to) in a.chunks(n).zip(c.chunks_mut(n)) {
-        for (factor, b) in row.iter().zip(b.chunks(n)) {
+    let width = n.max(1);
+    for (row, to) in a.chunks(width).zip(c.chunks_mut(width)) {
+        for (factor, b) in row.iter().zip(b.chunks(width)) {
             to.iter_mut().zip(b).for_each(|(c, b)| *c += factor * b);
         }
     }

@@ -260,7 +260,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
 
     /// The undamped correction; false when it cannot be told.
     pub(super) fn full_step(&mut self) -> bool {
-        let solved = constrained(&self.quadratic, &self.room, 0.0, &mut self.step);
+        let solved = constrained(&self.quadratic, &self.room, 0.0, &mut self.step) && self.keeps_promise();
         if !solved && self.damping == 0.0 {
             self.damping = self.level;
         }

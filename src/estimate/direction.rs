@@ -6,6 +6,9 @@ use serde::Serialize;
 /// Part of a parameter in an undetermined direction above which the parameter is not determined.
 const PART: f64 = 1e-4;
 
+/// Parts that differ by less, relative to the larger one, are equal but for rounding.
+const ALIKE: f64 = 1e-6;
+
 /// Most parameters of a direction for which what is determined is told too.
 const FEW: usize = 4;
 
@@ -34,7 +37,7 @@ pub(super) fn undetermined(
     let basis = Basis::new(inverse.null.clone());
     for (vector, pivot) in basis.vectors.iter().zip(&basis.pivots) {
         let mut moves: Vec<(usize, f64)> = vector.iter().copied().enumerate().filter(|(_, v)| v.abs() > PART).collect();
-        moves.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()).then(a.0.cmp(&b.0)));
+        largest_first(&mut moves);
         let physical = |k: usize, v: f64| v / scale[inverse.chosen[k]];
         let called = |k: usize| name(inverse.chosen[k]);
         let Some(first) = moves.first().map(|(k, v)| physical(*k, *v)) else { continue };
@@ -94,7 +97,16 @@ fn short(value: f64) -> String {
     if (1e-3..1e5).contains(&rounded.abs()) { format!("{rounded}") } else { format!("{rounded:e}") }
 }
 
-/// A basis of a space with as many zeros as elimination with full pivoting makes, so that each direction names few.
+/// Sorts by size; what is equal but for rounding keeps the order of the unknowns, so that the words do not depend on it.
+fn largest_first(moves: &mut [(usize, f64)]) {
+    moves.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    for alike in moves.chunk_by_mut(|a, b| a.1.abs() - b.1.abs() <= ALIKE * a.1.abs()) {
+        alike.sort_by_key(|(k, _)| *k);
+    }
+}
+
+/// A basis of a space in which each vector has an entry that is zero in all others, so that each direction names few.
+/// It depends on the space alone, not on the vectors by which the space was given.
 struct Basis {
     vectors: Vec<Vec<f64>>,
     /// For each vector the entry that is zero in all others.
@@ -102,12 +114,13 @@ struct Basis {
 }
 
 impl Basis {
+    /// Takes orthonormal vectors.
     fn new(mut vectors: Vec<Vec<f64>>) -> Self {
-        let mut pivots = Vec::with_capacity(vectors.len());
-        for i in 0..vectors.len() {
-            let rest = vectors[i..].iter().enumerate();
-            let entries = rest.flat_map(|(r, v)| v.iter().enumerate().map(move |(c, x)| (i + r, c, x.abs())));
-            let Some((row, column, _)) = entries.reduce(|a, b| if b.2 > a.2 { b } else { a }) else { break };
+        let pivots = leading(&vectors);
+        for (i, column) in pivots.iter().copied().enumerate() {
+            let rest = (i..vectors.len())
+                .reduce(|a, b| if vectors[b][column].abs() > vectors[a][column].abs() { b } else { a });
+            let Some(row) = rest else { break };
             vectors.swap(i, row);
             let pivot = vectors[i].clone();
             for (_, v) in vectors.iter_mut().enumerate().filter(|(k, _)| *k != i) {
@@ -115,12 +128,61 @@ impl Basis {
                 v.iter_mut().zip(&pivot).for_each(|(x, p)| *x -= factor * p);
                 v[column] = 0.0;
             }
-            pivots.push(column);
         }
         for v in &mut vectors {
             let norm = v.iter().map(|x| x * x).sum::<f64>().sqrt();
             v.iter_mut().for_each(|x| *x /= norm);
         }
         Self { vectors, pivots }
+    }
+}
+
+/// The entries that tell a point of the space best, one for each orthonormal vector: the diagonal pivots of the space's
+/// projector, the first of those that are alike.
+fn leading(vectors: &[Vec<f64>]) -> Vec<usize> {
+    let mut rest = vectors.to_vec();
+    let mut pivots = Vec::with_capacity(vectors.len());
+    for _ in vectors {
+        let size = |c: usize| rest.iter().map(|v| v[c] * v[c]).sum::<f64>();
+        let sizes: Vec<f64> = (0..rest.first().map_or(0, Vec::len)).map(size).collect();
+        let largest = sizes.iter().copied().fold(0.0, f64::max);
+        let Some(column) = sizes.iter().position(|s| largest > 0.0 && *s >= (1.0 - ALIKE) * largest) else { break };
+        // leaves of every row what is orthogonal to the pivot's own direction in the space
+        let along: Vec<f64> = rest.iter().map(|v| v[column] / sizes[column].sqrt()).collect();
+        let entries = (0..sizes.len()).map(|c| rest.iter().zip(&along).map(|(v, a)| a * v[c]).sum());
+        let direction: Vec<f64> = entries.collect();
+        for (v, a) in rest.iter_mut().zip(&along) {
+            v.iter_mut().zip(&direction).for_each(|(x, d)| *x -= a * d);
+        }
+        pivots.push(column);
+    }
+    pivots
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_depend_on_the_space_alone() {
+        // a and b move against each other, c against d and e, whose parts are alike
+        let (s, t) = (0.5f64.sqrt(), 3f64.sqrt().recip());
+        let (one, two) = ([s, -s, 0.0, 0.0, 0.0], [0.0, 0.0, t, -t, -t]);
+        let said = |angle: f64, tilt: f64| {
+            let turned = |a: f64, b: f64| one.iter().zip(&two).map(|(x, y)| a * x + b * y).collect::<Vec<f64>>();
+            let (sin, cos) = angle.sin_cos();
+            let mut null = vec![turned(cos, sin), turned(-sin, cos)];
+            null.iter_mut().for_each(|v| (v[0], v[3]) = (v[0] * (1.0 + tilt), v[3] * (1.0 - tilt)));
+            let inverse = Inverse { chosen: (0..5).collect(), null, ..Inverse::default() };
+            let (_, directions) = undetermined(&[1.0; 5], &[true; 5], &inverse, |k| "abcde"[k..=k].to_string());
+            directions.into_iter().map(|d| d.sentence).collect::<Vec<_>>()
+        };
+        let first = said(0.0, 0.0);
+        assert_eq!(first.len(), 2);
+        assert!(first[0].contains("only `b` + `a` is determined"), "{first:?}");
+        assert!(first[1].contains("`c`, `d`, `e`") && first[1].contains("`d` + `c` and `e` + `c`"), "{first:?}");
+        for k in 1..40 {
+            assert_eq!(said(0.17 * f64::from(k), 1e-14 * f64::from(k % 5 - 2)), first, "turned {k} times");
+        }
     }
 }

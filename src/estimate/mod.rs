@@ -65,6 +65,7 @@ mod spread;
 mod stages;
 mod start;
 mod starts;
+mod stationarity;
 mod statistics;
 mod step;
 mod strategy_error;

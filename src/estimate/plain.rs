@@ -90,7 +90,8 @@ fn correct(
     let mut prepared = Vec::with_capacity(runs.len());
     for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
         let simulator = Simulator::new(model.dynamics(), run, steps.clone());
-        let simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
+        let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
+        simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
         let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
         prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
     }

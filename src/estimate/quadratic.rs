@@ -237,6 +237,13 @@ impl Quadratic {
         straight - self.bent(step)
     }
 
+    /// The same by a step of one unknown alone.
+    pub(super) fn reduction_along(&self, unknown: usize, step: f64) -> f64 {
+        let at = unknown * self.size + unknown;
+        let curvature = self.hessian[at] + self.curvature.get(at).copied().unwrap_or(0.0);
+        step * (self.rhs[unknown] - 0.5 * curvature * step)
+    }
+
     /// (H + damping)^-1 `rhs` on the chosen unknowns, both scaled; the others stay 0. None when H is too coarse.
     pub(super) fn apply_inverse(&self, chosen: &[usize], damping: f64, rhs: &[f64]) -> Option<Vec<f64>> {
         let (mut factor, n) = (self.products(chosen), chosen.len());

@@ -5,7 +5,7 @@
 use super::correction::Correction;
 use super::evaluation::RunFailure;
 use super::progress::Observer;
-use super::termination::Termination;
+use super::termination::{Reason, Termination};
 use super::trial;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -102,7 +102,11 @@ impl Correction<'_, '_, '_> {
     ) -> Result<Option<Termination>, RunFailure> {
         let interrupted = termination == Termination::Interrupted;
         let hopeless = matches!(termination, Termination::Interrupted | Termination::IterationLimit);
-        let end = End { values: self.values.clone(), cost: self.weights.cost, lost: self.lost(), termination };
+        let lost = self.lost();
+        // a small correction has been made since the slope was known, and was solved for to make it vanish
+        let unproven = matches!(termination, Termination::Converged(reason) if reason != Reason::SmallCorrection);
+        let termination = if unproven && !self.is_stationary() { Termination::NoProgress } else { termination };
+        let end = End { values: self.values.clone(), cost: self.weights.cost, lost, termination };
         if (end.is_good() || hopeless) && self.attempts.best.is_none() {
             return Ok(Some(end.termination));
         }

@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::table::digits;
-use crate::estimate::{Estimate, ParameterEstimate};
+use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::quality::{InputCorrelation, OutputQuality};
 
 /// Correlations beyond this are worth a line.
@@ -10,6 +10,8 @@ const CORRELATED: f64 = 0.9;
 const OFFSET: f64 = 0.2;
 /// Most lines about correlations with inputs.
 const MOST_INPUTS: usize = 6;
+/// Most lines about parameters at their bounds.
+const MOST_BOUNDS: usize = 4;
 
 /// What a careful reader of the parameters would ask about.
 pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
@@ -23,6 +25,7 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
         let name = |k: usize| called(&estimate.parameters[k]);
         remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
     }
+    remarks.extend(bounds(estimate));
     for aid in &estimate.aids {
         remarks.push(format!("the iteration needed help: {aid}"));
     }
@@ -84,6 +87,21 @@ fn untested(quality: &[OutputQuality], several: bool) -> Vec<String> {
         format!("residual{plural} of {}{place} {verb} not tested: {reason}", names.join(", "))
     };
     found.into_iter().map(line).collect()
+}
+
+/// A bound may hide a better value behind it, or be where a way downhill from the start values ends.
+fn bounds(estimate: &Estimate) -> Vec<String> {
+    let side = |p: &ParameterEstimate| match p.status {
+        Status::AtLowerBound => Some("lower"),
+        Status::AtUpperBound => Some("upper"),
+        _ => None,
+    };
+    let held = estimate.parameters.iter().filter_map(|p| Some((called(p), side(p)?)));
+    let told: Vec<String> = held.clone().take(MOST_BOUNDS).map(|(name, side)| {
+        format!("{name} is at its {side} bound: the best value may lie beyond it, or far from these start values (try --starts 8)")
+    }).collect();
+    let more = held.count().saturating_sub(MOST_BOUNDS);
+    told.into_iter().chain((more > 0).then(|| format!("{more} more parameters are at a bound"))).collect()
 }
 
 /// Whether the Cramer-Rao errors can be trusted.

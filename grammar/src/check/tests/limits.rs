@@ -3,14 +3,13 @@
 use super::{checked, told};
 use crate::Span;
 use crate::check::check;
+use crate::stopwatch::timed;
 use crate::syntax::*;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 fn quickly<T>(what: &str, run: impl FnOnce() -> T) -> T {
-    let start = Instant::now();
-    let result = run();
-    // generous: many tests share two cores
-    assert!(start.elapsed() < Duration::from_secs(10), "{what} took {:?}", start.elapsed());
+    let (result, took) = timed(run);
+    assert!(took < Duration::from_secs(10), "{what} took {took:?}");
     result
 }
 
