@@ -5,7 +5,8 @@
 
 use crate::clock::{Row, median_of_runs};
 use crate::workload::{columnwise, data};
-use fdm::estimate::{Changes, FitOptions, Noise, Options, fit};
+use crate::{fit_name, known_noise};
+use fdm::estimate::{Changes, FitOptions, fit};
 use fdm::record::Run;
 use fdm::{Model, simulate::Simulator};
 
@@ -35,20 +36,24 @@ pub(crate) fn run(limit: &[Row]) {
     row("A residual+jacobian", seconds, difference).print(limit);
 
     let start = model.definition().params.iter().map(|p| (p.quantity.name.clone(), 1.3 * p.value));
-    let options = FitOptions {
-        changes: Changes { set: start.collect(), ..Changes::default() },
-        options: Options { noise: Noise::Given(vec![Some(1.0)]), tolerance: 1e-8, ..Options::default() },
-        per_interval: Some(1),
-        ..FitOptions::default()
-    };
-    let solve = || fit(&model, std::slice::from_ref(&run), &options, &mut ()).expect("W3 can be estimated");
-    let found = solve();
-    assert!(found.estimate.is_good(), "{}", found.estimate.termination);
-    let cost = found.estimate.runs[0].residuals.iter().map(|v| v * v).sum();
-    let seconds = median_of_runs(|| {
-        std::hint::black_box(solve());
-    });
-    row("B fit", seconds, Some(cost)).print(limit);
+    let set: Vec<_> = start.collect();
+    for bare in [true, false] {
+        let options = FitOptions {
+            changes: Changes { set: set.clone(), ..Changes::default() },
+            options: known_noise(vec![Some(1.0)], bare),
+            per_interval: Some(1),
+            bare,
+            ..FitOptions::default()
+        };
+        let solve = || fit(&model, std::slice::from_ref(&run), &options, &mut ()).expect("W3 can be estimated");
+        let found = solve();
+        assert!(found.estimate.is_good(), "{}", found.estimate.termination);
+        let cost = found.estimate.runs[0].residuals.iter().map(|v| v * v).sum();
+        let seconds = median_of_runs(|| {
+            std::hint::black_box(solve());
+        });
+        row(&fit_name(bare), seconds, Some(cost)).print(limit);
+    }
 }
 
 fn record() -> Option<Run> {

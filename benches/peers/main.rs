@@ -3,7 +3,7 @@
 //!
 //! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
-//! tools run. Otherwise our own figures stand alone.
+//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w3, w5.
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
@@ -26,9 +26,32 @@ fn main() {
     if std::env::args().any(|a| a == "--threads") {
         return helicopter::threads();
     }
-    threads();
+    let chosen: Vec<String> = std::env::args().skip(1).filter(|a| a.starts_with('w')).collect();
+    let wanted = |workload: &str| chosen.is_empty() || chosen.iter().any(|c| c == workload);
+    if wanted("w2t") {
+        threads();
+    }
     let core = clock::pin();
     println!("one core ({core}), CPU time, medians\n");
+    if wanted("w1") {
+        ship();
+    }
+    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run)] {
+        if wanted(workload) {
+            let before = limit(workload);
+            measure(&before);
+            for row in peers(workload) {
+                row.print(&before);
+            }
+        }
+    }
+    if wanted("w5") {
+        start_up::run();
+    }
+}
+
+/// W1, and a hundred of them in one record.
+fn ship() {
     let before = limit("w1");
     for (tag, hundredfold) in [("w1", false), ("w1x100", true)] {
         let reference = Reference::load(tag);
@@ -39,22 +62,16 @@ fn main() {
             for row in residual_and_jacobian(tag, door, model, &ship, reference.as_ref()) {
                 row.print(&before);
             }
-            if let Some(row) = reference.as_ref().and_then(|r| fit_of(tag, door, model, &ship, r)) {
-                row.print(&before);
+            for bare in [true, false] {
+                if let Some(row) = reference.as_ref().and_then(|r| fit_of(tag, door, model, &ship, r, bare)) {
+                    row.print(&before);
+                }
             }
         }
     }
     for row in peers("w1") {
         row.print(&before);
     }
-    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run)] {
-        let before = limit(workload);
-        measure(&before);
-        for row in peers(workload) {
-            row.print(&before);
-        }
-    }
-    start_up::run();
 }
 
 /// What threads give, in a process of its own that is not pinned.
@@ -90,16 +107,18 @@ fn residual_and_jacobian(tag: &str, door: &str, model: &Model, ship: &Ship, refe
     [row("in blocks", streamed), row("stored", stored)]
 }
 
-/// W1 unit B: the whole fit from 1.3 C and the first measured sample, measurement noise known.
-fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Reference) -> Option<Row> {
+/// W1 unit B: the whole fit from 1.3 C and the first measured sample, measurement noise known; when it is bare, without what
+/// `fdm fit` tells about residuals and steps besides.
+fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Reference, bare: bool) -> Option<Row> {
     let run = reference.measured(&ship.run)?;
     let theta = ship.theta(model, 1.3);
     let coefficients = ship.columns(model).into_iter().take(11);
     let set = coefficients.map(|k| (model.definition().params[k].quantity.name.clone(), theta[k]));
     let options = FitOptions {
         changes: Changes { set: set.collect(), ..Changes::default() },
-        options: Options { noise: Noise::Given(reference.deviations()?), tolerance: 1e-8, ..Options::default() },
+        options: known_noise(reference.deviations()?, bare),
         per_interval: Some(1),
+        bare,
         ..FitOptions::default()
     };
     let solve = || fit(model, std::slice::from_ref(&run), &options, &mut ()).expect("W1 can be estimated");
@@ -109,8 +128,18 @@ fn fit_of(tag: &str, door: &str, model: &Model, ship: &Ship, reference: &Referen
     let seconds = median_of_runs(|| {
         std::hint::black_box(solve());
     });
-    let (tool, what) = (format!("fdm ({door})"), "B fit".into());
+    let (tool, what) = (format!("fdm ({door})"), fit_name(bare));
     Some(Row { workload: tag.into(), tool, what, seconds, difference: Some(cost) })
+}
+
+/// Known noise; errors corrected for the colour of the residuals belong to what a bare fit leaves out.
+fn known_noise(deviations: Vec<Option<f64>>, bare: bool) -> Options {
+    Options { noise: Noise::Given(deviations), tolerance: 1e-8, colour: !bare, ..Options::default() }
+}
+
+/// What a row of fits is called.
+fn fit_name(bare: bool) -> String {
+    if bare { "B fit" } else { "B fit (all judged)" }.into()
 }
 
 /// Rows of every tool when `PEERS` names the peers' folder, else those of the limit.

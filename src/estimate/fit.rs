@@ -50,6 +50,9 @@ pub struct FitOptions {
     pub starts: MultiStart,
     /// Steps that these starts have in common.
     pub footing: Footing,
+    /// Estimates and their errors alone: the residuals are not judged, nor is the integration where its steps were given
+    /// (its error is then not a number). For fits by the thousand.
+    pub bare: bool,
 }
 
 impl FitOptions {
@@ -69,7 +72,8 @@ pub struct Fit {
     pub estimate: Estimate,
     /// Steps and integration error of each run at the estimates.
     pub integration: Vec<Accuracy>,
-    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated.
+    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
+    /// was not asked for.
     pub quality: Vec<OutputQuality>,
     /// What was done about start values that could not be used, and why; none when they could.
     pub rescue: Option<Rescue>,
@@ -163,8 +167,10 @@ pub fn examined(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
-    let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
-    fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
+    if !options.bare {
+        let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
+        fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
+    }
     let sound = fit.estimate.termination.is_good();
     if options.confidence && sound {
         fit.by_length = shortened(&fit, runs, starts, options, observer)?;

@@ -141,14 +141,14 @@ impl Sums {
 
 /// Writes the residuals of an output to the free lane of its rows; where nothing was measured the row becomes zero.
 fn place_residuals(block: &mut Block<'_>, measured: &[f64], output: usize) {
-    let (q, row) = (block.layout.outputs.len(), &block.layout.outputs[output]);
-    let (free, length) = (row.start + row.columns.len(), block.layout.length);
-    for sample in 0..block.y.len() / q {
-        let z = measured[sample * q + output];
-        if z.is_nan() {
-            block.rows[sample * length + row.start..][..row.width].fill(0.0);
+    let (q, row, length) = (block.layout.outputs.len(), &block.layout.outputs[output], block.layout.length);
+    let cells = measured.chunks_exact(q).zip(block.y.chunks_exact(q));
+    for ((z, y), lanes) in cells.zip(block.rows.chunks_exact_mut(length)) {
+        let (residual, lanes) = (z[output] - y[output], &mut lanes[row.start..][..row.width]);
+        if z[output].is_nan() {
+            lanes.fill(0.0);
         } else {
-            block.rows[sample * length + free] = z - block.y[sample * q + output];
+            lanes[row.columns.len()] = residual;
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The plain correction of one vector of start values: steps chosen, iteration, and a second look at the steps.
 
 use super::derived::DerivedQuantities;
-use super::estimate::Estimate;
+use super::estimate::{Estimate, RunFit};
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
 use super::problem::{Options, Problem, ProblemRun};
@@ -11,7 +11,7 @@ use super::start::after;
 use super::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, integration_error};
+use crate::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, error_of, integration_error};
 
 const MOST_ROUNDS: usize = 3;
 
@@ -39,7 +39,11 @@ pub(super) fn plain(
     loop {
         let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
         let reached = after(model, runs, &estimate, &starts);
-        let integration = accuracy(model, runs, &reached, &steps)?;
+        if options.bare && options.per_interval.is_some() {
+            let unjudged = steps.into_iter().map(|steps| Accuracy { steps, error: f64::NAN }).collect();
+            return Ok(Fit::new(model.clone(), estimate, unjudged));
+        }
+        let integration = accuracy(model, runs, &reached, &steps, &estimate.runs)?;
         let fine = integration.iter().all(|a| a.error <= coarse);
         let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
         let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
@@ -104,12 +108,21 @@ fn correct(
     estimate(&mut problem, options, observer).map_err(FitError::Problem)
 }
 
-/// Steps in use and their error at the estimates.
-fn accuracy(model: &Model, runs: &[Run], reached: &[Vec<f64>], steps: &[Steps]) -> Result<Vec<Accuracy>, FitError> {
-    let one = |((run, theta), steps): ((&Run, &Vec<f64>), &Steps)| {
-        let error = integration_error(model.dynamics(), run, theta, steps.clone());
+/// Steps in use and their error at the estimates, whose responses are known.
+fn accuracy(
+    model: &Model,
+    runs: &[Run],
+    reached: &[Vec<f64>],
+    steps: &[Steps],
+    fits: &[RunFit],
+) -> Result<Vec<Accuracy>, FitError> {
+    let one = |(r, ((run, theta), steps)): (usize, ((&Run, &Vec<f64>), &Steps))| {
+        let error = match fits.get(r) {
+            Some(fit) => error_of(model.dynamics(), run, theta, steps, &fit.response),
+            None => integration_error(model.dynamics(), run, theta, steps.clone()),
+        };
         let error = error.map_err(|e| FitError::unsuited(run, e))?;
         Ok(Accuracy { steps: steps.clone(), error })
     };
-    runs.iter().zip(reached).zip(steps).map(one).collect()
+    runs.iter().zip(reached).zip(steps).enumerate().map(one).collect()
 }

@@ -37,25 +37,30 @@ pub struct TicParts {
 impl OutputFit {
     /// Compares one output (index `o` of `q`) of `measured` and `modelled` (N by q); cells with NaN in `measured` are left out.
     pub fn new(name: &str, run: &str, measured: &[f64], modelled: &[f64], o: usize, q: usize) -> Self {
-        let cells = || {
-            let both = measured.iter().zip(modelled).skip(o).step_by(q);
-            both.map(|(z, y)| (*z, *y)).filter(|(z, _)| !z.is_nan())
-        };
-        let n = cells().count();
-        let mean = |value: &dyn Fn(f64, f64) -> f64| cells().map(|(z, y)| value(z, y)).sum::<f64>() / n as f64;
-        let square = mean(&|z, y| (z - y) * (z - y));
-        let (middle, centre) = (mean(&|z, _| z), mean(&|_, y| y));
-        let spread = mean(&|z, _| (z - middle) * (z - middle));
-        let width = mean(&|_, y| (y - centre) * (y - centre));
-        let sizes = mean(&|z, _| z * z).sqrt() + mean(&|_, y| y * y).sqrt();
-        let offset = mean(&|z, y| z - y);
+        let cells = || measured.chunks_exact(q).zip(modelled.chunks_exact(q)).map(|(z, y)| (z[o], y[o]));
+        let cells = || cells().filter(|(z, _)| !z.is_nan());
+        let (mut count, mut sums) = (0, [0.0; 6]);
+        for (z, y) in cells() {
+            count += 1;
+            let v = z - y;
+            sums.iter_mut().zip([v * v, z, y, z * z, y * y, v]).for_each(|(sum, part)| *sum += part);
+        }
+        let n = count as f64;
+        let [square, middle, centre, measured_square, modelled_square, offset] = sums.map(|sum| sum / n);
+        let (mut spread, mut width) = (0.0, 0.0);
+        for (z, y) in cells() {
+            spread += (z - middle) * (z - middle);
+            width += (y - centre) * (y - centre);
+        }
+        let (spread, width) = (spread / n, width / n);
+        let sizes = measured_square.sqrt() + modelled_square.sqrt();
         // a variance that is the rounding of a constant is none
         let varies = spread > (f64::EPSILON * middle).powi(2);
-        let known = |value: f64, known: bool| (n > 0 && known && value.is_finite()).then_some(value);
+        let known = |value: f64, known: bool| (count > 0 && known && value.is_finite()).then_some(value);
         Self {
             name: name.into(),
             run: run.into(),
-            compared: n,
+            compared: count,
             rms: known(square.sqrt(), true),
             bias: known(offset, true),
             r2: known(1.0 - square / spread, varies),

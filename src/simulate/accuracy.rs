@@ -30,16 +30,39 @@ pub fn integration_error(
     theta: &[f64],
     steps: impl Into<Steps>,
 ) -> Result<f64, Unsuited> {
-    if dynamics.layout().states == 0 || run.len() < 2 {
-        return Ok(0.0);
-    }
     let steps = steps.into();
-    if matches!(steps.scheme(), Scheme::Recursion { .. }) && dynamics.layout().delayed.is_empty() {
+    if is_exact(dynamics, run, &steps) {
         return Ok(0.0);
     }
-    let (coarse, fine) = (response(dynamics, run, theta, &steps)?, response(dynamics, run, theta, &steps.halved())?);
-    let (Ok(coarse), Ok(fine)) = (coarse, fine) else { return Ok(f64::INFINITY) };
-    Ok(halving(&coarse, &fine, dynamics.layout().outputs, &steps))
+    match response(dynamics, run, theta, &steps)? {
+        Ok(coarse) => error_of(dynamics, run, theta, &steps, &coarse),
+        Err(_) => Ok(f64::INFINITY),
+    }
+}
+
+/// The same for a response (N by q) that is known.
+///
+/// # Errors
+/// As [`integration_error`].
+pub fn error_of(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    steps: &Steps,
+    coarse: &[f64],
+) -> Result<f64, Unsuited> {
+    if is_exact(dynamics, run, steps) {
+        return Ok(0.0);
+    }
+    let Ok(fine) = response(dynamics, run, theta, &steps.halved())? else { return Ok(f64::INFINITY) };
+    Ok(halving(coarse, &fine, dynamics.layout().outputs, steps))
+}
+
+/// Whether halving the steps changes nothing.
+fn is_exact(dynamics: &dyn Dynamics, run: &Run, steps: &Steps) -> bool {
+    let layout = dynamics.layout();
+    let exact = matches!(steps.scheme(), Scheme::Recursion { .. }) && layout.delayed.is_empty();
+    exact || layout.states == 0 || run.len() < 2
 }
 
 /// The error of the coarse response, of which halving the steps removes all but one part in 2 to the power of the order.

@@ -1,5 +1,6 @@
 //! What drives the model at the stages of every step and at every sample: inputs, and inputs delayed.
 
+use super::delay_filter::{DelayFilter, TAPS, Weights};
 use super::grid::Grid;
 use super::moments::{Follower, Rule, StageValues};
 use super::steps::Steps;
@@ -22,25 +23,48 @@ pub(super) struct DriveTable {
     samples: Vec<f64>,
     /// Samples by delayed signals.
     sample_slopes: Vec<f64>,
+    /// On an even grid, where every step sees the record through the same weights.
+    filter: Option<DelayFilter>,
+    /// Those weights where an interval is one step, for each delayed signal; whoever takes them needs no stages.
+    taps: Vec<Weights>,
+    /// Whether outputs show delayed signals.
+    shown: bool,
 }
 
 impl DriveTable {
     /// Fills in the inputs that are not delayed; they stay as they are for the whole fit.
-    pub(super) fn new(layout: &Layout, run: &Run, grid: &Grid, steps: &Steps) -> Self {
+    ///
+    /// A recursion reads the samples where an interval is one step: then there are no stages.
+    pub(super) fn new(layout: &Layout, run: &Run, grid: &Grid, steps: &Steps, recursion: bool) -> Self {
         let (width, inputs, delays, count) = (layout.drive(), layout.inputs, layout.delayed.len(), grid.steps());
         let mut table = Self {
             width,
             inputs,
             delayed: layout.delayed.clone(),
             rule: Rule::of(steps.scheme()),
-            stages: vec![0.0; count * 3 * width],
-            stage_slopes: vec![0.0; count * 3 * delays],
+            stages: Vec::new(),
+            stage_slopes: Vec::new(),
             samples: vec![0.0; run.len() * width],
             sample_slopes: vec![0.0; run.len() * delays],
+            filter: None,
+            taps: Vec::new(),
+            shown: !layout.patterns.outputs_by_delayed.columns.is_empty(),
         };
+        if layout.delayed.iter().any(|s| matches!(s, Signal::Input(_))) {
+            let per = if count > 0 { grid.per_interval() } else { Some(1) };
+            table.filter = per.and_then(|per| DelayFilter::new(&run.time, per, table.rule));
+            if table.filter.is_some() && grid.per_interval() == Some(1) {
+                table.taps = vec![Weights::default(); delays];
+            }
+        }
         for (sample, row) in run.inputs.chunks_exact(inputs.max(1)).enumerate().filter(|_| inputs > 0) {
             table.samples[sample * width..][..inputs].copy_from_slice(row);
         }
+        if recursion && grid.per_interval() == Some(1) && (delays == 0 || table.has_taps()) {
+            return table;
+        }
+        table.stages.resize(count * 3 * width, 0.0);
+        table.stage_slopes.resize(count * 3 * delays, 0.0);
         let mut rows = table.stages.chunks_exact_mut((3 * width).max(1));
         for interval in (0..run.len().saturating_sub(1)).filter(|_| count > 0 && inputs > 0) {
             steps.each(interval, |begin, end| {
@@ -52,28 +76,92 @@ impl DriveTable {
         table
     }
 
-    /// Fills in the delayed inputs for new delays (one per delayed signal).
-    pub(super) fn delay(&mut self, tau: &[f64], run: &Run, grid: &Grid) {
-        let delays = self.delayed.len();
+    /// Fills in the delayed inputs for new delays (one per delayed signal); without stages where they are seen by taps.
+    pub(super) fn delay(&mut self, tau: &[f64], run: &Run, grid: &Grid, by_taps: bool) {
         for (d, tau) in tau.iter().enumerate() {
             let Signal::Input(input) = self.delayed[d] else { continue };
-            let (input, column) = (input as usize, self.inputs + d);
-            let mut follower = Follower::default();
-            for k in 0..grid.steps() {
-                let (t, h) = grid.step(k);
-                let StageValues { value, slope } = follower.step(run, input, (t - tau, h), &self.rule);
-                for stage in 0..3 {
-                    self.stages[(3 * k + stage) * self.width + column] = value[stage];
-                    self.stage_slopes[(3 * k + stage) * delays + d] = slope[stage];
+            let input = input as usize;
+            match self.filter.take() {
+                Some(filter) => {
+                    if by_taps && self.has_taps() {
+                        self.taps[d] = filter.step(*tau, 0, run.held[input]);
+                    } else if grid.steps() > 0 {
+                        self.delay_stages(&filter, (d, input), *tau, run);
+                    }
+                    if self.shown {
+                        self.delay_samples(&filter, (d, input), *tau, run);
+                    }
+                    self.filter = Some(filter);
                 }
-            }
-            let mut cursor = Cursor::default();
-            for (sample, t) in grid.samples().iter().enumerate() {
-                let (value, slope) = run.input(input, cursor.at(&run.time, t - tau));
-                self.samples[sample * self.width + column] = value;
-                self.sample_slopes[sample * delays + d] = slope;
+                None => self.delay_by_steps((d, input), *tau, run, grid),
             }
         }
+    }
+
+    /// Every step for itself, whatever the grid.
+    fn delay_by_steps(&mut self, (d, input): (usize, usize), tau: f64, run: &Run, grid: &Grid) {
+        let (delays, column) = (self.delayed.len(), self.inputs + d);
+        let mut follower = Follower::default();
+        for k in 0..grid.steps() {
+            let (t, h) = grid.step(k);
+            let StageValues { value, slope } = follower.step(run, input, (t - tau, h), &self.rule);
+            for stage in 0..3 {
+                self.stages[(3 * k + stage) * self.width + column] = value[stage];
+                self.stage_slopes[(3 * k + stage) * delays + d] = slope[stage];
+            }
+        }
+        let mut cursor = Cursor::default();
+        for (sample, t) in grid.samples().iter().enumerate() {
+            let (value, slope) = run.input(input, cursor.at(&run.time, t - tau));
+            self.samples[sample * self.width + column] = value;
+            self.sample_slopes[sample * delays + d] = slope;
+        }
+    }
+
+    /// The same weights for all intervals.
+    fn delay_stages(&mut self, filter: &DelayFilter, (d, input): (usize, usize), tau: f64, run: &Run) {
+        let (delays, column, held) = (self.delayed.len(), self.inputs + d, run.held[input]);
+        for j in 0..filter.per {
+            let weights = filter.step(tau, j, held);
+            let mut seen = Seen::before(run, input, weights.first);
+            let rows = self.stages.chunks_exact_mut(3 * self.width).skip(j).step_by(filter.per);
+            let slopes = self.stage_slopes.chunks_exact_mut(3 * delays).skip(j).step_by(filter.per);
+            for (row, slopes) in rows.zip(slopes) {
+                let samples = seen.next();
+                for stage in 0..3 {
+                    (row[stage * self.width + column], slopes[stage * delays + d]) = weights.at(stage, samples);
+                }
+            }
+        }
+    }
+
+    /// The same at the samples.
+    fn delay_samples(&mut self, filter: &DelayFilter, (d, input): (usize, usize), tau: f64, run: &Run) {
+        let (delays, column) = (self.delayed.len(), self.inputs + d);
+        let weights = filter.sample(tau, run.held[input]);
+        let mut seen = Seen::before(run, input, weights.first);
+        let rows = self.samples.chunks_exact_mut(self.width).zip(self.sample_slopes.chunks_exact_mut(delays));
+        for (row, slopes) in rows {
+            (row[column], slopes[d]) = weights.at(0, seen.next());
+        }
+    }
+
+    /// Whether delayed inputs are seen by taps: the same weights of neighbouring samples in every step.
+    pub(super) fn has_taps(&self) -> bool {
+        !self.taps.is_empty()
+    }
+
+    /// The weights by which a delayed input is seen.
+    #[inline(always)]
+    pub(super) fn taps(&self, delayed: usize) -> &Weights {
+        &self.taps[delayed]
+    }
+
+    /// An input at a sample; before the record and behind it its first and last one.
+    #[inline(always)]
+    pub(super) fn nearest(&self, sample: i64, input: usize) -> f64 {
+        let last = (self.samples.len() / self.width) as i64 - 1;
+        self.samples[sample.clamp(0, last) as usize * self.width + input]
     }
 
     /// Drive at the stages of a step (3 by width): with Runge-Kutta its beginning, middle and end.
@@ -132,11 +220,45 @@ impl DriveTable {
         &mut self.samples[sample * self.width..][..self.width]
     }
 
+    /// Slopes of the delayed inputs at all samples (N by delayed signals).
+    #[inline(always)]
+    pub(super) fn all_sample_slopes(&self) -> &[f64] {
+        &self.sample_slopes
+    }
+
     /// Slopes of the delayed inputs at a sample.
     #[inline]
     pub(super) fn sample_slopes(&self, sample: usize) -> &[f64] {
         let delays = self.delayed.len();
         &self.sample_slopes[sample * delays..][..delays]
+    }
+}
+
+/// Neighbouring samples of an input, from interval to interval.
+struct Seen<'r> {
+    run: &'r Run,
+    input: usize,
+    samples: [f64; TAPS],
+    /// The sample behind them.
+    next: i64,
+}
+
+impl<'r> Seen<'r> {
+    /// Before the first interval; `first` is the first sample that this sees.
+    fn before(run: &'r Run, input: usize, first: i64) -> Self {
+        let mut seen = Self { run, input, samples: [0.0; TAPS], next: first };
+        (1..TAPS).for_each(|_| _ = seen.next());
+        seen
+    }
+
+    /// Those of the next interval; before the record and behind it stand its first and last sample.
+    #[inline(always)]
+    fn next(&mut self) -> [f64; TAPS] {
+        let last = self.run.len() as i64 - 1;
+        let sample = self.run.inputs[self.next.clamp(0, last) as usize * self.run.held.len() + self.input];
+        self.samples = [self.samples[1], self.samples[2], sample];
+        self.next += 1;
+        self.samples
     }
 }
 

@@ -11,6 +11,7 @@ mod accuracy;
 mod block;
 mod choice;
 mod control;
+mod delay_filter;
 mod drive;
 mod grid;
 mod implicit;
@@ -26,7 +27,7 @@ mod steps;
 mod tangent;
 mod vectors;
 
-pub use accuracy::{Accuracy, integration_error};
+pub use accuracy::{Accuracy, error_of, integration_error};
 pub use block::{Block, OutputRow, RowLayout, Sink};
 pub use choice::{choose_steps, choose_steps_by};
 pub use grid::Grid;

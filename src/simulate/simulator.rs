@@ -202,10 +202,11 @@ impl<'a> Simulator<'a> {
         let grid = if layout.states == 0 { Grid::without_steps(&run.time) } else { Grid::new(&run.time, &steps) };
         let history = History::new(layout);
         let integrator = Integrator::new(layout, &grid, steps.scheme(), history.as_ref());
+        let recursion = matches!(integrator, Integrator::Recursion(_));
         Ok(Self {
             dynamics,
             run,
-            drive: DriveTable::new(layout, run, &grid, &steps),
+            drive: DriveTable::new(layout, run, &grid, &steps, recursion),
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
@@ -384,7 +385,8 @@ impl<'a> Simulator<'a> {
         if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
             return Err(start(None));
         }
-        self.drive.delay(tau, self.run, &self.grid);
+        let by_taps = matches!(self.integrator, Integrator::Recursion(_));
+        self.drive.delay(tau, self.run, &self.grid, by_taps);
         if let Some(history) = &mut self.history {
             let longest = longest_state_delay(layout, &self.known);
             if history.numbers(stride, longest, &self.grid) > History::MOST {

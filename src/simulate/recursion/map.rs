@@ -76,38 +76,79 @@ impl LinearMap {
         feed: &[f64],
         count: usize,
     ) {
-        let (width, terms) = (C * S::F64_LANES, self.terms);
-        let size = R * width;
-        let forcing = S::as_simd_f64s(&self.forcing).0;
-        let (by_feed, by_state) = forcing.split_at(terms * R * C);
-        let (flow, lane) = (self.flow.as_chunks::<R>().0, self.lane.min(width - 1));
+        let size = R * C * S::F64_LANES;
         for k in 0..count {
             let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
-            let mut sum = [[simd.splat_f64s(0.0); C]; R];
-            let feed = &feed[k * terms..][..terms];
-            for m in 0..terms {
-                add::<S, R, C>(simd, feed[m], &by_feed[m * R * C..], C, &mut sum);
-            }
-            for j in 0..R {
-                add::<S, R, C>(simd, before[j * width + lane], &by_state[j * R * C..], C, &mut sum);
-            }
-            let x = S::as_simd_f64s(before).0;
-            for j in 0..R {
-                let (x, factors) = (&x[j * C..][..C], &flow[j]);
-                for r in 0..R {
-                    let factor = simd.splat_f64s(factors[r]);
-                    for c in 0..C {
-                        sum[r][c] = simd.mul_add_f64s(factor, x[c], sum[r][c]);
-                    }
-                }
-            }
-            let after = S::as_mut_simd_f64s(after).0;
-            for r in 0..R {
-                for c in 0..C {
-                    after[r * C + c] = sum[r][c];
+            let sum = self.sums::<S, R, C>(simd, R, before, &feed[k * self.terms..][..self.terms]);
+            put(sum, S::as_mut_simd_f64s(after).0);
+        }
+    }
+
+    /// Applies a map to `count` slots of states, one row of the feed and one block of rows of `out` for each.
+    #[inline(always)]
+    pub(super) fn sweep<S: Simd>(&self, simd: S, slots: &[f64], feed: &[f64], out: &mut [f64], count: usize) {
+        match (self.rows, self.width / S::F64_LANES) {
+            (1, 1) => self.sweep_in_registers::<S, 1, 1>(simd, slots, feed, out, count),
+            (1, 2) => self.sweep_in_registers::<S, 1, 2>(simd, slots, feed, out, count),
+            (2, 1) => self.sweep_in_registers::<S, 2, 1>(simd, slots, feed, out, count),
+            (2, 2) => self.sweep_in_registers::<S, 2, 2>(simd, slots, feed, out, count),
+            _ => {
+                let (size, rows) = (self.states * self.width, self.rows * self.width);
+                for k in 0..count {
+                    self.apply(simd, &slots[k * size..][..size], &feed[k * self.terms..], &mut out[k * rows..][..rows]);
                 }
             }
         }
+    }
+
+    #[inline(always)]
+    fn sweep_in_registers<S: Simd, const R: usize, const C: usize>(
+        &self,
+        simd: S,
+        slots: &[f64],
+        feed: &[f64],
+        out: &mut [f64],
+        count: usize,
+    ) {
+        let width = C * S::F64_LANES;
+        let size = self.states * width;
+        for k in 0..count {
+            let (before, feed) = (&slots[k * size..][..size], &feed[k * self.terms..][..self.terms]);
+            let sum = self.sums::<S, R, C>(simd, self.states, before, feed);
+            put(sum, S::as_mut_simd_f64s(&mut out[k * R * width..][..R * width]).0);
+        }
+    }
+
+    /// All rows, R of C vectors.
+    #[inline(always)]
+    fn sums<S: Simd, const R: usize, const C: usize>(
+        &self,
+        simd: S,
+        states: usize,
+        before: &[f64],
+        feed: &[f64],
+    ) -> [[S::f64s; C]; R] {
+        let width = C * S::F64_LANES;
+        let (by_feed, by_state) = S::as_simd_f64s(&self.forcing).0.split_at(feed.len() * R * C);
+        let (flow, lane) = (self.flow.as_chunks::<R>().0, self.lane.min(width - 1));
+        let mut sum = [[simd.splat_f64s(0.0); C]; R];
+        for m in 0..feed.len() {
+            add::<S, R, C>(simd, feed[m], &by_feed[m * R * C..], C, &mut sum);
+        }
+        for j in 0..states {
+            add::<S, R, C>(simd, before[j * width + lane], &by_state[j * R * C..], C, &mut sum);
+        }
+        let x = S::as_simd_f64s(before).0;
+        for j in 0..states {
+            let (x, factors) = (&x[j * C..][..C], &flow[j]);
+            for r in 0..R {
+                let factor = simd.splat_f64s(factors[r]);
+                for c in 0..C {
+                    sum[r][c] = simd.mul_add_f64s(factor, x[c], sum[r][c]);
+                }
+            }
+        }
+        sum
     }
 
     /// Applies the map to states (rows of lanes) and feed.
@@ -128,6 +169,21 @@ impl LinearMap {
                 vector += wide;
             }
             row += rows;
+        }
+    }
+
+    /// The values alone (rows), of states that stand side by side: the same operations as in [`Self::apply`].
+    #[inline(always)]
+    pub(super) fn values(&self, x: &[f64], feed: &[f64], out: &mut [f64]) {
+        for r in 0..self.rows {
+            let mut sum = 0.0_f64;
+            for m in 0..self.terms {
+                sum = feed[m].mul_add(self.forcing[(m * self.rows + r) * self.width + self.lane], sum);
+            }
+            for j in 0..self.states {
+                sum = self.flow[j * self.rows + r].mul_add(x[j], sum);
+            }
+            out[r] = sum;
         }
     }
 
@@ -192,6 +248,17 @@ impl LinearMap {
             for c in 0..C {
                 out[(row + r) * across + vector + c] = sum[r][c];
             }
+        }
+    }
+}
+
+/// Writes rows one after the other.
+#[inline(always)]
+fn put<V: Copy, const R: usize, const C: usize>(sum: [[V; C]; R], out: &mut [V]) {
+    let out = &mut out[..R * C];
+    for r in 0..R {
+        for c in 0..C {
+            out[r * C + c] = sum[r][c];
         }
     }
 }

@@ -13,6 +13,7 @@ mod intervals;
 mod jet;
 mod map;
 mod partition;
+mod response;
 mod subsystem;
 mod transition;
 
@@ -20,6 +21,7 @@ pub(super) use intervals::Intervals;
 pub(super) use transition::Method;
 
 use super::block::{Gathering, RowLayout, Sink};
+use super::drive::DriveTable;
 use super::observation::Observation;
 use super::simulator::{Divergence, Simulator};
 use super::vectors::{Aligned, VECTOR, copy_vectors};
@@ -90,7 +92,8 @@ impl Recursion {
         let (held, linear) = (&simulator.run.held, observed(layout));
         let kinds = (intervals.lengths.len(), simulator.grid.per_interval().unwrap_or(1));
         let parts = partition(layout, linear).into_iter();
-        let subsystems: Vec<_> = parts.map(|part| Subsystem::new(layout, part, columns, held, kinds)).collect();
+        let subsystems: Vec<_> =
+            parts.map(|part| Subsystem::new(layout, part, columns, held, kinds, &simulator.drive)).collect();
         let general = (!linear).then(|| General {
             observation: Observation::new(layout, columns),
             s: Aligned::new(layout.states * layout.stage.lanes),
@@ -112,7 +115,7 @@ impl Recursion {
             subsystems,
             general,
             gathering: Gathering::new(rows),
-            rows: Aligned::new(longest),
+            rows: Aligned::new((STEPS + 1) * longest),
         }
     }
 
@@ -160,8 +163,8 @@ impl Recursion {
     /// The first state, if any, that is not finite; none of them (but `Some`) when a sensitivity is not.
     fn first_not_finite(&self) -> Option<Option<usize>> {
         let values = |s: &Subsystem| {
-            let rows = s.states().chunks_exact(s.width).zip(&s.part.states);
-            rows.filter(|(row, _)| !row[s.lane].is_finite()).map(|(_, state)| *state).min()
+            let states = s.part.states.iter().enumerate();
+            states.filter(|(i, _)| !s.value(s.present(), *i).is_finite()).map(|(_, state)| *state).min()
         };
         if let Some(state) = self.subsystems.iter().filter_map(values).min() {
             return Some(Some(state));
@@ -204,6 +207,8 @@ struct Place<'p> {
     rows: &'p mut [f64],
     /// Rows of outputs that are not states.
     spare: &'p mut [f64],
+    /// Whether there are no sensitivities to write.
+    bare: bool,
 }
 
 impl Place<'_> {
@@ -211,46 +216,72 @@ impl Place<'_> {
     fn only(&mut self, at: usize) -> Place<'_> {
         let (q, length) = (self.layout.outputs.len(), self.layout.length);
         let (y, rows) = (&mut self.y[at * q..][..q], &mut self.rows[at * length..][..length]);
-        Place { layout: self.layout, y, rows, spare: self.spare }
+        Place { layout: self.layout, y, rows, spare: self.spare, bare: self.bare }
     }
 
     /// Outputs that are states, at `count` samples whose states stand in the slots from `slot` on.
     #[inline(always)]
     fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
-        let (q, length, width) = (self.layout.outputs.len(), self.layout.length, subsystem.width);
+        if self.bare {
+            for (k, y) in self.y.chunks_exact_mut(self.layout.outputs.len().max(1)).take(count).enumerate() {
+                for (output, state) in &subsystem.part.shown {
+                    y[*output] = subsystem.value(slot + k, *state);
+                }
+            }
+            return;
+        }
+        match subsystem.width / VECTOR {
+            1 => self.show_rows::<1>(subsystem, count, slot),
+            2 => self.show_rows::<2>(subsystem, count, slot),
+            3 => self.show_rows::<3>(subsystem, count, slot),
+            _ => self.show_rows::<0>(subsystem, count, slot),
+        }
+    }
+
+    /// The same where a row is so many vectors; any number when it is 0.
+    #[inline(always)]
+    fn show_rows<const VECTORS: usize>(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
+        let (q, length) = (self.layout.outputs.len(), self.layout.length);
+        let width = if VECTORS > 0 { VECTORS * VECTOR } else { subsystem.width };
+        let (size, slots) = (subsystem.part.states.len() * width, subsystem.slots_from(slot));
         for (output, state) in &subsystem.part.shown {
             let start = self.layout.outputs[*output].start;
-            for at in 0..count {
-                let row = &subsystem.slot(slot + at)[state * width..][..width];
-                let to = &mut self.rows[at * length + start..][..width];
-                for vector in 0..width / VECTOR {
-                    let lanes = vector * VECTOR..(vector + 1) * VECTOR;
-                    to[lanes.clone()].copy_from_slice(&row[lanes]);
-                }
-                self.y[at * q + output] = row[subsystem.lane];
+            let from = slots.chunks_exact(size.max(1)).take(count);
+            let to = self.rows.chunks_exact_mut(length).zip(self.y.chunks_exact_mut(q));
+            for (from, (to, y)) in from.zip(to) {
+                let (row, to) = (&from[state * width..][..width], &mut to[start..][..width]);
+                copy_vectors(row, to);
+                y[*output] = row[subsystem.lane];
             }
         }
     }
 
-    /// Other linear outputs, at one sample.
+    /// Other linear outputs, at some samples; the first of them stands at `at`.
     #[inline(always)]
     fn observe<S: Simd>(
         &mut self,
         simd: S,
         subsystem: &mut Subsystem,
-        simulator: &mut Simulator<'_>,
-        (sample, at): (usize, usize),
+        drive: &DriveTable,
+        samples: std::ops::Range<usize>,
         slot: usize,
     ) {
-        if subsystem.part.outputs.is_empty() {
+        let outputs = subsystem.part.outputs.len();
+        if outputs == 0 {
             return;
         }
-        let (q, length, width) = (self.layout.outputs.len(), self.layout.length, subsystem.width);
-        subsystem.observe(simd, &mut simulator.drive, (sample, slot), self.spare);
-        for (output, row) in subsystem.part.outputs.iter().zip(self.spare.chunks_exact(width)) {
-            let start = self.layout.outputs[*output].start;
-            copy_vectors(row, &mut self.rows[at * length + start..][..width]);
-            self.y[at * q + output] = row[subsystem.lane];
+        let (q, length, (lane, width)) = (self.layout.outputs.len(), self.layout.length, subsystem.output_rows());
+        let count = samples.len();
+        subsystem.observe(simd, drive, (samples, slot), self.spare);
+        for at in 0..count {
+            let rows = self.spare[at * outputs * width..].chunks_exact(width);
+            for (output, row) in subsystem.part.outputs.iter().zip(rows) {
+                self.y[at * q + output] = row[lane];
+                if !self.bare {
+                    let start = self.layout.outputs[*output].start;
+                    copy_vectors(row, &mut self.rows[at * length + start..][..width]);
+                }
+            }
         }
     }
 }
@@ -272,7 +303,7 @@ impl WithSimd for March<'_, '_> {
         let layout = simulator.dynamics.layout();
         for subsystem in &mut recursion.subsystems {
             let how = (recursion.method, &intervals.lengths[..]);
-            subsystem.prepare(layout, &recursion.equations, &simulator.known, how);
+            subsystem.prepare(layout, &recursion.equations, (&simulator.known, &simulator.drive), how);
         }
         let (samples, per) = (simulator.run.len(), simulator.grid.per_interval().unwrap_or(1));
         let mut first = 0;
@@ -301,27 +332,25 @@ impl Recursion {
     fn advance<S: Simd>(
         &mut self,
         simd: S,
-        simulator: &mut Simulator<'_>,
+        simulator: &Simulator<'_>,
         intervals: &Intervals,
         (first, most): (usize, usize),
     ) -> usize {
-        let Self { subsystems, gathering, rows: spare, before, .. } = self;
+        let Self { columns, subsystems, gathering, rows: spare, before, .. } = self;
+        let bare = columns.is_empty();
         let per = simulator.grid.per_interval().unwrap_or(1);
         let mut count = 0;
         for (subsystem, before) in subsystems.iter_mut().zip(before) {
             before.copy_from_slice(subsystem.states());
             let (layout, y, rows, several) = gathering.several(most);
             count = several;
-            let mut place = Place { layout, y, rows, spare };
+            let mut place = Place { layout, y, rows, spare, bare };
             if per == 1 {
                 let steps = first.saturating_sub(1)..first + count - 1;
                 subsystem.advance(simd, &simulator.drive, intervals, steps);
                 let after = usize::from(first > 0);
                 place.show(subsystem, count, after);
-                // no closure: it would be compiled without the wide registers
-                for at in 0..count {
-                    place.observe(simd, subsystem, simulator, (first + at, at), at + after);
-                }
+                place.observe(simd, subsystem, &simulator.drive, first..first + count, after);
                 continue;
             }
             for at in 0..count {
@@ -334,7 +363,7 @@ impl Recursion {
                 }
                 let mut place = place.only(at);
                 place.show(subsystem, 1, subsystem.present());
-                place.observe(simd, subsystem, simulator, (sample, 0), subsystem.present());
+                place.observe(simd, subsystem, &simulator.drive, sample..sample + 1, subsystem.present());
             }
         }
         count
@@ -365,8 +394,12 @@ impl Recursion {
         let Self { subsystems, general: Some(general), gathering, .. } = self else { return Ok(()) };
         general.s.fill(0.0);
         for (subsystem, lane_of) in subsystems.iter().zip(&general.lane_of) {
-            for (state, row) in subsystem.part.states.iter().zip(subsystem.states().chunks_exact(subsystem.width)) {
-                simulator.nodes[0][*state] = row[subsystem.lane];
+            let present = subsystem.present();
+            for (i, state) in subsystem.part.states.iter().enumerate() {
+                simulator.nodes[0][*state] = subsystem.value(present, i);
+            }
+            let rows = subsystem.states().chunks_exact(subsystem.width);
+            for (state, row) in subsystem.part.states.iter().zip(rows).filter(|_| !lane_of.is_empty()) {
                 for (lane, value) in lane_of.iter().zip(row) {
                     general.s[state * general.lanes + lane] = *value;
                 }

@@ -5,10 +5,13 @@ use super::intervals::Intervals;
 use super::jet::Jet;
 use super::map::LinearMap;
 use super::partition::Part;
+use super::response::Response;
 use super::transition::{Method, Transition};
 use crate::dynamics::Layout;
+use crate::simulate::delay_filter::TAPS;
 use crate::simulate::drive::DriveTable;
 use crate::simulate::vectors::{Aligned, VECTOR};
+use fdm_grammar::graph::Signal;
 use std::ops::Range;
 
 /// Most steps that are worked off together.
@@ -24,6 +27,8 @@ enum Reading {
     Sample(u32),
     /// From the slopes of delayed signals, likewise.
     Slope(u32),
+    /// One of the neighbouring samples of an input through which its delay is seen.
+    Tap { input: u32, delayed: u32, tap: u32 },
     /// 1, for constants.
     One,
 }
@@ -36,6 +41,21 @@ struct Term {
     /// Position among the drives of this group of equations; the constant stands behind them.
     drive: usize,
     weights: [f64; 3],
+}
+
+impl Term {
+    /// Weights of the three stages: of the signal, and of its slope, which delays are seen by.
+    fn weights(&self, drive: &DriveTable) -> ([f64; 3], [f64; 3]) {
+        match self.reading {
+            Reading::Slope(_) => ([0.0; 3], self.weights),
+            Reading::Tap { delayed, tap, .. } => {
+                let weights = drive.taps(delayed as usize);
+                let of = |rows: &[[f64; TAPS]; 3]| [0, 1, 2].map(|stage| rows[stage][tap as usize]);
+                (of(&weights.value), of(&weights.slope))
+            }
+            _ => (self.weights, [0.0; 3]),
+        }
+    }
 }
 
 /// A subsystem at work.
@@ -59,6 +79,11 @@ pub(super) struct Subsystem {
     by_weight: [Jet; 3],
     /// Whether there are no constants: the last number of the feed is then not read.
     homogeneous: bool,
+    /// Without parameters: the states stand in lanes themselves.
+    response: Option<Response>,
+    /// From one state of a slot to the next, and from slot to slot.
+    apart: usize,
+    size: usize,
     /// States with their sensitivities, rows of lanes: before the first of some steps, and after each.
     slots: Aligned,
     /// Which of the slots holds the present.
@@ -75,15 +100,19 @@ impl Subsystem {
         columns: &[usize],
         held: &[bool],
         (kinds, per): (usize, usize),
+        drive: &DriveTable,
     ) -> Self {
+        let alone = columns.is_empty();
         let own = columns.iter().enumerate().filter(|(_, k)| part.params.contains(k));
         let columns: Vec<(u32, usize)> = own.map(|(c, k)| (c as u32, *k)).collect();
         let (n, rows, lane) = (part.states.len(), part.outputs.len(), columns.len());
         let (width, drives) = ((lane + 1).next_multiple_of(VECTOR), part.drive.len() + 1);
-        let terms = step_terms(layout, &part, held, per);
+        let terms = step_terms(layout, &part, (held, per), drive);
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
+        let response = alone.then(|| Response::new(n, terms.len(), kinds));
+        let (apart, size) = response.as_ref().map_or((width, n * width), |r| (1, r.width));
         Self {
             steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
             observe: map(rows, output_terms.len()),
@@ -93,9 +122,12 @@ impl Subsystem {
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
             homogeneous: false,
-            slots: Aligned::new((STEPS + 1) * n * width),
+            response,
+            apart,
+            size,
+            slots: Aligned::new((STEPS + 1) * size),
             present: 0,
-            feed: vec![0.0; STEPS * terms.len().max(output_terms.len())],
+            feed: vec![0.0; (STEPS + 1) * terms.len().max(output_terms.len())],
             part,
             columns,
             width,
@@ -119,8 +151,19 @@ impl Subsystem {
     /// The states in one of the slots.
     #[inline(always)]
     pub(super) fn slot(&self, slot: usize) -> &[f64] {
-        let size = self.part.states.len() * self.width;
-        &self.slots[slot * size..][..size]
+        &self.slots[slot * self.size..][..self.size]
+    }
+
+    /// The value of one of the states in a slot.
+    #[inline(always)]
+    pub(super) fn value(&self, slot: usize, state: usize) -> f64 {
+        self.slots[slot * self.size + state * self.apart + self.lane]
+    }
+
+    /// All slots from one on.
+    #[inline(always)]
+    pub(super) fn slots_from(&self, slot: usize) -> &[f64] {
+        &self.slots[slot * self.size..]
     }
 
     /// Goes back to states from before.
@@ -135,7 +178,7 @@ impl Subsystem {
         &mut self,
         layout: &Layout,
         equations: &Equations,
-        known: &[f64],
+        (known, drive): (&[f64], &DriveTable),
         (method, lengths): (Method, &[f64]),
     ) {
         self.matrices(layout, equations);
@@ -150,13 +193,16 @@ impl Subsystem {
             for (product, weight) in self.by_weight.iter_mut().zip(&self.transition.weights) {
                 product.product_of(weight, &self.scaled);
             }
-            self.fill_step(kind, layout, known);
+            self.fill_step(kind, layout, (known, drive));
+            if let Some(response) = &mut self.response {
+                response.fill(kind, &mut self.steps[kind]);
+            }
         }
         self.fill_observe(layout, equations, known);
         self.present = 0;
         self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
-            self.slots[i * self.width + self.lane] = known[layout.initial.start + state];
+            self.slots[i * self.apart + self.lane] = known[layout.initial.start + state];
             for (k, param) in layout.patterns.initial_by_param.row(*state) {
                 if let Some(lane) = self.columns.iter().position(|(_, p)| *p == param) {
                     self.slots[i * self.width + lane] = known[layout.initial_by_param.start + k];
@@ -195,7 +241,7 @@ impl Subsystem {
 
     /// Coefficients of a step of one length.
     #[inline(always)]
-    fn fill_step(&mut self, kind: usize, layout: &Layout, known: &[f64]) {
+    fn fill_step(&mut self, kind: usize, layout: &Layout, (known, seen): (&[f64], &DriveTable)) {
         let Self { part, columns, terms, steps, transition, by_weight, lane, homogeneous, .. } = self;
         let (map, n) = (&mut steps[kind], part.states.len());
         map.terms = terms.len() - usize::from(*homogeneous);
@@ -203,17 +249,17 @@ impl Subsystem {
             for i in 0..n {
                 let to = map.forcing_of(m, i);
                 to.fill(0.0);
-                for (weight, product) in term.weights.iter().zip(&*by_weight).filter(|(w, _)| **w != 0.0) {
-                    let value = weight * product.value[i * product.columns + term.drive];
-                    match term.reading {
-                        Reading::Slope(_) => {
-                            add_delay(layout, known, part.drive[term.drive] - layout.inputs, value, columns, to);
-                        }
-                        _ => {
-                            let slopes = product.slope_of(i, term.drive);
-                            to.iter_mut().zip(slopes).for_each(|(t, s)| *t += weight * s);
-                            to[*lane] += value;
-                        }
+                let (values, delays) = term.weights(seen);
+                for (stage, product) in by_weight.iter().enumerate() {
+                    let value = product.value[i * product.columns + term.drive];
+                    if delays[stage] != 0.0 {
+                        let delayed = part.drive[term.drive] - layout.inputs;
+                        add_delay(layout, known, delayed, delays[stage] * value, columns, to);
+                    }
+                    if values[stage] != 0.0 {
+                        let slopes = product.slope_of(i, term.drive);
+                        to.iter_mut().zip(slopes).for_each(|(t, s)| *t += values[stage] * s);
+                        to[*lane] += values[stage] * value;
                     }
                 }
             }
@@ -270,7 +316,7 @@ impl Subsystem {
         intervals: &Intervals,
         steps: Range<usize>,
     ) {
-        let size = self.part.states.len() * self.width;
+        let size = self.size;
         self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         let (mut from, end) = (steps.start, steps.end);
         while from < end {
@@ -281,30 +327,53 @@ impl Subsystem {
             }
             let map = &self.steps[kind];
             gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
-            map.march(simd, &mut self.slots[(from - steps.start) * size..], &self.feed, to - from);
+            let slots = &mut self.slots[(from - steps.start) * size..];
+            match &self.response {
+                Some(response) => response.march(simd, kind, slots, (&self.feed, map.terms), to - from),
+                None => map.march(simd, slots, &self.feed, to - from),
+            }
             from = to;
         }
         self.present = end - steps.start;
     }
 
-    /// Outputs that are not states, one row each, from the states in a slot.
+    /// Outputs that are not states, one row each, at some samples (at most one more than [`STEPS`]) whose states stand in the
+    /// slots from `slot` on.
     #[inline(always)]
     pub(super) fn observe<S: pulp::Simd>(
         &mut self,
         simd: S,
-        drive: &mut DriveTable,
-        (sample, slot): (usize, usize),
+        drive: &DriveTable,
+        (samples, slot): (Range<usize>, usize),
         out: &mut [f64],
     ) {
-        for (f, term) in self.feed.iter_mut().zip(&self.output_terms) {
-            *f = match term.reading {
-                Reading::Value(at) | Reading::Sample(at) => drive.sample(sample)[at as usize],
-                Reading::Slope(at) => drive.sample_slopes(sample)[at as usize],
-                Reading::One => 1.0,
+        let (terms, count) = (self.output_terms.len(), samples.len());
+        for (m, term) in self.output_terms.iter().enumerate() {
+            let (table, stride, at) = match term.reading {
+                Reading::Value(at) | Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
+                Reading::Slope(at) => (drive.all_sample_slopes(), drive.delays(), at as usize),
+                Reading::One | Reading::Tap { .. } => (&[1.0][..], 0, 0),
             };
+            for k in 0..count {
+                self.feed[k * terms + m] = table[(samples.start + k) * stride + at];
+            }
         }
-        let size = self.part.states.len() * self.width;
-        self.observe.apply(simd, &self.slots[slot * size..][..size], &self.feed, out);
+        let (Self { observe, slots, size, .. }, rows) = (&*self, self.part.outputs.len());
+        let slots = &slots[slot * size..];
+        match self.response {
+            None => observe.sweep(simd, slots, &self.feed, out, count),
+            Some(_) => {
+                for k in 0..count {
+                    observe.values(&slots[k * size..][..*size], &self.feed[k * terms..], &mut out[k * rows..]);
+                }
+            }
+        }
+    }
+
+    /// The lane of a row of outputs in which their values stand, and from one row to the next.
+    #[inline(always)]
+    pub(super) fn output_rows(&self) -> (usize, usize) {
+        if self.response.is_some() { (0, 1) } else { (self.lane, self.width) }
     }
 }
 
@@ -319,6 +388,13 @@ fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f
             Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
             Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
             Reading::One => (&[1.0][..], 0, 0),
+            Reading::Tap { input, delayed, tap } => {
+                let first = drive.taps(delayed as usize).first + i64::from(tap) + steps.start as i64;
+                for k in 0..count {
+                    feed[k * width + m] = drive.nearest(first + k as i64, input as usize);
+                }
+                continue;
+            }
         };
         let mut from = steps.start * stride + at;
         for k in 0..count {
@@ -339,7 +415,7 @@ fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns
 
 /// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
 /// the delay is estimated; then the constant.
-fn step_terms(layout: &Layout, part: &Part, held: &[bool], per: usize) -> Vec<Term> {
+fn step_terms(layout: &Layout, part: &Part, (held, per): (&[bool], usize), table: &DriveTable) -> Vec<Term> {
     let (width, delays) = (layout.drive(), layout.delayed.len());
     let mut terms = Vec::new();
     for (drive, d) in part.drive.iter().enumerate() {
@@ -354,6 +430,11 @@ fn step_terms(layout: &Layout, part: &Part, held: &[bool], per: usize) -> Vec<Te
         match d.checked_sub(layout.inputs) {
             None if held[*d] => terms.push(end(0, [1.0, 1.0, 1.0])),
             None => terms.extend([end(0, [1.0, 0.5, 0.0]), end(1, [0.0, 0.5, 1.0])]),
+            Some(delayed) if table.has_taps() => {
+                let Signal::Input(input) = layout.delayed[delayed] else { continue };
+                let tap = |tap: u32| Reading::Tap { input, delayed: delayed as u32, tap };
+                terms.extend([0, 1, 2].map(|k| Term { reading: tap(k), drive, weights: [0.0; 3] }));
+            }
             Some(delayed) => {
                 let unit = |stage: usize| [0, 1, 2].map(|s| f64::from(u8::from(s == stage)));
                 terms.extend([0, 1, 2].map(|stage| value(stage, unit(stage))));
