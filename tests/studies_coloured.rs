@@ -227,7 +227,7 @@ fn summary(rows: &[Row], of: fn(&Row) -> f64) -> (f64, f64) {
 
 /// Prints the study of all kinds of noise; returns what is further off than these limits of the mean and of the worst.
 fn table(systems: Vec<System>, seed: u64, repeats: u64, (mean_limit, worst_limit): (f64, f64)) -> Vec<String> {
-    let (mut lines, mut missed) = (Vec::new(), Vec::new());
+    let (mut lines, mut missed, mut beyond) = (Vec::new(), Vec::new(), Vec::new());
     for system in systems {
         for kind in KINDS {
             let rows = study(&system, kind, seed, repeats);
@@ -238,10 +238,11 @@ fn table(systems: Vec<System>, seed: u64, repeats: u64, (mean_limit, worst_limit
                 system.name,
                 format!("{kind:?}")
             ));
-            let off = |row: &&Row| (row.corrected / row.scatter - 1.0).abs() > worst_limit;
+            let off = |row: &Row, limit: f64| (row.corrected / row.scatter - 1.0).abs() > limit;
             let named =
                 |row: &Row| format!("{}, {kind:?}, {}: {:.3}", system.name, row.name, row.corrected / row.scatter);
-            missed.extend(rows.iter().filter(off).map(named));
+            beyond.extend(rows.iter().filter(|row| off(row, ASKED)).map(named));
+            missed.extend(rows.iter().filter(|row| off(row, worst_limit)).map(named));
             if (mean - 1.0).abs() > mean_limit {
                 missed.push(format!("{}, {kind:?}, mean: {mean:.3}", system.name));
             }
@@ -250,11 +251,14 @@ fn table(systems: Vec<System>, seed: u64, repeats: u64, (mean_limit, worst_limit
     println!("\nerror / scatter: geometric mean over the parameters, and the one furthest from 1");
     println!("{:22} {:10} {:>8} {:>8} {:>10} {:>8}", "", "noise", "raw", "worst", "corrected", "worst");
     lines.iter().for_each(|l| println!("{l}"));
-    println!("beyond {worst_limit}: {}", if missed.is_empty() { "none".into() } else { missed.join("; ") });
+    println!("further off than {ASKED}: {}", if beyond.is_empty() { "none".into() } else { beyond.join("; ") });
     missed
 }
 
-/// The scatter of 400 repeats is itself known to 3.5 percent, the worst of a dozen to three times that.
+/// How well errors are to agree with the scatter.
+const ASKED: f64 = 0.15;
+/// Limits of the mean and of the worst: the scatter of 200 repeats is itself known to 5 percent, that of 400 to 3.5, and the
+/// worst of a dozen to three times that.
 const LIMITS: (f64, f64) = (0.15, 0.2);
 
 #[test]
@@ -267,9 +271,9 @@ fn scatter_over_200_repeats_beside_both_errors() {
 #[test]
 #[ignore = "a study of minutes; run it in release"]
 fn noise_and_systems_on_which_nothing_was_tuned() {
-    let repeats = std::env::var("REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(400);
-    table(systems(), 7, repeats, (0.15, 0.15));
-    table(other_systems(), 7, repeats, (0.15, 0.15));
+    let mut missed = table(systems(), 7, 200, LIMITS);
+    missed.extend(table(other_systems(), 7, 200, LIMITS));
+    assert!(missed.is_empty(), "{missed:#?}");
 }
 
 #[test]

@@ -141,3 +141,23 @@ fn colour(estimate: &Estimate) -> Vec<String> {
 fn called(p: &ParameterEstimate) -> String {
     p.run.as_ref().map_or(p.name.clone(), |run| format!("{} ({run})", p.name))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quality::{OutputFit, Untested};
+
+    #[test]
+    fn what_could_not_be_tested_is_said_once_for_each_run() {
+        let of = |name: &str, run: &str| OutputQuality {
+            fit: OutputFit::new(name, run, &[1.0, 2.0], &[1.0, 2.5], 0, 1),
+            untested: Some(Untested::UnevenSampling),
+            whiteness: None,
+            inputs: Vec::new(),
+        };
+        let said = residual_remarks(&[of("a", "r"), of("b", "r"), of("a", "s")], "s");
+        let tests: Vec<&String> = said.iter().filter(|s| s.contains("not tested")).collect();
+        assert!(tests.len() == 2 && tests[0].starts_with("residuals of `a`, `b` in r were not tested: "), "{said:?}");
+        assert!(tests[1].starts_with("residual of `a` in s was not tested: "), "{said:?}");
+    }
+}
