@@ -324,6 +324,30 @@ fn what_no_way_can_better_ends_and_says_so() {
     assert!(compared.rescue.is_none() && compared.estimate.termination.is_good());
 }
 
+#[test]
+fn slow_noise_is_no_reason_for_a_rescue() {
+    let model = Model::from_text("spring.fdm", SPRING).unwrap();
+    let clean = springs(&model)[0].clone();
+    let size = |o: usize| (clean.measured.iter().skip(o).step_by(2).map(|y| y * y).sum::<f64>() / 300.0).sqrt();
+    for seed in 0..6 {
+        let (mut normal, mut run) = (Normal(seed), clean.clone());
+        for o in 0..2 {
+            let mut v = normal.next();
+            for z in run.measured.iter_mut().skip(o).step_by(2) {
+                *z += 0.7 * size(o) * v;
+                v = 0.95 * v + (1.0f64 - 0.95 * 0.95).sqrt() * normal.next();
+            }
+        }
+        let start = [("k", 3.0), ("c", 0.4)];
+        let plain = fitted(&model, &[run.clone()], &start, never());
+        let auto = fitted(&model, &[run], &start, FitOptions::default());
+        assert!(plain.estimate.is_good(), "seed {seed}: {}", plain.estimate.termination);
+        assert!(auto.rescue.is_none(), "seed {seed}: {}", auto.rescue.unwrap());
+        assert_eq!(auto.estimate.cost, plain.estimate.cost);
+        assert!(auto.estimate.parameters.iter().any(|p| p.corrected_error.is_some()), "seed {seed}");
+    }
+}
+
 /// `fdm fit` of a shipped record with these options: whether it went well, its output and its errors.
 fn typed(model: &str, data: &str, options: &[&str]) -> (bool, String, String) {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_fdm"))

@@ -26,6 +26,12 @@ const ROLL_WITH_ZERO: &str = "model roll { state phi = phi0, p = p0;
 
 const SHIP: &str = include_str!("../models/manoeuvring_ship/model.fdm");
 
+const STEERED: &str = "model steered { input rudder; state psi = psi0, r = r0;
+    param psi0 = 0.1, r0 = 0.002, T = 12 in [1, 100], K = 0.11, offset = 0.02, zero = 0;
+    der(psi) = r; der(r) = (K*(rudder + offset) - r)/T; output compass = psi; output gyro = r + zero; }";
+
+const LATE: &str = include_str!("../models/second_order_delay/model.fdm");
+
 /// A model with the clean record of its own start values.
 struct System {
     name: &'static str,
@@ -78,6 +84,20 @@ fn systems() -> Vec<System> {
         system("manoeuvring ship", SHIP, 601, 1.0, rudder, &[7.7, 0.0, 0.0]),
         system("roll decay with zero", ROLL_WITH_ZERO, 800, 0.05, |_| 0.0, &[]),
     ]
+}
+
+/// Systems on which nothing was tuned: a pole and a zero behind an input delay, and a ship under zigzag steering, with
+/// offsets of rudder and gyroscope.
+fn other_systems() -> Vec<System> {
+    vec![
+        system("delayed second order", LATE, 500, 0.05, doublets, &[]),
+        system("ship under steering", STEERED, 600, 0.5, zigzag, &[]),
+    ]
+}
+
+fn zigzag(t: f64) -> f64 {
+    let phase = (t / 45.0).fract();
+    0.2 * if phase < 0.5 { 1.0 } else { -1.0 } + 0.05 * (0.31 * t).sin()
 }
 
 /// Kinds of noise, each with unit variance.
@@ -142,7 +162,7 @@ struct Row {
     corrected: f64,
 }
 
-fn study(system: &System, kind: Kind, repeats: u64) -> Vec<Row> {
+fn study(system: &System, kind: Kind, seed: u64, repeats: u64) -> Vec<Row> {
     // the starts are the truth: nothing needs a rescue
     let continuation = Continuation::Never;
     let options = FitOptions { per_interval: Some(1), continuation, ..FitOptions::default() };
@@ -151,7 +171,7 @@ fn study(system: &System, kind: Kind, repeats: u64) -> Vec<Row> {
     let size =
         |o: usize| (system.clean.measured.iter().skip(o).step_by(q).map(|y| y * y).sum::<f64>() / n as f64).sqrt();
     let once = |repeat: u64| {
-        let mut normal = Normal(repeat * 1_000_003 + 17 * kind as u64);
+        let mut normal = Normal((seed << 40) + repeat * 1_000_003 + 17 * kind as u64);
         let mut run = system.clean.clone();
         for o in 0..q {
             let noise = noise(kind, n, &mut normal);
@@ -205,13 +225,12 @@ fn summary(rows: &[Row], of: fn(&Row) -> f64) -> (f64, f64) {
     (mean, ratios().fold(1.0, |w, x| if x.ln().abs() > f64::ln(w).abs() { x } else { w }))
 }
 
-#[test]
-#[ignore = "a study of minutes; run it in release"]
-fn scatter_over_200_repeats_beside_both_errors() {
+/// Prints the study of all kinds of noise; returns what is further off than these limits of the mean and of the worst.
+fn table(systems: Vec<System>, seed: u64, repeats: u64, (mean_limit, worst_limit): (f64, f64)) -> Vec<String> {
     let (mut lines, mut missed) = (Vec::new(), Vec::new());
-    for system in systems() {
+    for system in systems {
         for kind in KINDS {
-            let rows = study(&system, kind, 400);
+            let rows = study(&system, kind, seed, repeats);
             show(&system, kind, &rows);
             let ((raw, raw_worst), (mean, worst)) = (summary(&rows, |r| r.raw), summary(&rows, |r| r.corrected));
             lines.push(format!(
@@ -219,22 +238,44 @@ fn scatter_over_200_repeats_beside_both_errors() {
                 system.name,
                 format!("{kind:?}")
             ));
-            // the scatter of 400 repeats is itself known to 3.5 percent, the worst of a dozen to three times that
-            if !((worst - 1.0).abs() < 0.2 && (mean - 1.0).abs() < 0.15) {
-                missed.push(format!("{}, {kind:?}: {mean}, {worst}", system.name));
+            let off = |row: &&Row| (row.corrected / row.scatter - 1.0).abs() > worst_limit;
+            let named =
+                |row: &Row| format!("{}, {kind:?}, {}: {:.3}", system.name, row.name, row.corrected / row.scatter);
+            missed.extend(rows.iter().filter(off).map(named));
+            if (mean - 1.0).abs() > mean_limit {
+                missed.push(format!("{}, {kind:?}, mean: {mean:.3}", system.name));
             }
         }
     }
     println!("\nerror / scatter: geometric mean over the parameters, and the one furthest from 1");
     println!("{:22} {:10} {:>8} {:>8} {:>10} {:>8}", "", "noise", "raw", "worst", "corrected", "worst");
     lines.iter().for_each(|l| println!("{l}"));
+    println!("beyond {worst_limit}: {}", if missed.is_empty() { "none".into() } else { missed.join("; ") });
+    missed
+}
+
+/// The scatter of 400 repeats is itself known to 3.5 percent, the worst of a dozen to three times that.
+const LIMITS: (f64, f64) = (0.15, 0.2);
+
+#[test]
+#[ignore = "a study of minutes; run it in release"]
+fn scatter_over_200_repeats_beside_both_errors() {
+    let missed = table(systems(), 0, 400, LIMITS);
     assert!(missed.is_empty(), "{missed:#?}");
+}
+
+#[test]
+#[ignore = "a study of minutes; run it in release"]
+fn noise_and_systems_on_which_nothing_was_tuned() {
+    let repeats = std::env::var("REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(400);
+    table(systems(), 7, repeats, (0.15, 0.15));
+    table(other_systems(), 7, repeats, (0.15, 0.15));
 }
 
 #[test]
 fn corrected_errors_agree_with_the_scatter_where_raw_ones_do_not() {
     let system = system("second order", SECOND_ORDER, 400, 0.05, doublets, &[]);
-    let rows = study(&system, Kind::Slow, 60);
+    let rows = study(&system, Kind::Slow, 0, 60);
     // the scatter of 60 repeats is known to 9 percent
     for row in &rows {
         let (raw, corrected) = (row.raw / row.scatter, row.corrected / row.scatter);

@@ -59,7 +59,8 @@ impl Integrator {
 pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
     let stiff = if chosen && accuracy.steps.scheme() == Scheme::Radau { " (stiff)" } else { "" };
     let error = match accuracy.error {
-        error if error.is_nan() => String::new(),
+        // the exact recursion has none
+        error if error.is_nan() || error == 0.0 => String::new(),
         error if error.is_infinite() => ", integration error not finite".into(),
         error => format!(", integration error {error:.0e} of the range"),
     };

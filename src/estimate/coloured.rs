@@ -47,6 +47,10 @@ pub(super) fn corrected(
     priors: impl Iterator<Item = PriorRow>,
 ) -> Result<Corrected, Uncorrected> {
     let noise = conclusion.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if conclusion.inverse.chosen.is_empty() {
+        // all at their bounds, or without any effect
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
     let runs = rows(problem, unknowns, values, conclusion)?;
     let inverse_noise = noise.inverse();
     let mut groups = Group::all(&runs, problem.outputs.len());

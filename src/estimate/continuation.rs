@@ -173,6 +173,7 @@ impl Lengthening<'_> {
         let options = Options {
             tolerance: TOLERANCE.max(given.tolerance),
             iterations: ITERATIONS.min(given.iterations),
+            colour: false,
             ..given.clone()
         };
         let options = FitOptions { options, ..self.options.clone() };

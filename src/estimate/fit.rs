@@ -6,9 +6,11 @@ use super::changes::Changes;
 use super::continuation::Continuation;
 use super::estimate::{Estimate, RunFit};
 use super::fit_error::FitError;
+use super::footing::Footing;
 use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::lengths::{LengthFit, shortened};
+use super::plain::chosen_steps;
 use super::problem::Options;
 use super::progress::Observer;
 use super::rescue::Rescue;
@@ -46,6 +48,8 @@ pub struct FitOptions {
     pub reweight: bool,
     /// From how many starts to fit.
     pub starts: MultiStart,
+    /// Steps that these starts have in common.
+    pub footing: Footing,
 }
 
 impl FitOptions {
@@ -120,12 +124,13 @@ pub fn fit_kept(
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let model = changed(model, &options.changes)?;
-    let options = &options.clone().with_declared_noise(&model);
+    let mut options = options.clone().with_declared_noise(&model);
     let mut start = starts(&model, runs, &options.changes);
     let ledger = Ledger::new(keeper);
     let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
     if options.starts.count > 1 {
-        let many = many_starts(&model, runs, &start, options, &ledger, observer)?;
+        options.footing = footing(&model, runs, &start, &options)?;
+        let many = many_starts(&model, runs, &start, &options, &ledger, observer)?;
         name = format!("fit-{}", many.number);
         (summaries, start, states) = (many.summaries, many.start, many.states);
     }
@@ -133,10 +138,18 @@ pub fn fit_kept(
     let kept = ledger.find(&name).states;
     states = if kept.len() > states.len() { kept } else { states };
     let mut stages = Stages::new(observer, &ledger, name, states);
-    let found = attempt(&model, runs, &start, options, &mut stages)
-        .and_then(|fit| examined(fit, runs, &start, options, &mut stages));
+    let found = attempt(&model, runs, &start, &options, &mut stages)
+        .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     Ok(Fit { starts: summaries, ..found? })
+}
+
+/// The steps that all starts have in common.
+fn footing(model: &Model, runs: &[Run], given: &[Vec<f64>], options: &FitOptions) -> Result<Footing, FitError> {
+    match options.per_interval {
+        Some(_) => Ok(Footing::default()),
+        None => chosen_steps(model, runs, given, options.scheme).map(Footing::of),
+    }
 }
 
 /// Adds what was asked about the confidence in a fit (estimates by length, and by other weights), and judges its residuals.

@@ -4,6 +4,7 @@ use super::attempt::again;
 use super::estimate::{ParameterEstimate, Status};
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
+use super::problem::Options;
 use super::progress::Observer;
 use super::start::after;
 use super::termination::Termination;
@@ -75,6 +76,8 @@ pub(super) fn shortened(
 ) -> Result<Vec<LengthFit>, FitError> {
     let mut found = vec![LengthFit::new(runs, fit)];
     let mut starts = after(&fit.model, runs, &fit.estimate, starts);
+    let inner = Options { colour: false, ..options.options.clone() };
+    let options = &FitOptions { options: inner, ..options.clone() };
     for k in (1..LENGTHS).rev() {
         let parts = Length::Share(k as f64 / LENGTHS as f64).cut(runs);
         let cells = parts.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();

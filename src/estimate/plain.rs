@@ -13,8 +13,6 @@ use crate::model::Model;
 use crate::record::Run;
 use crate::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, integration_error};
 
-/// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
-const COARSE: f64 = 1e-7;
 const MOST_ROUNDS: usize = 3;
 
 /// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
@@ -32,20 +30,23 @@ pub(super) fn plain(
     let mut starts = starts.to_vec();
     let mut steps = match options.per_interval {
         Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
-        None => chosen_steps(model, runs, &starts, options.scheme)?.into_iter().map(|a| a.steps).collect(),
+        None => match options.footing.steps(model, runs, &starts) {
+            Some(steps) => steps,
+            None => chosen_steps(model, runs, &starts, options.scheme)?.into_iter().map(|a| a.steps).collect(),
+        },
     };
-    let mut round = 1;
+    let (mut round, coarse) = (1, options.footing.coarse());
     loop {
         let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
         let reached = after(model, runs, &estimate, &starts);
         let integration = accuracy(model, runs, &reached, &steps)?;
-        let fine = integration.iter().all(|a| a.error <= COARSE);
+        let fine = integration.iter().all(|a| a.error <= coarse);
         let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
         let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
         let finer = if last {
             steps.clone()
         } else {
-            finer(&steps, &integration, chosen_steps(model, runs, &reached, options.scheme)?)
+            finer(&steps, &integration, chosen_steps(model, runs, &reached, options.scheme)?, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
@@ -57,14 +58,15 @@ pub(super) fn plain(
 }
 
 /// Steps that were too coarse give way to better ones.
-fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>) -> Vec<Steps> {
+fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coarse: f64) -> Vec<Steps> {
     let better = |((steps, was), chosen): ((&Steps, &Accuracy), Accuracy)| {
-        if was.error > COARSE && chosen.error < was.error { chosen.steps } else { steps.clone() }
+        if was.error > coarse && chosen.error < was.error { chosen.steps } else { steps.clone() }
     };
     steps.iter().zip(integration).zip(chosen).map(better).collect()
 }
 
-fn chosen_steps(
+/// Method and steps of each run for these values.
+pub(super) fn chosen_steps(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],

@@ -3,12 +3,13 @@
 use super::continuation::Lengthening;
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
+use super::lengths::Length;
 use super::plain::plain;
 use super::progress::Observer;
 use super::shooting::{Shooting, shoot};
 use super::substitution::Substitution;
 use super::termination::Termination;
-use super::trouble::Trouble;
+use super::trouble::{Trouble, trouble};
 use crate::model::Model;
 use crate::record::Run;
 use serde::Serialize;
@@ -71,29 +72,46 @@ impl fmt::Display for Rescue {
     }
 }
 
+/// Shares of the record that are fitted first for a second opinion.
+const OPINION: [f64; 2] = [0.25, 0.5];
+/// Costs that differ by less are those of one minimum.
+const SAME: f64 = 0.01;
+
 /// Tries one way out after the other until one gives a sound estimate; else the best that was seen.
+///
+/// Smooth residuals alone are no proof of a wrong minimum, slow noise leaves them too: a minimum to which a second way from
+/// the same start leads as well is taken for the right one.
 pub(super) fn rescue(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
     options: &FitOptions,
-    (plain, trouble): (Fit, Trouble),
+    (plain, found): (Fit, Trouble),
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
+    let doubtful = matches!(found, Trouble::SmoothResiduals { .. });
     let (mut best, mut by, mut tried) = (plain, None, Vec::new());
-    for way in [lengthened, substituted, in_segments] {
+    // a second opinion is cheaper than a rescue
+    let ways: &[Try] = &[by_halves, lengthened, substituted, in_segments];
+    for way in &ways[usize::from(!doubtful)..] {
         let Some((remedy, fit)) = way(model, runs, starts, options, observer)? else { continue };
-        let done = super::trouble::trouble(&fit.estimate).is_none();
+        let left = trouble(&fit.estimate);
+        let confirmed = matches!(left, Some(Trouble::SmoothResiduals { .. })) && agree(&fit, &best);
+        if confirmed && doubtful && by.is_none() {
+            return Ok(best);
+        }
         if better(&fit, &best) {
             (best, by) = (fit, Some(remedy.clone()));
         }
-        tried.push(remedy);
-        if done {
+        if !tried.contains(&remedy) {
+            tried.push(remedy);
+        }
+        if confirmed || left.is_none() {
             break;
         }
     }
     let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
-    Ok(Fit { rescue: Some(Rescue { trouble, failed, by }), ..best })
+    Ok(Fit { rescue: Some(Rescue { trouble: found, failed, by }), ..best })
 }
 
 /// Whether a fit is worth more than another: it has a cost at all, and by more than rounding a lower one.
@@ -104,7 +122,26 @@ fn better(fit: &Fit, than: &Fit) -> bool {
     }
 }
 
+/// Whether two fits ended at the same minimum.
+fn agree(a: &Fit, b: &Fit) -> bool {
+    let (Some(x), Some(y)) = (a.estimate.cost, b.estimate.cost) else { return false };
+    b.estimate.termination.is_good() && (x - y).abs() <= SAME.max(1e-9 * y.abs())
+}
+
 type Way = Option<(Remedy, Fit)>;
+type Try = fn(&Model, &[Run], &[Vec<f64>], &FitOptions, &mut dyn Observer) -> Result<Way, FitError>;
+
+fn by_halves(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let mut lengthening = Lengthening { model, runs, options, stages: Vec::new() };
+    let fit = lengthening.along(&OPINION.map(Length::Share), starts, observer)?;
+    Ok(Some((Remedy::Continuation, fit)))
+}
 
 fn lengthened(
     model: &Model,

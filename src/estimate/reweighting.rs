@@ -77,7 +77,7 @@ pub(super) fn reweighted(
         (0..q).map(|o| Some(noise.at(o, o).sqrt()).filter(|s| *s > 0.0 && s.is_finite())).collect();
     let starts = after(&fit.model, runs, &fit.estimate, starts);
     let mut with = |deviations: &[Option<f64>], runs: &[Run]| {
-        let options = Options { noise: Noise::Given(deviations.to_vec()), ..options.options.clone() };
+        let options = Options { noise: Noise::Given(deviations.to_vec()), colour: false, ..options.options.clone() };
         again(fit, runs, &starts, &FitOptions { options, ..FitOptions::default() }, observer)
     };
     let base = with(&deviations, runs)?;

@@ -16,7 +16,6 @@ use super::segments::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_
 use super::solve::estimate;
 use super::strategy_error::StrategyError;
 use super::termination::Termination;
-use super::trouble::trouble;
 use super::uncut::Uncut;
 use super::{DerivedQuantities, initial_guess};
 use crate::model::Model;
@@ -130,6 +129,12 @@ pub(super) fn shoot(
         let continuity = Continuity { largest_gap: 0.0, polished: true, ..continuity };
         return Ok(Fit { shooting: Some(continuity), ..polished });
     }
+    if options.options.colour {
+        let estimate = shot.with_errors(options, observer)?;
+        let gaps = shot.cost_of_gaps();
+        let cut = uncut.of(estimate, gaps);
+        return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
+    }
     Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) })
 }
 
@@ -137,7 +142,7 @@ pub(super) fn shoot(
 fn as_good(polished: &Estimate, cut: &Estimate) -> bool {
     /// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
     const NEGLIGIBLE: f64 = 0.1;
-    if !polished.termination.is_good() || trouble(polished).is_some() {
+    if !polished.termination.is_good() {
         return false;
     }
     let (Some(a), Some(b)) = (polished.cost, cut.cost) else { return false };
@@ -230,7 +235,7 @@ impl<'a> Shot<'a> {
     fn rounds(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
         let mut round = 1;
         loop {
-            let options = self.options(options);
+            let options = self.options(options, false);
             let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
             if estimate.runs.is_empty() {
                 self.gaps.iter_mut().flatten().for_each(|g| *g = f64::INFINITY);
@@ -244,6 +249,14 @@ impl<'a> Shot<'a> {
             self.shift();
             round += 1;
         }
+    }
+
+    /// The last round once more, with the errors that were asked for.
+    fn with_errors(&mut self, options: &FitOptions, observer: &mut dyn Observer) -> Result<Estimate, FitError> {
+        let options = self.options(options, options.options.colour);
+        let estimate = estimate(&mut self.problem, &options, observer).map_err(FitError::Problem)?;
+        self.take(&estimate);
+        Ok(estimate)
     }
 
     /// Takes finer steps where the ones in use are too coarse at the estimates; false when they are fine, or none is better.
@@ -266,7 +279,7 @@ impl<'a> Shot<'a> {
         Ok(refined)
     }
 
-    fn options(&self, options: &FitOptions) -> Options {
+    fn options(&self, options: &FitOptions, colour: bool) -> Options {
         let given = &options.options;
         let mut noise = match &given.noise {
             Noise::Given(given) => given.clone(),
@@ -277,6 +290,7 @@ impl<'a> Shot<'a> {
             noise: Noise::Given(noise),
             iterations: ITERATIONS.min(given.iterations),
             tolerance: TOLERANCE.max(given.tolerance),
+            colour,
             ..given.clone()
         }
     }

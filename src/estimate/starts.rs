@@ -1,10 +1,12 @@
 //! Many starts: an attempt from each, what came out of it, and which of them is the best.
 
 use super::attempt::attempt;
+use super::continuation::Continuation;
 use super::estimate::{Estimate, Status};
 use super::fit::FitOptions;
 use super::fit_error::FitError;
 use super::ledger::Ledger;
+use super::problem::Options;
 use super::progress::{Iteration, Observer};
 use super::spread::Spread;
 use super::stages::Stages;
@@ -91,6 +93,16 @@ pub(super) fn many_starts(
     observer: &mut dyn Observer,
 ) -> Result<Starts, FitError> {
     let count = options.starts.count;
+    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
+    let continuation = match &options.continuation {
+        Continuation::Auto => Continuation::Never,
+        asked => asked.clone(),
+    };
+    // a start that needs more is of use only when it is the best, which goes on with the rest
+    let iterations = options.options.iterations.div_ceil(2);
+    let inner = Options { colour: false, iterations, ..options.options.clone() };
+    let options =
+        &FitOptions { options: inner, footing: options.footing.provisional(), continuation, ..options.clone() };
     let spread = Spread::new(model, given, options.starts.seed);
     let watch =
         Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };

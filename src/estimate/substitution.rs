@@ -7,6 +7,7 @@
 use super::fit::{Fit, FitOptions};
 use super::fit_error::FitError;
 use super::plain::plain;
+use super::problem::Options;
 use super::progress::Observer;
 use super::start::after;
 use super::strategy_error::StrategyError;
@@ -71,7 +72,9 @@ impl Substitution {
         options: &FitOptions,
         observer: &mut dyn Observer,
     ) -> Result<(Fit, Vec<Vec<f64>>), FitError> {
-        let fit = plain(&self.model, &self.runs, starts, options, observer)?;
+        let inner = Options { colour: false, ..options.options.clone() };
+        let options = FitOptions { options: inner, ..options.clone() };
+        let fit = plain(&self.model, &self.runs, starts, &options, observer)?;
         let starts = after(&self.model, &self.runs, &fit.estimate, starts);
         Ok((fit, starts))
     }

@@ -19,12 +19,22 @@ pub enum Trouble {
         /// Its R^2 over all runs.
         r2: f64,
     },
+    /// It did, and to a fair match; but what is left over is smooth, as a wrong minimum leaves it, and slow noise too.
+    SmoothResiduals {
+        /// The output that is matched worst.
+        output: String,
+        /// Its R^2 over all runs.
+        r2: f64,
+    },
 }
 
 impl fmt::Display for Trouble {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Ended(termination) => write!(f, "{termination}"),
+            Self::SmoothResiduals { output, r2 } => {
+                write!(f, "converged to smooth residuals of `{output}`, R^2 {r2:.3}")
+            }
             Self::PoorMatch { output, r2 } => write!(f, "converged to a poor match of `{output}`, R^2 {r2:.3}"),
         }
     }
@@ -54,8 +64,14 @@ pub(super) fn trouble(estimate: &Estimate) -> Option<Trouble> {
     let outputs = pooled(&estimate.outputs);
     let mean = outputs.iter().map(|(_, r2)| r2.max(-1.0)).sum::<f64>() / outputs.len() as f64;
     let (output, r2) = outputs.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    let poor = mean < POOR || (*r2 < DOUBTFUL && smoothness(estimate, output) > SMOOTH);
-    poor.then(|| Trouble::PoorMatch { output: (*output).into(), r2: *r2 })
+    let (output, r2) = (output.to_string(), *r2);
+    if mean < POOR {
+        Some(Trouble::PoorMatch { output, r2 })
+    } else if r2 < DOUBTFUL && smoothness(estimate, &output) > SMOOTH {
+        Some(Trouble::SmoothResiduals { output, r2 })
+    } else {
+        None
+    }
 }
 
 /// R^2 of each output over all runs in which it varies.

@@ -24,6 +24,10 @@ impl Uncut<'_> {
             parameters: kept.iter().map(|k| estimate.parameters[*k].clone()).collect(),
             covered,
             covariance: part(&estimate.covariance, &rows),
+            corrected_covariance: match estimate.corrected_covariance.size {
+                0 => estimate.corrected_covariance,
+                _ => part(&estimate.corrected_covariance, &rows),
+            },
             correlations: part(&estimate.correlations, &rows),
             outputs: estimate.outputs.into_iter().filter(|o| shown(&o.name)).collect(),
             cost: estimate.cost.map(|c| c - gaps),

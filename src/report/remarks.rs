@@ -45,11 +45,8 @@ pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<String> {
         let run = if several { format!(" in {}", q.fit.run) } else { String::new() };
         format!("residual of `{}`{run}", q.fit.name)
     };
-    let mut remarks = Vec::new();
+    let mut remarks = untested(quality, several);
     for q in quality {
-        if let Some(reason) = q.untested.filter(|_| q.fit.compared > 0) {
-            remarks.push(format!("{} was not tested: {reason}", place(q)));
-        }
         if let Some(parts) = q.fit.tic_parts.filter(|p| p.bias > OFFSET) {
             let share = 100.0 * parts.bias;
             remarks.push(format!("{} is an offset for {share:.0} %: a bias parameter may be missing", place(q)));
@@ -71,6 +68,25 @@ pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<String> {
         remarks.push(format!("{} more correlations of residuals with inputs", found.len() - MOST_INPUTS));
     }
     remarks
+}
+
+/// Residuals that no test was possible for: those of one run for one reason in one line.
+fn untested(quality: &[OutputQuality], several: bool) -> Vec<String> {
+    let mut found: Vec<(&str, String, Vec<String>)> = Vec::new();
+    for q in quality.iter().filter(|q| q.fit.compared > 0) {
+        let Some(reason) = q.untested.map(|r| r.to_string()) else { continue };
+        let name = format!("`{}`", q.fit.name);
+        match found.iter_mut().find(|(run, r, _)| *run == q.fit.run && *r == reason) {
+            Some((_, _, names)) => names.push(name),
+            None => found.push((&q.fit.run, reason, vec![name])),
+        }
+    }
+    let line = |(run, reason, names): (&str, String, Vec<String>)| {
+        let place = if several { format!(" in {run}") } else { String::new() };
+        let (plural, verb) = if names.len() == 1 { ("", "was") } else { ("s", "were") };
+        format!("residual{plural} of {}{place} {verb} not tested: {reason}", names.join(", "))
+    };
+    found.into_iter().map(line).collect()
 }
 
 /// A bound may hide a better value behind it, or be where a way downhill from the start values ends.

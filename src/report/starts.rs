@@ -47,7 +47,8 @@ fn closing(starts: &[StartSummary], count: usize) -> String {
     }
     text.push('\n');
     for (reason, number) in reasons(&failed) {
-        text.push_str(&format!("failed {number} times: {reason}\n"));
+        let times = if number == 1 { "once".into() } else { format!("{number} times") };
+        text.push_str(&format!("failed {times}: {reason}\n"));
     }
     text
 }
