@@ -249,7 +249,7 @@ fn very_many_mistakes_are_counted() {
 #[test]
 fn bytes_without_sense() {
     let desk = Desk::new();
-    let bytes = noise(1_000_000);
+    let bytes = noise(200_000);
     desk.refuses_model(&desk.file("noise.fdm", &bytes), &["E0106", "noise.fdm:1:", "not UTF-8"]);
     desk.refuses_record(&desk.file("noise.csv", &bytes), &["noise.csv"]);
     let letters: Vec<u8> = bytes.iter().map(|b| b % 95 + 32).collect();
@@ -401,4 +401,32 @@ fn results_that_cannot_be_written() {
         let fit = option("fit", "--plot");
         assert!(fit.code == Some(2) && fit.err.contains(&name), "{}", fit.err);
     }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_be_printed_is_told_and_a_closed_pipe_is_an_end() {
+    let desk = Desk::new();
+    let (model, record) = (desk.file("gain.fdm", GAIN), desk.record());
+    let folder = desk.path("result");
+    let command = |verb: &str, more: &[&OsStr], out: Stdio| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fdm"));
+        command.arg(verb).arg(&model).args(more).stdin(Stdio::null()).stdout(out).stderr(Stdio::piped());
+        command.output().expect("the command line")
+    };
+    let data: [&OsStr; 2] = [OsStr::new("--data"), record.as_os_str()];
+    let out = [data[0], data[1], OsStr::new("--out"), folder.as_os_str()];
+    for (verb, more) in [("check", &[][..]), ("simulate", &data), ("fit", &out)] {
+        let full = File::options().write(true).open("/dev/full").expect("the device that is always full");
+        let ended = command(verb, more, full.into());
+        let said = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(1), "{verb}: {said}");
+        assert!(said.contains("error: the result cannot be printed: the disk is full"), "{verb}: {said}");
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let ended = command(verb, more, writer.into());
+        assert_eq!(ended.status.code(), Some(0), "{verb}: {}", String::from_utf8_lossy(&ended.stderr));
+    }
+    // what could not be printed stands in the folder
+    assert!(folder.join("result.txt").is_file());
 }

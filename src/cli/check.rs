@@ -23,6 +23,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     arguments.subject.changes(&[], &[]).apply(&mut params).map_err(Failure::input)?;
     let model = model.with_params(params);
     let found = verify(model.definition(), model.schedule(), &Nominal::start(model.definition()));
-    print(&if arguments.json { format!("{}\n", check_json(&model, &found)) } else { check_text(&model, &found) });
-    Ok(if found.passed() { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    let printed =
+        print(&if arguments.json { format!("{}\n", check_json(&model, &found)) } else { check_text(&model, &found) });
+    Ok(if found.passed() && printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use fdm::estimate::Fit;
 use fdm::record::Run;
 use fdm::report::{quality_json, svg};
-use fdm::store::{Contents, Destination, Manifest};
+use fdm::store::{Contents, Destination, Manifest, reason};
 use serde_json::Value;
 use std::fmt::Display;
 use std::fs::File;
@@ -54,7 +54,7 @@ impl Delivery {
     /// Looks at the places before any work is done in vain.
     pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
         if let Some(path) = &self.plot {
-            admits(path).map_err(|e| Failure::input([format!("{}: {e}", path.display())]))?;
+            admits(path).map_err(|e| Failure::input([format!("{}: {}", path.display(), reason(&e))]))?;
         }
         let destination = self.out.as_deref().map(Destination::prepare).transpose();
         Ok(Prepared { delivery: self, destination: destination.map_err(|e| Failure::input([e]))? })
@@ -75,13 +75,13 @@ impl Prepared<'_> {
     #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn deliver(&self, outcome: Outcome<'_>) -> bool {
         let json = format!("{}\n", outcome.json);
-        print(if self.delivery.json { &json } else { &outcome.text });
+        let printed = print(if self.delivery.json { &json } else { &outcome.text });
         outcome.remarks.iter().for_each(|r| eprintln!("{r}"));
         let plot = self.delivery.plot.as_deref().map_or(Ok(()), |path| draw(&outcome, path));
         let written = self.destination.as_ref().map_or(Ok(()), |place| write(outcome, json, place));
         let failed = [plot.err(), written.err()];
         failed.iter().flatten().for_each(|e| eprintln!("error: {e}"));
-        failed.iter().all(Option::is_none)
+        printed && failed.iter().all(Option::is_none)
     }
 }
 
@@ -91,7 +91,7 @@ fn picture(outcome: &Outcome<'_>) -> Result<String, String> {
 
 fn draw(outcome: &Outcome<'_>, path: &Path) -> Result<(), String> {
     let text = picture(outcome)?;
-    std::fs::write(path, text).map_err(|e| format!("{}: {e}; the result is what is printed", path.display()))
+    std::fs::write(path, text).map_err(|e| format!("{}: {}; the result is what is printed", path.display(), reason(&e)))
 }
 
 fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), String> {

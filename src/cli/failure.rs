@@ -50,9 +50,16 @@ impl From<ModelError> for Failure {
     }
 }
 
-/// Writes to standard output; a closed pipe is an end, not a failure.
-pub(crate) fn print(text: &str) {
-    use std::io::Write;
+/// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.
+#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+pub(crate) fn print(text: &str) -> bool {
+    use std::io::{ErrorKind, Write};
     let mut out = std::io::stdout().lock();
-    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => {
+            eprintln!("error: the result cannot be printed: {}", fdm::store::reason(&e));
+            false
+        }
+        _ => true,
+    }
 }

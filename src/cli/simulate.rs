@@ -79,12 +79,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let responses: Vec<Response<'_>> =
         runs.iter().map(|(run, _)| respond(&model, run, &values, arguments)).collect::<Result<_, _>>()?;
-    if arguments.json {
-        print(&format!("{}\n", json!(responses.iter().map(|r| as_json(&model, r)).collect::<Vec<_>>())));
-    } else if let [response] = &responses[..] {
-        table(&model, response, arguments.output.as_ref())?;
-    }
-    let mut code = ExitCode::SUCCESS;
+    let printed = match &responses[..] {
+        _ if arguments.json => {
+            print(&format!("{}\n", json!(responses.iter().map(|r| as_json(&model, r)).collect::<Vec<_>>())))
+        }
+        [response] => table(&model, response, arguments.output.as_ref())?,
+        _ => true,
+    };
+    let mut code = if printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) };
     for response in &responses {
         let chosen = arguments.integration.is_open();
         if model.layout().states > 0 && !arguments.json {
@@ -210,17 +212,17 @@ fn columns(model: &Model, response: &Response<'_>) -> Vec<(String, Option<String
     std::iter::once(time).chain(definition.outputs.iter().enumerate().map(output)).collect()
 }
 
-fn table(model: &Model, response: &Response<'_>, file: Option<&PathBuf>) -> Result<(), Failure> {
+/// Writes or prints the outputs; says whether all was printed.
+fn table(model: &Model, response: &Response<'_>, file: Option<&PathBuf>) -> Result<bool, Failure> {
     let columns = columns(model, response);
     let columns: Vec<Column<'_>> =
         columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
     match file {
-        Some(path) => write(path, &columns).map_err(|e| Failure::Records(vec![e])),
+        Some(path) => write(path, &columns).map(|()| true).map_err(|e| Failure::Records(vec![e])),
         None => {
             let mut text = Vec::new();
             write_to(&mut text, Dialect::default(), &columns).map_err(|e| Failure::input([e]))?;
-            print(&String::from_utf8_lossy(&text));
-            Ok(())
+            Ok(print(&String::from_utf8_lossy(&text)))
         }
     }
 }

@@ -103,7 +103,7 @@ impl fmt::Display for RecordError {
 
 impl std::error::Error for RecordError {}
 
-/// What there is to choose from, for a message: the first dozen names and how many there are beyond.
+/// What there is to choose from, for a message: the first dozen names, or fewer long ones, and how many there are beyond.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Names {
     /// The first names.
@@ -115,9 +115,14 @@ pub struct Names {
 impl Names {
     pub(crate) fn new<'a>(names: impl IntoIterator<Item = &'a str>) -> Self {
         const SHOWN: usize = 12;
-        let mut names = names.into_iter();
-        let shown = names.by_ref().take(SHOWN).map(excerpt).collect();
-        Self { shown, more: names.count() }
+        const LENGTH: usize = 300;
+        let (mut shown, mut more, mut length) = (Vec::new(), 0, 0);
+        for name in names {
+            let name = if more == 0 && shown.len() < SHOWN { excerpt(name) } else { String::new() };
+            length += name.chars().count();
+            if more == 0 && shown.len() < SHOWN && length <= LENGTH { shown.push(name) } else { more += 1 }
+        }
+        Self { shown, more }
     }
 }
 

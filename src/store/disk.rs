@@ -52,7 +52,7 @@ impl Disk for System {
 }
 
 /// What an operating system's refusal means to the user.
-pub(super) fn reason(error: &io::Error) -> String {
+pub fn reason(error: &io::Error) -> String {
     match error.kind() {
         io::ErrorKind::StorageFull => "the disk is full".into(),
         io::ErrorKind::QuotaExceeded => "your share of the disk is full".into(),

@@ -22,6 +22,7 @@ mod result_folder;
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use comparison::differences;
 pub use destination::{Destination, DestinationError};
+pub use disk::reason;
 pub use fingerprint::fingerprint;
 pub use identity::{Difference, Identity};
 pub use manifest::{DataFile, KeptFile, Manifest};
