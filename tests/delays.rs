@@ -1,7 +1,7 @@
 //! Delayed states in equations: sensitivities against differences of the same simulation, responses against the method
 //! of steps, orders of convergence, and delays found again.
 
-use fdm::estimate::{FitOptions, fit};
+use fdm::estimate::{Changes, FitOptions, fit};
 use fdm::record::Run;
 use fdm::simulate::{Simulator, Steps, choose_steps};
 use fdm::{Model, code};
@@ -451,12 +451,21 @@ fn a_past_that_memory_cannot_hold_is_an_error() {
         terms.join(" + ")
     );
     let long = model(&text);
-    let run = run(&long, even(1001, 1.0));
+    let mut run = run(&long, even(1001, 1.0));
+    run.measured.fill(0.0);
     let mut simulator = Simulator::new(long.dynamics(), &run, 256).expect("suited");
     assert_eq!(simulator.suits(&theta(&long, &[("tau", 100.0)])), Ok(()));
     let found = simulator.suits(&theta(&long, &[("tau", 2000.0)])).expect_err("300 million numbers");
     assert!(found.to_string().contains("reaches back over"), "{found}");
     assert!(simulator.simulate(&theta(&long, &[("tau", 100.0)]), &mut vec![0.0; 1001]).is_ok());
+    // a fit on steps that the user chose says the same
+    let changes = Changes { set: vec![("tau".into(), 2000.0)], ..Changes::default() };
+    let options = FitOptions { changes, per_interval: Some(256), ..FitOptions::default() };
+    let found = fit(&long, &[run.clone()], &options, &mut ()).expect_err("300 million numbers");
+    assert!(
+        found.to_string().contains("run `multisine`: ") && found.to_string().contains("reaches back over"),
+        "{found}"
+    );
 }
 
 #[test]

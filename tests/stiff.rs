@@ -26,7 +26,7 @@ fn fitted(model: &Model, run: &Run, start: [f64; 3]) -> Fit {
 #[test]
 fn robertson_is_found_without_noise() {
     let (model, run) = robertson();
-    for start in [[0.4, 1e6, 300.0], [1.0, 1e5, 100.0], [0.01, 3e8, 1e3]] {
+    for start in [[0.4, 1e6, 300.0], [1.0, 1e5, 100.0], [0.01, 3e8, 1e3], [0.004, 3e8, 1e5]] {
         let found = fitted(&model, &run, start);
         assert!(found.estimate.is_good(), "{start:?}: {}", found.estimate.termination);
         assert_eq!(found.integration[0].steps.scheme(), Scheme::Radau);

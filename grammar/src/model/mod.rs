@@ -114,7 +114,7 @@ pub struct Model {
     pub doc: String,
     /// Unit of `t` and of the time in `der`.
     pub time: Unit,
-    /// Inputs in the order of declaration, then the hidden ones (see [`Input::measured`]).
+    /// Inputs in the order of declaration, then the hidden ones (see `Input::measured`).
     pub inputs: Vec<Input>,
     /// States in the order of declaration.
     pub states: Vec<State>,

@@ -33,7 +33,7 @@ impl Model {
     /// The model with measured records in the place of the chosen states (by index) on the right sides of all
     /// equations, delayed ones too. The record is that of the output which is the state itself, or `a*state + b` with
     /// `a` and `b` of constants and fixed parameters; then `(record - b)/a` is used. Outputs and initial values
-    /// keep the simulated states. The records are hidden inputs ([`Input::measured`]) behind the others.
+    /// keep the simulated states. The records are hidden inputs (`Input::measured`) behind the others.
     ///
     /// # Errors
     /// [`Unshown`] with all chosen states that no output shows so.
