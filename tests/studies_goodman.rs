@@ -315,6 +315,7 @@ fn ship_from_all_starts_doubled_or_halved() {
         }
         println!("{counts:#?}");
         assert!(lost.is_empty(), "neither continuation nor substitution: {lost:?}");
+        assert!(!counts.contains_key("automatic rescue fails"), "an automatic rescue fails");
     }
 }
 

@@ -128,7 +128,7 @@ impl Lengthening<'_> {
             if fit.estimate.termination == Termination::Interrupted {
                 return Ok(Some(self.finish(fit)));
             }
-            let poor = trouble(&fit.estimate).is_some();
+            let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
             // a very short record may be noise only, which no model matches; one that was matched once stays so
             if fit.estimate.cost.is_some() && !(poor && matched) {
                 starts = after(self.model, self.runs, &fit.estimate, &starts);

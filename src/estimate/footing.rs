@@ -32,6 +32,11 @@ impl Footing {
         Self { steps: self.steps.clone(), provisional: !self.steps.is_empty() }
     }
 
+    /// Whether only the best of many starts is looked at once more.
+    pub(super) fn is_provisional(&self) -> bool {
+        self.provisional
+    }
+
     /// The integration error that calls for finer steps.
     pub(super) fn coarse(&self) -> f64 {
         if self.provisional { UNSOUND } else { COARSE }

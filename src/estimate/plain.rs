@@ -44,7 +44,9 @@ pub(super) fn plain(
             return Ok(Fit::new(model.clone(), estimate, unjudged));
         }
         let integration = accuracy(model, runs, &reached, &steps, &estimate.runs)?;
-        let fine = integration.iter().all(|a| a.error <= coarse);
+        // a start of many that led nowhere is not worth finer steps
+        let lost = options.footing.is_provisional() && !estimate.termination.is_good();
+        let fine = lost || integration.iter().all(|a| a.error <= coarse);
         let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
         let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
         let finer = if last {

@@ -45,9 +45,18 @@ const MANY: usize = 50;
 /// Mean R^2 over the outputs below which an estimate cannot be what was meant.
 const POOR: f64 = 0.5;
 /// R^2 of an output below which it is matched badly when what is left over is no noise, but smooth.
-const DOUBTFUL: f64 = 0.8;
+const DOUBTFUL: f64 = 0.95;
+/// The same where even its values are no start.
+const POOR_AND_SMOOTH: f64 = 0.8;
 /// Correlation of neighbouring residuals beyond which they are smooth.
 const SMOOTH: f64 = 0.8;
+
+impl Trouble {
+    /// Whether no start for a longer record should come from such an estimate.
+    pub(super) fn is_severe(&self) -> bool {
+        !matches!(self, Self::SmoothResiduals { r2, .. } if *r2 >= POOR_AND_SMOOTH)
+    }
+}
 
 /// What is wrong with an estimate, if anything is that another way could better.
 pub(super) fn trouble(estimate: &Estimate) -> Option<Trouble> {
