@@ -73,7 +73,8 @@ impl DelayFilter {
     /// Sample and part of an interval at a distance in intervals; a sample that is missed by rounding is met.
     fn window(&self, distance: f64) -> (i64, f64) {
         let near = distance.round();
-        let distance = if (distance - near).abs() <= 8.0 * f64::EPSILON * near.abs().max(1.0) { near } else { distance };
+        let distance =
+            if (distance - near).abs() <= 8.0 * f64::EPSILON * near.abs().max(1.0) { near } else { distance };
         // further back everything is the first sample
         let distance = distance.max(-(self.samples as f64) - TAPS as f64);
         let first = distance.floor();
