@@ -30,7 +30,7 @@ use equations::Equations;
 use fdm_grammar::graph::Signal;
 use partition::partition;
 use pulp::{Simd, WithSimd};
-use subsystem::{STEPS, Subsystem};
+use subsystem::{Subsystem, steps_of_a_block};
 
 /// Subsystems with more states are left to steps that touch structural nonzeros only.
 const MOST_STATES: usize = 24;
@@ -71,6 +71,8 @@ struct General {
 pub(super) struct Recursion {
     columns: Vec<usize>,
     method: Method,
+    /// Most steps that are worked off together.
+    block: usize,
     equations: Equations,
     subsystems: Vec<Subsystem>,
     general: Option<General>,
@@ -90,7 +92,8 @@ impl Recursion {
             assert!(layout.stage.lane[*k].is_some(), "parameter {k} is fixed in the model: it has no derivatives");
         }
         let (held, linear) = (&simulator.run.held, observed(layout));
-        let kinds = (intervals.lengths.len(), simulator.grid.per_interval().unwrap_or(1));
+        let block = steps_of_a_block(layout.states * (columns.len() + 1).next_multiple_of(VECTOR));
+        let kinds = (intervals.lengths.len(), simulator.grid.per_interval().unwrap_or(1), block);
         let parts = partition(layout, linear).into_iter();
         let subsystems: Vec<_> =
             parts.map(|part| Subsystem::new(layout, part, columns, held, kinds, &simulator.drive)).collect();
@@ -110,12 +113,13 @@ impl Recursion {
         Self {
             columns: columns.to_vec(),
             method,
+            block,
             equations: Equations::new(layout),
             before: subsystems.iter().map(|s| s.states().to_vec()).collect(),
             subsystems,
             general,
             gathering: Gathering::new(rows),
-            rows: Aligned::new((STEPS + 1) * longest),
+            rows: Aligned::new((block + 1) * longest),
         }
     }
 
@@ -308,7 +312,7 @@ impl WithSimd for March<'_, '_> {
         let (samples, per) = (simulator.run.len(), simulator.grid.per_interval().unwrap_or(1));
         let mut first = 0;
         while first < samples {
-            let most = if recursion.general.is_some() { 1 } else { (samples - first).min(STEPS) };
+            let most = if recursion.general.is_some() { 1 } else { (samples - first).min(recursion.block) };
             let count = recursion.advance(simd, simulator, intervals, (first, most));
             let steps = first.saturating_sub(1) * per..(first + count - 1) * per;
             if recursion.first_not_finite().is_some() {
@@ -336,7 +340,7 @@ impl Recursion {
         intervals: &Intervals,
         (first, most): (usize, usize),
     ) -> usize {
-        let Self { columns, subsystems, gathering, rows: spare, before, .. } = self;
+        let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
         let bare = columns.is_empty();
         let per = simulator.grid.per_interval().unwrap_or(1);
         let mut count = 0;
@@ -357,7 +361,7 @@ impl Recursion {
                 let sample = first + at;
                 let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
                 while from < end {
-                    let to = end.min(from + STEPS);
+                    let to = end.min(from + *block);
                     subsystem.advance(simd, &simulator.drive, intervals, from..to);
                     from = to;
                 }

@@ -14,8 +14,10 @@ use crate::simulate::vectors::{Aligned, VECTOR};
 use fdm_grammar::graph::Signal;
 use std::ops::Range;
 
-/// Most steps that are worked off together.
-pub(super) const STEPS: usize = 16;
+/// Steps that are worked off together: as many as leave room in the cache nearest to the processor.
+pub(super) fn steps_of_a_block(numbers_per_step: usize) -> usize {
+    (4096 / numbers_per_step.max(1)).clamp(16, 64)
+}
 
 /// One number of the feed.
 #[derive(Debug, Clone, Copy)]
@@ -93,13 +95,13 @@ pub(super) struct Subsystem {
 
 impl Subsystem {
     /// `held` tells of every input whether it is held between samples; `kinds` is the number of lengths, `per` that of steps
-    /// between samples.
+    /// between samples, `block` the most that are asked for at once.
     pub(super) fn new(
         layout: &Layout,
         part: Part,
         columns: &[usize],
         held: &[bool],
-        (kinds, per): (usize, usize),
+        (kinds, per, block): (usize, usize, usize),
         drive: &DriveTable,
     ) -> Self {
         let alone = columns.is_empty();
@@ -125,9 +127,9 @@ impl Subsystem {
             response,
             apart,
             size,
-            slots: Aligned::new((STEPS + 1) * size),
+            slots: Aligned::new((block + 1) * size),
             present: 0,
-            feed: vec![0.0; (STEPS + 1) * terms.len().max(output_terms.len())],
+            feed: vec![0.0; (block + 1) * terms.len().max(output_terms.len())],
             part,
             columns,
             width,
@@ -307,7 +309,7 @@ impl Subsystem {
         }
     }
 
-    /// Advances by some steps, at most [`STEPS`]: the states before them are in slot 0, those after step k in slot k + 1.
+    /// Advances by some steps, at most a block: the states before them are in slot 0, those after step k in slot k + 1.
     #[inline(always)]
     pub(super) fn advance<S: pulp::Simd>(
         &mut self,
@@ -337,7 +339,7 @@ impl Subsystem {
         self.present = end - steps.start;
     }
 
-    /// Outputs that are not states, one row each, at some samples (at most one more than [`STEPS`]) whose states stand in the
+    /// Outputs that are not states, one row each, at some samples (at most one more than a block has) whose states stand in the
     /// slots from `slot` on.
     #[inline(always)]
     pub(super) fn observe<S: pulp::Simd>(
@@ -383,22 +385,32 @@ fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f
     let (width, count) = (terms.len(), steps.len());
     let feed = &mut feed[..width * count];
     for (m, term) in terms.iter().enumerate() {
-        let (table, stride, at) = match term.reading {
+        let (table, stride, mut from) = match term.reading {
             Reading::Value(at) => (drive.all_stages(), 3 * drive.width(), at as usize),
             Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
             Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
             Reading::One => (&[1.0][..], 0, 0),
             Reading::Tap { input, delayed, tap } => {
-                let first = drive.taps(delayed as usize).first + i64::from(tap) + steps.start as i64;
-                for k in 0..count {
-                    feed[k * width + m] = drive.nearest(first + k as i64, input as usize);
+                let first = drive.taps(delayed as usize).first + i64::from(tap);
+                let (begin, end) = (first + steps.start as i64, first + steps.end as i64);
+                if begin < 0 || end as usize * drive.width() > drive.all_samples().len() {
+                    for (row, sample) in feed.chunks_exact_mut(width).zip(begin..) {
+                        row[m] = drive.nearest(sample, input as usize);
+                    }
+                    continue;
+                }
+                for (row, sample) in feed
+                    .chunks_exact_mut(width)
+                    .zip(drive.all_samples()[begin as usize * drive.width()..].chunks_exact(drive.width()))
+                {
+                    row[m] = sample[input as usize];
                 }
                 continue;
             }
         };
-        let mut from = steps.start * stride + at;
-        for k in 0..count {
-            feed[k * width + m] = table[from];
+        from += steps.start * stride;
+        for row in feed.chunks_exact_mut(width) {
+            row[m] = table[from];
             from += stride;
         }
     }
