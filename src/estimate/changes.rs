@@ -95,8 +95,8 @@ impl std::error::Error for ChangeError {}
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::param;
     use super::*;
+    use crate::estimate::specimen::param;
 
     #[test]
     fn changes_are_made_by_name_and_freeing_is_told() {

@@ -1,10 +1,10 @@
 //! The result of an estimation, ready for tables, JSON and plots.
 
-use super::direction::Direction;
-use super::noise_colour::{NoiseColour, Uncorrected};
-use super::progress::Iteration;
-use super::restart::Aid;
-use super::termination::Termination;
+use crate::estimate::errors::direction::Direction;
+use crate::estimate::errors::noise_colour::{NoiseColour, Uncorrected};
+use crate::estimate::iteration::restart::Aid;
+use crate::estimate::progress::Iteration;
+use crate::estimate::termination::Termination;
 use crate::quality::OutputFit;
 use serde::Serialize;
 

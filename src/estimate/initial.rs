@@ -87,9 +87,9 @@ fn invert(
 
 #[cfg(test)]
 mod tests {
-    use super::super::specimen::param;
     use super::*;
     use crate::dynamics::{Layout, Patterns};
+    use crate::estimate::specimen::param;
     use fdm_grammar::Pattern;
 
     /// y0 = 2 x0 + 3 + u, y1 = x0 + x1, y2 = tan(x1 delayed); x2 is not seen.

@@ -7,105 +7,57 @@
 //! `evaluation` (all runs) -> `information` (sums over samples) -> `noise` (weights, cost) -> `quadratic` (all unknowns)
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
+//!
+//! Four sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
+//! start or many) and `strategy` (other ways when the plain one goes astray, and confidence).
 
-mod affine;
-#[cfg(test)]
-mod approach;
-mod attempt;
-#[cfg(test)]
-mod belief;
-mod bend;
 mod changes;
-mod cholesky;
-mod coloured;
-mod coloured_rows;
-#[cfg(test)]
-mod coloured_tests;
-mod conclusion;
-mod continuation;
-mod correction;
-mod derived;
-mod direction;
+mod errors;
 #[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
-mod evaluation;
-mod fit;
-mod fit_error;
-mod footing;
-mod information;
 mod initial;
+mod iteration;
 mod keeper;
-mod ledger;
-mod lengths;
 mod noise;
-mod noise_colour;
-mod normal;
-mod plain;
-mod priors;
 mod problem;
-mod products;
 mod progress;
-mod projection;
-mod quadratic;
-mod rescue;
-mod restart;
-#[cfg(test)]
-mod resumption;
-mod reweighting;
-mod search;
-mod secant;
-mod segments;
-mod settling;
-mod shooting;
-mod snapshot;
+mod road;
 mod solve;
 #[cfg(test)]
 mod specimen;
-mod spread;
-mod stages;
-mod start;
-mod starts;
-mod stationarity;
-mod statistics;
-mod step;
-mod strategy_error;
-mod substitution;
+mod strategy;
 mod termination;
 #[cfg(test)]
 mod tests;
-mod trial;
-mod triangle;
-mod trouble;
-mod uncut;
 mod unknowns;
 
 pub use crate::quality::OutputFit;
-pub use attempt::attempt;
 pub use changes::{ChangeError, Changes};
-pub use continuation::Continuation;
-pub use derived::{DerivedName, DerivedQuantities};
-pub use direction::Direction;
+pub use errors::derived::{DerivedName, DerivedQuantities};
+pub use errors::direction::Direction;
+pub use errors::noise_colour::{NoiseColour, Uncorrected};
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
-pub use fit::{Fit, FitOptions, changed, examined, fit, fit_kept};
-pub use fit_error::FitError;
-pub use footing::Footing;
 pub use initial::initial_guess;
+pub use iteration::normal::{NormalEquations, NotFinite};
+pub use iteration::restart::Aid;
+pub use iteration::search::Method;
 pub use keeper::Keeper;
-pub use lengths::LengthFit;
 pub use noise::Noise;
-pub use noise_colour::{NoiseColour, Uncorrected};
-pub use normal::{NormalEquations, NotFinite};
 pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
-pub use rescue::{Remedy, Rescue};
-pub use restart::Aid;
-pub use reweighting::{Reweighting, Variation, Weight};
-pub use search::Method;
-pub use settling::{Settling, by_confidence};
-pub use shooting::{Continuity, Shooting};
+pub use road::attempt::attempt;
+pub use road::fit::{Fit, FitOptions, changed, examined, fit, fit_kept};
+pub use road::fit_error::FitError;
+pub use road::footing::Footing;
+pub use road::start::starts;
+pub use road::starts::{MultiStart, StartSummary};
 pub use solve::{estimate, estimate_from};
-pub use start::starts;
-pub use starts::{MultiStart, StartSummary};
-pub use strategy_error::StrategyError;
+pub use strategy::continuation::Continuation;
+pub use strategy::lengths::LengthFit;
+pub use strategy::rescue::{Remedy, Rescue};
+pub use strategy::reweighting::{Reweighting, Variation, Weight};
+pub use strategy::settling::{Settling, by_confidence};
+pub use strategy::shooting::{Continuity, Shooting};
+pub use strategy::strategy_error::StrategyError;
+pub use strategy::trouble::Trouble;
 pub use termination::{Reason, Termination};
-pub use trouble::Trouble;

@@ -1,9 +1,9 @@
 //! What is to be estimated from what: parameters, runs, options, and everything that can be wrong with them.
 
-use super::affine::affine;
-use super::derived::DerivedQuantities;
-use super::noise::Noise;
-use super::search::Method;
+use crate::estimate::errors::derived::DerivedQuantities;
+use crate::estimate::iteration::affine::affine;
+use crate::estimate::iteration::search::Method;
+use crate::estimate::noise::Noise;
 use crate::simulate::{Divergence, Simulator, Sink};
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;

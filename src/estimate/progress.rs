@@ -1,6 +1,6 @@
 //! What can be seen of an estimation while it works.
 
-use super::starts::StartSummary;
+use crate::estimate::road::starts::StartSummary;
 use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 

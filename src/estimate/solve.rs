@@ -1,18 +1,18 @@
 //! The road from a problem to its estimate.
 
-use super::coloured::corrected;
-use super::correction::Correction;
-use super::estimate::{Estimate, RunFit, Symmetric};
-use super::evaluation::{Evaluator, Failure, RunFailure};
-use super::noise::Likelihood;
-use super::noise_colour::Uncorrected;
-use super::priors::Priors;
-use super::problem::{Options, Problem, ProblemError};
-use super::progress::Observer;
-use super::snapshot::Snapshot;
-use super::statistics::Statistics;
-use super::termination::Termination;
-use super::unknowns::Unknowns;
+use crate::estimate::errors::coloured::corrected;
+use crate::estimate::errors::noise_colour::Uncorrected;
+use crate::estimate::errors::statistics::Statistics;
+use crate::estimate::estimate::{Estimate, RunFit, Symmetric};
+use crate::estimate::iteration::correction::Correction;
+use crate::estimate::iteration::evaluation::{Evaluator, Failure, RunFailure};
+use crate::estimate::iteration::priors::Priors;
+use crate::estimate::iteration::snapshot::Snapshot;
+use crate::estimate::noise::Likelihood;
+use crate::estimate::problem::{Options, Problem, ProblemError};
+use crate::estimate::progress::Observer;
+use crate::estimate::termination::Termination;
+use crate::estimate::unknowns::Unknowns;
 use crate::quality::OutputFit;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
@@ -79,7 +79,7 @@ pub fn estimate_from(
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost);
     let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
-    let noise_of = |w: &super::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
+    let noise_of = |w: &crate::estimate::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
     let noise = match &conclusion {
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
         None => end.is_ok().then(|| noise_of(&weights)),

@@ -1,7 +1,7 @@
 //! Models in closed form for tests, and reproducible noise.
 
-use super::derived::DerivedQuantities;
-use super::problem::{Problem, ProblemRun, Response};
+use crate::estimate::errors::derived::DerivedQuantities;
+use crate::estimate::problem::{Problem, ProblemRun, Response};
 use crate::simulate::{Block, Divergence, RowLayout, Sink};
 use fdm_grammar::model::{Origin, Param, Quantity};
 

@@ -1,6 +1,6 @@
 //! The vector of unknowns: shared free parameters first, then for every run its own copies of the per-run ones.
 
-use super::problem::Problem;
+use crate::estimate::problem::Problem;
 
 /// Which entry of the vector is which parameter of which run.
 #[derive(Debug, Clone)]

@@ -1,0 +1,299 @@
+//! Errors of the estimates corrected for the colour of the residuals (Morelli and Klein 1997):
+//! `D [sum_i S_i' R^-1 sum_j Rvv(i - j) R^-1 S_j] D`, with Rvv an autoregression for each output whose innovations correlate.
+//!
+//! Fitting takes from the residuals what the parameters can imitate, most of it where the sensitivities are; an
+//! autocovariance of fitted residuals is too small there. The autoregression is therefore the one that, fitted, would leave
+//! the autocovariances that were found: what fitting takes off is computed exactly and added, until nothing changes.
+
+use super::coloured_rows::{Colour, ColouredRows, Filtered, sampling};
+use super::conclusion::Conclusion;
+use super::noise_colour::{NoiseColour, Uncorrected};
+use crate::estimate::iteration::priors::PriorRow;
+use crate::estimate::problem::Problem;
+use crate::estimate::unknowns::Unknowns;
+use crate::quality::autocovariance::Lagged;
+use crate::quality::autoregression::AutoRegression;
+use crate::quality::colour;
+use rayon::prelude::*;
+
+/// Rounds until the autoregression reproduces what was found.
+const ROUNDS: usize = 12;
+/// Rounds in which the orders may change.
+const SETTLING: usize = 6;
+/// Change of the autocovariances, relative to the variance, that ends the rounds.
+const SETTLED: f64 = 1e-3;
+/// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
+const MOST_NUMBERS: usize = 20_000_000;
+/// Compared samples of a run for each output from which on it tells its colour alone.
+const LONG: usize = 200;
+
+/// The corrected covariance.
+pub(in crate::estimate) struct Corrected {
+    /// In scaled unknowns, chosen by chosen, as that of the conclusion.
+    pub(in crate::estimate) values: Vec<f64>,
+    /// What was found.
+    pub(in crate::estimate) colours: Vec<NoiseColour>,
+}
+
+/// Corrects the covariance of a conclusion at `values`.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(in crate::estimate) fn corrected(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    conclusion: &Conclusion,
+    priors: impl Iterator<Item = PriorRow>,
+) -> Result<Corrected, Uncorrected> {
+    let noise = conclusion.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if conclusion.inverse.chosen.is_empty() {
+        // all at their bounds, or without any effect
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    let runs = rows(problem, unknowns, values, conclusion)?;
+    let inverse_noise = noise.inverse();
+    let mut groups = Group::all(&runs, problem.outputs.len());
+    let frame = Frame { unknowns, conclusion };
+    let prior = frame.prior(priors);
+    for round in 0.. {
+        let filtered = filter(&runs, &groups, &inverse_noise);
+        let covariance = frame.covariance(&filtered, &prior);
+        if !covariance.iter().all(|v| v.is_finite()) {
+            return Err(Uncorrected::NotFinite);
+        }
+        let change = if round + 1 < ROUNDS {
+            let reduced: Vec<_> = (0..runs.len()).map(|r| frame.of_run(r, &covariance, runs[r].width)).collect();
+            groups.iter_mut().map(|g| g.improve(&runs, &filtered, &reduced, round < SETTLING)).fold(0.0, f64::max)
+        } else {
+            0.0
+        };
+        if change < SETTLED {
+            let colours = groups.iter().flat_map(|g| g.report(problem, &runs)).collect();
+            return Ok(Corrected { values: covariance, colours });
+        }
+    }
+    Err(Uncorrected::NotFinite)
+}
+
+/// Sensitivities and residuals of all runs.
+fn rows(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    conclusion: &Conclusion,
+) -> Result<Vec<ColouredRows>, Uncorrected> {
+    let width = unknowns.columns.len().next_multiple_of(8);
+    let mut grids = Vec::with_capacity(problem.runs.len());
+    for run in &problem.runs {
+        grids.push(sampling(run).map_err(|_| Uncorrected::UnevenSampling { run: run.name.clone() })?);
+    }
+    let numbers: usize = problem.runs.iter().zip(&grids).map(|(r, g)| g.length() * r.response.outputs() * width).sum();
+    if numbers > MOST_NUMBERS {
+        return Err(Uncorrected::TooLarge);
+    }
+    let chosen = |j: &usize| conclusion.inverse.chosen.contains(j);
+    let work = |(r, (run, grid)): (usize, (&mut crate::estimate::problem::ProblemRun<'_>, _))| {
+        let mut theta = unknowns.theta[r].clone();
+        unknowns.assemble(r, values, &mut theta);
+        let places = (0..unknowns.columns.len()).map(|c| unknowns.position(r, c));
+        let scale: Vec<f64> = places.map(|j| if chosen(&j) { conclusion.scale[j] } else { 0.0 }).collect();
+        ColouredRows::new(run, unknowns, &theta, &scale, grid).map_err(|_| Uncorrected::NotFinite)
+    };
+    problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()
+}
+
+fn filter(runs: &[ColouredRows], groups: &[Group], inverse_noise: &[f64]) -> Vec<Filtered> {
+    let group = |r: usize| groups.iter().find(|g| g.runs.contains(&r)).unwrap_or(&groups[0]);
+    runs.par_iter().enumerate().map(|(r, rows)| rows.filter(&group(r).colour, inverse_noise)).collect()
+}
+
+/// Where the columns of the runs stand among the unknowns.
+struct Frame<'f> {
+    unknowns: &'f Unknowns,
+    conclusion: &'f Conclusion,
+}
+
+impl Frame<'_> {
+    /// The place of each column of a run in the covariance.
+    fn places(&self, run: usize) -> Vec<Option<usize>> {
+        let chosen = &self.conclusion.inverse.chosen;
+        let columns = 0..self.unknowns.columns.len();
+        columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
+    }
+
+    /// Prior information, which the noise does not touch.
+    fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<(usize, f64)> {
+        let place = |row: PriorRow| {
+            let k = self.conclusion.inverse.chosen.binary_search(&row.unknown).ok()?;
+            Some((k, (row.weight / self.conclusion.scale[row.unknown]).powi(2)))
+        };
+        priors.filter_map(place).collect()
+    }
+
+    fn covariance(&self, filtered: &[Filtered], prior: &[(usize, f64)]) -> Vec<f64> {
+        let n = self.conclusion.inverse.chosen.len();
+        let mut middle = vec![0.0; n * n];
+        for (run, filtered) in filtered.iter().enumerate() {
+            let (places, width) = (self.places(run), filtered.middle.len().isqrt());
+            for (i, a) in places.iter().enumerate() {
+                for (j, b) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        middle[a * n + b] += filtered.middle[i * width + j];
+                    }
+                }
+            }
+        }
+        prior.iter().for_each(|(k, information)| middle[k * n + k] += information);
+        let inverse = &self.conclusion.inverse.values;
+        let covariance = product(&product(inverse, &middle, n), inverse, n);
+        (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
+    }
+
+    /// Cramer-Rao covariance and corrected covariance of the columns of one run.
+    fn of_run(&self, run: usize, covariance: &[f64], width: usize) -> [Vec<f64>; 2] {
+        let (n, places) = (self.conclusion.inverse.chosen.len(), self.places(run));
+        [&self.conclusion.inverse.values[..], covariance].map(|from| {
+            let mut to = vec![0.0; width * width];
+            for (i, a) in places.iter().enumerate() {
+                for (j, b) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        to[i * width + j] = from[a * n + b];
+                    }
+                }
+            }
+            to
+        })
+    }
+}
+
+fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+    let mut c = vec![0.0; n * n];
+    let width = n.max(1);
+    for (row, to) in a.chunks(width).zip(c.chunks_mut(width)) {
+        for (factor, b) in row.iter().zip(b.chunks(width)) {
+            to.iter_mut().zip(b).for_each(|(c, b)| *c += factor * b);
+        }
+    }
+    c
+}
+
+/// Runs that share the colour of their noise.
+struct Group {
+    runs: Vec<usize>,
+    /// Lagged products of the residuals of each output (q).
+    found: Vec<Lagged>,
+    /// Autocovariances of the noise of each output, as far as they are known.
+    autocovariances: Vec<Vec<f64>>,
+    colour: Colour,
+}
+
+impl Group {
+    /// Long runs tell their colour each by itself, short ones together with those of the same interval.
+    fn all(runs: &[ColouredRows], outputs: usize) -> Vec<Self> {
+        let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
+        let fewest = |r: &ColouredRows| r.residuals.iter().map(compared).filter(|n| *n > 0).min();
+        let long = |r: &ColouredRows| fewest(r).is_some_and(|n| n >= LONG);
+        let mut groups: Vec<(bool, f64, Vec<usize>)> = Vec::new();
+        for (k, run) in runs.iter().enumerate() {
+            let same = |i: f64| (i / run.interval - 1.0).abs() < 0.01;
+            match groups.iter_mut().find(|(alone, interval, _)| !alone && !long(run) && same(*interval)) {
+                Some(group) => group.2.push(k),
+                None => groups.push((long(run), run.interval, vec![k])),
+            }
+        }
+        groups.into_iter().map(|(_, _, members)| Self::new(members, runs, outputs)).collect()
+    }
+
+    fn new(members: Vec<usize>, runs: &[ColouredRows], outputs: usize) -> Self {
+        let series = |o: usize| members.iter().map(move |r| &runs[*r].residuals[o]);
+        let found: Vec<Lagged> = (0..outputs)
+            .map(|o| {
+                let present = series(o).flatten().filter(|v| !v.is_nan()).count();
+                let mut lagged = Lagged::none(colour::most_order(present));
+                series(o).for_each(|v| lagged.add(v));
+                lagged
+            })
+            .collect();
+        let longest = members.iter().map(|r| runs[*r].length).max().unwrap_or(1) as f64;
+        // a taper makes the means over fewer pairs those of a stationary process
+        let tapered = |l: &Lagged| l.means().enumerate().map(|(k, m)| m * (1.0 - k as f64 / longest)).collect();
+        let autocovariances = found.iter().map(tapered).collect();
+        let colour = Colour { models: Vec::new(), innovations: Vec::new() };
+        let mut group = Self { runs: members, found, autocovariances, colour };
+        group.choose(runs, true);
+        group
+    }
+
+    /// Chooses the models for the current autocovariances; with their old orders unless `free`.
+    fn choose(&mut self, runs: &[ColouredRows], free: bool) {
+        let choose = |(o, r): (usize, &Vec<f64>)| match self.colour.models.get(o) {
+            Some(old) if !free => {
+                let order = old.coefficients.len().min(r.len() - 1);
+                AutoRegression::ladder(&r[..=order]).pop().unwrap_or_else(|| AutoRegression::white(0.0))
+            }
+            _ => colour::choose(r, self.found[o].pairs[0]),
+        };
+        self.colour.models = self.autocovariances.iter().enumerate().map(choose).collect();
+        self.colour.innovations = self.innovations(runs);
+    }
+
+    /// Covariance of the innovations: variances from the models, correlations from the whitened residuals.
+    fn innovations(&self, runs: &[ColouredRows]) -> Vec<f64> {
+        let (models, q) = (&self.colour.models, self.colour.models.len());
+        let mut sums = vec![0.0; q * q];
+        if q > 1 {
+            for run in self.runs.iter().map(|r| &runs[*r]) {
+                let series: Vec<_> = models.iter().zip(&run.residuals).map(|(m, v)| m.innovations(v)).collect();
+                for i in 0..run.length {
+                    // only samples with all outputs: the correlations then belong together
+                    if series.iter().all(|s| !s[i].is_nan()) {
+                        (0..q * q).for_each(|k| sums[k] += series[k / q][i] * series[k % q][i]);
+                    }
+                }
+            }
+        }
+        let correlation = |a: usize, b: usize| match (sums[a * q + a] * sums[b * q + b]).sqrt() {
+            _ if a == b => 1.0,
+            size if size > 0.0 => sums[a * q + b] / size,
+            _ => 0.0,
+        };
+        let entry = |(a, b): (usize, usize)| correlation(a, b) * (models[a].variance * models[b].variance).sqrt();
+        (0..q * q).map(|k| entry((k / q, k % q))).collect()
+    }
+
+    /// Adds to what was found what fitting takes off under the current models; returns the largest relative change.
+    fn improve(&mut self, runs: &[ColouredRows], filtered: &[Filtered], reduced: &[[Vec<f64>; 2]], free: bool) -> f64 {
+        let mut change = 0.0_f64;
+        for (o, found) in self.found.iter().enumerate() {
+            let most = found.sums.len() - 1;
+            let mut taken = vec![0.0; most + 1];
+            for r in &self.runs {
+                let [inverse, covariance] = &reduced[*r];
+                let part = runs[*r].taken(o, &filtered[*r].images[o], inverse, covariance, most);
+                taken.iter_mut().zip(part).for_each(|(t, p)| *t += p);
+            }
+            let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;
+            let next: Vec<f64> = (0..=most).map(restored).collect();
+            if !(next[0] > 0.0 && next.iter().all(|v| v.is_finite())) {
+                continue;
+            }
+            let old = &self.autocovariances[o];
+            let largest = next.iter().zip(old).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            change = change.max(largest / next[0]);
+            self.autocovariances[o] = next;
+        }
+        self.choose(runs, free);
+        change
+    }
+
+    fn report(&self, problem: &Problem<'_>, runs: &[ColouredRows]) -> Vec<NoiseColour> {
+        let names: Vec<String> = self.runs.iter().map(|r| problem.runs[*r].name.clone()).collect();
+        let interval = runs[self.runs[0]].interval;
+        let one = |(o, model): (usize, &AutoRegression)| {
+            NoiseColour::new(problem.outputs[o].clone(), names.clone(), interval, model)
+        };
+        let measured = |(o, _): &(usize, &AutoRegression)| self.found[*o].pairs[0] > 0;
+        self.colour.models.iter().enumerate().filter(measured).map(one).collect()
+    }
+}

@@ -1,0 +1,221 @@
+//! Errors under coloured noise: the filters against sums over all pairs, and whole estimations against scatter.
+
+use super::coloured_rows::{Colour, ColouredRows};
+use crate::estimate::specimen::{Closed, Normal, Sample, grid, param, problem, run};
+use crate::estimate::*;
+use crate::quality::autoregression::AutoRegression;
+use crate::simulate::Sink;
+use nalgebra::DMatrix;
+
+fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
+    estimate(problem, options, &mut ()).expect("a possible problem")
+}
+
+/// The autoregression of this order with the autocovariances of a known one.
+fn model(autocovariances: &[f64]) -> AutoRegression {
+    AutoRegression::ladder(autocovariances).pop().expect("stationary")
+}
+
+/// Two outputs of 25 places, one missing, two columns.
+fn rows() -> ColouredRows {
+    let (length, width) = (25, 8);
+    let mut normal = Normal(77);
+    let mut rows = vec![vec![0.0; length * width]; 2];
+    let mut residuals = vec![vec![0.5; length]; 2];
+    residuals.iter_mut().for_each(|r| r[7] = f64::NAN);
+    for (rows, residuals) in rows.iter_mut().zip(&residuals) {
+        for i in (0..length).filter(|i| !residuals[*i].is_nan()) {
+            rows[i * width] = normal.next();
+            rows[i * width + 1] = (0.3 * i as f64).sin();
+        }
+    }
+    ColouredRows { length, interval: 1.0, width, rows, residuals }
+}
+
+/// Covariance of the noise of both outputs over all places (50 by 50), by summing over a thousand innovations.
+fn dense(colour: &Colour, length: usize) -> DMatrix<f64> {
+    let response = |m: &AutoRegression| {
+        let mut h = vec![1.0];
+        for k in 1..1000 {
+            h.push(m.coefficients.iter().enumerate().filter(|(j, _)| *j < k).map(|(j, a)| a * h[k - 1 - j]).sum());
+        }
+        h
+    };
+    let h: Vec<Vec<f64>> = colour.models.iter().map(response).collect();
+    DMatrix::from_fn(2 * length, 2 * length, |r, c| {
+        let (a, i, b, j) = (r / length, r % length, c / length, c % length);
+        // v_a(i) = sum of h_a(m) e_a(i - m)
+        let shift = j as i64 - i as i64;
+        let pairs = (0..900i64).filter(|m| m + shift >= 0);
+        colour.innovations[a * 2 + b] * pairs.map(|m| h[a][m as usize] * h[b][(m + shift) as usize]).sum::<f64>()
+    })
+}
+
+#[test]
+fn filters_are_the_sums_over_all_pairs_and_what_fitting_takes_off_is_exact() {
+    let rows = rows();
+    let (n, width) = (rows.length, rows.width);
+    let colour =
+        Colour { models: vec![model(&[2.0, 1.4, 0.6]), model(&[1.0, -0.5])], innovations: vec![0.7, 0.2, 0.2, 0.75] };
+    let weights = [2.0, 0.3, 0.3, 1.5];
+    let filtered = rows.filter(&colour, &weights);
+
+    let noise = dense(&colour, n);
+    let s = DMatrix::from_fn(2 * n, 2, |r, c| rows.rows[r / n][r % n * width + c]);
+    let compared = |r: usize| if rows.residuals[r / n][r % n].is_nan() { 0.0 } else { 1.0 };
+    let w = DMatrix::from_fn(2 * n, 2 * n, |r, c| {
+        if r % n == c % n { weights[r / n * 2 + c / n] * compared(r) * compared(c) } else { 0.0 }
+    });
+    let a = &w * &s;
+    let middle = a.transpose() * &noise * &a;
+    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let got = filtered.middle[i * width + j];
+        assert!((got - middle[(i, j)]).abs() < 1e-3 * middle[(i, i)], "{got} {}", middle[(i, j)]);
+    }
+    let image = &noise * &a;
+    for r in (0..2 * n).filter(|r| compared(*r) > 0.0) {
+        let got = filtered.images[r / n][r % n * width + 1];
+        assert!((got - image[(r, 1)]).abs() < 1e-3 * image.column(1).amax(), "{r}: {got} {}", image[(r, 1)]);
+    }
+
+    // residuals (1 - P) v have the covariance (1 - P) Rvv (1 - P)'
+    let inverse = (s.transpose() * &w * &s).try_inverse().expect("regular");
+    let projected = DMatrix::identity(2 * n, 2 * n) - &s * &inverse * a.transpose();
+    let fitted = &projected * &noise * projected.transpose();
+    let covariance = &inverse * &middle * &inverse;
+    let spread = |m: &DMatrix<f64>| {
+        let mut wide = vec![0.0; width * width];
+        (0..4).for_each(|k| wide[k / 2 * width + k % 2] = m[(k / 2, k % 2)]);
+        wide
+    };
+    for o in 0..2 {
+        let taken = rows.taken(o, &filtered.images[o], &spread(&inverse), &spread(&covariance), 4);
+        for (k, taken) in taken.iter().enumerate() {
+            let pairs = (0..n - k).map(|i| (o * n + i, o * n + i + k));
+            let both = pairs.filter(|(i, j)| compared(*i) * compared(*j) > 0.0);
+            let want: f64 = both.map(|(i, j)| noise[(i, j)] - fitted[(i, j)]).sum();
+            assert!((taken - want).abs() < 2e-3 * (noise[(0, 0)] + want.abs()), "output {o}, lag {k}: {taken} {want}");
+        }
+    }
+}
+
+const BOTH: Sample = |x, theta, y, d| {
+    y.copy_from_slice(&[theta[0] * x, 1.0 + theta[0] * x]);
+    d.copy_from_slice(&[x, x]);
+};
+
+#[test]
+fn noise_that_outputs_share_is_counted_once() {
+    // both outputs have nearly the same slow noise; the raw error takes it for two measurements
+    let (repeats, mut values, mut raw, mut corrected) = (200, Vec::new(), 0.0, 0.0);
+    for seed in 0..repeats {
+        let (mut normal, mut slow, mut last) = (Normal(31 + seed * 7919), 0.0, usize::MAX);
+        let data = run("r", grid(150, 1.0), 2, BOTH, &[2.0], |k, _| {
+            if k != last {
+                (slow, last) = (0.8 * slow + 0.1 * normal.next(), k);
+            }
+            slow + 0.01 * normal.next()
+        });
+        let fit = solve(&mut problem(vec![param("a", 1.0)], vec![data]), &Options::default());
+        let p = &fit.parameters[0];
+        values.push(p.value);
+        raw += p.standard_error.expect("determined").powi(2) / repeats as f64;
+        corrected += p.corrected_error.expect("even").powi(2) / repeats as f64;
+    }
+    let mean = values.iter().sum::<f64>() / repeats as f64;
+    let scatter = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (repeats - 1) as f64).sqrt();
+    assert!(raw.sqrt() / scatter < 0.35, "raw {}", raw.sqrt() / scatter);
+    assert!((corrected.sqrt() / scatter - 1.0).abs() < 0.15, "corrected {}", corrected.sqrt() / scatter);
+}
+
+/// y = a exp(-b x)
+const DECAY: Sample = |x, theta, y, d| {
+    let e = (-theta[1] * x).exp();
+    y[0] = theta[0] * e;
+    d.copy_from_slice(&[e, -theta[0] * x * e]);
+};
+
+fn decay(x: Vec<f64>, seed: u64) -> ProblemRun<'static> {
+    let mut normal = Normal(seed);
+    run("r", x, 1, DECAY, &[2.0, 1.5], |_, _| 0.02 * normal.next())
+}
+
+fn both_params() -> Vec<fdm_grammar::model::Param> {
+    vec![param("a", 1.0), param("b", 1.0)]
+}
+
+#[test]
+fn white_noise_leaves_the_errors_as_they_are() {
+    let mut equal = 0;
+    for seed in 0..40 {
+        let fit = solve(&mut problem(both_params(), vec![decay(grid(300, 3.0), seed * 31 + 1)]), &Options::default());
+        let factors = fit.correction_factors();
+        assert_eq!((fit.uncorrected.as_ref(), factors.len()), (None, 2));
+        equal += usize::from(factors.iter().all(|f| (f - 1.0).abs() < 0.01));
+    }
+    // one of forty may look coloured by chance
+    assert!(equal >= 38, "{equal} of 40");
+}
+
+#[test]
+fn short_runs_and_gaps_are_told_apart_from_uneven_sampling() {
+    struct Timed(Closed);
+    impl Response for Timed {
+        fn samples(&self) -> usize {
+            self.0.samples()
+        }
+        fn outputs(&self) -> usize {
+            self.0.outputs()
+        }
+        fn time(&self) -> Option<&[f64]> {
+            Some(&self.0.x)
+        }
+        fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), crate::simulate::Divergence> {
+            self.0.simulate(theta, y)
+        }
+        fn sensitivities(
+            &mut self,
+            theta: &[f64],
+            columns: &[usize],
+            sink: &mut Sink<'_>,
+        ) -> Result<(), crate::simulate::Divergence> {
+            self.0.sensitivities(theta, columns, sink)
+        }
+    }
+    let fit = |x: Vec<f64>| {
+        let mut data = decay(x.clone(), 5);
+        data.response = Box::new(Timed(Closed { x, q: 1, sample: DECAY }));
+        solve(&mut problem(both_params(), vec![data]), &Options::default())
+    };
+    let gappy = fit(grid(200, 3.0).into_iter().filter(|x| !(1.0..1.5).contains(x)).collect());
+    assert_eq!(gappy.uncorrected, None);
+    let uneven = fit((0..100).map(|k| 0.01 * 1.04f64.powi(k)).collect());
+    assert_eq!(uneven.uncorrected, Some(Uncorrected::UnevenSampling { run: "r".into() }));
+    assert!(uneven.parameters[0].corrected_error.is_none() && uneven.parameters[0].standard_error.is_some());
+    assert_eq!(uneven.parameters[0].error(), uneven.parameters[0].standard_error);
+    let tiny = fit(vec![0.0, 1.0, 2.0, 3.0]);
+    let factors = tiny.correction_factors();
+    assert!(factors.iter().all(|f| (f - 1.0).abs() < 0.05), "{factors:?}");
+    let unasked = Options { colour: false, ..Options::default() };
+    let none = solve(&mut problem(both_params(), vec![decay(grid(50, 3.0), 1)]), &unasked);
+    assert_eq!((none.uncorrected, none.colours.len()), (Some(Uncorrected::NotAsked), 0));
+}
+
+#[test]
+fn every_long_run_has_a_colour_of_its_own() {
+    let make = |name: &str, keep: f64, seed: u64| {
+        let (mut normal, mut v) = (Normal(seed), 0.0);
+        run(name, grid(400, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| {
+            v = keep * v + 0.01 * normal.next();
+            v
+        })
+    };
+    let fit = solve(
+        &mut problem(both_params(), vec![make("slow", 0.9, 3), make("white", 0.0, 4), make("fast", -0.6, 5)]),
+        &Options::default(),
+    );
+    let neighbours: Vec<f64> = fit.colours.iter().map(|c| c.neighbours).collect();
+    assert_eq!(fit.colours[0].runs, ["slow"]);
+    assert!((neighbours[0] - 0.9).abs() < 0.08 && (neighbours[2] + 0.6).abs() < 0.1, "{neighbours:?}");
+    assert!(neighbours[1].abs() < 0.12 && !fit.colours[0].is_white(), "{neighbours:?}");
+}

@@ -1,0 +1,16 @@
+//! What is known about the estimates: covariance, errors, what the data do not determine.
+//!
+//! **In** the quadratic and the residuals at the end of an iteration. **Out** standard errors (Cramer-Rao, and corrected for the
+//! colour of the residuals), statuses, directions in words. **Never** changes an estimate. **Start** at [`statistics`].
+
+#[cfg(test)]
+mod belief;
+pub(super) mod coloured;
+pub(super) mod coloured_rows;
+#[cfg(test)]
+mod coloured_tests;
+pub(super) mod conclusion;
+pub(super) mod derived;
+pub(super) mod direction;
+pub(super) mod noise_colour;
+pub(super) mod statistics;

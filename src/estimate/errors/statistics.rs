@@ -1,0 +1,231 @@
+//! From the final information to standard errors, statuses, correlations and the tables of the result.
+
+use super::coloured::Corrected;
+use super::conclusion::Conclusion;
+use super::direction::{Direction, undetermined};
+use crate::estimate::estimate::{ParameterEstimate, Status, Symmetric};
+use crate::estimate::problem::Problem;
+use crate::estimate::unknowns::Unknowns;
+
+/// Cramer-Rao standard error, and the one corrected for the colour of the residuals.
+type Errors = [Option<f64>; 2];
+
+/// What is known about the unknowns after an estimation.
+pub(in crate::estimate) struct Statistics {
+    /// Status of each unknown.
+    status: Vec<Status>,
+    /// Covariance of all chosen unknowns in the parameters' units, row-major; empty without degrees of freedom.
+    covariance: Vec<f64>,
+    /// The same, corrected for the colour of the residuals; empty when it was not.
+    corrected: Vec<f64>,
+    /// Position of an unknown in `covariance`.
+    place: Vec<Option<usize>>,
+    /// Undetermined directions over the chosen unknowns, per parameter unit.
+    null: Vec<Vec<f64>>,
+    /// The same in words.
+    pub(in crate::estimate) directions: Vec<Direction>,
+    /// Directions that priors determine and the data do not.
+    pub(in crate::estimate) by_prior: Vec<Direction>,
+}
+
+impl Statistics {
+    /// Statistics of an estimation at `values`; without a conclusion nothing was estimated.
+    pub(in crate::estimate) fn new(
+        problem: &Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+        conclusion: Option<&Conclusion>,
+        corrected: Option<&Corrected>,
+    ) -> Self {
+        let Some(conclusion) = conclusion else {
+            let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
+            let (covariance, corrected, null, directions, by_prior) = Default::default();
+            return Self { status, covariance, corrected, place, null, directions, by_prior };
+        };
+        let inverse = &conclusion.inverse;
+        let name = |j: usize| name_of(problem, unknowns, j);
+        let Conclusion { scale, inside, without_priors, .. } = conclusion;
+        let (determined, directions) = undetermined(scale, inside, inverse, name);
+        let by_prior = without_priors.as_ref().map(|(scale, inverse)| undetermined(scale, inside, inverse, name).1);
+        let mut status: Vec<Status> = (0..values.len())
+            .map(|j| match () {
+                () if values[j] <= unknowns.lower[j] => Status::AtLowerBound,
+                () if values[j] >= unknowns.upper[j] => Status::AtUpperBound,
+                () => Status::NotDetermined,
+            })
+            .collect();
+        let mut place = vec![None; values.len()];
+        for (k, j) in inverse.chosen.iter().enumerate() {
+            place[*j] = Some(k);
+            if determined[k] {
+                status[*j] = Status::Estimated;
+            }
+        }
+        let scale: Vec<f64> = inverse.chosen.iter().map(|j| conclusion.scale[*j]).collect();
+        let entries = || scale.iter().flat_map(|a| scale.iter().map(move |b| a * b));
+        let physical = |values: &[f64]| values.iter().zip(entries()).map(|(v, s)| v / s).collect::<Vec<f64>>();
+        let mut covariance = physical(&inverse.values);
+        let corrected = corrected.map_or(Vec::new(), |c| physical(&c.values));
+        if conclusion.noise.is_none() {
+            covariance.clear();
+        }
+        let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
+        let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
+        Self { status, covariance, corrected, place, null, directions, by_prior }
+    }
+
+    /// An entry of one of the covariances.
+    fn entry(&self, covariance: &[f64], i: usize, j: usize) -> Option<f64> {
+        let n = covariance.len().isqrt();
+        covariance.get(self.place[i]? * n + self.place[j]?).copied()
+    }
+
+    /// Standard errors of an unknown that is determined: Cramer-Rao, and corrected.
+    fn errors(&self, unknown: usize) -> Errors {
+        let error = |covariance: &[f64]| {
+            let variance = self.entry(covariance, unknown, unknown);
+            variance.filter(|_| self.status[unknown] == Status::Estimated).map(|v| v.max(0.0).sqrt())
+        };
+        [error(&self.covariance), error(&self.corrected)]
+    }
+
+    /// Standard errors of a quantity with the given gradient (unknown, partial); none when it moves along an
+    /// undetermined direction, when an unknown without influence moves it, or when nothing estimated does.
+    fn delta(&self, gradient: &[(usize, f64)]) -> Errors {
+        /// Share of a move that the differences behind the gradient may leave over.
+        const REST: f64 = 1e-6;
+        if gradient.iter().any(|(_, g)| !g.is_finite()) {
+            return [None; 2];
+        }
+        let lost = |j: &usize| self.status[*j] == Status::NotDetermined && self.place[*j].is_none();
+        if gradient.iter().any(|(j, g)| *g != 0.0 && lost(j)) {
+            return [None; 2];
+        }
+        for v in &self.null {
+            let parts = || gradient.iter().filter_map(|(j, g)| Some(g * v[self.place[*j]?]));
+            let (sum, sizes) = (parts().sum::<f64>(), parts().map(f64::abs).sum::<f64>());
+            if sum.abs() > REST * sizes {
+                return [None; 2];
+            }
+        }
+        [&self.covariance, &self.corrected].map(|covariance| {
+            let inner = |(i, a): &(usize, f64)| {
+                let parts = gradient.iter().filter_map(|(j, b)| Some(a * b * self.entry(covariance, *i, *j)?));
+                parts.sum::<f64>()
+            };
+            let variance: f64 = gradient.iter().map(inner).sum();
+            (variance > 0.0).then(|| variance.sqrt())
+        })
+    }
+
+    /// Every parameter, per-run ones once for every run, and the entries that the covariance covers.
+    pub(in crate::estimate) fn parameters(
+        &self,
+        problem: &Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+    ) -> (Vec<ParameterEstimate>, Vec<usize>, Vec<usize>) {
+        let (mut table, mut covered, mut members) = (Vec::new(), Vec::new(), Vec::new());
+        for (k, param) in problem.params.iter().enumerate() {
+            let copies = if param.per_run { problem.runs.len() } else { 1 };
+            for run in 0..copies {
+                let unknown = unknowns.of(run, k);
+                let status = unknown.map_or(Status::Fixed, |j| self.status[j]);
+                let [standard_error, corrected_error] = unknown.map_or([None; 2], |j| self.errors(j));
+                if let (Some(j), Some(_)) = (unknown, standard_error) {
+                    covered.push(table.len());
+                    members.push(j);
+                }
+                let start = unknowns.theta[run][k];
+                let bound = |value: f64| value.is_finite().then_some(value);
+                table.push(ParameterEstimate {
+                    name: param.quantity.name.clone(),
+                    run: param.per_run.then(|| problem.runs[run].name.clone()),
+                    value: unknown.map_or(start, |j| values[j]),
+                    standard_error,
+                    corrected_error,
+                    unit: param.quantity.unit.as_ref().map(ToString::to_string),
+                    status,
+                    start: Some(start),
+                    lower: bound(param.lower),
+                    upper: bound(param.upper),
+                });
+            }
+        }
+        (table, covered, members)
+    }
+
+    /// Derived quantities, per-run ones once for every run.
+    pub(in crate::estimate) fn derived(
+        &self,
+        problem: &mut Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+    ) -> Vec<ParameterEstimate> {
+        let mut table = Vec::new();
+        let names = problem.derived.names.clone();
+        let rows: Vec<_> = (0..unknowns.runs).map(|run| self.derived_in(problem, unknowns, values, run)).collect();
+        for (i, derived) in names.iter().enumerate() {
+            let copies = if derived.per_run { problem.runs.len() } else { 1 };
+            for (run, row) in rows.iter().enumerate().take(copies) {
+                let (value, [standard_error, corrected_error]) = row[i];
+                table.push(ParameterEstimate {
+                    name: derived.name.clone(),
+                    run: derived.per_run.then(|| problem.runs[run].name.clone()),
+                    value,
+                    standard_error,
+                    corrected_error,
+                    unit: derived.unit.clone(),
+                    status: Status::Derived,
+                    start: None,
+                    lower: None,
+                    upper: None,
+                });
+            }
+        }
+        table
+    }
+
+    /// Values and standard errors of the derived quantities in one run.
+    fn derived_in(
+        &self,
+        problem: &mut Problem<'_>,
+        unknowns: &Unknowns,
+        values: &[f64],
+        run: usize,
+    ) -> Vec<(f64, Errors)> {
+        let mut theta = unknowns.theta[run].clone();
+        unknowns.assemble(run, values, &mut theta);
+        let places: Vec<usize> = (0..unknowns.columns.len()).map(|c| unknowns.position(run, c)).collect();
+        let size: Vec<f64> = places.iter().map(|j| self.errors(*j)[0].unwrap_or(0.0)).collect();
+        let (derived, gradients) = problem.derived.linearise(&theta, &unknowns.columns, &size);
+        let error = |row: &Vec<f64>| {
+            let gradient: Vec<(usize, f64)> = places.iter().copied().zip(row.iter().copied()).collect();
+            self.delta(&gradient)
+        };
+        derived.into_iter().zip(gradients.iter().map(error)).collect()
+    }
+
+    /// Covariance, correlations and corrected covariance of the given unknowns.
+    pub(in crate::estimate) fn matrices(&self, members: &[usize]) -> (Symmetric, Symmetric, Symmetric) {
+        let size = members.len();
+        let entry = |i: usize, j: usize| self.entry(&self.covariance, i, j).unwrap_or(f64::NAN);
+        let pairs = || members.iter().flat_map(|i| members.iter().map(move |j| (*i, *j)));
+        let covariance = pairs().map(|(i, j)| entry(i, j)).collect();
+        let correlation = |(i, j): (usize, usize)| match i == j {
+            true => 1.0,
+            false => (entry(i, j) / (entry(i, i) * entry(j, j)).sqrt()).clamp(-1.0, 1.0),
+        };
+        let correlations = pairs().map(correlation).collect();
+        let corrected: Vec<f64> = pairs().filter_map(|(i, j)| self.entry(&self.corrected, i, j)).collect();
+        let symmetric = |values: Vec<f64>| Symmetric { size: values.len().isqrt(), values };
+        (Symmetric { size, values: covariance }, Symmetric { size, values: correlations }, symmetric(corrected))
+    }
+}
+
+/// What an unknown is called: its parameter, and its run when it has one.
+fn name_of(problem: &Problem<'_>, unknowns: &Unknowns, unknown: usize) -> String {
+    let (run, param) = unknowns.owner(unknown);
+    let name = &problem.params[param].quantity.name;
+    run.map_or_else(|| name.clone(), |r| format!("{name} of run {}", problem.runs[r].name))
+}

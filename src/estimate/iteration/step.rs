@@ -1,0 +1,198 @@
+//! A damped correction within bounds.
+
+use super::quadratic::Quadratic;
+
+/// How far every unknown may go down (not above 0) and up (not below 0), in scaled units.
+#[derive(Debug, Clone, Default)]
+pub(in crate::estimate) struct Room {
+    /// Distance to the lower bound.
+    pub(in crate::estimate) down: Vec<f64>,
+    /// Distance to the upper bound.
+    pub(in crate::estimate) up: Vec<f64>,
+}
+
+impl Room {
+    /// The room that is left at `values`.
+    pub(in crate::estimate) fn at(values: &[f64], lower: &[f64], upper: &[f64], scale: &[f64]) -> Self {
+        let scaled = |bound: &[f64]| {
+            let distance = bound.iter().zip(values).zip(scale);
+            // an unknown without influence has scale 0 and does not move; infinity times 0 must not become NaN
+            distance.map(|((b, v), s)| if *b == *v || *s == 0.0 { 0.0 } else { (b - v) * s }).collect()
+        };
+        Self { down: scaled(lower), up: scaled(upper) }
+    }
+
+    /// Unknowns that can move: not those that stand at a bound with the cost falling beyond it, nor those without
+    /// influence.
+    pub(in crate::estimate) fn movable(&self, quadratic: &Quadratic) -> Vec<usize> {
+        (0..quadratic.rhs.len()).filter(|j| self.moves(quadratic, *j)).collect()
+    }
+
+    /// Those of `unknowns` that can move.
+    pub(in crate::estimate) fn movable_among(&self, quadratic: &Quadratic, unknowns: &[usize]) -> Vec<usize> {
+        unknowns.iter().copied().filter(|j| self.moves(quadratic, *j)).collect()
+    }
+
+    fn moves(&self, quadratic: &Quadratic, j: usize) -> bool {
+        let rhs = &quadratic.rhs;
+        let held = (self.down[j] == 0.0 && rhs[j] <= 0.0) || (self.up[j] == 0.0 && rhs[j] >= 0.0);
+        quadratic.scale[j] > 0.0 && !held
+    }
+
+    /// Bends a damped step by the second derivative of the response along it, seen as the `slope` of the cost
+    /// (geodesic acceleration, Transtrum and Sethna 2012). Gives the bend relative to the step: a step that is bent too
+    /// much is too long to be believed.
+    pub(in crate::estimate) fn bend(
+        &self,
+        quadratic: &Quadratic,
+        damping: f64,
+        slope: &[f64],
+        step: &mut [f64],
+    ) -> f64 {
+        let inside = |j: &usize| self.down[*j] < step[*j] && step[*j] < self.up[*j];
+        let moving: Vec<usize> = (0..step.len()).filter(inside).collect();
+        let Some(bend) = quadratic.apply_inverse(&moving, damping, slope) else { return f64::INFINITY };
+        let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let ratio = 2.0 * norm(&bend) / norm(step);
+        for (j, (s, b)) in step.iter_mut().zip(&bend).enumerate() {
+            *s = self.clip(j, *s - 0.5 * b);
+        }
+        ratio
+    }
+
+    fn clip(&self, j: usize, step: f64) -> f64 {
+        step.max(self.down[j]).min(self.up[j])
+    }
+}
+
+/// Slopes below this part of the largest one do not release an unknown from its bound.
+const FLAT: f64 = 1e-12;
+
+/// The minimum of the damped quadratic inside the room. False when the quadratic cannot be solved without damping.
+pub(in crate::estimate) fn constrained(quadratic: &Quadratic, room: &Room, damping: f64, step: &mut Vec<f64>) -> bool {
+    step.clear();
+    step.resize(quadratic.rhs.len(), 0.0);
+    let all: Vec<usize> = (0..step.len()).collect();
+    constrained_among(quadratic, room, &all, damping, step)
+}
+
+/// The same among some unknowns; the others keep their part of the step. An active set (Stark and Parker 1995): whoever
+/// meets a bound on the way to the minimum of the free ones is held there, and let go when the cost falls inwards.
+pub(in crate::estimate) fn constrained_among(
+    quadratic: &Quadratic,
+    room: &Room,
+    unknowns: &[usize],
+    damping: f64,
+    step: &mut [f64],
+) -> bool {
+    let mut free = room.movable_among(quadratic, unknowns);
+    for _ in 0..3 * unknowns.len() + 1 {
+        if !descend(quadratic, room, &mut free, damping, step) {
+            return false;
+        }
+        let slope = quadratic.slope(damping, step);
+        let least = FLAT * slope.iter().chain(&quadratic.rhs).fold(0.0_f64, |m, s| m.max(s.abs()));
+        let inwards = |j: usize| match slope[j] {
+            s if s > least => step[j] <= room.down[j] && room.up[j] > room.down[j],
+            s if s < -least => step[j] >= room.up[j] && room.up[j] > room.down[j],
+            _ => false,
+        };
+        let held = unknowns.iter().copied().filter(|j| quadratic.scale[*j] > 0.0 && !free.contains(j) && inwards(*j));
+        let Some(next) = held.reduce(|a, b| if slope[b].abs() > slope[a].abs() { b } else { a }) else { break };
+        free.push(next);
+        free.sort_unstable();
+    }
+    true
+}
+
+/// Goes to the minimum of the free unknowns; those that meet a bound on the way are not free any more.
+fn descend(quadratic: &Quadratic, room: &Room, free: &mut Vec<usize>, damping: f64, step: &mut [f64]) -> bool {
+    while !free.is_empty() {
+        let mut wanted = step.to_vec();
+        if !quadratic.solve(free, damping, &mut wanted) {
+            return false;
+        }
+        let part = |j: usize| {
+            let bound = if wanted[j] > step[j] { room.up[j] } else { room.down[j] };
+            if wanted[j] == room.clip(j, wanted[j]) {
+                1.0
+            } else {
+                ((bound - step[j]) / (wanted[j] - step[j])).max(0.0)
+            }
+        };
+        let parts: Vec<f64> = free.iter().map(|j| part(*j)).collect();
+        let least = parts.iter().copied().fold(1.0, f64::min);
+        for (j, part) in free.iter().zip(&parts) {
+            step[*j] = match () {
+                () if least == 1.0 => wanted[*j],
+                () if *part == least => room.clip(*j, wanted[*j]),
+                () => room.clip(*j, step[*j] + least * (wanted[*j] - step[*j])),
+            };
+        }
+        if least == 1.0 {
+            break;
+        }
+        let mut blocked = parts.iter().map(|p| *p == least);
+        free.retain(|_| !blocked.next().unwrap_or(false));
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::information::Sums;
+    use super::*;
+    use crate::estimate::specimen::{Normal, grid, param, problem, run};
+    use crate::estimate::unknowns::Unknowns;
+    use crate::simulate::{Block, RowLayout};
+
+    /// A quadratic with four correlated unknowns.
+    fn quadratic(seed: u64, precise: bool) -> Quadratic {
+        let mut noise = Normal(seed);
+        let (rows, columns, layout) = (9, 4, RowLayout::full(1, 4));
+        let mut jacobian = vec![0.0; rows * layout.length];
+        jacobian.chunks_mut(layout.length).for_each(|row| {
+            let common = noise.next();
+            row[..columns].iter_mut().for_each(|v| *v = noise.next() + 2.0 * common);
+        });
+        let (measured, y) = ((0..rows).map(|_| noise.next()).collect::<Vec<f64>>(), vec![0.0; rows]);
+        let mut sums = Sums::new(columns, 1);
+        sums.precise = precise;
+        sums.begin();
+        sums.add(&mut Block { first: 0, y: &y, rows: &mut jacobian, layout: &layout }, &measured, None);
+        sums.end();
+        let params = ["a", "b", "c", "d"].map(|n| param(n, 0.0)).to_vec();
+        let data = run("r", grid(2, 1.0), 1, |_, _, _, _| (), &[0.0; 4], |_, _| 0.0);
+        let unknowns = Unknowns::new(&problem(params, vec![data]));
+        let mut quadratic = Quadratic::default();
+        quadratic.gather(&unknowns, std::iter::once(&sums), &[1.0], std::iter::empty());
+        quadratic
+    }
+
+    #[test]
+    fn no_point_of_the_room_is_lower() {
+        for seed in 1..60 {
+            for (precise, damping) in [(false, 0.0), (true, 0.0), (false, 0.3), (true, 0.3)] {
+                let quadratic = quadratic(seed, precise);
+                let mut noise = Normal(1000 + seed);
+                let mut side = |sign: f64| (0..4).map(|_| sign * (0.2 * noise.next()).max(0.0)).collect::<Vec<f64>>();
+                let room = Room { down: side(-1.0), up: side(1.0) };
+                let mut step = Vec::new();
+                assert!(constrained(&quadratic, &room, damping, &mut step));
+                let cost = |s: &[f64]| damping / 2.0 * s.iter().map(|v| v * v).sum::<f64>() - quadratic.reduction(s);
+                let best = cost(&step);
+                assert!((0..4).all(|j| room.down[j] <= step[j] && step[j] <= room.up[j]));
+                for j in 0..4 {
+                    for h in [-1e-3, 1e-3] {
+                        let mut near = step.clone();
+                        near[j] = room.clip(j, near[j] + h);
+                        assert!(
+                            cost(&near) >= best - 1e-12,
+                            "seed {seed}: {step:?} in {room:?} is not lowest along {j}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,264 @@
+//! Many starts: an attempt from each, what came out of it, and which of them is the best.
+
+use super::attempt::attempt;
+use super::fit::FitOptions;
+use super::fit_error::FitError;
+use super::ledger::Ledger;
+use super::spread::Spread;
+use super::stages::Stages;
+use crate::estimate::estimate::{Estimate, Status};
+use crate::estimate::problem::Options;
+use crate::estimate::progress::{Iteration, Observer};
+use crate::estimate::strategy::continuation::Continuation;
+use crate::estimate::termination::Termination;
+use crate::model::Model;
+use crate::record::Run;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// From how many starts to fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MultiStart {
+    /// Number of starts, the given one included.
+    pub count: usize,
+    /// Chooses the others.
+    pub seed: u64,
+}
+
+impl Default for MultiStart {
+    fn default() -> Self {
+        Self { count: 1, seed: 0 }
+    }
+}
+
+/// What came out of one start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StartSummary {
+    /// Its number; 1 is the given start.
+    pub number: usize,
+    /// Cost that was reached; none when the start values could not be simulated.
+    pub cost: Option<f64>,
+    /// Corrections made in the last estimation.
+    pub iterations: usize,
+    /// How it ended; none when the attempt was not possible.
+    pub termination: Option<Termination>,
+    /// The same in words.
+    pub message: String,
+    /// The minimum that was reached, numbered by cost from 1; none without a cost.
+    pub minimum: Option<usize>,
+    /// Largest difference of a parameter from the best start's, relative to the greater of both.
+    pub distance: Option<f64>,
+    /// Free parameters where it ended, in the order of [`Estimate::parameters`].
+    pub values: Vec<f64>,
+}
+
+/// Costs that differ by less are those of one minimum: a likelihood ratio that no data can tell from one.
+const SAME_COST: f64 = 0.01;
+/// The same relative to the cost, for its rounding.
+const SAME_RELATIVE: f64 = 1e-9;
+/// Parameters that differ by less, relative to their size, are those of one minimum; without noise, costs are not.
+const SAME_PLACE: f64 = 1e-6;
+
+/// All starts, and the best.
+pub(in crate::estimate) struct Starts {
+    /// In the order of their numbers; those that an interruption prevented are missing.
+    pub(in crate::estimate) summaries: Vec<StartSummary>,
+    /// Where the best started.
+    pub(in crate::estimate) start: Vec<Vec<f64>>,
+    /// Its number.
+    pub(in crate::estimate) number: usize,
+    /// The states of its estimations: repeating the attempt with them is quick.
+    pub(in crate::estimate) states: Vec<Vec<u8>>,
+}
+
+struct Ended {
+    summary: StartSummary,
+    states: Vec<Vec<u8>>,
+    error: Option<FitError>,
+}
+
+/// Attempts a fit from every start, on all threads; the same bits for any number of them.
+///
+/// # Errors
+/// [`FitError`] when no start could be attempted.
+pub(in crate::estimate) fn many_starts(
+    model: &Model,
+    runs: &[Run],
+    given: &[Vec<f64>],
+    options: &FitOptions,
+    ledger: &Ledger<'_>,
+    observer: &mut dyn Observer,
+) -> Result<Starts, FitError> {
+    let count = options.starts.count;
+    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
+    let continuation = match &options.continuation {
+        Continuation::Auto => Continuation::Never,
+        asked => asked.clone(),
+    };
+    // a start that needs more is of use only when it is the best, which goes on with the rest
+    let iterations = options.options.iterations.div_ceil(2);
+    let inner = Options { colour: false, iterations, ..options.options.clone() };
+    let options =
+        &FitOptions { options: inner, footing: options.footing.provisional(), continuation, ..options.clone() };
+    let spread = Spread::new(model, given, options.starts.seed);
+    let watch =
+        Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };
+    let one = |k: usize| one_start(model, runs, &spread.start(k), (k + 1, options), ledger, &watch);
+    let mut ended: Vec<Ended> = (0..count).into_par_iter().with_max_len(1).filter_map(one).collect();
+    compare(&mut ended);
+    let Some(best) = best(&ended) else {
+        let first = ended.iter_mut().find_map(|e| e.error.take());
+        return match first {
+            Some(error) => Err(error),
+            // nothing could be simulated from any start: the given one says why
+            None => Ok(Starts {
+                start: given.to_vec(),
+                number: 1,
+                states: Vec::new(),
+                summaries: ended.into_iter().map(|e| e.summary).collect(),
+            }),
+        };
+    };
+    let (number, states) = (ended[best].summary.number, std::mem::take(&mut ended[best].states));
+    let summaries = ended.into_iter().map(|e| e.summary).collect();
+    Ok(Starts { summaries, start: spread.start(number - 1), number, states })
+}
+
+fn one_start(
+    model: &Model,
+    runs: &[Run],
+    start: &[Vec<f64>],
+    (number, options): (usize, &FitOptions),
+    ledger: &Ledger<'_>,
+    watch: &Watch<'_>,
+) -> Option<Ended> {
+    if watch.stop.load(Ordering::Relaxed) {
+        return None;
+    }
+    let name = format!("start-{number}");
+    let kept = ledger.find(&name);
+    if let Some(summary) = kept.summary {
+        watch.ended(&summary);
+        return Some(Ended { summary, states: kept.states, error: None });
+    }
+    let mut observer = OneOfMany { number, watch };
+    let mut stages = Stages::new(&mut observer, ledger, name.clone(), kept.states).remembering();
+    let attempted = attempt(model, runs, start, options, &mut stages);
+    let states = stages.into_states();
+    let (summary, error) = match attempted {
+        Ok(fit) => (summary(number, &fit.estimate), None),
+        Err(error) => (impossible(number, &error), Some(error)),
+    };
+    if error.is_none() && summary.termination != Some(Termination::Interrupted) {
+        ledger.put(&name, Some(&summary), &states);
+    }
+    watch.ended(&summary);
+    Some(Ended { summary, states, error })
+}
+
+fn summary(number: usize, estimate: &Estimate) -> StartSummary {
+    let open = estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived));
+    StartSummary {
+        number,
+        cost: estimate.cost.filter(|c| c.is_finite()),
+        iterations: estimate.iterations,
+        termination: Some(estimate.termination.clone()),
+        message: estimate.termination.to_string(),
+        minimum: None,
+        distance: None,
+        values: open.map(|p| p.value).collect(),
+    }
+}
+
+fn impossible(number: usize, error: &FitError) -> StartSummary {
+    let message = error.to_string();
+    StartSummary {
+        number,
+        cost: None,
+        iterations: 0,
+        termination: None,
+        message,
+        minimum: None,
+        distance: None,
+        values: Vec::new(),
+    }
+}
+
+/// Finds the minima among the costs, and the distance of each start from the best.
+fn compare(ended: &mut [Ended]) {
+    let mut order: Vec<usize> = (0..ended.len()).filter(|k| ended[*k].summary.cost.is_some()).collect();
+    let cost = |ended: &[Ended], k: usize| ended[k].summary.cost.unwrap_or(f64::INFINITY);
+    order.sort_by(|a, b| cost(ended, *a).total_cmp(&cost(ended, *b)).then(a.cmp(b)));
+    let (mut minimum, mut head) = (0, None::<usize>);
+    for k in &order {
+        let here = cost(ended, *k);
+        let same = head.is_some_and(|h| {
+            let least = cost(ended, h);
+            let level = SAME_COST.max(SAME_RELATIVE * least.abs());
+            here - least <= level || distance(&ended[h].summary.values, &ended[*k].summary.values) <= SAME_PLACE
+        });
+        if !same {
+            (minimum, head) = (minimum + 1, Some(*k));
+        }
+        ended[*k].summary.minimum = Some(minimum);
+    }
+    let Some(best) = best(ended) else { return };
+    let values = ended[best].summary.values.clone();
+    for k in order {
+        ended[k].summary.distance = Some(distance(&values, &ended[k].summary.values));
+    }
+}
+
+/// The start with the least cost; among those at the same minimum one that converged.
+fn best(ended: &[Ended]) -> Option<usize> {
+    let good = |e: &Ended| e.summary.termination.as_ref().is_some_and(Termination::is_good);
+    let lowest = ended.iter().enumerate().filter(|(_, e)| e.summary.minimum == Some(1));
+    let key = |e: &Ended| (!good(e), e.summary.cost.unwrap_or(f64::INFINITY));
+    let order = |a: &Ended, b: &Ended| {
+        let ((bad, cost), (worse, more)) = (key(a), key(b));
+        bad.cmp(&worse).then(cost.total_cmp(&more))
+    };
+    lowest.min_by(|(_, a), (_, b)| order(a, b)).map(|(k, _)| k)
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let part = |(a, b): (&f64, &f64)| if a == b { 0.0 } else { (a - b).abs() / a.abs().max(b.abs()) };
+    a.iter().zip(b).map(part).fold(0.0, f64::max)
+}
+
+/// One observer for all starts.
+struct Watch<'o> {
+    observer: Mutex<&'o mut dyn Observer>,
+    stop: AtomicBool,
+    ended: AtomicUsize,
+    count: usize,
+}
+
+impl Watch<'_> {
+    fn tell(&self, tell: impl FnOnce(&mut dyn Observer) -> ControlFlow<()>) -> ControlFlow<()> {
+        let flow = tell(&mut **self.observer.lock().unwrap_or_else(PoisonError::into_inner));
+        if flow.is_break() {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn ended(&self, summary: &StartSummary) {
+        let ended = 1 + self.ended.fetch_add(1, Ordering::Relaxed);
+        let _ = self.tell(|o| o.start_ended(summary, ended, self.count));
+    }
+}
+
+struct OneOfMany<'w, 'o> {
+    number: usize,
+    watch: &'w Watch<'o>,
+}
+
+impl Observer for OneOfMany<'_, '_> {
+    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
+        self.watch.tell(|o| o.start_iteration(self.number, iteration))
+    }
+}
