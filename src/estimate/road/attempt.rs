@@ -14,7 +14,7 @@ use crate::estimate::termination::Termination;
 use crate::model::Model;
 use crate::record::Run;
 
-/// Estimates from `starts` (all parameters of each run, see [`starts`](super::starts)); `model` has the changes in
+/// Estimates from `starts` (all parameters of each run, see [`starts`](crate::estimate::starts)); `model` has the changes in
 /// `options` already.
 ///
 /// # Errors
