@@ -174,7 +174,10 @@ impl LinearMap {
 
     /// The values alone (rows), of states that stand side by side: the same operations as in [`Self::apply`].
     #[inline(always)]
-    #[expect(clippy::needless_range_loop, reason = "three slices walk together, and plain loops keep the wide registers")]
+    #[expect(
+        clippy::needless_range_loop,
+        reason = "three slices walk together, and plain loops keep the wide registers"
+    )]
     pub(super) fn values(&self, x: &[f64], feed: &[f64], out: &mut [f64]) {
         for r in 0..self.rows {
             let mut sum = 0.0_f64;
