@@ -6,6 +6,8 @@ use crate::quality::{InputCorrelation, OutputQuality};
 
 /// Correlations beyond this are worth a line.
 const CORRELATED: f64 = 0.9;
+/// Most lines about pairs of parameters.
+const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
 const OFFSET: f64 = 0.2;
 /// Most lines about correlations with inputs.
@@ -21,10 +23,7 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
         let what = if d.moves.len() == 1 { "what is known of it is its prior" } else { "priors alone tell them apart" };
         remarks.push(format!("not determined by the data: {}; {what}", d.sentence));
     }
-    for (a, b, r) in estimate.correlated(CORRELATED) {
-        let name = |k: usize| called(&estimate.parameters[k]);
-        remarks.push(format!("correlated: {} and {} ({r:+.3})", name(a), name(b)));
-    }
+    remarks.extend(correlated(estimate));
     remarks.extend(bounds(estimate));
     for aid in &estimate.aids {
         remarks.push(format!("the iteration needed help: {aid}"));
@@ -87,6 +86,17 @@ fn untested(quality: &[OutputQuality], several: bool) -> Vec<String> {
         format!("residual{plural} of {}{place} {verb} not tested: {reason}", names.join(", "))
     };
     found.into_iter().map(line).collect()
+}
+
+/// Pairs that the data tell apart badly, the worst first.
+fn correlated(estimate: &Estimate) -> Vec<String> {
+    let name = |k: usize| called(&estimate.parameters[k]);
+    let mut pairs = estimate.correlated(CORRELATED);
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    let told =
+        pairs.iter().take(MOST_PAIRS).map(|(a, b, r)| format!("correlated: {} and {} ({r:+.3})", name(*a), name(*b)));
+    let more = pairs.len().saturating_sub(MOST_PAIRS);
+    told.chain((more > 0).then(|| format!("{more} more pairs correlate by more than {CORRELATED}"))).collect()
 }
 
 /// A bound may hide a better value behind it, or be where a way downhill from the start values ends.
