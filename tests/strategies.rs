@@ -1,11 +1,13 @@
 //! Starts that the plain correction cannot use, and the strategies that can.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod noise;
+
 use fdm::Model;
 use fdm::estimate::{Changes, Continuation, Fit, FitOptions, Options, Remedy, Shooting, by_confidence, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
-use std::f64::consts::PI;
+use noise::Normal;
 
 fn blank(model: &Model, name: &str, time: Vec<f64>) -> Run {
     let (n, m, q) = (time.len(), model.layout().inputs, model.layout().outputs);
@@ -37,23 +39,6 @@ fn at(set: &[(&str, f64)]) -> Changes {
 
 fn value(fit: &Fit, name: &str, run: Option<&str>) -> f64 {
     fit.estimate.parameter(name, run).unwrap().value
-}
-
-/// Normal deviates from splitmix64 by Box and Muller.
-struct Normal(u64);
-
-impl Normal {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn next(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (2.0 * PI * self.uniform()).cos()
-    }
 }
 
 /// A pendulum that stands on its pivot and is held there by a controller, whose torque is recorded.

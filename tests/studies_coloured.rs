@@ -5,10 +5,13 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::print_stdout, reason = "a study prints its table")]
 
+mod noise;
+
 use fdm::Model;
 use fdm::estimate::{Continuation, FitOptions, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use noise::Normal;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
@@ -285,23 +288,5 @@ fn corrected_errors_agree_with_the_scatter_where_raw_ones_do_not() {
         let (raw, corrected) = (row.raw / row.scatter, row.corrected / row.scatter);
         assert!(raw < 0.45, "{}: the Cramer-Rao error should be three times too small, {raw}", row.name);
         assert!((corrected - 1.0).abs() < 0.25, "{}: {corrected}", row.name);
-    }
-}
-
-/// Normal deviates from splitmix64 by Box and Muller.
-struct Normal(u64);
-
-impl Normal {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn next(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (2.0 * PI * self.uniform()).cos()
     }
 }

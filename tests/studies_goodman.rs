@@ -4,13 +4,15 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::print_stdout, reason = "studies print their figures")]
 
+mod noise;
+
 use fdm::Model;
 use fdm::estimate::{Changes, Continuation, Fit, FitOptions, Remedy, Settling, Shooting, by_confidence, fit};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use noise::Normal;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::f64::consts::PI;
 
 /// Steps between samples with which data are made and fitted.
 const STEPS: usize = 8;
@@ -412,22 +414,5 @@ fn elovich_table_5() {
         let options = FitOptions { confidence: true, ..elovich.options(Vec::new()) };
         let found = fit(&elovich.model, &[elovich.noisy(0.01, 1)], &options, &mut ()).unwrap();
         print_order("by confidence", &by_confidence(&found.by_length));
-    }
-}
-
-/// Normal deviates from splitmix64 by Box and Muller.
-struct Normal(u64);
-
-impl Normal {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn next(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (2.0 * PI * self.uniform()).cos()
     }
 }

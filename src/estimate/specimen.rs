@@ -2,6 +2,7 @@
 
 use crate::estimate::errors::derived::DerivedQuantities;
 use crate::estimate::problem::{Problem, ProblemRun, Response};
+pub(super) use crate::quality::specimen::Normal;
 use crate::simulate::{Block, Divergence, RowLayout, Sink};
 use fdm_grammar::model::{Origin, Param, Quantity};
 
@@ -88,23 +89,4 @@ pub(super) fn problem(params: Vec<Param>, runs: Vec<ProblemRun<'static>>) -> Pro
 /// `count` abscissae from 0 to `end`.
 pub(super) fn grid(count: usize, end: f64) -> Vec<f64> {
     (0..count).map(|k| end * k as f64 / (count - 1) as f64).collect()
-}
-
-/// Normal deviates from the counter-based generator splitmix64.
-pub(super) struct Normal(pub(super) u64);
-
-impl Normal {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 * 2f64.powi(-53)
-    }
-
-    /// The next deviate, of standard deviation 1.
-    pub(super) fn next(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (2.0 * std::f64::consts::PI * self.uniform()).cos()
-    }
 }

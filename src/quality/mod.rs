@@ -12,7 +12,7 @@ mod output_fit;
 mod residuals;
 pub(crate) mod sampling;
 #[cfg(test)]
-mod specimen;
+pub(crate) mod specimen;
 mod whiteness;
 
 pub use input_correlation::InputCorrelation;

@@ -1,7 +1,7 @@
 //! Reproducible noise for tests.
 
 /// Normal deviates from the counter-based generator splitmix64.
-pub(super) struct Normal(pub(super) u64);
+pub(crate) struct Normal(pub(crate) u64);
 
 impl Normal {
     fn uniform(&mut self) -> f64 {
@@ -13,7 +13,7 @@ impl Normal {
     }
 
     /// The next deviate, of standard deviation 1.
-    pub(super) fn next(&mut self) -> f64 {
+    pub(crate) fn next(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
         radius * (2.0 * std::f64::consts::PI * self.uniform()).cos()
     }
