@@ -3,11 +3,13 @@
 pub mod code;
 pub mod dynamics;
 pub mod estimate;
+pub mod linear;
 mod model;
 pub mod quality;
 pub mod record;
 pub mod report;
 pub mod simulate;
+pub mod spectrum;
 pub mod store;
 
 pub use fdm_grammar::math;

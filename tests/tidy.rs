@@ -19,8 +19,22 @@ const GRAMMAR: &[&str] = &[
     "schedule",
     "lib",
 ];
-const FDM: &[&str] =
-    &["dynamics", "code", "record", "model", "simulate", "quality", "estimate", "store", "report", "cli"];
+const FDM: &[&str] = &[
+    "dynamics",
+    "code",
+    "record",
+    "spectrum",
+    "model",
+    "linear",
+    "simulate",
+    "frequency",
+    "quality",
+    "regression",
+    "estimate",
+    "store",
+    "report",
+    "cli",
+];
 
 const LONGEST_FILE: usize = 700;
 
