@@ -9,6 +9,7 @@ mod cell;
 mod channel;
 mod dialect;
 mod error;
+pub(crate) mod even_grid;
 mod fault;
 mod input;
 mod measured;
