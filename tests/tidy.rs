@@ -14,9 +14,11 @@ const GRAMMAR: &[&str] = &[
     "op",
     "graph",
     "model",
+    "terms",
     "check",
     "derive",
     "schedule",
+    "carried",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -86,7 +86,7 @@ struct Code {
 /// One program. Its array is [constants | time | states | drive | entries of `known` that it reads | registers];
 /// everything but the registers is copied in front of each evaluation, so that instructions read without asking where.
 #[derive(Debug, Clone)]
-struct Bytecode {
+pub(super) struct Bytecode {
     constants: Vec<f64>,
     states: usize,
     drive: usize,
@@ -99,7 +99,7 @@ struct Bytecode {
 }
 
 impl Bytecode {
-    fn new(program: &Program, states: usize, drive: usize) -> Self {
+    pub(super) fn new(program: &Program, states: usize, drive: usize) -> Self {
         let operands = program.instructions.iter().flat_map(read).chain(program.results.iter().map(|r| &r.operand));
         let mut known: Vec<u32> =
             operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
@@ -129,7 +129,7 @@ impl Bytecode {
         }
     }
 
-    fn run(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+    pub(super) fn run(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         if work.values.len() < self.places {
             // memory that was made for another model
             work.values.resize(self.places, 0.0);
