@@ -7,6 +7,7 @@
 mod bridge;
 mod cell;
 mod channel;
+mod computed;
 mod dialect;
 mod error;
 pub(crate) mod even_grid;
