@@ -11,6 +11,7 @@ mod even_rows;
 mod fft;
 mod frequencies;
 mod interpolant;
+mod overlap;
 mod spectrum;
 #[cfg(test)]
 mod tests;
@@ -19,5 +20,6 @@ mod transform;
 pub use error::{ChannelName, SpectrumError};
 pub use frequencies::{Comb, Frequencies};
 pub use interpolant::Interpolant;
+pub use overlap::Overlap;
 pub use spectrum::{Ends, Spectrum, SpectrumOptions};
 pub use transform::Transform;
