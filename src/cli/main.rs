@@ -15,6 +15,7 @@ mod progress;
 mod reading;
 mod records;
 mod simulate;
+mod spectral;
 mod strategies;
 mod subject;
 mod validate;

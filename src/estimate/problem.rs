@@ -23,6 +23,12 @@ pub trait Response: Send {
         None
     }
 
+    /// What the samples are coefficients of, when they are not samples in time: 2 k is the real part at frequency k, 2 k + 1
+    /// the imaginary part.
+    fn coefficients(&self) -> Option<Coefficients<'_>> {
+        None
+    }
+
     /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
     ///
     /// # Errors
@@ -34,6 +40,17 @@ pub trait Response: Send {
     /// # Errors
     /// As [`Response::simulate`]; blocks before the failure may have been handed over.
     fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
+}
+
+/// Fourier coefficients as the samples of a response.
+#[derive(Debug, Clone, Copy)]
+pub struct Coefficients<'a> {
+    /// Angular frequencies (M), rising.
+    pub omega: &'a [f64],
+    /// Samples in time that were transformed.
+    pub samples: usize,
+    /// Time between them.
+    pub dt: f64,
 }
 
 impl Response for Simulator<'_> {
