@@ -4,7 +4,9 @@
 //! the end values that the transform of a derivative needs. **Never** a model. **Start** at [`Spectrum::of`]: `even_rows` -> `frequencies` ->
 //! `transform` (sums over samples) -> `interpolant` (what lies between them).
 
+mod chirp;
 mod cycles;
+mod decimation;
 mod direct_sum;
 mod error;
 mod even_rows;

@@ -67,6 +67,34 @@ fn every_length_agrees_with_the_sum_itself() {
 }
 
 #[test]
+fn every_way_gives_the_same_sums() {
+    let (n, channels) = (1511, 5);
+    let x = noise(4, n * channels);
+    let size = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let bands = [(0.002, 0.011, 1e-4), (0.2, 0.21, 1.37e-4), (0.003, 0.009, 1.0 / 8400.0)];
+    for (lowest, highest, spacing) in bands {
+        let band = Frequencies::Band { lowest, highest, spacing: Some(spacing) };
+        let comb = band.of(n, 1.0, channels).expect("a band");
+        let exact: Vec<Complex64> = (0..channels)
+            .flat_map(|c| {
+                let channel: Vec<f64> = x.iter().skip(c).step_by(channels).copied().collect();
+                comb.cycles.iter().map(move |v| direct(&channel, *v)).collect::<Vec<_>>()
+            })
+            .collect();
+        let designs = decimation::Design::all(lowest, highest).filter(|d| [2, 5, 20].contains(&d.step));
+        let designs: Vec<_> = std::iter::once(None).chain(designs.map(Some)).collect();
+        assert!(designs.len() > 3);
+        for design in designs {
+            for sum in [transform::Kind::Direct, transform::Kind::Chirp] {
+                let found = Transform::by(transform::Way { design, sum }, n, channels, &comb).apply(&x);
+                let apart = found.iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+                assert!(apart < 1e-13 * size / (channels as f64).sqrt(), "{design:?} {sum:?}: {apart:e} of {size}");
+            }
+        }
+    }
+}
+
+#[test]
 fn energy_in_time_is_energy_in_frequency() {
     for n in [40usize, 41, 101, 350] {
         let mut x = noise(9, n);
