@@ -19,6 +19,7 @@ const GRAMMAR: &[&str] = &[
     "derive",
     "schedule",
     "carried",
+    "linearise",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -8,6 +8,7 @@ pub mod check;
 pub mod derive;
 pub mod diagnostic;
 pub mod graph;
+pub mod linearise;
 pub mod math;
 pub mod model;
 pub mod op;
@@ -21,6 +22,7 @@ pub mod unit;
 
 pub use derive::Pattern;
 pub use diagnostic::{Code, Diagnostic, Severity};
+pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
 pub use source::{Source, Span};

@@ -20,6 +20,7 @@ mod verification;
 pub use expressions::Expressions;
 pub use jit::{Jit, JitError};
 pub use scatter::Nominal;
+pub(crate) use tape::Bytecode;
 pub use tape::Tape;
 pub use verification::{Discrepancy, TOLERANCE, Verification, verify};
 

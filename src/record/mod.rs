@@ -10,6 +10,7 @@ mod channel;
 mod computed;
 mod dialect;
 mod error;
+pub(crate) mod even_grid;
 mod fault;
 mod input;
 mod measured;

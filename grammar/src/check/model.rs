@@ -95,6 +95,7 @@ pub(super) fn assemble(
         params,
         derived: Vec::new(),
         outputs: Vec::new(),
+        trim: Vec::new(),
         graph: Default::default(),
     };
     for (s, symbol) in scope.valid() {

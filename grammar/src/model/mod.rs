@@ -3,7 +3,7 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
-pub(crate) mod reading;
+pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
@@ -144,6 +144,9 @@ pub struct Model {
     pub derived: Vec<Derived>,
     /// Outputs in the order of declaration.
     pub outputs: Vec<Output>,
+    /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not
+    /// named is found from the equations.
+    pub trim: Vec<(Signal, ExprId)>,
     /// All expressions.
     pub graph: Graph,
 }
