@@ -28,16 +28,19 @@ pub(super) fn build(original: &Model, plan: Plan) -> Carried {
     let moved = builder.moved(&kept.iter().map(|row| rows[*row]).collect::<Vec<_>>());
     kept.into_iter().zip(moved).for_each(|(row, e)| rows[row] = e);
     let initial = original.states.iter().map(|s| s.initial);
-    let others: Vec<ExprId> = initial.chain(original.derived.iter().map(|d| d.expr)).collect();
+    let derived = original.derived.iter().map(|d| d.expr);
+    let others: Vec<ExprId> = initial.chain(derived).chain(original.trim.iter().map(|(_, e)| *e)).collect();
     let others = builder.moved(&others);
     let Builder { mut model, terms, .. } = builder;
     let n = model.states.len();
     let (rates, outputs) = rows.split_at(n);
-    let (initial, derived) = others.split_at(n);
+    let (initial, rest) = others.split_at(n);
+    let (derived, trim) = rest.split_at(model.derived.len());
     model.states.iter_mut().zip(rates).for_each(|(s, e)| s.rate = *e);
     model.states.iter_mut().zip(initial).for_each(|(s, e)| s.initial = *e);
     model.outputs.iter_mut().zip(outputs).for_each(|(o, e)| o.expr = *e);
     model.derived.iter_mut().zip(derived).for_each(|(d, e)| d.expr = *e);
+    model.trim.iter_mut().zip(trim).for_each(|((_, value), e)| *value = *e);
     Carried { model, terms }
 }
 

@@ -3,7 +3,7 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
-pub(crate) mod reading;
+pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
