@@ -158,7 +158,9 @@ fn remarks(fit: &SpectralFit) -> Vec<String> {
     if fit.estimate.is_good() {
         return Vec::new();
     }
-    vec!["the data do not determine every parameter: fix some of what is named above, or add runs that move them".into()]
+    vec![
+        "the data do not determine every parameter: fix some of what is named above, or add runs that move them".into(),
+    ]
 }
 
 /// The spectra of every run as a table.

@@ -25,8 +25,15 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
         text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));
     }
     estimate_remarks(&fit.estimate).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
-    if let Some(why) = &fit.unanswered {
-        text.push_str(&format!("\n{why}\n"));
+    if !fit.dependent.is_empty() {
+        let outputs = fit.dependent.join(", ");
+        text.push_str(&format!(
+            "\nthe residuals of {outputs} depend on each other linearly, so that their covariance S is singular: leave one of them out \
+             of the model, or say --noise diagonal"
+        ));
+    }
+    for input in &fit.silent {
+        text.push_str(&format!("\nthe input {input} has no power in the band of any run; what it moves was not seen"));
     }
     if let Some(finish) = &fit.finish {
         text.push_str("\ntime histories, with initial states and biases of their own\n");
@@ -67,7 +74,8 @@ fn band(fit: &SpectralFit) -> String {
 fn nonlinear(fit: &SpectralFit) -> String {
     let mut text = String::new();
     if !fit.carried.is_empty() {
-        let terms: Vec<String> = fit.carried.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
+        let terms: Vec<String> =
+            fit.carried.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
         text.push_str(&format!("known inputs computed from records: {}\n", terms.join("; ")));
     }
     let Some(trim) = fit.trim.as_ref().filter(|t| t.obtained != Obtained::NotNeeded) else { return text };
@@ -96,6 +104,8 @@ pub fn spectral_json(fit: &SpectralFit) -> Value {
         "known_inputs": fit.carried.iter().map(|t| json!({ "term": t.text, "equations": t.equations })).collect::<Vec<_>>(),
         "trim": trim,
         "unseen": fit.unseen,
+        "silent_inputs": fit.silent,
+        "dependent_outputs": fit.dependent,
         "unanswered": fit.unanswered.as_ref().map(ToString::to_string),
         "unfinished": fit.unfinished.as_ref().map(ToString::to_string),
     });

@@ -114,7 +114,8 @@ impl SpectralRows {
     fn middle(&self, power: &Power, inverse_noise: &[f64]) -> Result<Vec<f64>, Uncorrected> {
         let (count, width, q) = (self.omega.len(), self.width, power.outputs.len());
         let mut overlap = Overlap::new(&self.omega, self.samples, self.dt).ok_or(Uncorrected::TooLarge)?;
-        let spread: Vec<Vec<f64>> = (0..q).map(|o| self.omega.iter().map(|w| power.at(o, *w).sqrt()).collect()).collect();
+        let spread: Vec<Vec<f64>> =
+            (0..q).map(|o| self.omega.iter().map(|w| power.at(o, *w).sqrt()).collect()).collect();
         // R^-1 S in units of the local noise, then what its neighbours make of it
         let mut weighed = vec![Complex64::ZERO; q * width * count];
         for (a, c) in (0..q).flat_map(|a| (0..width).map(move |c| (a, c))) {

@@ -17,6 +17,7 @@ use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
 use fdm_grammar::carried::CarriedTerm;
+use nalgebra::DMatrix;
 use num_complex::Complex64;
 use std::sync::PoisonError;
 
@@ -53,6 +54,10 @@ pub struct SpectralFit {
     pub trim: Option<Trim>,
     /// Free parameters that the frequency domain does not see.
     pub unseen: Vec<String>,
+    /// Inputs that do not move in the band of any run.
+    pub silent: Vec<String>,
+    /// Outputs whose residuals are multiples of each other, where their full covariance was asked for: it is singular.
+    pub dependent: Vec<String>,
     /// Why a response could not be computed, when that ended the estimation.
     pub unanswered: Option<Unanswered>,
     /// Initial states, biases and what else the frequency domain does not see, found in the time domain with the rest held.
@@ -107,7 +112,11 @@ pub fn fit_spectra(
     let carried = std::mem::take(&mut setting.carried);
     let theta = crate::estimate::road::start::after(&model, runs, &found, &start);
     let trim = theta.first().map(|theta| setting.linear.trim(theta));
+    let inputs = &setting.model.definition().inputs;
+    let dependent = if how.noise == Noise::Full { dependent(&found) } else { Vec::new() };
     let mut fit = SpectralFit {
+        silent: setting.silent().into_iter().map(|k| inputs[k].quantity.name.clone()).collect(),
+        dependent,
         spectra: compared(&setting, &found),
         band: band(&setting.spectra),
         ends,
@@ -129,13 +138,28 @@ pub fn fit_spectra(
     Ok(fit)
 }
 
+/// Outputs that take part in a linear dependence between residuals.
+fn dependent(estimate: &Estimate) -> Vec<String> {
+    const NONE: f64 = 1e-9;
+    let q = estimate.outputs.iter().filter(|o| Some(&o.run) == estimate.outputs.first().map(|f| &f.run)).count();
+    let rows = || estimate.runs.iter().flat_map(|r| r.residuals.chunks_exact(q.max(1)));
+    let sum = |a: usize, b: usize| rows().map(|r| r[a] * r[b]).sum::<f64>();
+    let correlation = |a: usize, b: usize| sum(a, b) / (sum(a, a) * sum(b, b)).sqrt();
+    let matrix = DMatrix::from_fn(q, q, correlation);
+    if q < 2 || matrix.iter().any(|v| !v.is_finite()) {
+        return Vec::new();
+    }
+    let eigen = matrix.symmetric_eigen();
+    let vanishing: Vec<usize> = (0..q).filter(|k| eigen.eigenvalues[*k] < NONE).collect();
+    let part = |o: &usize| vanishing.iter().any(|k| eigen.eigenvectors[(*o, *k)].abs() > 1e-3);
+    (0..q).filter(part).map(|o| estimate.outputs[o].name.clone()).collect()
+}
+
 /// Known deviations of samples in time as those of real and imaginary parts of coefficients.
 fn of_coefficients(noise: Noise, setting: &Setting) -> Noise {
     let longest = setting.spectra.iter().map(|s| s.samples).max().unwrap_or(1) as f64;
     match noise {
-        Noise::Given(known) => {
-            Noise::Given(known.into_iter().map(|d| d.map(|d| d / (2.0 * longest).sqrt())).collect())
-        }
+        Noise::Given(known) => Noise::Given(known.into_iter().map(|d| d.map(|d| d / (2.0 * longest).sqrt())).collect()),
         other => other,
     }
 }

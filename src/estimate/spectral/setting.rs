@@ -123,28 +123,41 @@ impl Setting {
 
     /// Whether every input moves whose coefficients are to be found.
     fn powered(&self) -> Result<(), SpectralError> {
-        for (k, input) in self.model.definition().inputs.iter().enumerate() {
-            let silent = |s: &Spectrum| {
-                let band = &s.inputs[k * s.omega.len()..][..s.omega.len()];
-                let largest = s.input_ends.iter().map(|e| e[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
-                band.iter().all(|u| u.norm() <= SILENT * largest)
-            };
+        for k in self.silent() {
             let parameters = self.told_by(k);
-            if !parameters.is_empty() && self.spectra.iter().all(silent) {
-                let input = input.quantity.name.clone();
+            if !parameters.is_empty() {
+                let input = self.model.definition().inputs[k].quantity.name.clone();
                 return Err(SpectralError::NoPower { input, parameters, band: band(&self.spectra) });
             }
         }
         Ok(())
     }
 
+    /// Inputs that the equations see and that do not move in any run.
+    pub(super) fn silent(&self) -> Vec<usize> {
+        let still = |k: usize, s: &Spectrum| {
+            let band = &s.inputs[k * s.omega.len()..][..s.omega.len()];
+            let largest = s.input_ends.iter().map(|e| e[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
+            band.iter().all(|u| u.norm() <= SILENT * largest)
+        };
+        let s = self.linear.structure();
+        let drives = |k: usize| s.terms.iter().any(|t| self.is_input(t.signal as usize, k));
+        (0..s.inputs).filter(|k| drives(*k) && self.spectra.iter().all(|s| still(*k, s))).collect()
+    }
+
+    /// Whether a signal is an input, delayed or not.
+    fn is_input(&self, signal: usize, input: usize) -> bool {
+        let s = self.linear.structure();
+        match signal.checked_sub(s.states + s.inputs) {
+            Some(d) => s.delayed[d] == Signal::Input(input as u32),
+            None => signal == s.states + input,
+        }
+    }
+
     /// Free parameters that an input alone moves by their coefficients.
     fn told_by(&self, input: usize) -> Vec<String> {
         let s = self.linear.structure();
-        let is = |signal: usize| match signal.checked_sub(s.states + s.inputs) {
-            Some(d) => s.delayed[d] == Signal::Input(input as u32),
-            None => signal == s.states + input,
-        };
+        let is = |signal: usize| self.is_input(signal, input);
         let told = |k: &usize| {
             let mut slopes = s.slopes.iter().filter(|slope| slope.param as usize == *k).peekable();
             slopes.peek().is_some() && slopes.all(|slope| is(s.terms[slope.term as usize].signal as usize))
