@@ -223,3 +223,79 @@ fn standard_errors_follow_the_covariance() {
     let double = model("model m { state x, v; param a = 1; der(x) = v - a*x; der(v) = -a*v; output y = x; }");
     assert!(at_start(&double).modes.iter().all(|m| (m.s.re + 1.0).abs() < 1e-7 && m.slopes.is_none()));
 }
+
+fn fdm(words: &[&str], folder: &std::path::Path) -> std::process::Output {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_fdm"));
+    command.args(words).current_dir(folder).output().unwrap()
+}
+
+fn json(words: &[&str], folder: &std::path::Path) -> serde_json::Value {
+    let output = fdm(words, folder);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn the_command_line_prints_modes_as_table_and_json() {
+    let here = std::path::Path::new(".");
+    let found = json(&["modes", "models/miniature_helicopter/model.fdm", "--json", "--set", "Zw=-2.5"], here);
+    let all = found["modes"].as_array().unwrap();
+    assert_eq!(all.len(), 11);
+    for mode in all {
+        assert!(["re", "im", "damping", "frequency"].iter().all(|k| mode[k].is_f64()), "{mode}");
+        assert!(!mode["states"].as_array().unwrap().is_empty());
+    }
+    let heave = all.iter().find(|m| m["states"] == serde_json::json!(["w"])).unwrap();
+    assert!((heave["re"].as_f64().unwrap() + 2.5).abs() < 1e-12);
+    let table = fdm(&["modes", "models/goodman_ship/model.fdm"], here);
+    let table = String::from_utf8(table.stdout).unwrap();
+    assert!(table.contains("frequency [rad/s]") && table.contains("linearised at the initial values"), "{table}");
+
+    let folder = tempfile::tempdir().unwrap();
+    let wrong = |text: &str, words: &[&str]| {
+        std::fs::write(folder.path().join("m.fdm"), text).unwrap();
+        let output = fdm(&[&["modes", "m.fdm"], words].concat(), folder.path());
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0));
+        String::from_utf8(output.stderr).unwrap()
+    };
+    let said = wrong("model m { input u; param a = 1; output y = a*u; }", &[]);
+    assert_eq!(said, "error: the model has no states, and so no modes\n");
+    let said = wrong("model m { state x; param a = 1; der(x) = a + x^2; output y = x; }", &[]);
+    assert!(said.contains("the rate of `x` cannot be made zero"), "{said}");
+    let late =
+        "model m { state x; param a = 1, tau = 1 in [-1, 2]; der(x) = -a*delay(x, tau*tau - 0.5); output y = x; }";
+    assert!(wrong(late, &["--set", "tau=0.1"]).contains("a delay of a state is negative"));
+    assert!(wrong(late, &["--set", "nothing=1"]).contains("nothing"));
+}
+
+#[test]
+fn modes_of_a_result_have_its_standard_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "model m { input u; state x = free; param k = 1 in [0, 9] [1/s], g = 2 fixed [1/s], bias = 0 per run; \
+                der(x) = g*u - k*x; output y = x + bias; }";
+    std::fs::write(folder.path().join("m.fdm"), text).unwrap();
+    for (name, phase) in [("one", 0.0), ("two", 1.0)] {
+        let mut record = String::from("t [s], u, y\n");
+        let (mut x, mut noise) = (0.3_f64, 0x2545_F491_u32);
+        for k in 0..200 {
+            let t = f64::from(k) * 0.05;
+            let u = (1.7 * t + phase).sin();
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            record.push_str(&format!("{t},{u},{}\n", x + 0.02 * (f64::from(noise >> 8) / 16_777_216.0 - 0.5)));
+            x += 0.05 * (2.0 * u - 1.5 * x);
+        }
+        std::fs::write(folder.path().join(format!("{name}.csv")), record).unwrap();
+    }
+    let fit = ["fit", "m.fdm", "--data", "one.csv", "--data", "two.csv", "--free", "g", "--out", "result", "--json"];
+    let fitted = json(&fit, folder.path());
+    let k = fitted["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").unwrap();
+    let found = json(&["modes", "--from-result", "result", "--json"], folder.path());
+    let mode = &found["modes"][0];
+    assert_eq!(mode["re"].as_f64().unwrap(), -k["value"].as_f64().unwrap());
+    let error = k["corrected_error"].as_f64().unwrap_or_else(|| k["standard_error"].as_f64().unwrap());
+    let got = mode["standard_errors"]["re"].as_f64().unwrap();
+    assert!((got / error - 1.0).abs() < 1e-9, "{got} {error}");
+    assert_eq!(mode["standard_errors"]["im"], 0.0);
+    let table = fdm(&["modes", "m.fdm", "--from-result", "result"], folder.path());
+    assert!(String::from_utf8(table.stdout).unwrap().contains("standard error"));
+}

@@ -71,7 +71,7 @@ impl Modes {
         let mut modes = Vec::new();
         for root in roots.ok_or(ModesError::NotFound)? {
             let mode = mode(&equation, structure, values, &root);
-            let mirror = (mode.s.im != 0.0).then(|| mode.conjugate());
+            let mirror = (root.s.im != 0.0).then(|| mode.conjugate());
             modes.push(mode);
             modes.extend(mirror);
         }
@@ -92,7 +92,9 @@ fn mode(equation: &Characteristic, structure: &Structure, values: &Values, root:
     // of two eigenvectors that are orthogonal nothing can be said
     states.retain(|(_, share)| share.is_finite());
     states.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    Mode { s: root.s, states, slopes }
+    // what rounding leaves of a part that is zero
+    let part = |v: f64| if v.abs() <= 4.0 * f64::EPSILON * root.s.norm() { 0.0 } else { v };
+    Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, slopes }
 }
 
 impl Mode {
@@ -113,7 +115,7 @@ impl Mode {
     /// Damping ratio -re/|s|: 1 for a subsidence, -1 for a divergence, none at zero.
     pub fn damping(&self) -> Option<f64> {
         let size = self.frequency();
-        (size > 0.0).then(|| -self.s.re / size)
+        (size > 0.0).then(|| 0.0 - self.s.re / size)
     }
 
     /// Undamped natural frequency |s| in rad per unit of time.

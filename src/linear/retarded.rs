@@ -9,10 +9,12 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 /// Intervals between the nodes, unless the matrix would outgrow [`LARGEST`].
-const INTERVALS: usize = 40;
+const INTERVALS: usize = 60;
 const FEWEST: usize = 6;
 /// Rows of the discretised generator.
-const LARGEST: usize = 500;
+const LARGEST: usize = 400;
+/// A guess that is off by more than this part was not resolved by the nodes.
+const RESOLVED: f64 = 1e-4;
 /// Roots beyond the number of states that are looked for, and how many at most.
 const MORE: usize = 10;
 const MOST: usize = 60;
@@ -25,19 +27,27 @@ pub(super) fn roots(equation: &Characteristic) -> Option<Vec<Root>> {
     guesses.sort_by(|a, b| b.re.total_cmp(&a.re).then(a.im.total_cmp(&b.im)));
     let wanted = (n + MORE).min(MOST.max(n.min(2 * MOST)));
     let mut found: Vec<Root> = Vec::new();
-    let mut count = 0;
+    // left of a root that the nodes do not resolve others may have been missed
+    let mut limit = f64::NEG_INFINITY;
     for guess in guesses.into_iter().take(4 * wanted) {
-        if count >= wanted {
-            break;
-        }
         let Some(root) = refined(equation, guess) else { continue };
+        if (root.s - guess).norm() > RESOLVED * (1.0 + guess.norm()) {
+            limit = limit.max(root.s.re);
+            continue;
+        }
         let same = |r: &Root| (r.s - root.s).norm() <= 1e-7 * (1.0 + root.s.norm());
         if !found.iter().any(same) {
-            count += if root.s.im == 0.0 { 1 } else { 2 };
             found.push(root);
         }
     }
+    found.retain(|r| r.s.re > limit);
     found.sort_by(|a, b| b.s.re.total_cmp(&a.s.re).then(a.s.im.total_cmp(&b.s.im)));
+    let mut count = 0;
+    found.retain(|r| {
+        let room = count < wanted;
+        count += if r.s.im == 0.0 { 1 } else { 2 };
+        room
+    });
     Some(found)
 }
 
@@ -153,4 +163,30 @@ fn vectors(equation: &Characteristic, s: Complex64, x: &[Complex64], y: &[Comple
         (0..m.nrows()).for_each(|k| m[(k, k)] += size * 1e-15);
         both(&m)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::characteristic::Late;
+    use super::*;
+
+    #[test]
+    fn no_root_is_missed() {
+        let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, 0.0, -0.2]);
+        let late = Late { delayed: 0, tau: 2.1, state: 0, column: vec![(1, -0.0135)] };
+        let equation = Characteristic { a, late: vec![late] };
+        let found = roots(&equation).unwrap();
+        assert!(found.len() >= 6, "{}", found.len());
+        // the roots of a chain stand 2 pi/tau apart, more and more exactly
+        for pair in found.windows(2).skip(1) {
+            let apart = (pair[1].s.im - pair[0].s.im) * 2.1 / std::f64::consts::TAU;
+            assert!((apart - 1.0).abs() < 0.15, "{} {}", pair[0].s, pair[1].s);
+        }
+        for root in &found {
+            let s = root.s;
+            let off = s * (s + 0.2) + 0.0135 * (-s * 2.1).exp();
+            let slope = 2.0 * s + 0.2 - 2.1 * 0.0135 * (-s * 2.1).exp();
+            assert!((off / slope).norm() < 1e-14 * (1.0 + s.norm()), "{s}");
+        }
+    }
 }

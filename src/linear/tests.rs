@@ -198,9 +198,14 @@ fn all_that_matters_given_is_taken_as_given() {
 fn what_cannot_rest_is_named() {
     let said = |text| LinearModel::new(&model(text)).unwrap_err().to_string();
     let never = "model m { state x, y; param a = 1; der(x) = a + x^2; der(y) = -y; output z = y; }";
-    assert_eq!(said(never), "no trim was found: the rate of `x` cannot be made zero");
+    assert!(
+        said(never).starts_with("no trim was found: the rate of `x` cannot be made zero; `trim {"),
+        "{}",
+        said(never)
+    );
     let held = "model m { state x, y; param a = 1; der(x) = a - x^2; der(y) = x - y*x; output z = y; trim { x = 2; } }";
-    assert_eq!(said(held), "no trim was found: the rate of `x` cannot be made zero while `x` is held");
+    let while_held = "no trim was found: the rate of `x` cannot be made zero while `x` is held; ";
+    assert!(said(held).starts_with(while_held), "{}", said(held));
     let root = model("model m { state x; param a = 1; der(x) = a*sqrt(x); output z = x; }");
     let error = LinearModel::new(&root).and_then(|mut l| l.evaluate(&[1.0], &mut Values::default())).unwrap_err();
     assert!(error.to_string().contains("no derivative: the derivative of `x` by `x` is inf"), "{error}");

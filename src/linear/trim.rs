@@ -10,7 +10,8 @@ use fdm_grammar::linearise::Balance;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrimError {
     /// The rates of these states cannot be made zero together.
-    #[error("no trim was found: the rate{} of {} cannot be made zero{}", if equations.len() == 1 { "" } else { "s" },
+    #[error("no trim was found: the rate{} of {} cannot be made zero{}; \
+        `trim {{ x = value; u = value; }}` in the model says where it is linearised", if equations.len() == 1 { "" } else { "s" },
         listed(equations), held(given))]
     NotFound {
         /// The states, by name.

@@ -108,7 +108,9 @@ fn word(obtained: Obtained) -> &'static str {
 /// Where the model was linearised, and how that was found.
 pub fn trim_sentence(model: &Model, trim: &Trim) -> String {
     let how = match trim.obtained {
-        Obtained::NotNeeded => return "no coefficient depends on where the model is linearised".into(),
+        Obtained::NotNeeded => {
+            return "no trim is needed: no coefficient depends on where the model is linearised".into();
+        }
         Obtained::Given => "linearised where the model's `trim` says".to_string(),
         Obtained::Initial => "linearised at the initial values, where the rates vanish".to_string(),
         Obtained::Solved => {
