@@ -17,6 +17,7 @@ const GRAMMAR: &[&str] = &[
     "check",
     "derive",
     "schedule",
+    "linearise",
     "lib",
 ];
 const FDM: &[&str] = &[

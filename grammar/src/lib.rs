@@ -7,6 +7,7 @@ pub mod check;
 pub mod derive;
 pub mod diagnostic;
 pub mod graph;
+pub mod linearise;
 pub mod math;
 pub mod model;
 pub mod op;
@@ -19,6 +20,7 @@ pub mod unit;
 
 pub use derive::Pattern;
 pub use diagnostic::{Code, Diagnostic, Severity};
+pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
 pub use source::{Source, Span};

@@ -10,6 +10,7 @@ mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod modes;
 mod noise;
 mod progress;
 mod reading;
@@ -41,6 +42,8 @@ enum Verb {
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(fit::Arguments),
+    /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
+    Modes(modes::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
         Verb::Check(a) => check::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Modes(a) => modes::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

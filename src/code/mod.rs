@@ -18,6 +18,7 @@ mod verification;
 
 pub use jit::{Jit, JitError};
 pub use scatter::Nominal;
+pub(crate) use tape::Bytecode;
 pub use tape::Tape;
 pub use verification::{Discrepancy, TOLERANCE, Verification, verify};
 

@@ -68,6 +68,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),
         derived: Vec::new(),
         outputs: Vec::new(),
+        trim: Vec::new(),
         graph: Default::default(),
     };
     let zero = model.graph.number(0.0);

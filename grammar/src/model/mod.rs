@@ -124,6 +124,9 @@ pub struct Model {
     pub derived: Vec<Derived>,
     /// Outputs in the order of declaration.
     pub outputs: Vec<Output>,
+    /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not
+    /// named is found from the equations.
+    pub trim: Vec<(Signal, ExprId)>,
     /// All expressions.
     pub graph: Graph,
 }

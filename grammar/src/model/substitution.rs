@@ -77,10 +77,12 @@ impl Model {
         Ok(model)
     }
 
-    /// All expressions but the rates: initial values, derived parameters, outputs.
+    /// All expressions but the rates: initial values, derived parameters, outputs, trim.
     fn values(&self) -> impl Iterator<Item = ExprId> + '_ {
         let derived = self.derived.iter().map(|d| d.expr);
-        self.states.iter().map(|s| s.initial).chain(derived).chain(self.outputs.iter().map(|o| o.expr))
+        let outputs = self.outputs.iter().map(|o| o.expr);
+        let trim = self.trim.iter().map(|(_, e)| *e);
+        self.states.iter().map(|s| s.initial).chain(derived).chain(outputs).chain(trim)
     }
 
     /// The same, to be changed.
@@ -91,6 +93,7 @@ impl Model {
             .map(|s| &mut s.initial)
             .chain(derived)
             .chain(self.outputs.iter_mut().map(|o| &mut o.expr))
+            .chain(self.trim.iter_mut().map(|(_, e)| e))
     }
 
     /// The hidden input that is the record of an output; made when there is none.

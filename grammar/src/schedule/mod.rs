@@ -18,7 +18,7 @@ use crate::derive::{Derivatives, Jacobian, differentiate};
 use crate::graph::{Graph, Leaf, Node};
 use crate::model::Model;
 use crate::op::ExprId;
-use program::linearise;
+pub(crate) use program::straight_line;
 
 /// The six programs of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,7 +60,7 @@ impl Schedule {
         known.iter().enumerate().rev().for_each(|(k, e)| places[e.index()] = Some(k as u32));
         let inputs = layout.inputs as u32;
         let placed = |roots: &[ExprId], slots: Vec<u32>, width: usize| {
-            linearise(graph, roots, &slots, width, |e, node| match node {
+            straight_line(graph, roots, &slots, width, |e, node| match node {
                 Node::Leaf(leaf) => Some(match leaf {
                     Leaf::Time => Operand::Time,
                     Leaf::State(k) => Operand::State(k),
@@ -77,7 +77,7 @@ impl Schedule {
         let in_stage = stage.slots(layout.states, &patterns.rates_by_delayed, &patterns.rates_by_param);
         let in_order: Vec<u32> = (0..known.len() as u32).collect();
         Self {
-            prepare: linearise(graph, &known, &in_order, known.len(), |_, node| match node {
+            prepare: straight_line(graph, &known, &in_order, known.len(), |_, node| match node {
                 Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
                 _ => None,
             }),
