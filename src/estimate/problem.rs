@@ -4,7 +4,7 @@ use crate::estimate::errors::derived::DerivedQuantities;
 use crate::estimate::iteration::affine::affine;
 use crate::estimate::iteration::search::Method;
 use crate::estimate::noise::Noise;
-use crate::simulate::{Divergence, Simulator, Sink};
+use crate::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
 
@@ -40,6 +40,21 @@ pub trait Response: Send {
     /// # Errors
     /// As [`Response::simulate`]; blocks before the failure may have been handed over.
     fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
+
+    /// Whether the response is one of frequencies, of which real and imaginary part are two samples one after the other, and
+    /// [`Response::planes`] hands it over in planes.
+    fn is_planar(&self) -> bool {
+        false
+    }
+
+    /// As [`Response::sensitivities`], in planes; asked for where [`Response::is_planar`] says so.
+    ///
+    /// # Errors
+    /// As [`Response::simulate`].
+    fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
+        let _ = (theta, columns, sink);
+        Ok(())
+    }
 }
 
 /// Fourier coefficients as the samples of a response.

@@ -39,7 +39,7 @@ impl Planes<'_> {
         for block in samples.chunks(Self::LENGTH * outputs.max(1)) {
             let start = planes.len();
             planes.resize(start + outputs * Self::LENGTH, 0.0);
-            for (sample, row) in block.chunks_exact(outputs).enumerate() {
+            for (sample, row) in block.chunks_exact(outputs.max(1)).enumerate() {
                 for (o, value) in row.iter().enumerate() {
                     planes[start + o * Self::LENGTH + sample % 2 * Self::HALF + sample / 2] = *value;
                 }
