@@ -1,0 +1,1 @@
+//! Known parameters found again from simulated records; refusals; structures.
