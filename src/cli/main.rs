@@ -14,6 +14,7 @@ mod noise;
 mod progress;
 mod reading;
 mod records;
+mod regress;
 mod simulate;
 mod strategies;
 mod subject;
@@ -41,6 +42,8 @@ enum Verb {
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(fit::Arguments),
+    /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
+    Regress(regress::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
         Verb::Check(a) => check::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Regress(a) => regress::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

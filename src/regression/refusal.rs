@@ -86,8 +86,4 @@ pub enum RegressionError {
     NotFinite { equations: String },
     #[error("no output shows a state, so that there is no rate to explain")]
     NothingMeasured,
-    #[error("no output shows the state `{0}`, so that its rate is not known")]
-    StateUnmeasured(String),
-    #[error("`{0}` is not a state of the model")]
-    UnknownState(String),
 }
