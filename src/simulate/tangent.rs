@@ -64,19 +64,27 @@ impl<S: Simd> Step<'_, S> {
     fn dense<const N: usize>(self, s: &mut [f64]) {
         let s = S::as_mut_simd_f64s(s).0;
         let width = self.plan.lanes / S::F64_LANES;
+        match width {
+            1 => return self.dense_tile::<N, 1, 1>(0, 1, s),
+            2 => return self.dense_tile::<N, 2, 2>(0, 2, s),
+            _ => {}
+        }
         let mut tile = 0;
         while tile + 2 <= width {
-            self.dense_tile::<N, 2>(tile, width, s);
+            self.dense_tile::<N, 2, 0>(tile, width, s);
             tile += 2;
         }
         if tile < width {
-            self.dense_tile::<N, 1>(tile, width, s);
+            self.dense_tile::<N, 1, 0>(tile, width, s);
         }
     }
 
+    /// L vectors of every row, which has `width` (W of them; any number when that is 0).
     #[inline(always)]
-    fn dense_tile<const N: usize, const L: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
+    fn dense_tile<const N: usize, const L: usize, const W: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
         let simd = self.simd;
+        let width = if W > 0 { W } else { width };
+        let s = &mut s[..N * width];
         let splat = |a: f64| simd.splat_f64s(a);
         let (half, sixth, third, whole) =
             (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
@@ -84,13 +92,13 @@ impl<S: Simd> Step<'_, S> {
         for (i, row) in start.iter_mut().enumerate() {
             *row = load(s, i * width + tile, half);
         }
-        let k = self.dense_slopes::<N, L>(0, tile, width, &start);
+        let k = self.dense_slopes::<N, L, W>(0, tile, width, &start);
         let (x, sum) = (rows(simd, half, &k, &start), rows(simd, sixth, &k, &start));
-        let k = self.dense_slopes::<N, L>(1, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(1, tile, width, &x);
         let (x, sum) = (rows(simd, half, &k, &start), rows(simd, third, &k, &sum));
-        let k = self.dense_slopes::<N, L>(2, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(2, tile, width, &x);
         let (x, sum) = (rows(simd, whole, &k, &start), rows(simd, third, &k, &sum));
-        let k = self.dense_slopes::<N, L>(3, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(3, tile, width, &x);
         for (i, row) in rows(simd, sixth, &k, &sum).into_iter().enumerate() {
             store(s, i * width + tile, row);
         }
@@ -98,7 +106,7 @@ impl<S: Simd> Step<'_, S> {
 
     /// `f_x S + f_theta` at a stage.
     #[inline(always)]
-    fn dense_slopes<const N: usize, const L: usize>(
+    fn dense_slopes<const N: usize, const L: usize, const W: usize>(
         self,
         stage: usize,
         tile: usize,
@@ -107,7 +115,8 @@ impl<S: Simd> Step<'_, S> {
     ) -> [[S::f64s; L]; N] {
         let row = &self.partials[stage * self.plan.width..][..self.plan.width];
         let f_x = &row[N..N + N * N];
-        let forcing = S::as_simd_f64s(&row[self.plan.forcing..]).0;
+        let width = if W > 0 { W } else { width };
+        let forcing = &S::as_simd_f64s(&row[self.plan.forcing..]).0[..N * width];
         let zero = self.simd.splat_f64s(0.0);
         let mut slopes = [[zero; L]; N];
         for (i, slope) in slopes.iter_mut().enumerate() {

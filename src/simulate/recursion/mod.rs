@@ -227,10 +227,10 @@ impl Place<'_> {
     #[inline(always)]
     fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
         if self.bare {
-            for (k, y) in self.y.chunks_exact_mut(self.layout.outputs.len().max(1)).take(count).enumerate() {
-                for (output, state) in &subsystem.part.shown {
-                    y[*output] = subsystem.value(slot + k, *state);
-                }
+            let (q, size, slots) = (self.layout.outputs.len(), subsystem.size(), subsystem.slots_from(slot));
+            for (output, state) in &subsystem.part.shown {
+                let values = slots[*state..].iter().step_by(size.max(1)).take(count);
+                self.y[*output..].iter_mut().step_by(q.max(1)).zip(values).for_each(|(y, x)| *y = *x);
             }
             return;
         }
@@ -245,17 +245,18 @@ impl Place<'_> {
     /// The same where a row is so many vectors; any number when it is 0.
     #[inline(always)]
     fn show_rows<const VECTORS: usize>(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
-        let (q, length) = (self.layout.outputs.len(), self.layout.length);
-        let width = if VECTORS > 0 { VECTORS * VECTOR } else { subsystem.width };
-        let (size, slots) = (subsystem.part.states.len() * width, subsystem.slots_from(slot));
+        let (q, length) = (self.layout.outputs.len(), self.layout.length / VECTOR);
+        let across = if VECTORS > 0 { VECTORS } else { subsystem.width / VECTOR };
+        let size = subsystem.part.states.len() * across;
+        let (lane, slots) = (subsystem.lane.min(across * VECTOR - 1), subsystem.slots_from(slot).as_chunks().0);
+        let rows: &mut [[f64; VECTOR]] = self.rows.as_chunks_mut().0;
         for (output, state) in &subsystem.part.shown {
-            let start = self.layout.outputs[*output].start;
-            let from = slots.chunks_exact(size.max(1)).take(count);
-            let to = self.rows.chunks_exact_mut(length).zip(self.y.chunks_exact_mut(q));
-            for (from, (to, y)) in from.zip(to) {
-                let (row, to) = (&from[state * width..][..width], &mut to[start..][..width]);
-                copy_vectors(row, to);
-                y[*output] = row[subsystem.lane];
+            let start = self.layout.outputs[*output].start / VECTOR;
+            for k in 0..count {
+                let (from, to) = (k * size + state * across, k * length + start);
+                let from = &slots[from..from + across];
+                rows[to..to + across].copy_from_slice(from);
+                self.y[k * q + output] = from[lane / VECTOR][lane % VECTOR];
             }
         }
     }

@@ -150,9 +150,14 @@ impl Subsystem {
         self.present
     }
 
+    /// Numbers of a slot.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
     /// The states in one of the slots.
     #[inline(always)]
-    pub(super) fn slot(&self, slot: usize) -> &[f64] {
+    fn slot(&self, slot: usize) -> &[f64] {
         &self.slots[slot * self.size..][..self.size]
     }
 
