@@ -5,7 +5,7 @@
 //! computed by the same fused multiply-adds.
 
 use fdm_grammar::Layout;
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 /// Where the four stages' partials stand, and the structure of f_x.
 #[derive(Debug, Clone)]
@@ -37,16 +37,33 @@ impl TangentPlan {
     /// Advances S (n by lanes) by one step of length h; `partials` are the four rows of `step_with_partials`.
     #[inline(always)]
     pub(super) fn step<S: Simd>(&self, simd: S, h: f64, partials: &[f64], s: &mut [f64], scratch: &mut [f64]) {
-        let step = Step { simd, plan: self, h, partials };
         match (self.dense, self.states) {
-            (true, 1) => step.dense::<1>(s),
-            (true, 2) => step.dense::<2>(s),
-            (true, 3) => step.dense::<3>(s),
-            (true, 4) => step.dense::<4>(s),
-            (true, 5) => step.dense::<5>(s),
-            (true, 6) => step.dense::<6>(s),
-            _ => step.sparse(s, scratch),
+            (true, 1) => simd.vectorize(Dense::<1> { plan: self, h, partials, s }),
+            (true, 2) => simd.vectorize(Dense::<2> { plan: self, h, partials, s }),
+            (true, 3) => simd.vectorize(Dense::<3> { plan: self, h, partials, s }),
+            (true, 4) => simd.vectorize(Dense::<4> { plan: self, h, partials, s }),
+            (true, 5) => simd.vectorize(Dense::<5> { plan: self, h, partials, s }),
+            (true, 6) => simd.vectorize(Dense::<6> { plan: self, h, partials, s }),
+            _ => Step { simd, plan: self, h, partials }.sparse(s, scratch),
         }
+    }
+}
+
+/// A step of few states: a function of its own, or all of them together would need a frame that no stack has room for.
+struct Dense<'a, const N: usize> {
+    plan: &'a TangentPlan,
+    h: f64,
+    partials: &'a [f64],
+    s: &'a mut [f64],
+}
+
+impl<const N: usize> WithSimd for Dense<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, h, partials, s } = self;
+        Step { simd, plan, h, partials }.dense::<N>(s);
     }
 }
 

@@ -133,10 +133,7 @@ impl Jit {
         };
         let [states, drives, values] = self.lengths;
         assert!(
-            step.x.len() >= states
-                && step.drive.len() >= drives
-                && step.known.len() >= values
-                && next.len() >= states,
+            step.x.len() >= states && step.drive.len() >= drives && step.known.len() >= values && next.len() >= states,
             "arrays shorter than the layout says"
         );
         let Step { t, h, x, drive, known } = step;

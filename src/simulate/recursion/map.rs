@@ -270,12 +270,7 @@ impl<S: Simd, const R: usize, const C: usize> Coefficients<'_, S, R, C> {
 
 /// `sum += f k`.
 #[inline(always)]
-fn axpy<S: Simd, const R: usize, const C: usize>(
-    simd: S,
-    f: f64,
-    k: &[[S::f64s; C]; R],
-    sum: &mut [[S::f64s; C]; R],
-) {
+fn axpy<S: Simd, const R: usize, const C: usize>(simd: S, f: f64, k: &[[S::f64s; C]; R], sum: &mut [[S::f64s; C]; R]) {
     let f = simd.splat_f64s(f);
     for r in 0..R {
         for c in 0..C {

@@ -9,6 +9,7 @@
 //! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
 
 mod equations;
+mod feed;
 mod intervals;
 mod jet;
 mod map;
@@ -341,9 +342,12 @@ impl Recursion {
         intervals: &Intervals,
         (first, most): (usize, usize),
     ) -> usize {
+        let per = simulator.grid.per_interval().unwrap_or(1);
+        if self.columns.is_empty() && per == 1 {
+            return self.respond(simd, simulator, intervals, (first, most));
+        }
         let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
         let bare = columns.is_empty();
-        let per = simulator.grid.per_interval().unwrap_or(1);
         let mut count = 0;
         for (subsystem, before) in subsystems.iter_mut().zip(before) {
             before.copy_from_slice(subsystem.states());
@@ -370,6 +374,35 @@ impl Recursion {
                 place.show(subsystem, 1, subsystem.present());
                 place.observe(simd, subsystem, &simulator.drive, sample..sample + 1, subsystem.present());
             }
+        }
+        count
+    }
+
+    /// The same without sensitivities and with a step for every interval. The chains of the subsystems, each of which waits
+    /// for itself, advance together.
+    #[inline(always)]
+    fn respond<S: Simd>(
+        &mut self,
+        simd: S,
+        simulator: &Simulator<'_>,
+        intervals: &Intervals,
+        (first, most): (usize, usize),
+    ) -> usize {
+        let Self { subsystems, gathering, rows: spare, before, .. } = self;
+        let (layout, y, rows, count) = gathering.several(most);
+        let (steps, after) = (first.saturating_sub(1)..first + count - 1, usize::from(first > 0));
+        for (subsystem, before) in subsystems.iter_mut().zip(before) {
+            before.copy_from_slice(subsystem.states());
+            subsystem.begin(&simulator.drive, intervals, steps.clone());
+        }
+        for (k, step) in steps.enumerate() {
+            let kind = intervals.of_step(step);
+            subsystems.iter_mut().for_each(|subsystem| subsystem.respond(simd, kind, k));
+        }
+        let mut place = Place { layout, y, rows, spare, bare: true };
+        for subsystem in subsystems {
+            place.show(subsystem, count, after);
+            place.observe(simd, subsystem, &simulator.drive, first..first + count, after);
         }
         count
     }
