@@ -13,4 +13,5 @@ pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;
 pub(super) mod noise_colour;
+mod row_map;
 pub(super) mod statistics;
