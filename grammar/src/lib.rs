@@ -3,6 +3,7 @@
 //! **In** the text of a model. **Out** [`compile`]: a [`Model`] and its [`Schedule`], or [`Diagnostic`]s.
 //! **Never** files, data or matrices. **Start** at [`compile`]; it is the whole road.
 
+pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
@@ -16,6 +17,7 @@ pub mod source;
 #[cfg(test)]
 mod stopwatch;
 pub mod syntax;
+pub mod terms;
 pub mod unit;
 
 pub use derive::Pattern;

@@ -16,6 +16,7 @@ mod progress;
 mod reading;
 mod records;
 mod simulate;
+mod spectral;
 mod strategies;
 mod subject;
 mod validate;

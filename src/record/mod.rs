@@ -7,8 +7,10 @@
 mod bridge;
 mod cell;
 mod channel;
+mod computed;
 mod dialect;
 mod error;
+pub(crate) mod even_grid;
 mod fault;
 mod input;
 mod measured;

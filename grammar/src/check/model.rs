@@ -102,7 +102,7 @@ pub(super) fn assemble(
     for (s, symbol) in scope.valid() {
         let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
         match symbol.role {
-            Role::Input => model.inputs.push(Input { quantity, measured: None }),
+            Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None }),
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
                 model.states.push(State { quantity, rate: rates[s].unwrap_or(zero), initial });

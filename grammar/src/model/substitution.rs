@@ -97,7 +97,7 @@ impl Model {
     }
 
     /// The hidden input that is the record of an output; made when there is none.
-    fn measured_input(&mut self, output: usize) -> u32 {
+    pub(crate) fn measured_input(&mut self, output: usize) -> u32 {
         let known = self.inputs.iter().position(|i| i.measured == Some(output as u32));
         let k = known.unwrap_or_else(|| {
             self.inputs.push(Input::measured(output as u32, &self.outputs[output].quantity));
@@ -110,7 +110,8 @@ impl Model {
 impl Input {
     /// The hidden input that is the record of an output of this name, doc and unit.
     pub(crate) fn measured(output: u32, of: &Quantity) -> Self {
-        Self { quantity: Quantity { name: format!("measured({})", of.name), ..of.clone() }, measured: Some(output) }
+        let quantity = Quantity { name: format!("measured({})", of.name), ..of.clone() };
+        Self { quantity, measured: Some(output), computed: None }
     }
 }
 

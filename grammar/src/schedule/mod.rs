@@ -11,6 +11,7 @@ mod layout;
 mod program;
 
 pub use affine::Affine;
+pub(crate) use affine::affine_nodes;
 pub use layout::{Layout, Patterns, StageRow};
 pub use program::{Instruction, Operand, Placed, Program};
 
@@ -89,6 +90,20 @@ impl Schedule {
             layout,
         }
     }
+}
+
+/// Expressions as one program, whose `known` array is the parameters themselves; `inputs` is the number of inputs in front
+/// of the delayed signals in the drive.
+pub fn program(graph: &Graph, roots: &[ExprId], inputs: usize) -> Program {
+    let slots: Vec<u32> = (0..roots.len() as u32).collect();
+    straight_line(graph, roots, &slots, roots.len(), |_, node| match node {
+        Node::Leaf(Leaf::Time) => Some(Operand::Time),
+        Node::Leaf(Leaf::State(k)) => Some(Operand::State(k)),
+        Node::Leaf(Leaf::Input(k)) => Some(Operand::Drive(k)),
+        Node::Leaf(Leaf::Delayed(k)) => Some(Operand::Drive(inputs as u32 + k)),
+        Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
+        Node::Apply(..) | Node::Constant(_) => None,
+    })
 }
 
 /// What `prepare` computes: initial values, delays, their partials, derived parameters, and every expression of

@@ -45,7 +45,7 @@ pub(in crate::estimate) struct Filtered {
 pub(in crate::estimate) fn sampling(run: &ProblemRun<'_>) -> Result<Sampling, Untested> {
     let samples = run.response.samples();
     match run.response.time() {
-        Some(time) if samples > 2 => Sampling::of(time),
+        Some(time) if samples > 2 => Sampling::of(time).map_err(Untested::from),
         _ => Ok(Sampling::counted(samples)),
     }
 }
