@@ -8,6 +8,7 @@ pub mod linear;
 mod model;
 pub mod quality;
 pub mod record;
+pub mod regression;
 pub mod report;
 pub mod simulate;
 pub mod spectrum;

@@ -15,6 +15,7 @@ mod noise;
 mod progress;
 mod reading;
 mod records;
+mod regress;
 mod simulate;
 mod spectral;
 mod strategies;
@@ -45,6 +46,8 @@ enum Verb {
     Fit(fit::Arguments),
     /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
     Modes(modes::Arguments),
+    /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
+    Regress(regress::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
         Verb::Modes(a) => modes::run(a),
+        Verb::Regress(a) => regress::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

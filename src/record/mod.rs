@@ -23,6 +23,7 @@ mod table;
 mod text;
 mod write;
 
+pub(crate) use bridge::bridge;
 pub use channel::{Channel, Channels, Role, channels};
 pub use dialect::{Delimiter, Dialect, Mark};
 pub use error::{Names, Problem, RecordError};

@@ -78,7 +78,7 @@ impl Sums {
     /// group.
     pub(in crate::estimate) fn add(&mut self, block: &mut Block<'_>, measured: &[f64], whitener: Option<&[f64]>) {
         let outputs = block.layout.outputs.len();
-        (0..outputs).for_each(|output| place_residuals(block, measured, output));
+        place_residuals(block, measured);
         match whitener {
             None if !self.precise => (0..outputs).for_each(|o| self.add_products(block, o)),
             None => (0..outputs).for_each(|o| self.add_rows(block, o)),
@@ -194,16 +194,17 @@ impl Sums {
     }
 }
 
-/// Writes the residuals of an output to the free lane of its rows; where nothing was measured the row becomes zero.
-fn place_residuals(block: &mut Block<'_>, measured: &[f64], output: usize) {
-    let (q, row, length) = (block.layout.outputs.len(), &block.layout.outputs[output], block.layout.length);
-    let cells = measured.chunks_exact(q).zip(block.y.chunks_exact(q));
+/// Writes the residuals to the free lanes of the rows; where nothing was measured a row becomes zero.
+fn place_residuals(block: &mut Block<'_>, measured: &[f64]) {
+    let (outputs, length) = (&block.layout.outputs[..], block.layout.length);
+    let cells = measured.chunks_exact(outputs.len()).zip(block.y.chunks_exact(outputs.len()));
     for ((z, y), lanes) in cells.zip(block.rows.chunks_exact_mut(length)) {
-        let (residual, lanes) = (z[output] - y[output], &mut lanes[row.start..][..row.width]);
-        if z[output].is_nan() {
-            lanes.fill(0.0);
-        } else {
-            lanes[row.columns.len()] = residual;
+        for ((z, y), row) in z.iter().zip(y).zip(outputs) {
+            if z.is_nan() {
+                lanes[row.start..][..row.width].fill(0.0);
+            } else {
+                lanes[row.start + row.columns.len()] = z - y;
+            }
         }
     }
 }
