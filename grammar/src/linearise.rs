@@ -234,3 +234,57 @@ fn retain<T>(list: &mut Vec<T>, keep: &[bool]) {
     let mut flags = keep.iter();
     list.retain(|_| flags.next().copied().unwrap_or(true));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Source, compile};
+
+    fn model(text: &str) -> Model {
+        compile(&Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}")).model
+    }
+
+    #[test]
+    fn what_vanishes_at_a_known_trim_is_no_coefficient() {
+        let m = model(
+            "model m { input u; state x, y; param a = 1; der(x) = a*y*x + u^2; der(y) = -y*cos(x); output z = x*u + y; }",
+        );
+        let known = Linearisation::new(&m, &[]);
+        assert_eq!(known.terms, [(1, 1), (2, 1)]);
+        assert!(known.by_unknown.is_empty() && known.slopes.is_empty());
+        let unknown = Linearisation::new(&m, &[Signal::State(0), Signal::Input(0)]);
+        assert_eq!(unknown.terms, [(0, 1), (0, 2), (1, 1), (2, 0), (2, 1), (2, 2)]);
+        assert_eq!(unknown.slopes, [(0, 0)]);
+        assert_eq!(unknown.by_unknown, [(0, 0), (1, 1), (2, 0), (3, 1), (5, 0)]);
+    }
+
+    #[test]
+    fn only_states_that_something_depends_on_must_rest() {
+        let m = model(
+            "model m { state u = 1, heading, x; param a = 1, tau = 1; der(u) = -a*u^2; der(heading) = u; der(x) = delay(heading, tau)*u;
+            output z = x; }",
+        );
+        assert_eq!(Linearisation::new(&m, &[Signal::State(0)]).balance.rows, [0, 1]);
+    }
+
+    #[test]
+    fn a_trim_survives_that_delays_are_dropped_and_states_are_replaced() {
+        let m = model(
+            "model m { state x, y; param a = 1, b = 2; der(x) = -a*delay(delay(x, 1), a)*y; der(y) = -y; output z = x;
+            trim { x = a + b; y = b/a; } }",
+        );
+        for m in [&m, &m.substituted(&[0]).unwrap()] {
+            let values: Vec<f64> = m
+                .trim
+                .iter()
+                .map(|(_, e)| {
+                    m.graph.evaluate(*e, |l| match l {
+                        Leaf::Param(k) => [1.5, 4.0][k as usize],
+                        other => panic!("{other:?}"),
+                    })
+                })
+                .collect();
+            assert_eq!(values, [5.5, 4.0 / 1.5]);
+        }
+    }
+}

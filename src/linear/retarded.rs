@@ -9,10 +9,10 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 /// Intervals between the nodes, unless the matrix would outgrow [`LARGEST`].
-const INTERVALS: usize = 60;
+const INTERVALS: usize = 40;
 const FEWEST: usize = 6;
 /// Rows of the discretised generator.
-const LARGEST: usize = 400;
+const LARGEST: usize = 300;
 /// A guess that is off by more than this part was not resolved by the nodes.
 const RESOLVED: f64 = 1e-4;
 /// Roots beyond the number of states that are looked for, and how many at most.

@@ -81,7 +81,7 @@ pub fn modes_json(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<Mo
         }
         value
     };
-    let named = |signals: Vec<(String, f64)>| signals.into_iter().map(|(n, v)| (n, json!(v))).collect::<Map<_, _>>();
+    let named = |signals: Named| signals.into_iter().map(|(n, v)| (n, json!(v))).collect::<Map<_, _>>();
     let (state_values, input_values) = values(model, trim);
     json!({
         "model": model.name(),
@@ -134,8 +134,10 @@ pub fn trim_sentence(model: &Model, trim: &Trim) -> String {
     format!("{how}: {}{rest}{time}", all.join(", "))
 }
 
+type Named = Vec<(String, f64)>;
+
 /// Names and values of states and inputs.
-fn values(model: &Model, trim: &Trim) -> (Vec<(String, f64)>, Vec<(String, f64)>) {
+fn values(model: &Model, trim: &Trim) -> (Named, Named) {
     let definition = model.definition();
     let states = definition.states.iter().map(|s| s.quantity.name.clone()).zip(trim.states.iter().copied());
     let inputs = definition.inputs.iter().map(|i| i.quantity.name.clone()).zip(trim.inputs.iter().copied());
