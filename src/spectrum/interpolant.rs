@@ -9,10 +9,12 @@ use num_complex::Complex64;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Interpolant {
     /// What the time domain integrates: inputs held or linear between samples, by their exact transform; outputs smooth, by the sum and the
-    /// first term of Euler and Maclaurin at the ends. The same linear model has the same response in both domains, up to (w dt)^4/720
+    /// first term of Euler and Maclaurin at the ends. The same linear model has the same response in both domains, up to (w dt)^4/240
     /// (inputs linear) or, for rates that held inputs drive directly, (w dt)^2/12.
     #[default]
     AsIntegrated,
+    /// Every channel linear between its samples, with exact ends (the rule of a low-order interpolant; Morelli 1997).
+    Linear,
     /// The samples themselves: plain sums for every channel (Marchand and Fu 1985).
     Samples,
 }

@@ -186,6 +186,7 @@ impl SpectrumOptions {
     pub(super) fn course(&self, channel: usize, inputs: usize, held: &[bool]) -> Course {
         match self.interpolant {
             Interpolant::Samples => Course::Sampled,
+            Interpolant::Linear => Course::Linear,
             Interpolant::AsIntegrated if channel >= inputs => Course::Smooth,
             Interpolant::AsIntegrated if held.get(channel) == Some(&true) => Course::Held,
             Interpolant::AsIntegrated => Course::Linear,
