@@ -33,6 +33,9 @@ pub(crate) struct Spectral {
     /// Nonlinear models: nonlinear terms `carry` in as known inputs computed from records, or `linearise` at the trim
     #[arg(long, value_name = "auto|carry|linearise", value_enum, default_value_t)]
     nonlinear: NonlinearChoice,
+    /// Begin with the model's own values, not with those of equation error
+    #[arg(long)]
+    own_values: bool,
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times
     #[arg(long, value_name = "RUN")]
     holdout: Vec<PathBuf>,
@@ -130,6 +133,7 @@ fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
             NonlinearChoice::Carry => Nonlinear::Carried,
             NonlinearChoice::Linearise => Nonlinear::Linearised,
         },
+        regressed: !spectral.own_values,
         finish: true,
     })
 }

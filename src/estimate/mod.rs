@@ -53,7 +53,9 @@ pub use road::footing::Footing;
 pub use road::start::starts;
 pub use road::starts::{MultiStart, StartSummary};
 pub use solve::{estimate, estimate_from};
-pub use spectral::{Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered, fit_spectra};
+pub use spectral::{
+    FirstValue, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered, fit_spectra,
+};
 pub use strategy::continuation::Continuation;
 pub use strategy::lengths::LengthFit;
 pub use strategy::rescue::{Remedy, Rescue};

@@ -16,6 +16,7 @@ use std::f64::consts::TAU;
 pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&nonlinear(fit));
+    text.push_str(&first_values(fit));
     text.push('\n');
     text.push_str(&parameter_table(&fit.parameters(), intervals));
     if !fit.ends.is_empty() {
@@ -70,6 +71,18 @@ fn band(fit: &SpectralFit) -> String {
     )
 }
 
+/// What the estimation began with.
+fn first_values(fit: &SpectralFit) -> String {
+    let (regressed, own): (Vec<_>, Vec<_>) = fit.first.iter().partition(|f| !f.equations.is_empty());
+    if regressed.is_empty() {
+        return String::new();
+    }
+    let values: Vec<String> = regressed.iter().map(|f| format!("{} = {}", f.parameter, digits(f.value, 4))).collect();
+    let own: Vec<&str> = own.iter().map(|f| f.parameter.as_str()).collect();
+    let rest = if own.is_empty() { String::new() } else { format!("; from the model: {}", own.join(", ")) };
+    format!("first values from equation error: {}{rest}\n", values.join(", "))
+}
+
 /// What was done about nonlinear terms.
 fn nonlinear(fit: &SpectralFit) -> String {
     let mut text = String::new();
@@ -103,6 +116,7 @@ pub fn spectral_json(fit: &SpectralFit) -> Value {
         "end_values": fit.ends,
         "known_inputs": fit.carried.iter().map(|t| json!({ "term": t.text, "equations": t.equations })).collect::<Vec<_>>(),
         "trim": trim,
+        "first_values": fit.first.iter().map(|f| json!({ "parameter": f.parameter, "value": f.value, "equations": f.equations })).collect::<Vec<_>>(),
         "unseen": fit.unseen,
         "silent_inputs": fit.silent,
         "dependent_outputs": fit.dependent,

@@ -2,17 +2,20 @@
 
 use super::fault::SpectralError;
 use super::finish::finish;
+use super::first::{FirstValue, first_values};
 use super::options::SpectralOptions;
 use super::response::Unanswered;
 use super::setting::{Setting, band};
 use super::weights::weight;
 use crate::estimate::estimate::{Estimate, ParameterEstimate};
 use crate::estimate::noise::Noise;
+use crate::estimate::problem::Options;
 use crate::estimate::progress::Observer;
 use crate::estimate::road::fit::{Fit, changed};
 use crate::estimate::road::fit_error::FitError;
 use crate::estimate::road::start::starts;
 use crate::estimate::solve::estimate;
+use crate::estimate::termination::Termination;
 use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
@@ -58,6 +61,8 @@ pub struct SpectralFit {
     pub silent: Vec<String>,
     /// Outputs whose residuals are multiples of each other, where their full covariance was asked for: it is singular.
     pub dependent: Vec<String>,
+    /// What the estimation began with; empty when it was the model's own values.
+    pub first: Vec<FirstValue>,
     /// Why a response could not be computed, when that ended the estimation.
     pub unanswered: Option<Unanswered>,
     /// Initial states, biases and what else the frequency domain does not see, found in the time domain with the rest held.
@@ -101,9 +106,19 @@ pub fn fit_spectra(
     let start = starts(&model, runs, &options.changes);
     let mut how = options.options.clone();
     how.noise = of_coefficients(how.noise.or_declared(&model.definition().outputs), &setting);
-    let mut problem = setting.problem(&start)?;
-    let mut found = estimate(&mut problem, &how, observer).map_err(SpectralError::Problem)?;
-    drop(problem);
+    let mut first = Vec::new();
+    if options.regressed {
+        first = first_values(&model, runs, &setting.seen, options);
+    }
+    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
+    let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
+    if lost && first.iter().any(|f| !f.equations.is_empty()) {
+        // noise in the regressors can lead astray; then the model's own values are tried
+        let again = setting.estimated(&start, &how, observer)?;
+        if again.termination.is_good() {
+            (found, first) = (again, Vec::new());
+        }
+    }
     let ends = unscaled_ends(&mut found, &setting);
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
     let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
@@ -117,6 +132,7 @@ pub fn fit_spectra(
     let mut fit = SpectralFit {
         silent: setting.silent().into_iter().map(|k| inputs[k].quantity.name.clone()).collect(),
         dependent,
+        first,
         spectra: compared(&setting, &found),
         band: band(&setting.spectra),
         ends,
@@ -178,6 +194,30 @@ fn unscaled_ends(estimate: &mut Estimate, setting: &Setting) -> Vec<ParameterEst
         ends.push(p.clone());
     }
     ends
+}
+
+/// Start values with those of regressions in their places.
+fn with_first(model: &Model, start: &[Vec<f64>], first: &[FirstValue]) -> Vec<Vec<f64>> {
+    let mut start = start.to_vec();
+    for value in first.iter().filter(|f| !f.equations.is_empty()) {
+        if let Some(k) = model.definition().param(&value.parameter) {
+            start.iter_mut().for_each(|theta| theta[k] = value.value);
+        }
+    }
+    start
+}
+
+impl Setting {
+    /// The estimation from these start values (p of each run).
+    fn estimated(
+        &self,
+        start: &[Vec<f64>],
+        options: &Options,
+        observer: &mut dyn Observer,
+    ) -> Result<Estimate, SpectralError> {
+        let mut problem = self.problem(start)?;
+        estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
+    }
 }
 
 /// Measured and modelled spectra at the estimates.

@@ -30,6 +30,8 @@ pub struct SpectralOptions {
     pub ends: EndTerms,
     /// What is done about nonlinear terms.
     pub nonlinear: Nonlinear,
+    /// Whether the estimation begins with values from equation error, where states are measured.
+    pub regressed: bool,
     /// Whether initial states and biases are found in the time domain afterwards.
     pub finish: bool,
 }
@@ -42,6 +44,7 @@ impl Default for SpectralOptions {
             frequencies: Frequencies::Grid { lowest: None, highest: None },
             ends: EndTerms::default(),
             nonlinear: Nonlinear::default(),
+            regressed: true,
             finish: true,
         }
     }

@@ -3,7 +3,7 @@
 use crate::estimate::problem::{Coefficients, Response};
 use crate::frequency::{EndTerms, FrequencyError, FrequencyResponse, Plans};
 use crate::linear::{LinearModel, TrimError, Values};
-use crate::simulate::{Divergence, Sink};
+use crate::simulate::{Divergence, PlaneSink, Sink};
 use crate::spectrum::Spectrum;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -107,6 +107,17 @@ impl Response for SpectralResponse {
         self.evaluate(theta)?;
         let Self { response, values, params, reason, .. } = self;
         let done = response.sensitivities(values, &theta[*params..], columns, sink);
+        done.map_err(|e| failed(reason, Unanswered::Frequency(e)))
+    }
+
+    fn is_planar(&self) -> bool {
+        true
+    }
+
+    fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
+        self.evaluate(theta)?;
+        let Self { response, values, params, reason, .. } = self;
+        let done = response.planes(values, &theta[*params..], columns, sink);
         done.map_err(|e| failed(reason, Unanswered::Frequency(e)))
     }
 }
