@@ -15,6 +15,7 @@ mod fft;
 mod frequencies;
 mod frequency_response;
 mod interpolant;
+mod overlap;
 #[cfg(test)]
 mod response_tests;
 mod segments;
@@ -29,6 +30,7 @@ pub use error::{ChannelName, SpectrumError};
 pub use frequencies::{Comb, Frequencies};
 pub use frequency_response::FrequencyResponseEstimate;
 pub use interpolant::Interpolant;
+pub use overlap::Overlap;
 pub use segments::Segmentation;
 pub use spectrum::{Ends, Spectrum, SpectrumOptions};
 pub use transform::Transform;
