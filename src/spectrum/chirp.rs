@@ -63,7 +63,7 @@ impl ChirpSum {
         }
     }
 
-    /// Multiply-adds of whole vectors that the sums of `channels` series are worth.
+    /// What the sums of `channels` series are worth, in multiply-adds of whole vectors.
     pub(super) fn cost(terms: usize, frequencies: usize, step: Cycles, stride: f64, channels: usize) -> f64 {
         let (length, transforms) = match fold(step.times(stride), frequencies) {
             Some(length) => (length, 1.0),
@@ -120,6 +120,6 @@ fn without(mut n: usize, p: usize) -> usize {
 
 /// What a complex transform of a length is worth.
 pub(super) fn fft_cost(length: usize) -> f64 {
-    let plain = 4.0 * length as f64 * (length.max(2) as f64).log2();
+    let plain = 2.5 * length as f64 * (length.max(2) as f64).log2();
     if is_smooth(length) { plain } else { 4.0 * plain }
 }

@@ -45,9 +45,9 @@ impl DirectSum {
         }
     }
 
-    /// Multiply-adds of whole vectors that the sums of `channels` channels take.
+    /// What the sums of `channels` channels are worth, in multiply-adds of whole vectors in registers: these load as much as they compute.
     pub(super) fn cost(samples: usize, frequencies: usize, channels: usize) -> f64 {
-        2.0 * samples as f64 * frequencies.div_ceil(LANES) as f64 * channels as f64
+        4.5 * samples as f64 * frequencies.div_ceil(LANES) as f64 * channels as f64
     }
 
     /// The sums of the first `channels` numbers of rows of `stride` numbers: channels by frequencies.
@@ -143,13 +143,13 @@ impl Block<'_> {
         let sums = S::as_mut_simd_f64s(self.sums).0;
         for v in 0..vectors {
             let mut sum = [[simd.splat_f64s(0.0); 2]; C];
-            let turns = re[v..].iter().step_by(vectors).zip(im[v..].iter().step_by(vectors));
-            for (row, (c, s)) in self.rows.chunks_exact(self.row).zip(turns) {
+            for (k, row) in self.rows.chunks_exact(self.row).enumerate() {
                 let Some(x) = row[first..].first_chunk::<C>() else { return };
+                let (c, s) = (re[k * vectors + v], im[k * vectors + v]);
                 for q in 0..C {
                     let x = simd.splat_f64s(x[q]);
-                    sum[q][0] = simd.mul_add_f64s(x, *c, sum[q][0]);
-                    sum[q][1] = simd.mul_add_f64s(x, *s, sum[q][1]);
+                    sum[q][0] = simd.mul_add_f64s(x, c, sum[q][0]);
+                    sum[q][1] = simd.mul_add_f64s(x, s, sum[q][1]);
                 }
             }
             let (c, s) = (turn_re[v], turn_im[v]);

@@ -30,7 +30,7 @@ pub struct Spectrum {
     pub inputs: Vec<Complex64>,
     /// Mean squares of the inputs, their means taken off (m).
     pub input_power: Vec<f64>,
-    /// Plain sums of the inputs' samples, m by M: what an output shows that sees an input directly.
+    /// Inputs as outputs see them that show them directly, m by M: sums of their samples, transformed as outputs are.
     pub sampled_inputs: Vec<Complex64>,
     /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
     pub outputs: Vec<Complex64>,
@@ -95,12 +95,19 @@ impl Spectrum {
         let sums = Transform::new(samples, even.width, &comb).apply(&even.rows[inner.clone()]);
         let scale = 1.0 / samples as f64;
         let mut transforms: Vec<Complex64> = sums.iter().map(|s| s * scale).collect();
-        let sampled_inputs = transforms[..m * comb.len()].to_vec();
+        let mut sampled_inputs = transforms[..m * comb.len()].to_vec();
         for (k, cycles) in comb.cycles.iter().enumerate() {
             let correction = Correction::new(TAU * cycles.value(), cycles.turned((samples - 1) as f64));
             for (c, (course, sides)) in courses.iter().zip(&sides).enumerate() {
                 let at = c * comb.len() + k;
                 transforms[at] = correction.apply(*course, sums[at], *sides) * scale;
+                if c < m {
+                    // the mean that an output would lose is another one: a constant is left
+                    let seen = options.output_course();
+                    let left = (seen.excess(*sides) - course.excess(*sides)) * scale;
+                    sampled_inputs[at] = correction.apply(seen, sums[at], *sides) * scale
+                        - left * constant(comb.omega[k], even.dt, samples);
+                }
             }
         }
         let outputs = transforms.split_off(m * comb.len());
@@ -168,7 +175,7 @@ impl Spectrum {
     pub fn end_factors(&self, k: usize) -> [Complex64; 2] {
         let (w, duration) = (self.omega[k], self.duration());
         let ends = [0.5 * self.dt, 0.5 * self.dt - duration].map(|t| Complex64::cis(w * t));
-        let mean = (ends[0] - ends[1]) / Complex64::new(0.0, w * duration);
+        let mean = constant(w, self.dt, self.samples);
         ends.map(|end| (end - mean) / duration)
     }
 }
@@ -183,6 +190,11 @@ impl SpectrumOptions {
         ChannelName { role, name: names.get(k).cloned().unwrap_or_else(|| (k + 1).to_string()) }
     }
 
+    /// What outputs are between their samples.
+    fn output_course(&self) -> Course {
+        self.course(1, 0, &[])
+    }
+
     pub(super) fn course(&self, channel: usize, inputs: usize, held: &[bool]) -> Course {
         match self.interpolant {
             Interpolant::Samples => Course::Sampled,
@@ -192,6 +204,12 @@ impl SpectrumOptions {
             Interpolant::AsIntegrated => Course::Linear,
         }
     }
+}
+
+/// The transform of a constant 1; zero on the record's own grid.
+fn constant(w: f64, dt: f64, samples: usize) -> Complex64 {
+    let duration = samples as f64 * dt;
+    (Complex64::cis(0.5 * w * dt) - Complex64::cis(w * (0.5 * dt - duration))) / Complex64::new(0.0, w * duration)
 }
 
 /// Takes off a channel's mean over the record; gives the samples at both ends.

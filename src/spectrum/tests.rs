@@ -181,7 +181,7 @@ fn the_transform_of_a_derivative_needs_its_ends() {
             // w dt is up to 0.63: what is left of the midpoint rule is (w dt)^4 of the ramp's jump
             assert!(error(Interpolant::AsIntegrated) < 1e-15 + slope * 2e-3, "{:e}", error(Interpolant::AsIntegrated));
             assert!(error(Interpolant::Samples) < 1e-15 + slope * 2e-2);
-            assert!(error(Interpolant::Linear) < 1e-14, "{:e}", error(Interpolant::Linear));
+            assert!(error(Interpolant::Linear) < 1e-13, "{:e}", error(Interpolant::Linear));
         }
         let curved = |i| derivative_error(i, choice, |t| (0.4 * t).exp(), |t| 0.4 * (0.4 * t).exp());
         let size = 0.4 * (0.4f64 * 8.2).exp();
@@ -216,9 +216,17 @@ fn a_linear_model_has_the_same_response_in_both_domains() {
                 let x = (found.inputs[k] * b - ends) / Complex64::new(-a, w);
                 let size = found.outputs[k].norm() + found.inputs[k].norm();
                 // what is left are the end values, interpolated by a line
-                assert!((x - found.outputs[k]).norm() < 1.5e-4 * size, "{held} {w}");
+                assert!(
+                    (x - found.outputs[k]).norm() < 3e-4 * size,
+                    "{held} {w}: {:e}",
+                    (x - found.outputs[k]).norm() / size
+                );
                 let y = found.outputs[k] + found.sampled_inputs[k] * d;
-                assert!((y - found.outputs[count + k]).norm() < 1.5e-4 * size, "{held} {w}");
+                assert!(
+                    (y - found.outputs[count + k]).norm() < 3e-4 * size,
+                    "{held} {w}: {:e}",
+                    (y - found.outputs[count + k]).norm() / size
+                );
             }
         }
     }
