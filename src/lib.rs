@@ -3,6 +3,7 @@
 pub mod code;
 pub mod dynamics;
 pub mod estimate;
+pub mod frequency;
 pub mod linear;
 mod model;
 pub mod quality;

@@ -18,8 +18,8 @@ const GRAMMAR: &[&str] = &[
     "check",
     "derive",
     "schedule",
-    "carried",
     "linearise",
+    "carried",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -63,6 +63,8 @@ pub(super) struct Weights {
     pub(super) whitener: Vec<f64>,
     /// Outputs that are matched to rounding (q).
     pub(super) exact: Vec<bool>,
+    /// Mean square of the residuals in units of the noise: 1 where that is estimated.
+    pub(super) scatter: f64,
 }
 
 impl Likelihood {
@@ -117,6 +119,7 @@ impl Likelihood {
     fn diagonal(&self, moments: &[f64]) -> Weights {
         let q = self.counts.len();
         let mut weights = Weights::blank(q);
+        weights.scatter = 0.0;
         for o in (0..q).filter(|o| self.counts[*o] > 0) {
             let (n, sum, at) = (self.counts[o] as f64, moments[o * q + o], o * q + o);
             let floor = FLOOR * self.magnitude[o].powi(2);
@@ -126,6 +129,7 @@ impl Likelihood {
             weights.covariance[at] = variance;
             weights.whitener[at] = 1.0 / variance.sqrt();
             weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
+            weights.scatter += sum / variance / self.cells() as f64;
             // each residual carries a rounding error of about one unit in the last place of the output
             weights.rounding += 4.0 * f64::EPSILON * n * (self.magnitude[o] / variance.sqrt() + 1.0);
         }
@@ -191,7 +195,7 @@ impl Likelihood {
 impl Weights {
     fn blank(q: usize) -> Self {
         let (covariance, whitener) = (vec![0.0; q * q], vec![0.0; q * q]);
-        Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q] }
+        Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q], scatter: 1.0 }
     }
 
     /// R^-1, q by q; zero for outputs that were never measured.

@@ -1,7 +1,7 @@
 //! The coefficients of a model's linear model with their derivatives, at any values of the parameters.
 
 use super::structure::{Slope, Structure, TauSlope, Term, Values};
-use super::trim::{Equations, TrimError, Unbalanced};
+use super::trim::{Equations, TrimError, Unbalanced, sizes};
 use crate::code::Bytecode;
 use crate::dynamics::{Point, Workspace};
 use crate::model::Model;
@@ -246,15 +246,11 @@ fn found(model: &fdm_grammar::Model, theta: &[f64]) -> Result<Found, TrimError> 
     let n = model.states.len();
     let first = |s: &Signal| equations.known()[place(*s, n)];
     let starts = [states, both].map(|unknowns| (unknowns.iter().map(first).collect::<Vec<f64>>(), unknowns));
-    let at_rest = equations.unbalanced(theta, &[]).is_empty();
     let mut failure = Unbalanced(Vec::new());
     let mut rows = Vec::new();
     for (z, unknowns) in starts {
         match solved(model, theta, unknowns, z) {
-            Ok((linearisation, z)) => {
-                let obtained = if at_rest { Obtained::Initial } else { Obtained::Solved };
-                return Ok(Found { linearisation, z, obtained });
-            }
+            Ok(found) => return Ok(found),
             Err((unbalanced, of)) => (failure, rows) = (unbalanced, of),
         }
     }
@@ -274,24 +270,27 @@ fn depends(model: &fdm_grammar::Model) -> bool {
 type Lost = (Unbalanced, Vec<u32>);
 
 /// Solves for these unknowns, then again for those alone that the equations determine there.
-fn solved(
-    model: &fdm_grammar::Model,
-    theta: &[f64],
-    unknowns: Vec<Signal>,
-    start: Vec<f64>,
-) -> Result<(Linearisation, Vec<f64>), Lost> {
+fn solved(model: &fdm_grammar::Model, theta: &[f64], unknowns: Vec<Signal>, start: Vec<f64>) -> Result<Found, Lost> {
     let mut equations = Equations::new(Linearisation::new(model, &unknowns).balance);
     let mut z = start.clone();
+    equations.evaluate(theta, &z);
+    let at_rest = equations.unbalanced(theta, &z).is_empty();
+    if !at_rest && unknowns.iter().all(|u| matches!(u, Signal::State(_))) {
+        equations.settle(theta, &mut z);
+        if equations.solve(theta, &mut z).is_err() {
+            z = start;
+        }
+    }
     let lost = |unbalanced, equations: &Equations| (unbalanced, equations.balance.rows.clone());
     equations.solve(theta, &mut z).map_err(|u| lost(u, &equations))?;
-    let sizes: Vec<f64> = z.iter().map(|v| if *v == 0.0 { 1.0 } else { v.abs() }).collect();
-    let columns = equations.determined(&sizes);
+    let columns = equations.determined(&sizes(&z));
     let chosen: Vec<Signal> = columns.iter().map(|k| unknowns[*k]).collect();
     let linearisation = Linearisation::new(model, &chosen);
     let mut equations = Equations::new(linearisation.balance.clone());
     let mut z: Vec<f64> = columns.iter().map(|k| z[*k]).collect();
     equations.solve(theta, &mut z).map_err(|u| lost(u, &equations))?;
-    Ok((linearisation, z))
+    let obtained = if at_rest { Obtained::Initial } else { Obtained::Solved };
+    Ok(Found { linearisation, z, obtained })
 }
 
 fn place(signal: Signal, states: usize) -> usize {

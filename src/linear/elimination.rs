@@ -82,6 +82,11 @@ impl Elimination {
         self.pivots.iter().map(|(_, column)| *column)
     }
 
+    /// The rows that were solved, in the order of elimination.
+    pub(super) fn rows(&self) -> impl Iterator<Item = usize> + '_ {
+        self.pivots.iter().map(|(row, _)| *row)
+    }
+
     /// (unknown, value) of the solution with one right side; the unknowns that are not named are zero.
     pub(super) fn solution(&self, side: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
         let width = self.unknowns + self.sides;

@@ -3,13 +3,15 @@
 use super::elimination::Elimination;
 use crate::code::Bytecode;
 use crate::dynamics::{Point, Workspace};
+use fdm_grammar::graph::Signal;
 use fdm_grammar::linearise::Balance;
 
 /// Why a model has no linear model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrimError {
     /// The rates of these states cannot be made zero together.
-    #[error("no trim was found: the rate{} of {} cannot be made zero{}", if equations.len() == 1 { "" } else { "s" },
+    #[error("no trim was found: the rate{} of {} cannot be made zero{}; \
+        `trim {{ x = value; u = value; }}` in the model says where it is linearised", if equations.len() == 1 { "" } else { "s" },
         listed(equations), held(given))]
     NotFound {
         /// The states, by name.
@@ -63,6 +65,8 @@ pub(super) struct Unbalanced(pub(super) Vec<usize>);
 impl Equations {
     /// Corrections of Newton's method.
     const MOST: usize = 100;
+    /// Steps on the way to rest.
+    const MOST_STEPS: usize = 1000;
     /// A rate below this part of the terms that it is made of is zero.
     const ZERO: f64 = 1e-9;
 
@@ -103,13 +107,79 @@ impl Equations {
         let mut terms = vec![0.0; self.balance.rows.len()];
         self.by_unknown().for_each(|(i, j, d)| terms[i] += (d * z[j]).abs());
         self.by_param().for_each(|(i, j, d)| terms[i] += (d * theta[j]).abs());
-        let zero = |i: usize| self.rates()[i].abs() <= Self::ZERO * terms[i];
+        let zero = |i: usize| self.rates()[i] == 0.0 || self.rates()[i].abs() <= Self::ZERO * terms[i];
         (0..terms.len()).filter(|i| !zero(*i)).collect()
+    }
+
+    /// Follows the states from `z` to where they come to rest: implicit Euler steps that grow as the rates get less (pseudo-transient
+    /// continuation; Kelley and Keyes, SIAM J. Numer. Anal. 35, 1998). So a pendulum that is let go ends where it hangs, and not at some
+    /// other zero that Newton's method happens to reach.
+    pub(super) fn settle(&mut self, theta: &[f64], z: &mut [f64]) {
+        let sizes = sizes(z);
+        let of: Vec<Option<usize>> = self.balance.unknowns.iter().map(|u| self.row(*u)).collect();
+        let (mut step, mut before) = (0.0, 0.0);
+        for _ in 0..Self::MOST_STEPS {
+            self.evaluate(theta, z);
+            let length = self.speed(&of, &sizes);
+            if length == 0.0 || !length.is_finite() {
+                return;
+            }
+            step = if before == 0.0 { 0.1 / self.quickness(&sizes).max(length) } else { step * before / length };
+            before = length;
+            let correction = self.euler(&of, &sizes, step);
+            correction.into_iter().for_each(|(k, d)| z[k] += d * sizes[k]);
+            if step * self.quickness(&sizes) > 1e9 {
+                return;
+            }
+        }
+    }
+
+    /// Position of the rate of an unknown state.
+    fn row(&self, unknown: Signal) -> Option<usize> {
+        self.balance.rows.iter().position(|k| Signal::State(*k) == unknown)
+    }
+
+    /// The quickest change of a state, in sizes per time.
+    fn speed(&self, of: &[Option<usize>], sizes: &[f64]) -> f64 {
+        let rates = of.iter().zip(sizes).filter_map(|(row, size)| row.map(|r| (self.rates()[r] / size).abs()));
+        rates.fold(0.0, |a: f64, b| if b.is_nan() { b } else { a.max(b) })
+    }
+
+    /// The largest entry of the Jacobian in units of `sizes`, where it was evaluated last.
+    fn quickness(&self, sizes: &[f64]) -> f64 {
+        let unknown =
+            |row: usize| self.balance.unknowns.iter().position(|u| *u == Signal::State(self.balance.rows[row]));
+        let own = |(i, j, d): (usize, usize, f64)| unknown(i).map(|k| (d * sizes[j] / sizes[k]).abs());
+        self.by_unknown().filter_map(own).fold(0.0, f64::max)
+    }
+
+    /// The step (1/h - J) d = f of the states, in units of `sizes`.
+    fn euler(&mut self, of: &[Option<usize>], sizes: &[f64], step: f64) -> Vec<(usize, f64)> {
+        let mut place = vec![None; self.balance.rows.len()];
+        of.iter().enumerate().for_each(|(k, row)| row.iter().for_each(|r| place[*r] = Some(k)));
+        let n = sizes.len();
+        let mut matrix = vec![0.0; n * n];
+        (0..n).for_each(|k| matrix[k * n + k] = 1.0 / step);
+        for (i, j, d) in self.by_unknown() {
+            if let Some(k) = place[i] {
+                matrix[k * n + j] -= d * sizes[j] / sizes[k];
+            }
+        }
+        let mut elimination = std::mem::take(&mut self.elimination);
+        elimination.clear(n, n, 1);
+        matrix.iter().enumerate().for_each(|(at, v)| elimination.set(at / n, at % n, *v));
+        for (k, row) in of.iter().enumerate() {
+            elimination.set_side(k, 0, row.map_or(0.0, |r| self.rates()[r] / sizes[k]));
+        }
+        elimination.eliminate();
+        let found = elimination.solution(0).collect();
+        self.elimination = elimination;
+        found
     }
 
     /// Solves for the unknowns, starting at `z`; unknowns that the equations do not determine stay where they are.
     pub(super) fn solve(&mut self, theta: &[f64], z: &mut [f64]) -> Result<(), Unbalanced> {
-        let sizes: Vec<f64> = z.iter().map(|v| if *v == 0.0 { 1.0 } else { v.abs() }).collect();
+        let sizes = sizes(z);
         let mut before = f64::INFINITY;
         self.evaluate(theta, z);
         for _ in 0..Self::MOST {
@@ -135,12 +205,12 @@ impl Equations {
         }
     }
 
-    /// One correction, shortened until the rates are less; false when they do not get less.
+    /// One correction, shortened until the rates that it is made for are less; false when they do not get less.
     fn step(&mut self, theta: &[f64], z: &mut [f64], sizes: &[f64], correction: &[(usize, f64)]) -> bool {
         self.trial.clear();
         self.trial.extend_from_slice(z);
-        let start = self.length();
         let scales = std::mem::take(&mut self.scales);
+        let start = self.length(&scales);
         let mut gain = 1.0;
         let mut found = false;
         for _ in 0..40 {
@@ -149,7 +219,7 @@ impl Equations {
             correction.iter().for_each(|(k, d)| trial[*k] += gain * d * sizes[*k]);
             self.evaluate(theta, &trial);
             self.trial = trial;
-            let length = scaled(self.rates(), &scales);
+            let length = self.length(&scales);
             // at rounding the rates jump about
             if length < start * (1.0 - 0.1 * gain) || length <= 1e-13 {
                 found = true;
@@ -164,8 +234,10 @@ impl Equations {
         found
     }
 
-    fn length(&self) -> f64 {
-        scaled(self.rates(), &self.scales)
+    /// The largest of the rates that the correction solves for.
+    fn length(&self, scales: &[f64]) -> f64 {
+        let rates = self.elimination.rows().map(|row| (self.rates()[row] / scales[row]).abs());
+        rates.fold(0.0, |a, b| if b.is_nan() { f64::INFINITY } else { a.max(b) })
     }
 
     /// Newton's correction in units of `sizes`, as evaluated last.
@@ -210,7 +282,7 @@ impl Equations {
     }
 }
 
-fn scaled(rates: &[f64], scales: &[f64]) -> f64 {
-    let largest = |a: f64, b: f64| if b.is_nan() { f64::INFINITY } else { a.max(b) };
-    rates.iter().zip(scales).map(|(f, s)| (f / s).abs()).fold(0.0, largest)
+/// How large unknowns are; one where nothing is known.
+pub(super) fn sizes(z: &[f64]) -> Vec<f64> {
+    z.iter().map(|v| if *v == 0.0 { 1.0 } else { v.abs() }).collect()
 }

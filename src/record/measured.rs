@@ -103,7 +103,7 @@ impl Run {
             inputs[k] = measured[output];
         }
         let gaps = self.inputs.iter().skip(k).step_by(m).map(|v| v.is_nan()).collect();
-        bridge::bridge(&self.time, &mut self.inputs, m, k, false);
+        bridge(&self.time, &mut self.inputs, m, k, false);
         gaps
     }
 }

@@ -77,7 +77,7 @@ fn sine_series(rest: &[f64]) -> Vec<f64> {
 /// The series and its derivative by i/n at i = 0..=n.
 fn synthesis(series: &[f64], n: usize) -> (Vec<f64>, Vec<f64>) {
     let plan = FftPlanner::new().plan_fft_inverse(2 * n);
-    let mut run = |factor: &dyn Fn(usize) -> f64| {
+    let run = |factor: &dyn Fn(usize) -> f64| {
         let mut spectrum = vec![Complex64::default(); 2 * n];
         for (k, b) in series.iter().enumerate() {
             spectrum[k + 1].re = b * factor(k + 1);

@@ -98,10 +98,15 @@ impl Observation {
     ) -> Result<(), Divergence> {
         if let Some(observed) = &self.observed {
             let x = &simulator.nodes[node(k)];
-            for ((state, y), row) in observed.iter().zip(y).zip(rows.chunks_exact_mut(self.stride.max(1))) {
+            for (state, y) in observed.iter().zip(y) {
                 *y = x[*state as usize];
-                let lanes = &s[*state as usize * self.lanes..][..self.lanes];
-                if self.lane_of.is_empty() { copy_vectors(lanes, row) } else { gather(&self.lane_of, lanes, row) }
+            }
+            match (self.lane_of.is_empty(), self.stride / VECTOR) {
+                (true, 1) => copy_rows::<1>(observed, s, rows),
+                (true, 2) => copy_rows::<2>(observed, s, rows),
+                (true, 3) => copy_rows::<3>(observed, s, rows),
+                (true, 4) => copy_rows::<4>(observed, s, rows),
+                _ => self.choose_rows(observed, s, rows),
             }
             return Ok(());
         }
@@ -115,6 +120,15 @@ impl Observation {
         }
         self.rows = in_lanes;
         result
+    }
+
+    /// The rows of states, of which each lane is a column or only some are.
+    #[inline(always)]
+    fn choose_rows(&self, observed: &[u32], s: &[f64], rows: &mut [f64]) {
+        for (state, row) in observed.iter().zip(rows.chunks_exact_mut(self.stride.max(1))) {
+            let lanes = &s[*state as usize * self.lanes..][..self.lanes];
+            if self.lane_of.is_empty() { copy_vectors(lanes, row) } else { gather(&self.lane_of, lanes, row) }
+        }
     }
 
     /// The general case: `h_theta + h_x S + h_delay S_delay`, q rows of lanes.
@@ -176,6 +190,15 @@ impl Observation {
                 lanes[*lane] -= slope * known[*at];
             }
         }
+    }
+}
+
+/// The rows of states, V vectors each.
+#[inline(always)]
+fn copy_rows<const V: usize>(observed: &[u32], s: &[f64], rows: &mut [f64]) {
+    let (from, to) = (s.as_chunks::<VECTOR>().0.as_chunks::<V>().0, rows.as_chunks_mut::<VECTOR>().0);
+    for (state, row) in observed.iter().zip(to.as_chunks_mut::<V>().0) {
+        *row = from[*state as usize];
     }
 }
 

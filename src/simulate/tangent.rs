@@ -5,7 +5,7 @@
 //! computed by the same fused multiply-adds.
 
 use fdm_grammar::Layout;
-use pulp::Simd;
+use pulp::{Simd, WithSimd};
 
 /// Where the four stages' partials stand, and the structure of f_x.
 #[derive(Debug, Clone)]
@@ -37,16 +37,33 @@ impl TangentPlan {
     /// Advances S (n by lanes) by one step of length h; `partials` are the four rows of `step_with_partials`.
     #[inline(always)]
     pub(super) fn step<S: Simd>(&self, simd: S, h: f64, partials: &[f64], s: &mut [f64], scratch: &mut [f64]) {
-        let step = Step { simd, plan: self, h, partials };
         match (self.dense, self.states) {
-            (true, 1) => step.dense::<1>(s),
-            (true, 2) => step.dense::<2>(s),
-            (true, 3) => step.dense::<3>(s),
-            (true, 4) => step.dense::<4>(s),
-            (true, 5) => step.dense::<5>(s),
-            (true, 6) => step.dense::<6>(s),
-            _ => step.sparse(s, scratch),
+            (true, 1) => simd.vectorize(Dense::<1> { plan: self, h, partials, s }),
+            (true, 2) => simd.vectorize(Dense::<2> { plan: self, h, partials, s }),
+            (true, 3) => simd.vectorize(Dense::<3> { plan: self, h, partials, s }),
+            (true, 4) => simd.vectorize(Dense::<4> { plan: self, h, partials, s }),
+            (true, 5) => simd.vectorize(Dense::<5> { plan: self, h, partials, s }),
+            (true, 6) => simd.vectorize(Dense::<6> { plan: self, h, partials, s }),
+            _ => Step { simd, plan: self, h, partials }.sparse(s, scratch),
         }
+    }
+}
+
+/// A step of few states: a function of its own, or all of them together would need a frame that no stack has room for.
+struct Dense<'a, const N: usize> {
+    plan: &'a TangentPlan,
+    h: f64,
+    partials: &'a [f64],
+    s: &'a mut [f64],
+}
+
+impl<const N: usize> WithSimd for Dense<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, h, partials, s } = self;
+        Step { simd, plan, h, partials }.dense::<N>(s);
     }
 }
 
@@ -64,19 +81,27 @@ impl<S: Simd> Step<'_, S> {
     fn dense<const N: usize>(self, s: &mut [f64]) {
         let s = S::as_mut_simd_f64s(s).0;
         let width = self.plan.lanes / S::F64_LANES;
+        match width {
+            1 => return self.dense_tile::<N, 1, 1>(0, 1, s),
+            2 => return self.dense_tile::<N, 2, 2>(0, 2, s),
+            _ => {}
+        }
         let mut tile = 0;
         while tile + 2 <= width {
-            self.dense_tile::<N, 2>(tile, width, s);
+            self.dense_tile::<N, 2, 0>(tile, width, s);
             tile += 2;
         }
         if tile < width {
-            self.dense_tile::<N, 1>(tile, width, s);
+            self.dense_tile::<N, 1, 0>(tile, width, s);
         }
     }
 
+    /// L vectors of every row, which has `width` (W of them; any number when that is 0).
     #[inline(always)]
-    fn dense_tile<const N: usize, const L: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
+    fn dense_tile<const N: usize, const L: usize, const W: usize>(self, tile: usize, width: usize, s: &mut [S::f64s]) {
         let simd = self.simd;
+        let width = if W > 0 { W } else { width };
+        let s = &mut s[..N * width];
         let splat = |a: f64| simd.splat_f64s(a);
         let (half, sixth, third, whole) =
             (splat(0.5 * self.h), splat(self.h / 6.0), splat(self.h / 3.0), splat(self.h));
@@ -84,13 +109,13 @@ impl<S: Simd> Step<'_, S> {
         for (i, row) in start.iter_mut().enumerate() {
             *row = load(s, i * width + tile, half);
         }
-        let k = self.dense_slopes::<N, L>(0, tile, width, &start);
+        let k = self.dense_slopes::<N, L, W>(0, tile, width, &start);
         let (x, sum) = (rows(simd, half, &k, &start), rows(simd, sixth, &k, &start));
-        let k = self.dense_slopes::<N, L>(1, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(1, tile, width, &x);
         let (x, sum) = (rows(simd, half, &k, &start), rows(simd, third, &k, &sum));
-        let k = self.dense_slopes::<N, L>(2, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(2, tile, width, &x);
         let (x, sum) = (rows(simd, whole, &k, &start), rows(simd, third, &k, &sum));
-        let k = self.dense_slopes::<N, L>(3, tile, width, &x);
+        let k = self.dense_slopes::<N, L, W>(3, tile, width, &x);
         for (i, row) in rows(simd, sixth, &k, &sum).into_iter().enumerate() {
             store(s, i * width + tile, row);
         }
@@ -98,7 +123,7 @@ impl<S: Simd> Step<'_, S> {
 
     /// `f_x S + f_theta` at a stage.
     #[inline(always)]
-    fn dense_slopes<const N: usize, const L: usize>(
+    fn dense_slopes<const N: usize, const L: usize, const W: usize>(
         self,
         stage: usize,
         tile: usize,
@@ -107,7 +132,8 @@ impl<S: Simd> Step<'_, S> {
     ) -> [[S::f64s; L]; N] {
         let row = &self.partials[stage * self.plan.width..][..self.plan.width];
         let f_x = &row[N..N + N * N];
-        let forcing = S::as_simd_f64s(&row[self.plan.forcing..]).0;
+        let width = if W > 0 { W } else { width };
+        let forcing = &S::as_simd_f64s(&row[self.plan.forcing..]).0[..N * width];
         let zero = self.simd.splat_f64s(0.0);
         let mut slopes = [[zero; L]; N];
         for (i, slope) in slopes.iter_mut().enumerate() {

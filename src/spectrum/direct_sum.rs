@@ -27,32 +27,21 @@ pub(super) struct DirectSum {
 }
 
 impl DirectSum {
-    /// Sample k is turned by `origin + k` times the frequency.
-    pub(super) fn new(samples: usize, origin: f64, cycles: &[Cycles]) -> Self {
+    /// Sample k is turned by `origin + k step` times the frequency.
+    pub(super) fn new(samples: usize, origin: f64, step: f64, cycles: &[Cycles]) -> Self {
         let width = cycles.len().next_multiple_of(LANES);
         // the table stays in the second-level cache
         let block = (32_768 / width).clamp(8, 128).min(samples.max(1));
-        let rows = |places: &mut dyn Iterator<Item = f64>| {
-            let mut parts = [Vec::new(), Vec::new()];
-            for place in places {
-                for k in 0..width {
-                    // padded lanes repeat the last frequency
-                    let turned = cycles.get(k).or(cycles.last()).map_or(Complex64::ZERO, |c| c.turned(place));
-                    parts[0].push(turned.re);
-                    parts[1].push(turned.im);
-                }
-            }
-            parts
-        };
-        let blocks = samples.div_ceil(block);
+        let seeds = samples.div_ceil(block * SEED);
+        let reach = step * block as f64;
         Self {
             samples,
             frequencies: cycles.len(),
             width,
             block,
-            table: rows(&mut (0..block).map(|k| k as f64)),
-            stride: rows(&mut std::iter::once(block as f64)),
-            seeds: rows(&mut (0..blocks.div_ceil(SEED)).map(|s| origin + (s * SEED * block) as f64)),
+            table: turns(cycles, width, 0.0, step, block),
+            stride: turns(cycles, width, reach, 0.0, 1),
+            seeds: turns(cycles, width, origin, reach * SEED as f64, seeds),
         }
     }
 
@@ -80,6 +69,26 @@ impl DirectSum {
             }
         }
     }
+}
+
+/// Turns at `origin + k step` for k below `count`, one row after the other, real parts and imaginary parts. Exact ones are those of powers of two,
+/// the others are products of few.
+fn turns(cycles: &[Cycles], width: usize, origin: f64, step: f64, count: usize) -> [Vec<f64>; 2] {
+    // padded lanes repeat the last frequency
+    let row = |place: f64| (0..width).map(move |k| cycles[k.min(cycles.len() - 1)].turned(place));
+    let mut all: Vec<Complex64> = Vec::with_capacity(count * width);
+    if count > 0 && !cycles.is_empty() {
+        all.extend(row(origin));
+    }
+    let mut half = 1;
+    while half < count && !cycles.is_empty() {
+        let power: Vec<Complex64> = row(step * half as f64).collect();
+        for k in 0..half.min(count - half) * width {
+            all.push(all[k] * power[k % width]);
+        }
+        half *= 2;
+    }
+    [all.iter().map(|t| t.re).collect(), all.iter().map(|t| t.im).collect()]
 }
 
 /// One block of samples to add to the sums.

@@ -122,4 +122,59 @@ pub enum SpectrumError {
         /// Most coefficients.
         limit: usize,
     },
+    /// Not a part of a segment.
+    #[error("segments cannot overlap by {0} of their length; choose a part from 0 to below 1, 0.5 for Hann windows")]
+    NoOverlap(f64),
+    /// Not a length.
+    #[error("a segment {length} long holds too few samples; make it at least {least} long")]
+    NoSegment {
+        /// Its length.
+        length: f64,
+        /// The least length.
+        least: f64,
+    },
+    /// No run is as long as a segment.
+    #[error("no run holds a segment {length} long; use shorter segments or longer records")]
+    NoneFits {
+        /// Length of the longest segment.
+        length: f64,
+    },
+    /// Runs of different models.
+    #[error("run `{run}` has other channels than the runs before it; average runs of the same inputs and outputs")]
+    OtherChannels {
+        /// Its name.
+        run: String,
+    },
+    /// Fewer segments than unknowns at a frequency.
+    #[error(
+        "{segments} segments are worth {averages:.1} independent averages, too few to tell the effects of {inputs} inputs apart and to know \
+         how well; use shorter segments, or more runs, for at least {}", inputs + 1
+    )]
+    TooFewAverages {
+        /// Segments.
+        segments: usize,
+        /// What they are worth.
+        averages: f64,
+        /// Number of inputs.
+        inputs: usize,
+    },
+    /// Nothing to respond to.
+    #[error(
+        "{channel} has no power between {lowest} and {highest} cycles per unit of time (less than a part of 1e-12 of all it has); leave it out, \
+         choose a band in which it moves, or use a run in which it does"
+    )]
+    NoPower {
+        /// The input.
+        channel: ChannelName,
+        /// Lower end of the band.
+        lowest: f64,
+        /// Upper end.
+        highest: f64,
+    },
+    /// Inputs that move together.
+    #[error(
+        "{0} is a combination of the other inputs at every frequency, so that its effect cannot be told from theirs; leave one of them out, or \
+         use runs in which they move differently"
+    )]
+    Dependent(ChannelName),
 }

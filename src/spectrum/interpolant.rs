@@ -41,6 +41,17 @@ impl Course {
         }
     }
 
+    /// What the transform of the samples far from ends is multiplied with to be that of what lies between them.
+    pub(super) fn factor(self, theta: f64) -> Complex64 {
+        let half = 0.5 * theta;
+        let sinc = if half == 0.0 { 1.0 } else { half.sin() / half };
+        match self {
+            Self::Sampled | Self::Smooth => Complex64::ONE,
+            Self::Held => Complex64::cis(-half) * sinc,
+            Self::Linear => Complex64::from(sinc * sinc),
+        }
+    }
+
     /// Values half an interval outside.
     pub(super) fn ends(self, [left, right]: Sides) -> [f64; 2] {
         match self {
@@ -76,15 +87,14 @@ impl Correction {
     /// The transform of what lies between the samples from their sum, in intervals.
     pub(super) fn apply(&self, course: Course, sum: Complex64, [left, right]: Sides) -> Complex64 {
         let whole = Complex64::cis(-0.5 * self.theta);
+        let factor = course.factor(self.theta);
         match course {
             Course::Sampled => sum,
             Course::Held => {
                 // the last sample reaches half an interval beyond the record, the one before the first half an interval into it
-                let factor = self.half * (1.0 + whole);
                 factor * sum + self.half * whole.conj() * left[0] - self.half * whole * self.last * right[0]
             }
             Course::Linear => {
-                let factor = (self.half * (1.0 + whole)).norm_sqr();
                 let at = |samples: [f64; 2], before: Complex64, outside: Complex64| {
                     samples[0] * before - samples[1] * outside
                 };

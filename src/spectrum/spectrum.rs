@@ -1,5 +1,6 @@
 //! The transform of one run.
 
+use super::cross_spectra::NO_POWER;
 use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
 use super::frequencies::Frequencies;
@@ -27,6 +28,8 @@ pub struct Spectrum {
     pub samples: usize,
     /// Inputs as they drive states, m by M.
     pub inputs: Vec<Complex64>,
+    /// Mean squares of the inputs, their means taken off (m).
+    pub input_power: Vec<f64>,
     /// Plain sums of the inputs' samples, m by M: what an output shows that sees an input directly.
     pub sampled_inputs: Vec<Complex64>,
     /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
@@ -86,7 +89,10 @@ impl Spectrum {
         let sides: Vec<Sides> =
             courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer)).collect();
         let inner = outer * even.width..(outer + samples) * even.width;
-        let sums = Transform::new(samples, even.width, &comb).apply(&even.rows[inner]);
+        let squares =
+            |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
+        let input_power = (0..m).map(|c| squares(c) / samples as f64).collect();
+        let sums = Transform::new(samples, even.width, &comb).apply(&even.rows[inner.clone()]);
         let scale = 1.0 / samples as f64;
         let mut transforms: Vec<Complex64> = sums.iter().map(|s| s * scale).collect();
         let sampled_inputs = transforms[..m * comb.len()].to_vec();
@@ -107,6 +113,7 @@ impl Spectrum {
             dt: even.dt,
             samples,
             inputs: transforms,
+            input_power,
             sampled_inputs,
             outputs,
             input_ends: pick(0..m),
@@ -118,6 +125,38 @@ impl Spectrum {
     /// Length of what was transformed, T = N dt.
     pub fn duration(&self) -> f64 {
         self.samples as f64 * self.dt
+    }
+
+    /// How many independent frequencies the chosen ones are worth: closer than `1/T` to each other they are interpolated, and their noise is
+    /// correlated.
+    pub fn independent(&self) -> f64 {
+        let span = |pair: &[f64]| ((pair[1] - pair[0]) * self.duration() / TAU).min(1.0);
+        self.omega.first().map_or(0.0, |_| 1.0) + self.omega.windows(2).map(span).sum::<f64>()
+    }
+
+    /// The inputs that do not move in the band: their coefficients hold less than 1e-12 of their power.
+    pub fn inputs_without_power(&self) -> Vec<usize> {
+        let count = self.omega.len();
+        let silent = |i: &usize| {
+            // what neighbours share is counted once
+            let power: f64 = self.inputs[i * count..][..count].iter().map(|c| 2.0 * c.norm_sqr()).sum();
+            power * self.independent() / count as f64 <= NO_POWER * self.input_power[*i]
+        };
+        (0..self.input_power.len()).filter(silent).collect()
+    }
+
+    /// Whether every input moves in the band in one run at least.
+    ///
+    /// # Errors
+    /// [`SpectrumError::NoPower`] for the first that moves in none.
+    pub fn check_inputs(spectra: &[Self], options: &SpectrumOptions) -> Result<(), SpectrumError> {
+        let Some(first) = spectra.first() else { return Ok(()) };
+        let m = first.input_power.len();
+        let silent = (0..m).find(|i| spectra.iter().all(|s| s.inputs_without_power().contains(i)));
+        let ends = spectra.iter().flat_map(|s| s.omega.first().zip(s.omega.last()));
+        let (lowest, highest) =
+            ends.fold((f64::INFINITY, 0.0f64), |(a, b), (low, high)| (a.min(low / TAU), b.max(high / TAU)));
+        silent.map_or(Ok(()), |i| Err(SpectrumError::NoPower { channel: options.name(i, m), lowest, highest }))
     }
 
     /// What the end values are multiplied with at frequency `k`, before the record and behind it: `exp(-j w t)/T` less its mean over the record,
@@ -135,7 +174,7 @@ impl Spectrum {
 }
 
 impl SpectrumOptions {
-    fn name(&self, channel: usize, inputs: usize) -> ChannelName {
+    pub(super) fn name(&self, channel: usize, inputs: usize) -> ChannelName {
         let (role, names, k) = if channel < inputs {
             ("input", &self.inputs, channel)
         } else {
@@ -144,7 +183,7 @@ impl SpectrumOptions {
         ChannelName { role, name: names.get(k).cloned().unwrap_or_else(|| (k + 1).to_string()) }
     }
 
-    fn course(&self, channel: usize, inputs: usize, held: &[bool]) -> Course {
+    pub(super) fn course(&self, channel: usize, inputs: usize, held: &[bool]) -> Course {
         match self.interpolant {
             Interpolant::Samples => Course::Sampled,
             Interpolant::AsIntegrated if channel >= inputs => Course::Smooth,

@@ -67,11 +67,38 @@ fn every_length_agrees_with_the_sum_itself() {
 }
 
 #[test]
+fn every_way_gives_the_same_sums() {
+    let (n, channels) = (1511, 5);
+    let x = noise(4, n * channels);
+    let size = x.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let bands = [(0.002, 0.011, 1e-4), (0.2, 0.21, 1.37e-4), (0.003, 0.009, 1.0 / 8400.0)];
+    for (lowest, highest, spacing) in bands {
+        let band = Frequencies::Band { lowest, highest, spacing: Some(spacing) };
+        let comb = band.of(n, 1.0, channels).expect("a band");
+        let exact: Vec<Complex64> = (0..channels)
+            .flat_map(|c| {
+                let channel: Vec<f64> = x.iter().skip(c).step_by(channels).copied().collect();
+                comb.cycles.iter().map(move |v| direct(&channel, *v)).collect::<Vec<_>>()
+            })
+            .collect();
+        let designs = decimation::Design::all(lowest, highest).filter(|d| [2, 5, 20].contains(&d.step));
+        let designs: Vec<_> = std::iter::once(None).chain(designs.map(Some)).collect();
+        assert!(designs.len() > 3);
+        for design in designs {
+            for sum in [transform::Kind::Direct, transform::Kind::Chirp] {
+                let found = Transform::by(transform::Way { design, sum }, n, channels, &comb).apply(&x);
+                let apart = found.iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+                assert!(apart < 1e-13 * size / (channels as f64).sqrt(), "{design:?} {sum:?}: {apart:e} of {size}");
+            }
+        }
+    }
+}
+
+#[test]
 fn energy_in_time_is_energy_in_frequency() {
     for n in [40usize, 41, 101, 350] {
-        let mut x = noise(9, n);
         let spectrum = Spectrum::of(
-            &run(0.01, &[], false, &[std::mem::take(&mut x)]),
+            &run(0.01, &[], false, &[noise(9, n)]),
             &ALL,
             &SpectrumOptions { ends: Ends::Extrapolated, ..options(Interpolant::Samples) },
         )
@@ -212,9 +239,8 @@ fn offsets_and_gaps_change_nothing_that_matters() {
     let shifted = Spectrum::of(&run(dt, &[], false, &[far]), &BAND, &SpectrumOptions::default()).expect("even");
     let mut gappy = run(dt, &[], false, &[x]);
     gappy.measured[37] = f64::NAN;
-    for removed in [gappy.time.remove(200), gappy.measured.remove(200)] {
-        assert!(removed.is_finite());
-    }
+    gappy.time.remove(200);
+    gappy.measured.remove(200);
     let bridged = Spectrum::of(&gappy, &BAND, &SpectrumOptions::default()).expect("two single gaps");
     assert_eq!(bridged.samples, plain.samples);
     for ((a, b), c) in plain.outputs.iter().zip(&shifted.outputs).zip(&bridged.outputs) {
@@ -262,4 +288,23 @@ fn a_tone_has_the_phase_of_the_first_transformed_sample() {
     let found = Spectrum::of(&run(dt, &[], false, &[x]), &ALL, &options(Interpolant::Samples)).expect("even");
     let at = found.omega.iter().position(|o| (o - w).abs() < 1e-12).expect("five cycles in ten");
     assert!((found.outputs[at] - 0.5).norm() < 1e-14);
+}
+
+#[test]
+fn inputs_that_do_not_move_are_found_and_close_frequencies_counted() {
+    let (n, dt) = (402, 0.05);
+    let tone = |f: f64| (0..n).map(|k| (TAU * f * k as f64 * dt).sin()).collect::<Vec<f64>>();
+    let still = vec![7.3; n];
+    let made = |inputs: [Vec<f64>; 2]| {
+        Spectrum::of(&run(dt, &inputs, false, &[]), &BAND, &SpectrumOptions::default()).expect("even")
+    };
+    let (one, other) = (made([tone(1.3), still.clone()]), made([still.clone(), tone(2.0)]));
+    assert_eq!((one.inputs_without_power(), other.inputs_without_power()), (vec![1], vec![0]));
+    assert_eq!(Spectrum::check_inputs(&[one.clone(), other], &SpectrumOptions::default()), Ok(()));
+    let told = Spectrum::check_inputs(&[one.clone()], &SpectrumOptions::default()).unwrap_err().to_string();
+    assert!(told.starts_with("input `2` has no power between 0.7 and 4.2"), "{told}");
+    // 20 long: 3.6 cycles per unit of time hold 72 independent frequencies, and the first
+    assert!((one.independent() - 72.9).abs() < 0.3, "{}", one.independent());
+    let grid = Spectrum::of(&run(dt, &[tone(1.0)], false, &[]), &ALL, &SpectrumOptions::default()).expect("even");
+    assert!((grid.independent() / grid.omega.len() as f64 - 1.0).abs() < 1e-9);
 }

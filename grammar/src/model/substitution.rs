@@ -77,11 +77,12 @@ impl Model {
         Ok(model)
     }
 
-    /// All expressions but the rates: initial values, derived parameters, outputs, the trim.
+    /// All expressions but the rates: initial values, derived parameters, outputs, trim.
     fn values(&self) -> impl Iterator<Item = ExprId> + '_ {
         let derived = self.derived.iter().map(|d| d.expr);
         let outputs = self.outputs.iter().map(|o| o.expr);
-        self.states.iter().map(|s| s.initial).chain(derived).chain(outputs).chain(self.trim.iter().map(|(_, e)| *e))
+        let trim = self.trim.iter().map(|(_, e)| *e);
+        self.states.iter().map(|s| s.initial).chain(derived).chain(outputs).chain(trim)
     }
 
     /// The same, to be changed.

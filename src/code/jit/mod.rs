@@ -63,6 +63,8 @@ type Lazy<F> = OnceLock<Option<F>>;
 pub struct Jit {
     schedule: Schedule,
     tape: Tape,
+    /// Of states, three rows of the drive and what `prepare` computes, as every step checks them.
+    lengths: [usize; 3],
     module: Mutex<CodeModule>,
     rates: Lazy<Evaluate>,
     rates_and_partials: Lazy<Evaluate>,
@@ -81,6 +83,7 @@ impl Jit {
         Ok(Self {
             schedule: schedule.clone(),
             tape: Tape::new(schedule),
+            lengths: [schedule.layout.states, 3 * schedule.layout.drive(), schedule.layout.known],
             module: Mutex::new(apart(CodeModule::new)??),
             rates: Lazy::new(),
             rates_and_partials: Lazy::new(),
@@ -121,7 +124,6 @@ impl Jit {
         rows: Option<&mut [f64]>,
     ) -> bool {
         let Some(code) = *code.get_or_init(|| self.compile_step(program, rows.is_some())) else { return false };
-        let layout = &self.schedule.layout;
         let stages = match rows {
             Some(rows) => {
                 assert!(rows.len() >= 4 * program.width, "rows shorter than the layout says");
@@ -129,11 +131,9 @@ impl Jit {
             }
             None => std::ptr::null_mut(),
         };
+        let [states, drives, values] = self.lengths;
         assert!(
-            step.x.len() >= layout.states
-                && step.drive.len() >= 3 * layout.drive()
-                && step.known.len() >= layout.known
-                && next.len() >= layout.states,
+            step.x.len() >= states && step.drive.len() >= drives && step.known.len() >= values && next.len() >= states,
             "arrays shorter than the layout says"
         );
         let Step { t, h, x, drive, known } = step;

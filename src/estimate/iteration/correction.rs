@@ -273,7 +273,8 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
 
     /// Learns the curvature that Gauss-Newton misses once it is slow, and takes it into account.
     fn learn(&mut self, rate: f64) {
-        let near = self.quadratic.reduction(&self.step) <= NEAR;
+        // noise that was stated far too large would make every place look near
+        let near = self.quadratic.reduction(&self.step) <= NEAR * self.weights.scatter.min(1.0);
         let learn = near && (rate > SLOW || (self.secant.is_active() && !rate.is_nan()));
         self.secant.visit(&self.values, &self.quadratic, learn);
         if self.secant.is_active() {

@@ -70,6 +70,33 @@ impl Secant {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::estimate::specimen::{Normal, Sample, grid, param, problem, run};
+    use crate::estimate::{Noise, Options, estimate};
+
+    /// y = a exp(-b x) + c
+    const FALLING: Sample = |x, theta, y, d| {
+        let e = (-theta[1] * x).exp();
+        y[0] = theta[0] * e + theta[2];
+        d.copy_from_slice(&[e, -theta[0] * x * e, 1.0]);
+    };
+
+    /// Far from the minimum the gradient changes for other reasons; the stated size of the noise alone does not make a place
+    /// near.
+    #[test]
+    fn noise_that_is_stated_too_large_costs_no_corrections() {
+        for starts in [[3.0, 2.5, 0.5], [1.5, 1.0, 0.3], [4.0, 3.0, 0.1]] {
+            let evaluations = [1e-3, 1.0].map(|deviation| {
+                let mut noise = Normal(7);
+                let data = run("r", grid(40, 3.0), 1, FALLING, &[2.0, 1.5, 0.1], |_, _| 1e-3 * noise.next());
+                let params = ["a", "b", "c"].iter().zip(starts).map(|(n, v)| param(n, v)).collect();
+                let options = Options { noise: Noise::Given(vec![Some(deviation)]), ..Options::default() };
+                let fit = estimate(&mut problem(params, vec![data]), &options, &mut ()).expect("a possible problem");
+                assert!(fit.termination.is_good() && (fit.parameters[1].value - 1.5).abs() < 0.02);
+                fit.evaluations.0
+            });
+            assert!(evaluations[1] <= evaluations[0], "{evaluations:?}");
+        }
+    }
 
     #[test]
     fn the_update_is_symmetric_and_explains_the_last_change() {

@@ -65,7 +65,8 @@ mod tests {
 
     #[test]
     fn initial_states_and_biases_are_free_and_what_was_seen_is_held() {
-        let text = "model m { input u; state x = 2, z = z0; param a = -1, b = 1, z0 = 0 per run, zero = 0 per run, c = 0;
+        let text =
+            "model m { input u; state x = 2, z = z0; param a = -1, b = 1, z0 = 0 per run, zero = 0 per run, c = 0;
             der(x) = a*x + b*u + c; der(z) = x; output x_m = x, z_m = z + zero; }";
         let model = Model::from_text("m.fdm", text).expect("a model");
         let freed = with_offsets(&model, &[-3.0, 1.0, 0.0, 0.0, 0.0], &[true, true, false, false, false]);

@@ -76,10 +76,10 @@ impl LinearMap {
         feed: &[f64],
         count: usize,
     ) {
-        let size = R * C * S::F64_LANES;
+        let (size, terms, coefficients) = (R * C * S::F64_LANES, self.terms, self.coefficients::<S, R, C>());
         for k in 0..count {
             let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
-            let sum = self.sums::<S, R, C>(simd, R, before, &feed[k * self.terms..][..self.terms]);
+            let sum = coefficients.sums(simd, R, before, &feed[k * terms..][..terms]);
             put(sum, S::as_mut_simd_f64s(after).0);
         }
     }
@@ -110,45 +110,22 @@ impl LinearMap {
         out: &mut [f64],
         count: usize,
     ) {
-        let width = C * S::F64_LANES;
-        let size = self.states * width;
+        let (width, terms, states) = (C * S::F64_LANES, self.terms, self.states);
+        let (size, coefficients) = (states * width, self.coefficients::<S, R, C>());
         for k in 0..count {
-            let (before, feed) = (&slots[k * size..][..size], &feed[k * self.terms..][..self.terms]);
-            let sum = self.sums::<S, R, C>(simd, self.states, before, feed);
+            let (before, feed) = (&slots[k * size..][..size], &feed[k * terms..][..terms]);
+            let sum = coefficients.sums(simd, states, before, feed);
             put(sum, S::as_mut_simd_f64s(&mut out[k * R * width..][..R * width]).0);
         }
     }
 
-    /// All rows, R of C vectors.
+    /// The coefficients as rows of vectors, found once for many steps.
     #[inline(always)]
-    fn sums<S: Simd, const R: usize, const C: usize>(
-        &self,
-        simd: S,
-        states: usize,
-        before: &[f64],
-        feed: &[f64],
-    ) -> [[S::f64s; C]; R] {
-        let width = C * S::F64_LANES;
-        let (by_feed, by_state) = S::as_simd_f64s(&self.forcing).0.split_at(feed.len() * R * C);
-        let (flow, lane) = (self.flow.as_chunks::<R>().0, self.lane.min(width - 1));
-        let mut sum = [[simd.splat_f64s(0.0); C]; R];
-        for m in 0..feed.len() {
-            add::<S, R, C>(simd, feed[m], &by_feed[m * R * C..], C, &mut sum);
-        }
-        for j in 0..states {
-            add::<S, R, C>(simd, before[j * width + lane], &by_state[j * R * C..], C, &mut sum);
-        }
-        let x = S::as_simd_f64s(before).0;
-        for j in 0..states {
-            let (x, factors) = (&x[j * C..][..C], &flow[j]);
-            for r in 0..R {
-                let factor = simd.splat_f64s(factors[r]);
-                for c in 0..C {
-                    sum[r][c] = simd.mul_add_f64s(factor, x[c], sum[r][c]);
-                }
-            }
-        }
-        sum
+    fn coefficients<S: Simd, const R: usize, const C: usize>(&self) -> Coefficients<'_, S, R, C> {
+        let forcing = S::as_simd_f64s(&self.forcing).0.as_chunks::<C>().0.as_chunks::<R>().0;
+        let (by_feed, by_state) = forcing.split_at(self.terms);
+        let lane = self.lane.min(C * S::F64_LANES - 1);
+        Coefficients { by_feed, by_state, flow: self.flow.as_chunks().0, lane }
     }
 
     /// Applies the map to states (rows of lanes) and feed.
@@ -252,6 +229,52 @@ impl LinearMap {
             for c in 0..C {
                 out[(row + r) * across + vector + c] = sum[r][c];
             }
+        }
+    }
+}
+
+/// The coefficients of a map of R rows of C vectors: of the feed, of the states' values, of the states' rows.
+struct Coefficients<'m, S: Simd, const R: usize, const C: usize> {
+    by_feed: &'m [[[S::f64s; C]; R]],
+    by_state: &'m [[[S::f64s; C]; R]],
+    flow: &'m [[f64; R]],
+    lane: usize,
+}
+
+impl<S: Simd, const R: usize, const C: usize> Coefficients<'_, S, R, C> {
+    /// All rows.
+    #[inline(always)]
+    fn sums(&self, simd: S, states: usize, before: &[f64], feed: &[f64]) -> [[S::f64s; C]; R] {
+        let width = C * S::F64_LANES;
+        let (before, x) = (&before[..states * width], S::as_simd_f64s(before).0.as_chunks::<C>().0);
+        let (by_feed, by_state) = (&self.by_feed[..feed.len()], &self.by_state[..states]);
+        let (flow, x) = (&self.flow[..states], &x[..states]);
+        let mut sum = [[simd.splat_f64s(0.0); C]; R];
+        for m in 0..feed.len() {
+            axpy(simd, feed[m], &by_feed[m], &mut sum);
+        }
+        for j in 0..states {
+            axpy(simd, before[j * width + self.lane], &by_state[j], &mut sum);
+        }
+        for j in 0..states {
+            for r in 0..R {
+                let factor = simd.splat_f64s(flow[j][r]);
+                for c in 0..C {
+                    sum[r][c] = simd.mul_add_f64s(factor, x[j][c], sum[r][c]);
+                }
+            }
+        }
+        sum
+    }
+}
+
+/// `sum += f k`.
+#[inline(always)]
+fn axpy<S: Simd, const R: usize, const C: usize>(simd: S, f: f64, k: &[[S::f64s; C]; R], sum: &mut [[S::f64s; C]; R]) {
+    let f = simd.splat_f64s(f);
+    for r in 0..R {
+        for c in 0..C {
+            sum[r][c] = simd.mul_add_f64s(f, k[r][c], sum[r][c]);
         }
     }
 }

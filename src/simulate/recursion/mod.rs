@@ -9,6 +9,7 @@
 //! through the derivatives of F. Subsystems that do not influence each other are separate, so that their rows are short.
 
 mod equations;
+mod feed;
 mod intervals;
 mod jet;
 mod map;
@@ -227,10 +228,10 @@ impl Place<'_> {
     #[inline(always)]
     fn show(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
         if self.bare {
-            for (k, y) in self.y.chunks_exact_mut(self.layout.outputs.len().max(1)).take(count).enumerate() {
-                for (output, state) in &subsystem.part.shown {
-                    y[*output] = subsystem.value(slot + k, *state);
-                }
+            let (q, size, slots) = (self.layout.outputs.len(), subsystem.size(), subsystem.slots_from(slot));
+            for (output, state) in &subsystem.part.shown {
+                let values = slots[*state..].iter().step_by(size.max(1)).take(count);
+                self.y[*output..].iter_mut().step_by(q.max(1)).zip(values).for_each(|(y, x)| *y = *x);
             }
             return;
         }
@@ -245,17 +246,18 @@ impl Place<'_> {
     /// The same where a row is so many vectors; any number when it is 0.
     #[inline(always)]
     fn show_rows<const VECTORS: usize>(&mut self, subsystem: &Subsystem, count: usize, slot: usize) {
-        let (q, length) = (self.layout.outputs.len(), self.layout.length);
-        let width = if VECTORS > 0 { VECTORS * VECTOR } else { subsystem.width };
-        let (size, slots) = (subsystem.part.states.len() * width, subsystem.slots_from(slot));
+        let (q, length) = (self.layout.outputs.len(), self.layout.length / VECTOR);
+        let across = if VECTORS > 0 { VECTORS } else { subsystem.width / VECTOR };
+        let size = subsystem.part.states.len() * across;
+        let (lane, slots) = (subsystem.lane.min(across * VECTOR - 1), subsystem.slots_from(slot).as_chunks().0);
+        let rows: &mut [[f64; VECTOR]] = self.rows.as_chunks_mut().0;
         for (output, state) in &subsystem.part.shown {
-            let start = self.layout.outputs[*output].start;
-            let from = slots.chunks_exact(size.max(1)).take(count);
-            let to = self.rows.chunks_exact_mut(length).zip(self.y.chunks_exact_mut(q));
-            for (from, (to, y)) in from.zip(to) {
-                let (row, to) = (&from[state * width..][..width], &mut to[start..][..width]);
-                copy_vectors(row, to);
-                y[*output] = row[subsystem.lane];
+            let start = self.layout.outputs[*output].start / VECTOR;
+            for k in 0..count {
+                let (from, to) = (k * size + state * across, k * length + start);
+                let from = &slots[from..from + across];
+                rows[to..to + across].copy_from_slice(from);
+                self.y[k * q + output] = from[lane / VECTOR][lane % VECTOR];
             }
         }
     }
@@ -340,9 +342,12 @@ impl Recursion {
         intervals: &Intervals,
         (first, most): (usize, usize),
     ) -> usize {
+        let per = simulator.grid.per_interval().unwrap_or(1);
+        if self.columns.is_empty() && per == 1 {
+            return self.respond(simd, simulator, intervals, (first, most));
+        }
         let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
         let bare = columns.is_empty();
-        let per = simulator.grid.per_interval().unwrap_or(1);
         let mut count = 0;
         for (subsystem, before) in subsystems.iter_mut().zip(before) {
             before.copy_from_slice(subsystem.states());
@@ -369,6 +374,35 @@ impl Recursion {
                 place.show(subsystem, 1, subsystem.present());
                 place.observe(simd, subsystem, &simulator.drive, sample..sample + 1, subsystem.present());
             }
+        }
+        count
+    }
+
+    /// The same without sensitivities and with a step for every interval. The chains of the subsystems, each of which waits
+    /// for itself, advance together.
+    #[inline(always)]
+    fn respond<S: Simd>(
+        &mut self,
+        simd: S,
+        simulator: &Simulator<'_>,
+        intervals: &Intervals,
+        (first, most): (usize, usize),
+    ) -> usize {
+        let Self { subsystems, gathering, rows: spare, before, .. } = self;
+        let (layout, y, rows, count) = gathering.several(most);
+        let (steps, after) = (first.saturating_sub(1)..first + count - 1, usize::from(first > 0));
+        for (subsystem, before) in subsystems.iter_mut().zip(before) {
+            before.copy_from_slice(subsystem.states());
+            subsystem.begin(&simulator.drive, intervals, steps.clone());
+        }
+        for (k, step) in steps.enumerate() {
+            let kind = intervals.of_step(step);
+            subsystems.iter_mut().for_each(|subsystem| subsystem.respond(simd, kind, k));
+        }
+        let mut place = Place { layout, y, rows, spare, bare: true };
+        for subsystem in subsystems {
+            place.show(subsystem, count, after);
+            place.observe(simd, subsystem, &simulator.drive, first..first + count, after);
         }
         count
     }

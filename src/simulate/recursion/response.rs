@@ -48,23 +48,34 @@ impl Response {
         (feed, terms): (&[f64], usize),
         count: usize,
     ) {
-        let (width, across) = (self.width, self.width / S::F64_LANES);
-        let columns = S::as_simd_f64s(&self.columns[kind]).0;
-        let (by_feed, by_state) = columns.split_at(terms * across);
         for k in 0..count {
-            let (before, after) = slots[k * width..(k + 2) * width].split_at_mut(width);
-            let (before, feed) = (&before[..self.states], &feed[k * terms..][..terms]);
-            let after = S::as_mut_simd_f64s(after).0;
-            for v in 0..across {
-                let mut sum = simd.splat_f64s(0.0);
-                for m in 0..terms {
-                    sum = simd.mul_add_f64s(simd.splat_f64s(feed[m]), by_feed[m * across + v], sum);
-                }
-                for j in 0..before.len() {
-                    sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
-                }
-                after[v] = sum;
-            }
+            self.step(simd, kind, &mut slots[k * self.width..(k + 2) * self.width], &feed[k * terms..][..terms]);
         }
+    }
+
+    /// One of these steps: the states before it and after it stand in `slots`.
+    #[inline(always)]
+    pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], feed: &[f64]) {
+        match self.width / S::F64_LANES {
+            1 => self.vectors::<S, 1>(simd, kind, 0, slots, feed),
+            across => (0..across).for_each(|v| self.vectors::<S, 0>(simd, kind, v, slots, feed)),
+        }
+    }
+
+    /// One vector of states, of W in all (any number when that is 0).
+    #[inline(always)]
+    fn vectors<S: Simd, const W: usize>(&self, simd: S, kind: usize, v: usize, slots: &mut [f64], feed: &[f64]) {
+        let across = if W > 0 { W } else { self.width / S::F64_LANES };
+        let (before, after) = slots.split_at_mut(self.width);
+        let (by_feed, by_state) = S::as_simd_f64s(&self.columns[kind]).0.split_at(feed.len() * across);
+        let (before, by_state) = (&before[..self.states], &by_state[..self.states * across]);
+        let mut sum = simd.splat_f64s(0.0);
+        for m in 0..feed.len() {
+            sum = simd.mul_add_f64s(simd.splat_f64s(feed[m]), by_feed[m * across + v], sum);
+        }
+        for j in 0..before.len() {
+            sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
+        }
+        S::as_mut_simd_f64s(after).0[v] = sum;
     }
 }

@@ -1,6 +1,7 @@
-//! One subsystem: its coefficients for every length of a step, its states, and how it reads the drive.
+//! One subsystem: its coefficients for every length of a step, and its states.
 
 use super::equations::{Equations, Group};
+use super::feed::{Reading, Term, gather, gather_samples, output_terms, step_terms};
 use super::intervals::Intervals;
 use super::jet::Jet;
 use super::map::LinearMap;
@@ -8,56 +9,13 @@ use super::partition::Part;
 use super::response::Response;
 use super::transition::{Method, Transition};
 use crate::dynamics::Layout;
-use crate::simulate::delay_filter::TAPS;
 use crate::simulate::drive::DriveTable;
 use crate::simulate::vectors::{Aligned, VECTOR};
-use fdm_grammar::graph::Signal;
 use std::ops::Range;
 
 /// Steps that are worked off together: as many as leave room in the cache nearest to the processor.
 pub(super) fn steps_of_a_block(numbers_per_step: usize) -> usize {
     (4096 / numbers_per_step.max(1)).clamp(16, 64)
-}
-
-/// One number of the feed.
-#[derive(Debug, Clone, Copy)]
-enum Reading {
-    /// From the values of the drive, at this distance from those of the step or sample.
-    Value(u32),
-    /// From the samples, at this distance from the one at the beginning of the step: where every step is an interval, the
-    /// inputs stand there closer together.
-    Sample(u32),
-    /// From the slopes of delayed signals, likewise.
-    Slope(u32),
-    /// One of the neighbouring samples of an input through which its delay is seen.
-    Tap { input: u32, delayed: u32, tap: u32 },
-    /// 1, for constants.
-    One,
-}
-
-/// A number of the feed and its coefficients: a combination of the weights at the beginning, in the middle and at the end
-/// of a step (outputs: the first alone).
-#[derive(Debug, Clone, Copy)]
-struct Term {
-    reading: Reading,
-    /// Position among the drives of this group of equations; the constant stands behind them.
-    drive: usize,
-    weights: [f64; 3],
-}
-
-impl Term {
-    /// Weights of the three stages: of the signal, and of its slope, which delays are seen by.
-    fn weights(&self, drive: &DriveTable) -> ([f64; 3], [f64; 3]) {
-        match self.reading {
-            Reading::Slope(_) => ([0.0; 3], self.weights),
-            Reading::Tap { delayed, tap, .. } => {
-                let weights = drive.taps(delayed as usize);
-                let of = |rows: &[[f64; TAPS]; 3]| [0, 1, 2].map(|stage| rows[stage][tap as usize]);
-                (of(&weights.value), of(&weights.slope))
-            }
-            _ => (self.weights, [0.0; 3]),
-        }
-    }
 }
 
 /// A subsystem at work.
@@ -150,9 +108,14 @@ impl Subsystem {
         self.present
     }
 
+    /// Numbers of a slot.
+    pub(super) fn size(&self) -> usize {
+        self.size
+    }
+
     /// The states in one of the slots.
     #[inline(always)]
-    pub(super) fn slot(&self, slot: usize) -> &[f64] {
+    fn slot(&self, slot: usize) -> &[f64] {
         &self.slots[slot * self.size..][..self.size]
     }
 
@@ -339,6 +302,27 @@ impl Subsystem {
         self.present = end - steps.start;
     }
 
+    /// Reads what drives some steps of the response alone, at most a block; the states before them go to slot 0.
+    #[inline(always)]
+    pub(super) fn begin(&mut self, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        let size = self.size;
+        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
+        self.present = steps.len();
+        if !steps.is_empty() {
+            let terms = self.steps[intervals.of_step(steps.start)].terms;
+            gather(&self.terms[..terms], drive, steps, &mut self.feed);
+        }
+    }
+
+    /// One of these steps.
+    #[inline(always)]
+    pub(super) fn respond<S: pulp::Simd>(&mut self, simd: S, kind: usize, k: usize) {
+        if let Some(response) = &self.response {
+            let (terms, size) = (self.steps[kind].terms, self.size);
+            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], &self.feed[k * terms..][..terms]);
+        }
+    }
+
     /// Outputs that are not states, one row each, at some samples (at most one more than a block has) whose states stand in the
     /// slots from `slot` on.
     #[inline(always)]
@@ -350,16 +334,7 @@ impl Subsystem {
         out: &mut [f64],
     ) {
         let (terms, count) = (self.output_terms.len(), samples.len());
-        for (m, term) in self.output_terms.iter().enumerate() {
-            let (table, stride, at) = match term.reading {
-                Reading::Value(at) | Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
-                Reading::Slope(at) => (drive.all_sample_slopes(), drive.delays(), at as usize),
-                Reading::One | Reading::Tap { .. } => (&[1.0][..], 0, 0),
-            };
-            for k in 0..count {
-                self.feed[k * terms + m] = table[(samples.start + k) * stride + at];
-            }
-        }
+        gather_samples(&self.output_terms, drive, samples, &mut self.feed);
         let (Self { observe, slots, size, .. }, rows) = (&*self, self.part.outputs.len());
         let slots = &slots[slot * size..];
         match self.response {
@@ -379,43 +354,6 @@ impl Subsystem {
     }
 }
 
-/// The feed of some steps, one row of numbers for each.
-#[inline(always)]
-fn gather(terms: &[Term], drive: &DriveTable, steps: Range<usize>, feed: &mut [f64]) {
-    let (width, count) = (terms.len(), steps.len());
-    let feed = &mut feed[..width * count];
-    for (m, term) in terms.iter().enumerate() {
-        let (table, stride, mut from) = match term.reading {
-            Reading::Value(at) => (drive.all_stages(), 3 * drive.width(), at as usize),
-            Reading::Sample(at) => (drive.all_samples(), drive.width(), at as usize),
-            Reading::Slope(at) => (drive.all_stage_slopes(), 3 * drive.delays(), at as usize),
-            Reading::One => (&[1.0][..], 0, 0),
-            Reading::Tap { input, delayed, tap } => {
-                let first = drive.taps(delayed as usize).first + i64::from(tap);
-                let (begin, end) = (first + steps.start as i64, first + steps.end as i64);
-                if begin < 0 || end as usize * drive.width() > drive.all_samples().len() {
-                    for (row, sample) in feed.chunks_exact_mut(width).zip(begin..) {
-                        row[m] = drive.nearest(sample, input as usize);
-                    }
-                    continue;
-                }
-                for (row, sample) in feed
-                    .chunks_exact_mut(width)
-                    .zip(drive.all_samples()[begin as usize * drive.width()..].chunks_exact(drive.width()))
-                {
-                    row[m] = sample[input as usize];
-                }
-                continue;
-            }
-        };
-        from += steps.start * stride;
-        for row in feed.chunks_exact_mut(width) {
-            row[m] = table[from];
-            from += stride;
-        }
-    }
-}
-
 /// Adds the derivatives of a delayed signal by the parameters of its delay: `-slope tau_theta` times its coefficient.
 fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns: &[(u32, usize)], to: &mut [f64]) {
     for (entry, param) in layout.patterns.tau_by_param.row(delayed) {
@@ -423,56 +361,4 @@ fn add_delay(layout: &Layout, known: &[f64], delayed: usize, value: f64, columns
             to[lane] -= value * known[layout.tau_by_param.start + entry];
         }
     }
-}
-
-/// What enters a step: an input at its ends (held: at the beginning), a delayed one at three stages, with slopes where
-/// the delay is estimated; then the constant.
-fn step_terms(layout: &Layout, part: &Part, (held, per): (&[bool], usize), table: &DriveTable) -> Vec<Term> {
-    let (width, delays) = (layout.drive(), layout.delayed.len());
-    let mut terms = Vec::new();
-    for (drive, d) in part.drive.iter().enumerate() {
-        let value = |stage: usize, weights: [f64; 3]| {
-            let reading = Reading::Value((stage * width + d) as u32);
-            Term { reading, drive, weights }
-        };
-        let end = |end: usize, weights: [f64; 3]| match per {
-            1 => Term { reading: Reading::Sample((end * width + d) as u32), drive, weights },
-            _ => value(2 * end, weights),
-        };
-        match d.checked_sub(layout.inputs) {
-            None if held[*d] => terms.push(end(0, [1.0, 1.0, 1.0])),
-            None => terms.extend([end(0, [1.0, 0.5, 0.0]), end(1, [0.0, 0.5, 1.0])]),
-            Some(delayed) if table.has_taps() => {
-                let Signal::Input(input) = layout.delayed[delayed] else { continue };
-                let tap = |tap: u32| Reading::Tap { input, delayed: delayed as u32, tap };
-                terms.extend([0, 1, 2].map(|k| Term { reading: tap(k), drive, weights: [0.0; 3] }));
-            }
-            Some(delayed) => {
-                let unit = |stage: usize| [0, 1, 2].map(|s| f64::from(u8::from(s == stage)));
-                terms.extend([0, 1, 2].map(|stage| value(stage, unit(stage))));
-                if layout.patterns.tau_by_param.row(delayed).next().is_some() {
-                    terms.extend([0, 1, 2].map(|stage| {
-                        let reading = Reading::Slope((stage * delays + delayed) as u32);
-                        Term { reading, drive, weights: unit(stage) }
-                    }));
-                }
-            }
-        }
-    }
-    terms.push(Term { reading: Reading::One, drive: part.drive.len(), weights: [1.0; 3] });
-    terms
-}
-
-fn output_terms(layout: &Layout, part: &Part) -> Vec<Term> {
-    let (mut terms, weights) = (Vec::new(), [1.0, 0.0, 0.0]);
-    for (drive, d) in part.output_drive.iter().enumerate() {
-        terms.push(Term { reading: Reading::Value(*d as u32), drive, weights });
-        if let Some(delayed) = d.checked_sub(layout.inputs)
-            && layout.patterns.tau_by_param.row(delayed).next().is_some()
-        {
-            terms.push(Term { reading: Reading::Slope(delayed as u32), drive, weights });
-        }
-    }
-    terms.push(Term { reading: Reading::One, drive: part.output_drive.len(), weights });
-    terms
 }
