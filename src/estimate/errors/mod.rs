@@ -14,5 +14,6 @@ pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;
 pub(super) mod noise_colour;
+mod row_map;
 pub(super) mod sandwich;
 pub(super) mod statistics;
