@@ -92,6 +92,7 @@ impl Specimen {
             outputs: vec![Complex64::default(); q * frequencies],
             input_ends: [0, 1].map(|_| (0..m).map(|_| chance.number()).collect()),
             output_ends: [0, 1].map(|_| (0..q).map(|_| chance.number()).collect()),
+            ..Spectrum::default()
         };
         Self { structure: Arc::new(structure), values, spectrum, ends: EndTerms::Omitted }
     }
