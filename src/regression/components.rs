@@ -47,11 +47,16 @@ const COLLINEAR: f64 = 1.0 / 30.0;
 /// R^2 has levelled off when what is left out adds no more than this.
 const LEVEL: f64 = 0.005;
 
+/// A direction whose own partial F is larger explains more than chance does, also where residuals are coloured (five times the
+/// usual 4; Klein and Morelli 2006).
+const CHANCE: f64 = 20.0;
+
 /// A parameter is named in a direction when its weight is at least this.
 const NAMED: f64 = 0.3;
 
-/// The number of components: of those solutions that leave out only directions in which columns move together, and with them at most
-/// 0.5 % of R^2, the one of least total error. Directions that are nothing but rounding are never taken.
+/// The number of components: of those solutions that leave out only directions in which columns move together, none of which explains
+/// more than chance does, and all of which explain at most 0.5 % of R^2, the one of least total error. Directions that
+/// are nothing but rounding are never taken.
 pub(super) fn choose(found: &Decomposition, names: &[String], wanted: Components) -> (usize, Chosen) {
     let (p, rank) = (found.singular.len(), found.rank());
     if let Components::Count(count) = wanted {
@@ -60,7 +65,7 @@ pub(super) fn choose(found: &Decomposition, names: &[String], wanted: Components
     let full = found.component(rank);
     let mut best = full.clone();
     for count in (1..rank).rev() {
-        if found.singular[count] >= COLLINEAR * found.singular[0] {
+        if found.singular[count] >= COLLINEAR * found.singular[0] || found.component_f(count, rank) > CHANCE {
             break;
         }
         let fewer = found.component(count);

@@ -6,7 +6,6 @@ use super::refusal::RegressionError;
 use crate::record::Run;
 use crate::spectrum::{Frequencies, Spectrum, SpectrumOptions};
 use num_complex::Complex64;
-use std::f64::consts::TAU;
 
 /// One equation in one run. At frequencies every coefficient is two rows, all real parts in front.
 #[derive(Debug, Clone)]
@@ -71,15 +70,11 @@ fn at_frequencies(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Resul
         .collect();
     let left: Vec<Complex64> = rate.iter().zip(channel(1)).map(|(rate, known)| rate - known).collect();
     let stacked = |c: &[Complex64]| c.iter().map(|c| c.re).chain(c.iter().map(|c| c.im)).collect::<Vec<f64>>();
-    let spacing = match spectrum.omega[..] {
-        [first, .., last] => (last - first) / (count - 1) as f64,
-        _ => f64::INFINITY,
-    };
     Ok(Rows {
         left: stacked(&left),
         rate: stacked(&rate),
         columns: (0..series.columns.len()).map(|c| stacked(channel(c + 2))).collect(),
-        independent: (spacing * spectrum.duration() / TAU).min(1.0),
+        independent: spectrum.independent() / count.max(1) as f64,
     })
 }
 

@@ -86,6 +86,12 @@ impl Decomposition {
         self.singular.iter().take_while(|s| **s > ROUNDING * self.singular[0]).count()
     }
 
+    /// Partial F of a direction beside the first `rank`.
+    pub(super) fn component_f(&self, k: usize, rank: usize) -> f64 {
+        let freedom = self.rows.saturating_sub(rank + self.taken).max(1) as f64;
+        self.parts[k].powi(2) / (self.rest / freedom * self.repeated)
+    }
+
     /// The solution with the first `count` components.
     pub(super) fn component(&self, count: usize) -> Component {
         let p = self.scale.len();
@@ -107,7 +113,7 @@ impl Decomposition {
             count,
             singular_value: self.singular[count - 1],
             r_squared,
-            total_f: (r_squared / explained as f64) / ((1.0 - r_squared) / freedom),
+            total_f: (r_squared.max(0.0) / explained as f64) / ((1.0 - r_squared) / freedom),
             deviation: (unexplained / freedom).sqrt(),
             partial_f: values.iter().zip(&variances).map(|(v, s)| v * v / (variance * s)).collect(),
             standard_errors: variances.iter().map(|s| (variance * s).sqrt()).collect(),

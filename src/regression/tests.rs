@@ -188,6 +188,10 @@ fn columns_that_move_together_take_fewer_components() {
     let full = &fit.components[2];
     assert!(full.standard_errors[1] > 20.0 * fit.components[1].standard_errors[1]);
     assert!(full.r_squared - fit.components[1].r_squared < 0.005);
+    // the same columns without noise: the small difference of the inputs is seen, and nothing is left out
+    run.measured = y;
+    let exact = regress(&model, std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
+    assert_eq!((exact.fits[0].chosen, &exact.fits[0].reason), (3, &Chosen::All));
     // one more column that is the sum of others has no component at all
     let twice = self::model(
         "model m { input u, w; state x; param a = -0.8, b = 0.7, c = 0.7, e = 0; \
