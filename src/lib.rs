@@ -3,10 +3,12 @@
 pub mod code;
 pub mod dynamics;
 pub mod estimate;
+pub mod frequency;
 pub mod linear;
 mod model;
 pub mod quality;
 pub mod record;
+pub mod regression;
 pub mod report;
 pub mod simulate;
 pub mod spectrum;

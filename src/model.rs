@@ -6,6 +6,7 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
+use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
@@ -144,6 +145,16 @@ impl Model {
     /// When an index is not that of a state.
     pub fn substituted(&self, states: &[usize]) -> Result<Self, Unshown> {
         Ok(self.altered(self.compiled.model.substituted(states)?))
+    }
+
+    /// The model with its nonlinear terms as known inputs (see [`fdm_grammar::Model::carried`]), compiled anew, and which
+    /// these are. Its runs are completed by [`Run::with_measured`](crate::record::Run::with_measured).
+    ///
+    /// # Errors
+    /// [`NotCarried`] with every term that can not be computed from records.
+    pub fn carried(&self) -> Result<(Self, Vec<CarriedTerm>), NotCarried> {
+        let Carried { model, terms } = self.compiled.model.carried()?;
+        Ok(if terms.is_empty() { (self.clone(), terms) } else { (self.altered(model), terms) })
     }
 
     /// The model's own name.

@@ -131,6 +131,23 @@ fn sensitivities_with_delays_shorter_than_a_step() {
 }
 
 #[test]
+fn sensitivities_by_the_time_that_a_recorder_was_late() {
+    let linear =
+        "model linear { input u, w; param x0 = 0.7; state x = x0, z; param a = -1.1, b = 0.8, tau = -0.3 in [-20, 1];
+        der(x) = a*x + b*delay(u, tau) + z; der(z) = -2*z + delay(w, tau); output y = x + 0.1*delay(w, tau); }";
+    let curved = linear.replace("a*x", "a*x*hypot(x, 0.2)");
+    for text in [linear, &curved] {
+        let late = model(text);
+        for tau in [-0.31, -0.27, -1.337, -0.013, -5.555] {
+            check(&late, &run(&late, even(60, 0.1)), 2, &[("tau", tau)]);
+            check(&late, &run(&late, uneven(60, 0.1)), 1, &[("tau", tau)]);
+        }
+        let held = Run { held: vec![true, false], ..run(&late, even(60, 0.1)) };
+        check(&late, &held, 1, &[("tau", -0.317)]);
+    }
+}
+
+#[test]
 fn a_step_that_sees_itself_leaves_zero_and_lives_with_noise() {
     let text = "model rest { input u; state x, z; param b = -1.3, tau = 0.02 in [0, 1];
         der(x) = b*delay(x, tau) + u; der(z) = b*delay(z, tau) + 0.1*x; output o = x + z; }";

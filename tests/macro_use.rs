@@ -79,3 +79,21 @@ fn warnings_are_kept() {
     let model = fdm::model! { model a { input idle; param k = 1; output y = k; } };
     assert!(model.warnings().iter().any(|w| w.message.contains("idle")), "{:?}", model.warnings());
 }
+
+#[test]
+fn a_trim_stands_in_a_model_as_in_a_file() {
+    let model = fdm::model! {
+        model surge {
+            input throttle;
+            state u = 2;
+            param drag = 0.3, push = 4, cruise = 3 fixed;
+            trim { u = cruise; throttle = if push > 1 then drag*cruise^2/push else 0; }
+            der(u) = push*throttle - drag*u^2;
+            output y = u;
+        }
+    };
+    assert_eq!(model.definition().trim.len(), 2);
+    let mut linear = fdm::linear::LinearModel::new(&model).expect("a trim");
+    assert_eq!(linear.trim(&[0.3, 4.0, 3.0]).states, [3.0]);
+    assert_eq!(linear.trim(&[0.3, 4.0, 3.0]).inputs, [0.3 * 9.0 / 4.0]);
+}

@@ -14,9 +14,12 @@ const GRAMMAR: &[&str] = &[
     "op",
     "graph",
     "model",
+    "terms",
     "check",
     "derive",
     "schedule",
+    "linearise",
+    "carried",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -1,9 +1,9 @@
 //! Speed beside the peers: the workloads W1 (residual and Jacobian of a nonlinear ship) and W5 (text to first
-//! Jacobian of an 11-state helicopter), each checked against reference data before it is timed.
+//! Jacobian of an 11-state helicopter) among others, each checked against reference data before it is timed.
 //!
 //! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
-//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w3, w5.
+//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w3, w4, w5.
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
@@ -11,6 +11,7 @@ mod delay;
 mod helicopter;
 mod start_up;
 mod workload;
+mod zoom;
 
 use clock::{Row, median_of_runs};
 use fdm::Model;
@@ -36,7 +37,7 @@ fn main() {
     if wanted("w1") {
         ship();
     }
-    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run)] {
+    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run), ("w4", zoom::run)] {
         if wanted(workload) {
             let before = limit(workload);
             measure(&before);

@@ -110,6 +110,16 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
     }
 }
 
+/// The derivatives of expressions by the leaves that `wanted` accepts: for each leaf (root, derivative), structural zeros
+/// left out; new nodes join the graph.
+pub(crate) fn tangents(
+    graph: &mut Graph,
+    roots: &[ExprId],
+    wanted: impl Fn(Leaf) -> bool,
+) -> BTreeMap<Leaf, Vec<(u32, ExprId)>> {
+    Sweep::new(graph, roots).tangents(graph, wanted)
+}
+
 fn by_param(leaf: Leaf) -> Option<u32> {
     if let Leaf::Param(k) = leaf { Some(k) } else { None }
 }

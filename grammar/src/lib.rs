@@ -3,10 +3,12 @@
 //! **In** the text of a model. **Out** [`compile`]: a [`Model`] and its [`Schedule`], or [`Diagnostic`]s.
 //! **Never** files, data or matrices. **Start** at [`compile`]; it is the whole road.
 
+pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
 pub mod graph;
+pub mod linearise;
 pub mod math;
 pub mod model;
 pub mod op;
@@ -15,10 +17,12 @@ pub mod source;
 #[cfg(test)]
 mod stopwatch;
 pub mod syntax;
+pub mod terms;
 pub mod unit;
 
 pub use derive::Pattern;
 pub use diagnostic::{Code, Diagnostic, Severity};
+pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
 pub use source::{Source, Span};

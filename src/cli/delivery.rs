@@ -3,6 +3,7 @@
 use crate::failure::{Failure, print};
 use crate::histories::{histories, tables};
 use clap::Args;
+use fdm::Model;
 use fdm::estimate::Fit;
 use fdm::record::Run;
 use fdm::report::{quality_json, svg};
@@ -33,8 +34,12 @@ pub(crate) struct Delivery {
 
 /// A result and what is said about it.
 pub(crate) struct Outcome<'a> {
-    pub(crate) fit: &'a Fit,
+    pub(crate) model: &'a Model,
+    /// The fit in the time domain, whose histories are drawn and written.
+    pub(crate) fit: Option<&'a Fit>,
     pub(crate) runs: &'a [Run],
+    /// Tables to be written besides: file names and contents.
+    pub(crate) tables: Vec<(String, Vec<u8>)>,
     /// Tables and sentences.
     pub(crate) text: String,
     /// The same for programs.
@@ -86,7 +91,7 @@ impl Prepared<'_> {
 }
 
 fn picture(outcome: &Outcome<'_>) -> Result<String, String> {
-    svg(&histories(outcome.fit, outcome.runs)).map_err(said)
+    svg(&outcome.fit.map_or(Vec::new(), |fit| histories(fit, outcome.runs))).map_err(said)
 }
 
 fn draw(outcome: &Outcome<'_>, path: &Path) -> Result<(), String> {
@@ -98,10 +103,12 @@ fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), 
     let mut text = outcome.text.clone();
     outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
     let mut others = vec![("result.txt".to_string(), text.into_bytes())];
-    others.extend(tables(outcome.fit, outcome.runs));
     others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
-    let model = outcome.fit.model.source().text().to_string();
-    let quality = format!("{}\n", Value::from(quality_json(&outcome.fit.model, &outcome.fit.quality)));
+    others.extend(outcome.fit.map_or(Vec::new(), |fit| tables(fit, outcome.runs)));
+    others.extend(outcome.tables);
+    let model = outcome.model.source().text().to_string();
+    let judged = outcome.fit.map_or(&[][..], |fit| &fit.quality);
+    let quality = format!("{}\n", Value::from(quality_json(outcome.model, judged)));
     let contents = Contents { manifest: outcome.manifest, model, result: json, quality, others };
     contents.write(place).map_err(|e| format!("{e}; the result is what is printed"))
 }

@@ -8,6 +8,7 @@ use crate::keeping::Keeping;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
+use crate::spectral::{self, Spectral};
 use crate::strategies::Strategies;
 use crate::subject::Subject;
 use clap::Args;
@@ -22,21 +23,21 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    subject: Subject,
+    pub(crate) subject: Subject,
     #[command(flatten)]
-    records: Records,
+    pub(crate) records: Records,
     /// Keep a parameter at its start value
     #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
+    pub(crate) fix: Vec<String>,
     /// Estimate a parameter that the model declares `fixed`
     #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    pub(crate) free: Vec<String>,
     /// Measurement noise: `diagonal` (one variance per output, estimated), `full` (their covariance, estimated), or the known
     /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
-    noise: Vec<String>,
+    pub(crate) noise: Vec<String>,
     #[command(flatten)]
-    choice: Choice,
+    pub(crate) choice: Choice,
     /// Fit from so many starts and take the best: the given one, and others between the bounds of the parameters or around
     /// their start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
@@ -48,17 +49,19 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     strategies: Strategies,
     #[command(flatten)]
+    pub(crate) spectral: Spectral,
+    #[command(flatten)]
     integration: Integration,
     /// Show the interval of two standard errors of each parameter
     #[arg(long, help_heading = "Result")]
-    intervals: bool,
+    pub(crate) intervals: bool,
     /// Show the iteration, correction by correction
     #[arg(long, help_heading = "Result")]
-    history: bool,
+    pub(crate) history: bool,
     #[command(flatten)]
     keeping: Keeping,
     #[command(flatten)]
-    delivery: Delivery,
+    pub(crate) delivery: Delivery,
 }
 
 impl Arguments {
@@ -76,6 +79,9 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if arguments.choice.is_spectral() {
+        return spectral::run(arguments);
+    }
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -99,8 +105,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
     let (text, json) = (text(&fit, &runs, arguments), fit_json(&fit));
-    let outcome = Outcome { fit: &fit, runs: &runs, text, json, remarks: remarks(&fit, all), manifest };
-    let delivered = prepared.deliver(outcome);
+    let (model, remarks, tables) = (&fit.model, remarks(&fit, all), Vec::new());
+    let delivered =
+        prepared.deliver(Outcome { model, fit: Some(&fit), runs: &runs, tables, text, json, remarks, manifest });
     let whole = kept.close();
     let good = fit.estimate.is_good() && all && delivered && whole;
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })

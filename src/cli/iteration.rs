@@ -30,13 +30,20 @@ enum Approach {
     NelderMead,
     /// Quasi-Newton with limited memory first
     Lbfgs,
+    /// Damped corrections on spectra instead of samples in time: the frequency domain
+    Fd,
 }
 
 impl Choice {
+    /// Whether spectra are to be fitted instead of samples in time.
+    pub(crate) fn is_spectral(&self) -> bool {
+        matches!(self.method, Approach::Fd)
+    }
+
     /// The options of an estimation with this noise.
     pub(crate) fn options(&self, noise: Noise) -> Options {
         let method = match self.method {
-            Approach::Correction => Method::Correction,
+            Approach::Correction | Approach::Fd => Method::Correction,
             Approach::NelderMead => Method::NelderMead,
             Approach::Lbfgs => Method::Lbfgs,
         };

@@ -10,11 +10,14 @@ mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod modes;
 mod noise;
 mod progress;
 mod reading;
 mod records;
+mod regress;
 mod simulate;
+mod spectral;
 mod strategies;
 mod subject;
 mod validate;
@@ -41,6 +44,10 @@ enum Verb {
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(fit::Arguments),
+    /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
+    Modes(modes::Arguments),
+    /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
+    Regress(regress::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -55,6 +62,8 @@ fn main() -> ExitCode {
         Verb::Check(a) => check::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Modes(a) => modes::run(a),
+        Verb::Regress(a) => regress::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

@@ -45,6 +45,11 @@ impl Records {
         load(&self.data, &self.selection.options(require_outputs), model)
     }
 
+    /// How the files are read, when all outputs are wanted.
+    pub(crate) fn options(&self) -> ReadOptions {
+        self.selection.options(true)
+    }
+
     /// What is written about the files into a result.
     pub(crate) fn describe(&self, runs: &[Run], manifest: &mut Manifest) {
         manifest.data = runs.iter().zip(&self.data).map(|(run, file)| DataFile::new(&run.name, file)).collect();

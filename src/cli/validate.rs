@@ -65,7 +65,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         "outputs": fit.quality,
         "fitted_outputs": folder.quality(),
     });
-    let outcome = Outcome { fit: &fit, runs: &runs, text: text(&fit, &folder), json: document, remarks, manifest };
+    let outcome = Outcome {
+        model: &fit.model,
+        fit: Some(&fit),
+        runs: &runs,
+        tables: Vec::new(),
+        text: text(&fit, &folder),
+        json: document,
+        remarks,
+        manifest,
+    };
     let delivered = prepared.deliver(outcome);
     Ok(if fit.estimate.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }

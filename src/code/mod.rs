@@ -5,6 +5,7 @@
 //! a result has one value, whoever computes it. **Start** at [`compile`]; the reference is `tape.rs`, the fast path `jit/`.
 
 mod complex;
+mod expressions;
 mod jit;
 mod rounding;
 mod scatter;
@@ -16,8 +17,10 @@ mod specimen;
 mod tape;
 mod verification;
 
+pub use expressions::Expressions;
 pub use jit::{Jit, JitError};
 pub use scatter::Nominal;
+pub(crate) use tape::Bytecode;
 pub use tape::Tape;
 pub use verification::{Discrepancy, TOLERANCE, Verification, verify};
 

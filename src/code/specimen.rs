@@ -63,11 +63,14 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         name: "specimen".into(),
         doc: String::new(),
         time: Unit::second(),
-        inputs: (0..inputs).map(|k| Input { quantity: quantity(format!("u{k}")), measured: None }).collect(),
+        inputs: (0..inputs)
+            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None })
+            .collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),
         derived: Vec::new(),
         outputs: Vec::new(),
+        trim: Vec::new(),
         graph: Default::default(),
     };
     let zero = model.graph.number(0.0);

@@ -86,7 +86,7 @@ struct Code {
 /// One program. Its array is [constants | time | states | drive | entries of `known` that it reads | registers];
 /// everything but the registers is copied in front of each evaluation, so that instructions read without asking where.
 #[derive(Debug, Clone)]
-struct Bytecode {
+pub(crate) struct Bytecode {
     constants: Vec<f64>,
     states: usize,
     drive: usize,
@@ -99,7 +99,8 @@ struct Bytecode {
 }
 
 impl Bytecode {
-    fn new(program: &Program, states: usize, drive: usize) -> Self {
+    /// A program that reads this many states and entries of the drive.
+    pub(crate) fn new(program: &Program, states: usize, drive: usize) -> Self {
         let operands = program.instructions.iter().flat_map(read).chain(program.results.iter().map(|r| &r.operand));
         let mut known: Vec<u32> =
             operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
@@ -129,7 +130,8 @@ impl Bytecode {
         }
     }
 
-    fn run(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+    /// Evaluates the program; nothing is allocated once `work` has served it.
+    pub(crate) fn run(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         if work.values.len() < self.places {
             // memory that was made for another model
             work.values.resize(self.places, 0.0);

@@ -8,8 +8,8 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
 //!
-//! Four sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
-//! start or many) and `strategy` (other ways when the plain one goes astray, and confidence).
+//! Five sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
+//! start or many), `strategy` (other ways when the plain one goes astray, and confidence) and `spectral` (spectra instead of samples in time).
 
 mod changes;
 mod errors;
@@ -25,6 +25,7 @@ mod road;
 mod solve;
 #[cfg(test)]
 mod specimen;
+mod spectral;
 mod strategy;
 mod termination;
 #[cfg(test)]
@@ -43,7 +44,7 @@ pub use iteration::restart::Aid;
 pub use iteration::search::Method;
 pub use keeper::Keeper;
 pub use noise::Noise;
-pub use problem::{Options, Problem, ProblemError, ProblemRun, Response};
+pub use problem::{Coefficients, Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
 pub use road::attempt::attempt;
 pub use road::fit::{Fit, FitOptions, changed, examined, fit, fit_kept};
@@ -52,6 +53,9 @@ pub use road::footing::Footing;
 pub use road::start::starts;
 pub use road::starts::{MultiStart, StartSummary};
 pub use solve::{estimate, estimate_from};
+pub use spectral::{
+    FirstValue, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered, fit_spectra,
+};
 pub use strategy::continuation::Continuation;
 pub use strategy::lengths::LengthFit;
 pub use strategy::rescue::{Remedy, Rescue};

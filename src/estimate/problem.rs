@@ -4,7 +4,7 @@ use crate::estimate::errors::derived::DerivedQuantities;
 use crate::estimate::iteration::affine::affine;
 use crate::estimate::iteration::search::Method;
 use crate::estimate::noise::Noise;
-use crate::simulate::{Divergence, Simulator, Sink};
+use crate::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
 
@@ -23,6 +23,12 @@ pub trait Response: Send {
         None
     }
 
+    /// What the samples are coefficients of, when they are not samples in time: 2 k is the real part at frequency k, 2 k + 1
+    /// the imaginary part.
+    fn coefficients(&self) -> Option<Coefficients<'_>> {
+        None
+    }
+
     /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
     ///
     /// # Errors
@@ -34,6 +40,32 @@ pub trait Response: Send {
     /// # Errors
     /// As [`Response::simulate`]; blocks before the failure may have been handed over.
     fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
+
+    /// Whether the response is one of frequencies, of which real and imaginary part are two samples one after the other, and
+    /// [`Response::planes`] hands it over in planes.
+    fn is_planar(&self) -> bool {
+        false
+    }
+
+    /// As [`Response::sensitivities`], in planes; asked for where [`Response::is_planar`] says so.
+    ///
+    /// # Errors
+    /// As [`Response::simulate`].
+    fn planes(&mut self, theta: &[f64], columns: &[usize], sink: &mut PlaneSink<'_>) -> Result<(), Divergence> {
+        let _ = (theta, columns, sink);
+        Ok(())
+    }
+}
+
+/// Fourier coefficients as the samples of a response.
+#[derive(Debug, Clone, Copy)]
+pub struct Coefficients<'a> {
+    /// Angular frequencies (M), rising.
+    pub omega: &'a [f64],
+    /// Samples in time that were transformed.
+    pub samples: usize,
+    /// Time between them.
+    pub dt: f64,
 }
 
 impl Response for Simulator<'_> {

@@ -1,6 +1,7 @@
 //! The road from a problem to its estimate.
 
 use crate::estimate::errors::coloured::corrected;
+use crate::estimate::errors::coloured_spectra::corrected_spectra;
 use crate::estimate::errors::noise_colour::Uncorrected;
 use crate::estimate::errors::statistics::Statistics;
 use crate::estimate::estimate::{Estimate, RunFit, Symmetric};
@@ -71,7 +72,14 @@ pub fn estimate_from(
     let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
-        Some(conclusion) => corrected(problem, &unknowns, &values, conclusion, priors.rows(&values)),
+        Some(conclusion) => {
+            let priors = priors.rows(&values);
+            if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
+                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
+            } else {
+                corrected(problem, &unknowns, &values, conclusion, priors)
+            }
+        }
     };
     let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref(), corrected.as_ref().ok());
     let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);

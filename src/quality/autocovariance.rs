@@ -1,5 +1,7 @@
 //! Sums of lagged products of a series with gaps.
 
+use super::lagged::add_lagged_products;
+
 /// Products of a series with itself, lag by lag, over the pairs that are present.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Lagged {
@@ -20,8 +22,8 @@ impl Lagged {
         let present: Vec<bool> = series.iter().map(|v| !v.is_nan()).collect();
         let filled: Vec<f64> = series.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect();
         let whole = present.iter().all(|p| *p);
+        add_lagged_products(&filled, &filled, 1, &mut self.sums);
         for k in 0..self.sums.len().min(series.len()) {
-            self.sums[k] += filled.iter().zip(&filled[k..]).map(|(a, b)| a * b).sum::<f64>();
             self.pairs[k] += match whole {
                 true => series.len() - k,
                 false => present.iter().zip(&present[k..]).filter(|(a, b)| **a && **b).count(),

@@ -2,6 +2,7 @@
 
 use super::autocovariance::Lagged;
 use super::autoregression::AutoRegression;
+use super::ladder::Ladder;
 
 /// Highest order: the longest lag whose correlation is used.
 const MOST_ORDER: usize = 60;
@@ -19,13 +20,11 @@ pub(crate) fn most_order(samples: usize) -> usize {
 /// wants one, and then of a higher order than Schwarz and Akaike would choose, since what is too short is biased and what
 /// is too long only uncertain.
 pub(crate) fn choose(autocovariances: &[f64], samples: usize) -> AutoRegression {
-    let ladder = AutoRegression::ladder(autocovariances);
-    let white = || AutoRegression::white(autocovariances.first().copied().unwrap_or(0.0).max(0.0));
-    let cautious = AutoRegression::best(&ladder, samples, (samples.max(2) as f64).ln());
-    if cautious.is_none_or(|m| m.coefficients.is_empty()) {
-        return white();
+    let ladder = Ladder::of(autocovariances);
+    match ladder.best(samples, (samples.max(2) as f64).ln()) {
+        0 => AutoRegression::white(autocovariances.first().copied().unwrap_or(0.0).max(0.0)),
+        _ => ladder.model(ladder.best(samples, PRICE)),
     }
-    AutoRegression::best(&ladder, samples, PRICE).cloned().unwrap_or_else(white)
 }
 
 /// The colour of one series (NaN where there is no value) by itself.

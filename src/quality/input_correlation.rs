@@ -1,6 +1,7 @@
 //! Whether residuals correlate with an input: then something that the input does is missing in the model.
 
 use super::autoregression::AutoRegression;
+use super::lagged::add_lagged_products;
 use super::whiteness::normal_beyond;
 use serde::Serialize;
 
@@ -60,10 +61,13 @@ impl InputCorrelation {
         let spread = spread(residuals, &input, colour) / norm;
         let mut found = Self::empty(name);
         let mut largest_ratio = -1.0;
-        for lag in (-places..=places).map(|k| k * step as i64) {
+        let [mut following, mut leading] = [vec![0.0; places as usize + 1], vec![0.0; places as usize + 1]];
+        add_lagged_products(&input, &filled, step, &mut following);
+        add_lagged_products(&filled, &input, step, &mut leading);
+        for place in -places..=places {
+            let lag = place * step as i64;
             let shift = lag.unsigned_abs() as usize;
-            let (late, early) = if lag >= 0 { (&filled[shift..], &input[..]) } else { (&filled[..], &input[shift..]) };
-            let r = late.iter().zip(early).map(|(v, u)| v * u).sum::<f64>() / norm;
+            let r = if place >= 0 { &following } else { &leading }[place.unsigned_abs() as usize] / norm;
             let deviation = spread * ((present.saturating_sub(shift)).max(1) as f64 / present as f64).sqrt();
             let time = lag as f64 * interval;
             if r.abs() / deviation > largest_ratio {
@@ -93,7 +97,7 @@ fn spread(residuals: &[f64], input: &[f64], colour: &AutoRegression) -> f64 {
     let memory = colour.memory(residuals.len());
     let mut rows = vec![0.0; memory];
     rows.extend(residuals.iter().zip(input).map(|(v, u)| if v.is_nan() { 0.0 } else { *u }));
-    colour.backward(&mut rows, 1);
+    colour.backward_series(&mut rows);
     (colour.variance * square(&rows)).sqrt()
 }
 

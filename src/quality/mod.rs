@@ -8,7 +8,10 @@ pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
 pub(crate) mod colour;
 mod input_correlation;
+pub(crate) mod ladder;
+pub(crate) mod lagged;
 mod output_fit;
+mod recurrence;
 mod residuals;
 pub(crate) mod sampling;
 #[cfg(test)]

@@ -58,7 +58,7 @@ pub fn channels(model: &Model) -> Channels {
         time: model.time.clone(),
         timed: dynamic || model.uses_time(),
         samples: if dynamic { 2 } else { 1 },
-        inputs: model.inputs.iter().filter(|i| i.measured.is_none()).map(|i| channel(&i.quantity)).collect(),
+        inputs: model.inputs.iter().filter(|i| i.is_declared()).map(|i| channel(&i.quantity)).collect(),
         outputs: model.outputs.iter().map(|o| channel(&o.quantity)).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),
     }

@@ -28,15 +28,24 @@ pub enum Incomplete {
         /// Name of the output.
         output: String,
     },
+    /// A nonlinear term that drives the model has no finite value.
+    #[error("the term `{term}` has no finite value in the run `{run}`, and drives the model")]
+    NotComputed {
+        /// Name of the run.
+        run: String,
+        /// The term.
+        term: String,
+    },
 }
 
 impl Run {
-    /// The same run with the inputs that this model takes from the records of its outputs: hidden inputs that the run
-    /// has are replaced. Gaps of the record are bridged linearly and counted, as those of other inputs; the outputs
+    /// The same run with the inputs that this model takes from the records of its outputs, or computes from them (at the
+    /// values that the model gives its parameters): hidden inputs that the run has are replaced. Gaps of the record are bridged linearly and counted, as those of other inputs; the outputs
     /// stay as they are. In a model that knows no time, a sample with a gap is not compared.
     ///
     /// # Errors
-    /// [`Incomplete`] when the run belongs to another model, or an output that drives the model was never measured.
+    /// [`Incomplete`] when the run belongs to another model, an output that drives the model was never measured, or a term
+    /// that drives it has no finite value.
     pub fn with_measured(&self, model: &Model) -> Result<Run, Incomplete> {
         let channels = channels(model);
         let (declared, q, n) = (channels.inputs.len(), channels.outputs.len(), self.len());
@@ -52,17 +61,50 @@ impl Run {
         if let Some(k) = channels.driving.iter().find(never) {
             return Err(Incomplete::NotMeasured { run: self.name.clone(), output: channels.outputs[*k].name.clone() });
         }
-        let m = declared + channels.driving.len();
+        let m = model.inputs.len();
         let mut run = self.clone();
-        run.inputs = beside(n, (&self.inputs, width), declared, (&self.measured, q), &channels.driving);
         run.held.truncate(declared);
         run.held.resize(m, false);
         run.input_gaps.truncate(declared);
-        if !channels.timed {
-            bridge::compare_not(&run.inputs, m, &mut run.measured, q);
+        let hidden = vec![f64::NAN; m - declared];
+        run.inputs =
+            self.inputs.chunks(width.max(1)).flat_map(|row| row[..declared].iter().chain(&hidden)).copied().collect();
+        if width == 0 {
+            run.inputs = vec![f64::NAN; n * m];
         }
-        run.input_gaps.extend((declared..m).map(|k| bridge::bridge(&run.time, &mut run.inputs, m, k, false)));
+        let mut gaps: Vec<Vec<bool>> = vec![vec![false; n]; declared];
+        for (k, input) in model.inputs.iter().enumerate().skip(declared) {
+            let found = match &input.computed {
+                Some(computed) => run.compute(model, k, computed, &gaps),
+                None => run.record(k, input.measured.unwrap_or_default() as usize),
+            };
+            if run.inputs.iter().skip(k).step_by(m).all(|v| v.is_nan()) && n > 0 {
+                let term = input.quantity.name.clone();
+                return Err(Incomplete::NotComputed { run: run.name, term });
+            }
+            run.input_gaps.push(found.iter().filter(|gap| **gap).count());
+            gaps.push(found);
+        }
+        if !channels.timed {
+            // a sample without neighbours can not be bridged
+            for (sample, row) in run.measured.chunks_mut(q.max(1)).enumerate() {
+                if gaps.iter().any(|g| g[sample]) {
+                    row.fill(f64::NAN);
+                }
+            }
+        }
         Ok(run)
+    }
+
+    /// Fills input `k` from the record of an output, and says where it has gaps.
+    fn record(&mut self, k: usize, output: usize) -> Vec<bool> {
+        let (m, q) = (self.held.len(), self.output_gaps.len());
+        for (inputs, measured) in self.inputs.chunks_mut(m).zip(self.measured.chunks(q)) {
+            inputs[k] = measured[output];
+        }
+        let gaps = self.inputs.iter().skip(k).step_by(m).map(|v| v.is_nan()).collect();
+        bridge(&self.time, &mut self.inputs, m, k, false);
+        gaps
     }
 }
 

@@ -7,8 +7,10 @@
 mod bridge;
 mod cell;
 mod channel;
+mod computed;
 mod dialect;
 mod error;
+pub(crate) mod even_grid;
 mod fault;
 mod input;
 mod measured;
@@ -21,6 +23,7 @@ mod table;
 mod text;
 mod write;
 
+pub(crate) use bridge::bridge;
 pub use channel::{Channel, Channels, Role, channels};
 pub use dialect::{Delimiter, Dialect, Mark};
 pub use error::{Names, Problem, RecordError};

@@ -166,7 +166,7 @@ fn finish(
     if !channels.timed {
         bridge::compare_not(&inputs, m, &mut measured, q);
     }
-    let input_gaps: Vec<_> = (0..m).map(|k| bridge::bridge(&time, &mut inputs, m, k, held[k])).collect();
+    let input_gaps: Vec<_> = (0..m).map(|k| bridge(&time, &mut inputs, m, k, held[k])).collect();
     let hidden = channels.driving.iter().map(|k| format!("measured({})", channels.outputs[*k].name));
     let inputs_by_name = channels.inputs.iter().map(|c| c.name.clone()).chain(hidden);
     for (input, gaps) in inputs_by_name.zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {

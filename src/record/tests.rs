@@ -366,11 +366,12 @@ fn a_model_says_what_it_wants() {
         name: "m".into(),
         doc: String::new(),
         time: unit("min").unwrap(),
-        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None }],
+        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None, computed: None }],
         states: Vec::new(),
         params: Vec::new(),
         derived: Vec::new(),
         outputs: vec![Output { quantity: quantity("y", ""), expr: x, noise: None }],
+        trim: Vec::new(),
         graph,
     };
     let expected =

@@ -1,17 +1,13 @@
 //! Estimates for other programs.
 
 use crate::Model;
-use crate::estimate::{Fit, StartSummary, Termination, by_confidence};
+use crate::estimate::{Estimate, Fit, StartSummary, Symmetric, Termination, by_confidence};
 use crate::quality::{OutputFit, OutputQuality};
 use serde_json::{Value, json};
 
 /// Parameters, outputs, cost and how the iteration ended, in the model's units. Numbers that do not exist are null.
 pub fn fit_json(fit: &Fit) -> Value {
     let e = &fit.estimate;
-    let outputs: Vec<Value> = match fit.quality.is_empty() {
-        true => e.outputs.iter().map(|o| output(&fit.model, o)).collect(),
-        false => quality_json(&fit.model, &fit.quality),
-    };
     let integration: Vec<Value> = e
         .runs
         .iter()
@@ -24,10 +20,33 @@ pub fn fit_json(fit: &Fit) -> Value {
             })
         })
         .collect();
+    let mut document = estimate_json(&fit.model, e);
+    if !fit.quality.is_empty() {
+        document["outputs"] = quality_json(&fit.model, &fit.quality).into();
+    }
+    let way = json!({
+        "integration": integration,
+        "rescue": fit.rescue,
+        "rescue_message": fit.rescue.as_ref().map(ToString::to_string),
+        "substituted": fit.substituted,
+        "shooting": fit.shooting,
+        "by_length": fit.by_length,
+        "confidence": by_confidence(&fit.by_length),
+        "weights": fit.reweighting,
+        "starts": starts(fit),
+    });
+    if let (Value::Object(document), Value::Object(way)) = (&mut document, way) {
+        document.extend(way);
+    }
+    document
+}
+
+/// What is the same for every estimate, however it was reached.
+pub(super) fn estimate_json(model: &Model, e: &Estimate) -> Value {
     json!({
-        "model": fit.model.name(),
+        "model": model.name(),
         "parameters": e.parameters,
-        "outputs": outputs,
+        "outputs": e.outputs.iter().map(|o| output(model, o)).collect::<Vec<_>>(),
         "cost": e.cost,
         "termination": word(&e.termination),
         "message": e.termination.to_string(),
@@ -44,15 +63,6 @@ pub fn fit_json(fit: &Fit) -> Value {
         "noise_covariance": e.noise.as_ref().map(rows),
         "condition": e.condition,
         "history": e.history,
-        "integration": integration,
-        "rescue": fit.rescue,
-        "rescue_message": fit.rescue.as_ref().map(ToString::to_string),
-        "substituted": fit.substituted,
-        "shooting": fit.shooting,
-        "by_length": fit.by_length,
-        "confidence": by_confidence(&fit.by_length),
-        "weights": fit.reweighting,
-        "starts": starts(fit),
     })
 }
 
@@ -101,7 +111,7 @@ fn word(termination: &Termination) -> &'static str {
     }
 }
 
-fn rows(matrix: &crate::estimate::Symmetric) -> Vec<&[f64]> {
+fn rows(matrix: &Symmetric) -> Vec<&[f64]> {
     matrix.values.chunks(matrix.size.max(1)).collect()
 }
 

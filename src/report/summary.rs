@@ -88,7 +88,7 @@ fn declarations(model: &Model) -> String {
         table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
     };
     for i in &definition.inputs {
-        let role = if i.measured.is_some() { "record" } else { "input" };
+        let role = if i.is_declared() { "input" } else { "record" };
         add(role, &i.quantity, String::new(), String::new());
     }
     definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));

@@ -75,8 +75,9 @@ impl DelayFilter {
         let near = distance.round();
         let distance =
             if (distance - near).abs() <= 8.0 * f64::EPSILON * near.abs().max(1.0) { near } else { distance };
-        // further back everything is the first sample
-        let distance = distance.max(-(self.samples as f64) - TAPS as f64);
+        // further back everything is the first sample, further ahead the last
+        let farthest = self.samples as f64 + TAPS as f64;
+        let distance = distance.clamp(-farthest, farthest);
         let first = distance.floor();
         (first as i64, distance - first)
     }

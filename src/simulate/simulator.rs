@@ -382,7 +382,9 @@ impl<'a> Simulator<'a> {
         }
         self.nodes[0].copy_from_slice(x0);
         let tau = &self.known[layout.tau.clone()];
-        if tau.iter().any(|t| !t.is_finite() || *t < 0.0) {
+        // the future of a record is known, that of a state is not
+        let ahead = |(tau, signal): (&f64, &Signal)| *tau < 0.0 && matches!(signal, Signal::State(_));
+        if tau.iter().any(|t| !t.is_finite()) || tau.iter().zip(&layout.delayed).any(ahead) {
             return Err(start(None));
         }
         let by_taps = matches!(self.integrator, Integrator::Recursion(_));

@@ -33,14 +33,14 @@ pub(super) fn copy_vectors(from: &[f64], to: &mut [f64]) {
 }
 
 /// Numbers that begin on a cache line, so that no vector straddles two.
-pub(super) struct Aligned {
+pub(crate) struct Aligned {
     numbers: Vec<f64>,
     start: usize,
     len: usize,
 }
 
 impl Aligned {
-    pub(super) fn new(len: usize) -> Self {
+    pub(crate) fn new(len: usize) -> Self {
         let numbers = vec![0.0; len + VECTOR];
         // 64 bytes; an address that cannot be aligned only costs speed
         let start = numbers.as_ptr().align_offset(64);

@@ -1,7 +1,7 @@
 //! Whether two models say the same, whatever their layout, comments and start values.
 
 use crate::model::Model;
-use fdm_grammar::graph::show;
+use fdm_grammar::graph::{Leaf, Names, Signal, show};
 use fdm_grammar::model::{Origin, Quantity};
 use fdm_grammar::op::ExprId;
 
@@ -14,7 +14,7 @@ struct Saying {
 }
 
 /// What differs between a model `then` and a model `now`, one sentence each; none when the same parameters give the same
-/// response. Start values, bounds, docs and layout do not matter.
+/// response, about the same trim. Start values, bounds, docs and layout do not matter.
 pub fn differences(then: &Model, now: &Model) -> Vec<String> {
     if then.source().text() == now.source().text() {
         return Vec::new();
@@ -60,6 +60,13 @@ fn sayings(model: &Model) -> Vec<Saying> {
     for o in &m.outputs {
         add(format!("the output `{}`", o.quantity.name), format!("`{}`, {}", shown(o.expr), unit(&o.quantity)));
     }
+    for (signal, value) in &m.trim {
+        let name = m.leaf(match signal {
+            Signal::State(k) => Leaf::State(*k),
+            Signal::Input(k) => Leaf::Input(*k),
+        });
+        all.push(Saying { what: format!("the trim of `{name}`"), text: format!("`{}`", shown(*value)) });
+    }
     all
 }
 
@@ -98,5 +105,7 @@ mod tests {
         assert_eq!(said, ["the parameter `k` is per run, in 1/min and was shared, in 1/s"]);
         let said = found(&TEXT.replace("output y = c*x", "output z = c*x"));
         assert_eq!(said, ["the output `y` is missing", "the output `z` is new"]);
+        let said = found(&TEXT.replace("output y", "trim { u = 2*k; } output y"));
+        assert_eq!(said, ["the trim of `u` is new"]);
     }
 }

@@ -1,7 +1,6 @@
 //! What makes two fits the same: the same program, model, data and options give the same bits.
 
 use super::fingerprint::fingerprint;
-use crate::estimate::FitOptions;
 use crate::model::Model;
 use crate::record::Run;
 use serde::{Deserialize, Serialize};
@@ -26,7 +25,7 @@ pub struct Difference {
 
 impl Identity {
     /// The identity of a fit with this program.
-    pub fn of(model: &Model, runs: &[Run], options: &FitOptions) -> Self {
+    pub fn of(model: &Model, runs: &[Run], options: &impl fmt::Debug) -> Self {
         let mut parts = vec![
             ("version of fdm".into(), env!("CARGO_PKG_VERSION").into()),
             ("model".into(), fingerprint(model.source().text().as_bytes())),
@@ -83,7 +82,7 @@ fn contents(run: &Run) -> String {
 
 /// Options as they print themselves, one part for each line: an option that is added later is covered without being
 /// named here.
-fn lines(options: &FitOptions) -> Vec<(String, String)> {
+fn lines(options: &impl fmt::Debug) -> Vec<(String, String)> {
     let text = format!("{options:#?}");
     let mut path: Vec<(String, usize)> = Vec::new();
     let mut parts = Vec::new();
@@ -110,7 +109,7 @@ fn lines(options: &FitOptions) -> Vec<(String, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::{Changes, Noise, Options};
+    use crate::estimate::{Changes, FitOptions, Noise, Options};
 
     fn run(name: &str, last: f64) -> Run {
         Run {

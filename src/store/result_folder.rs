@@ -255,6 +255,32 @@ impl ResultFolder {
         Ok(params.iter().map(value).collect())
     }
 
+    /// The covariance of the parameters of `model` (p by p, row by row), of per-run ones those of `run`; corrected for coloured
+    /// residuals where the fit did that. Zero for what was not estimated.
+    pub fn covariance(&self, model: &Model, run: &str) -> Vec<f64> {
+        let params = &model.definition().params;
+        let p = params.len();
+        let mut covariance = vec![0.0; p * p];
+        let kept = ["corrected_covariance", "covariance"].map(|name| &self.result[name]);
+        let full = |c: &&&Value| c["values"].as_array().is_some_and(|rows| !rows.is_empty());
+        let Some(kept) = kept.iter().find(full) else { return covariance };
+        let place = |k: &Value| {
+            let kept = self.parameters.get(k.as_u64()? as usize)?;
+            let owner = kept.run.as_deref();
+            params.iter().position(|p| p.quantity.name == kept.name && (owner.is_none() || owner == Some(run)))
+        };
+        let places: Vec<Option<usize>> =
+            kept["parameters"].as_array().map_or(Vec::new(), |all| all.iter().map(place).collect());
+        for (i, row) in places.iter().enumerate() {
+            for (j, column) in places.iter().enumerate() {
+                if let (Some(a), Some(b), Some(v)) = (row, column, kept["values"][i][j].as_f64()) {
+                    covariance[a * p + b] = v;
+                }
+            }
+        }
+        covariance
+    }
+
     /// Method and steps with which a run was fitted, and their integration error.
     pub fn integration(&self, run: &str) -> Option<Accuracy> {
         let all = self.result["integration"].as_array()?;

@@ -4,7 +4,7 @@ use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Leaf, Node};
+use crate::graph::{Leaf, Node, Signal};
 use crate::source::Span;
 use crate::syntax::{Bounds, ExprRef, Role, Value};
 
@@ -192,25 +192,45 @@ fn delays(
             by_index.push((indices.of[s], s));
         }
     }
+    // the future of a record is known, that of a state is not
+    let graph = &expressions.graph;
+    let of_states = graph.delayed().iter().filter(|d| matches!(d.signal, Signal::State(_))).map(|d| d.tau);
+    let of_states = graph.reachable(of_states);
     let mut told = vec![false; scope.symbols.len()];
     for call in &expressions.delays {
-        let Node::Leaf(Leaf::Param(k)) = expressions.graph.node(expressions.of(call.tau)) else { continue };
+        let tau = expressions.of(call.tau);
+        let Node::Leaf(Leaf::Param(k)) = graph.node(tau) else { continue };
         let symbol = by_index.binary_search_by_key(&k, |(index, _)| *index).ok().map(|at| by_index[at].1);
         if let Some(s) = symbol
             && !std::mem::replace(&mut told[s], true)
         {
-            delay_param(scope, s, scope.tree.span(call.tau), &mut ranges[s], findings);
+            let recorded = of_states.binary_search(&tau).is_err();
+            delay_param(scope, s, (scope.tree.span(call.tau), recorded), &mut ranges[s], findings);
         }
     }
 }
 
-fn delay_param(scope: &Scope<'_>, s: SymbolId, used: Span, range: &mut Range, findings: &mut Vec<Diagnostic>) {
+/// A delay of records alone may be negative where its bounds say so: the recorder was late.
+fn delay_param(
+    scope: &Scope<'_>,
+    s: SymbolId,
+    (used, recorded): (Span, bool),
+    range: &mut Range,
+    findings: &mut Vec<Diagnostic>,
+) {
     let symbol = &scope.symbols[s];
     let name = symbol.name();
     if let Some(bounds) = symbol.declaration.bounds
         && range.lower < 0.0
     {
-        let message = format!("`{name}` is a delay and cannot be negative, its lower bound is {}", range.lower);
+        if recorded && range.lower.is_finite() {
+            return;
+        }
+        let message = if recorded {
+            format!("`{name}` is a delay, and its lower bound is not finite")
+        } else {
+            format!("`{name}` delays a state and cannot be negative, its lower bound is {}", range.lower)
+        };
         let upper = range.upper;
         let upper = if upper > 0.0 && upper.is_finite() { upper.to_string() } else { "upper".into() };
         let finding = Diagnostic::new(Code::BadDelay, bounds.span, message).label(used, "used as a delay here");

@@ -1,7 +1,7 @@
 //! Numbers and conditions are different things; constants, parameters and what varies come from different places.
 
 use super::functions::Function;
-use super::knowledge::Known;
+use super::knowledge::{Known, Part};
 use super::names::{Meaning, Scope};
 use super::order::{Block, Blocks, Owner};
 use crate::diagnostic::{Code, Diagnostic};
@@ -72,7 +72,7 @@ impl Kinds {
                 judge.kinds.nodes[e.0 as usize] = fact;
             }
             let wanted = judge.want(block.root, false, Hint::Number);
-            if let Some(most) = kinds.finish(scope, block, wanted) {
+            if let Some(most) = kinds.finish(scope, block, known, wanted) {
                 findings.push(too_variable(scope, blocks, block, meanings, &kinds, known, most));
             }
         }
@@ -86,7 +86,7 @@ impl Kinds {
 
     /// Compares what a block depends on with what its owner allows, and says what its name stands for.
     /// The most that is allowed, when it depends on more.
-    fn finish(&mut self, scope: &Scope<'_>, block: &Block, sound: bool) -> Option<Level> {
+    fn finish(&mut self, scope: &Scope<'_>, block: &Block, known: &[Known], sound: bool) -> Option<Level> {
         let root = &mut self.nodes[block.root.0 as usize];
         root.broken |= !sound;
         let most = match block.owner {
@@ -95,6 +95,7 @@ impl Kinds {
                 Role::Param | Role::State => Level::Param,
                 _ => Level::Varying,
             },
+            Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
             Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Right(_) => Level::Varying,
         };
@@ -261,7 +262,11 @@ fn too_variable(
         }
         Owner::Known(k) => {
             let message = format!("{} cannot depend on {what}", known[k].words(scope));
-            Diagnostic::new(Code::NotConstant, span, message).hint("it is made of numbers and consts")
+            let hint = match most {
+                Level::Constant => "it is made of numbers and consts",
+                _ => "it is made of numbers, consts and params; what is not given is found from the equations",
+            };
+            Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
         Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
     }

@@ -1,10 +1,12 @@
-//! What is known beside the data: `prior a ~ normal(mean, deviation);` and `noise y = deviation;`.
+//! What is known beside the equations: `prior a ~ normal(mean, deviation);`, `noise y = deviation;`, `trim { x = value; }`.
 
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
+use crate::graph::Signal;
 use crate::model::Prior;
+use crate::op::ExprId;
 use crate::source::Span;
 use crate::syntax::{Expr, ExprRef, Name, Role, StatementKind, Value};
 
@@ -17,13 +19,15 @@ pub(super) enum Part {
     Deviation,
     /// The standard deviation of an output's noise.
     Noise,
+    /// The value of a state or an input at the trim.
+    Trim,
 }
 
-/// A number that is known about a param, the initial value of a state, or an output.
+/// What is known about a param, the initial value of a state, an output, or the trim.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Known {
     pub(super) part: Part,
-    /// About what: a param, a state (its initial value) or an output.
+    /// About what: a param, a state (its initial value), an output; a state or an input at the trim.
     pub(super) symbol: SymbolId,
     /// Where that stands.
     subject: Span,
@@ -34,11 +38,13 @@ impl Known {
     /// In messages: "the mean of the prior of `a`".
     pub(super) fn words(&self, scope: &Scope<'_>) -> String {
         let symbol = &scope.symbols[self.symbol];
-        let name = if symbol.role == Role::State { format!("{}(0)", symbol.name()) } else { symbol.name().into() };
+        let initial = symbol.role == Role::State && self.part != Part::Trim;
+        let name = if initial { format!("{}(0)", symbol.name()) } else { symbol.name().into() };
         match self.part {
             Part::Mean => format!("the mean of the prior of `{name}`"),
             Part::Deviation => format!("the deviation of the prior of `{name}`"),
             Part::Noise => format!("the noise of `{name}`"),
+            Part::Trim => format!("the trim of `{name}`"),
         }
     }
 }
@@ -50,6 +56,7 @@ pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Kno
         match &statement.kind {
             StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
             StatementKind::Noise(list) => list.iter().for_each(|(output, value)| reader.noise(output, *value)),
+            StatementKind::Trim(list) => list.iter().for_each(|(signal, value)| reader.trim(signal, *value)),
             _ => {}
         }
     }
@@ -89,6 +96,24 @@ impl Reader<'_, '_> {
         }
         if self.is_first(s, output.span, "noise") {
             self.known.push(Known { part: Part::Noise, symbol: s, subject: output.span, root: value });
+        }
+    }
+
+    fn trim(&mut self, signal: &Name, value: ExprRef) {
+        let scope = self.scope;
+        let varies = |role: Role| matches!(role, Role::State | Role::Input);
+        let Some(s) = self.declared(&signal.text, signal.span, |s| varies(s.role)) else { return };
+        let symbol = &scope.symbols[s];
+        if !varies(symbol.role) {
+            let message = format!("`{}` is {}; a trim is of states and inputs", signal.text, article(symbol.role));
+            let hint = match symbol.role {
+                Role::Output | Role::Let => "give the states and inputs that it is made of",
+                _ => "its value is the same everywhere",
+            };
+            return self.tell(Code::WrongName, signal.span, message, hint);
+        }
+        if self.is_first(s, signal.span, "trim") {
+            self.known.push(Known { part: Part::Trim, symbol: s, subject: signal.span, root: value });
         }
     }
 
@@ -205,9 +230,10 @@ fn article(role: Role) -> String {
     format!("{article} {}", role.keyword())
 }
 
-/// The priors by parameter of the model and the noise by output.
+/// The priors by parameter of the model, the noise by output, the trim by state or input.
 #[derive(Default)]
 pub(super) struct Knowledge {
+    pub(super) trim: Vec<(Signal, ExprId)>,
     pub(super) priors: Vec<(u32, Prior)>,
     pub(super) noise: Vec<(u32, f64)>,
 }
@@ -226,6 +252,13 @@ pub(super) fn values(
     let value = |k: &Known| expressions.constant(k.root).filter(|v| v.is_finite() && !kinds.of(k.root).broken);
     let mut mean = None;
     for k in known {
+        if k.part == Part::Trim {
+            let index = indices.of[k.symbol];
+            let state = scope.symbols[k.symbol].role == Role::State;
+            let signal = if state { Signal::State(index) } else { Signal::Input(index) };
+            knowledge.trim.push((signal, expressions.of(k.root)));
+            continue;
+        }
         if k.part == Part::Mean {
             mean = value(k);
             estimated(scope, kinds, k, findings);

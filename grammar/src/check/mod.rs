@@ -71,7 +71,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();
-    start::check(scope, &kinds, &expressions, &start, findings);
+    start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
         scope,
         blocks: &blocks,
@@ -91,8 +91,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let mut model = model::assemble(scope, &equations, &kinds, &indices, expressions, params);
-    model::learn(&mut model, knowledge);
+    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, knowledge);
     records::circular(scope, &model, findings);
     influence::without_influence(scope, &blocks, &meanings, &model, findings);
     Some(model)

@@ -69,6 +69,7 @@ pub(super) fn assemble(
     indices: &Indices,
     expressions: Expressions,
     params: Vec<Param>,
+    knowledge: Knowledge,
 ) -> Model {
     let mut rates: Vec<Option<ExprId>> = vec![None; scope.symbols.len()];
     for equation in equations {
@@ -95,12 +96,13 @@ pub(super) fn assemble(
         params,
         derived: Vec::new(),
         outputs: Vec::new(),
+        trim: Vec::new(),
         graph: Default::default(),
     };
     for (s, symbol) in scope.valid() {
         let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
         match symbol.role {
-            Role::Input => model.inputs.push(Input { quantity, measured: None }),
+            Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None }),
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
                 model.states.push(State { quantity, rate: rates[s].unwrap_or(zero), initial });
@@ -114,18 +116,20 @@ pub(super) fn assemble(
         model.inputs.push(Input::measured(indices.of[s], &quantity(symbol)));
     }
     model.graph = graph;
+    learn(&mut model, knowledge);
     drop_unused_delays(&mut model);
     model
 }
 
-/// Adds what is known beside the data.
-pub(super) fn learn(model: &mut Model, knowledge: Knowledge) {
+/// Adds what is known beside the equations.
+fn learn(model: &mut Model, knowledge: Knowledge) {
     for (k, prior) in knowledge.priors {
         model.params[k as usize].prior = Some(prior);
     }
     for (k, deviation) in knowledge.noise {
         model.outputs[k as usize].noise = Some(deviation);
     }
+    model.trim = knowledge.trim;
 }
 
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
@@ -133,7 +137,8 @@ pub(super) fn learn(model: &mut Model, knowledge: Knowledge) {
 fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
     let outputs = model.outputs.iter().map(|o| o.expr);
-    let roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).collect();
+    let trim = model.trim.iter().map(|(_, e)| *e);
+    let roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).chain(trim).collect();
     if model.graph.delays_of(&roots).len() == model.graph.delayed().len() {
         return;
     }
@@ -142,6 +147,7 @@ fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
     let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    let expressions = expressions.chain(model.trim.iter_mut().map(|(_, e)| e));
     expressions.zip(&mut moved).for_each(|(e, new)| *e = new);
     model.graph = graph;
 }

@@ -99,7 +99,10 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
-                StatementKind::Equation(..) | StatementKind::Prior(_) | StatementKind::Noise(_) => {}
+                StatementKind::Equation(..)
+                | StatementKind::Prior(_)
+                | StatementKind::Noise(_)
+                | StatementKind::Trim(_) => {}
             }
         }
         scope

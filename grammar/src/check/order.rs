@@ -19,7 +19,7 @@ pub(super) enum Owner {
     Upper(SymbolId),
     /// The right side of an equation, by index.
     Right(usize),
-    /// A number of a `prior` or `noise`, by index.
+    /// A value of a `prior`, `noise` or `trim`, by index.
     Known(usize),
 }
 

@@ -3,6 +3,7 @@
 
 use super::expressions::Expressions;
 use super::kinds::{Kinds, Level};
+use super::knowledge::Known;
 use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Node};
@@ -13,6 +14,7 @@ pub(super) fn check(
     scope: &Scope<'_>,
     kinds: &Kinds,
     expressions: &Expressions,
+    known: &[Known],
     start: &[f64],
     findings: &mut Vec<Diagnostic>,
 ) {
@@ -29,7 +31,7 @@ pub(super) fn check(
             );
         }
     }
-    at_start(scope, kinds, expressions, start, &infinite, findings);
+    at_start(scope, kinds, expressions, known, start, &infinite, findings);
 }
 
 /// For each node whether it contains a constant that is not finite.
@@ -49,6 +51,7 @@ fn at_start(
     scope: &Scope<'_>,
     kinds: &Kinds,
     expressions: &Expressions,
+    known: &[Known],
     start: &[f64],
     infinite: &[bool],
     findings: &mut Vec<Diagnostic>,
@@ -57,17 +60,20 @@ fn at_start(
     let values = values(graph, start);
     // a start value that is missing or infinite has been told
     let untold = graph.depends(|leaf| matches!(leaf, Leaf::Param(k) if !start[k as usize].is_finite()));
-    for (s, symbol) in scope.valid() {
-        let Some(Value::Expr(root)) = symbol.declaration.value else { continue };
-        let subject = match symbol.role {
-            Role::Param if kinds.derived[s] => "the param",
-            Role::State => "the initial value of",
-            _ => continue,
-        };
+    let declared = scope.valid().filter_map(|(s, symbol)| {
+        let Some(Value::Expr(root)) = symbol.declaration.value else { return None };
+        match symbol.role {
+            Role::Param if kinds.derived[s] => Some((root, format!("the param `{}`", symbol.name()))),
+            Role::State => Some((root, format!("the initial value of `{}`", symbol.name()))),
+            _ => None,
+        }
+    });
+    let known = known.iter().map(|k| (k.root, k.words(scope)));
+    for (root, subject) in declared.chain(known) {
         let (e, fact) = (expressions.of(root).index(), kinds.of(root));
         let told = fact.broken || infinite[e] || untold[e];
         if fact.level == Level::Param && !told && !values[e].is_finite() {
-            let message = format!("{subject} `{}` is not finite at the start values of the params", symbol.name());
+            let message = format!("{subject} is not finite at the start values of the params");
             let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(root), message);
             findings.push(finding.hint("choose other start values"));
         }

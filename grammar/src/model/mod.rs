@@ -3,7 +3,7 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
-mod reading;
+pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
@@ -33,6 +33,26 @@ pub struct Input {
     /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
     /// for a declared input.
     pub measured: Option<u32>,
+    /// Made by [`Model::carried`]: a hidden input, computed from what the inputs in front of it recorded.
+    pub computed: Option<Computed>,
+}
+
+impl Input {
+    /// Whether it was declared, so that a record has a column of it; hidden inputs follow from other columns.
+    pub fn is_declared(&self) -> bool {
+        self.measured.is_none() && self.computed.is_none()
+    }
+}
+
+/// What a hidden input is computed from: an expression in a graph of its own, so that neither derivatives nor delays of the
+/// model know of it. Its leaves are time, inputs that stand in front of it, delayed inputs whose delays are known,
+/// and parameters, which are taken at the values that the model gives them.
+#[derive(Debug, Clone)]
+pub struct Computed {
+    /// Holds the expression.
+    pub graph: Graph,
+    /// Which it is.
+    pub expr: ExprId,
 }
 
 /// A state with its equation.
@@ -124,6 +144,9 @@ pub struct Model {
     pub derived: Vec<Derived>,
     /// Outputs in the order of declaration.
     pub outputs: Vec<Output>,
+    /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not
+    /// named is found from the equations.
+    pub trim: Vec<(Signal, ExprId)>,
     /// All expressions.
     pub graph: Graph,
 }
@@ -143,7 +166,10 @@ impl Model {
     pub fn uses_time(&self) -> bool {
         let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().map(|o| o.expr));
         let time = self.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)));
-        roots.into_iter().any(|r| time[r.index()])
+        let computed = self.inputs.iter().filter_map(|i| i.computed.as_ref());
+        let mut beside =
+            computed.map(|c| c.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)))[c.expr.index()]);
+        roots.into_iter().any(|r| time[r.index()]) || beside.any(|depends| depends)
     }
 }
 

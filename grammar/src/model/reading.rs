@@ -7,15 +7,18 @@ use crate::op::{Build, ExprId, Op};
 /// An output that shows a state: `output = slope*state + offset`. Both are expressions of constants and fixed
 /// parameters in the graph that [`reading`] was given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Reading {
-    pub(super) output: usize,
-    pub(super) slope: ExprId,
-    pub(super) offset: ExprId,
+pub struct Reading {
+    /// The output, by index.
+    pub output: usize,
+    /// Factor of the state.
+    pub slope: ExprId,
+    /// What stands beside it.
+    pub offset: ExprId,
 }
 
 /// The output that shows a state: the first that is the state itself, else the first that is an invertible affine
 /// function of it. `graph` holds the model's expressions and takes the new ones.
-pub(super) fn reading(model: &Model, graph: &mut Graph, state: u32) -> Option<Reading> {
+pub fn reading(model: &Model, graph: &mut Graph, state: u32) -> Option<Reading> {
     let itself = Node::Leaf(Leaf::State(state));
     let (one, zero) = (graph.number(1.0), graph.number(0.0));
     if let Some(output) = model.outputs.iter().position(|o| graph.node(o.expr) == itself) {

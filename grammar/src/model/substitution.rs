@@ -77,10 +77,12 @@ impl Model {
         Ok(model)
     }
 
-    /// All expressions but the rates: initial values, derived parameters, outputs.
+    /// All expressions but the rates: initial values, derived parameters, outputs, trim.
     fn values(&self) -> impl Iterator<Item = ExprId> + '_ {
         let derived = self.derived.iter().map(|d| d.expr);
-        self.states.iter().map(|s| s.initial).chain(derived).chain(self.outputs.iter().map(|o| o.expr))
+        let outputs = self.outputs.iter().map(|o| o.expr);
+        let trim = self.trim.iter().map(|(_, e)| *e);
+        self.states.iter().map(|s| s.initial).chain(derived).chain(outputs).chain(trim)
     }
 
     /// The same, to be changed.
@@ -91,10 +93,11 @@ impl Model {
             .map(|s| &mut s.initial)
             .chain(derived)
             .chain(self.outputs.iter_mut().map(|o| &mut o.expr))
+            .chain(self.trim.iter_mut().map(|(_, e)| e))
     }
 
     /// The hidden input that is the record of an output; made when there is none.
-    fn measured_input(&mut self, output: usize) -> u32 {
+    pub(crate) fn measured_input(&mut self, output: usize) -> u32 {
         let known = self.inputs.iter().position(|i| i.measured == Some(output as u32));
         let k = known.unwrap_or_else(|| {
             self.inputs.push(Input::measured(output as u32, &self.outputs[output].quantity));
@@ -107,7 +110,8 @@ impl Model {
 impl Input {
     /// The hidden input that is the record of an output of this name, doc and unit.
     pub(crate) fn measured(output: u32, of: &Quantity) -> Self {
-        Self { quantity: Quantity { name: format!("measured({})", of.name), ..of.clone() }, measured: Some(output) }
+        let quantity = Quantity { name: format!("measured({})", of.name), ..of.clone() };
+        Self { quantity, measured: Some(output), computed: None }
     }
 }
 

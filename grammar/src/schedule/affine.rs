@@ -35,6 +35,11 @@ impl Affine {
     }
 }
 
+/// For each node whether it is affine.
+pub(crate) fn affine_nodes(graph: &Graph) -> Vec<bool> {
+    degrees(graph).into_iter().map(|d| d <= Degree::Affine).collect()
+}
+
 fn degrees(graph: &Graph) -> Vec<Degree> {
     let mut degrees: Vec<Degree> = Vec::with_capacity(graph.nodes().len());
     for node in graph.nodes() {

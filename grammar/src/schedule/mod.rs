@@ -11,6 +11,7 @@ mod layout;
 mod program;
 
 pub use affine::Affine;
+pub(crate) use affine::affine_nodes;
 pub use layout::{Layout, Patterns, StageRow};
 pub use program::{Instruction, Operand, Placed, Program};
 
@@ -18,7 +19,7 @@ use crate::derive::{Derivatives, Jacobian, differentiate};
 use crate::graph::{Graph, Leaf, Node};
 use crate::model::Model;
 use crate::op::ExprId;
-use program::linearise;
+pub(crate) use program::straight_line;
 
 /// The six programs of a model.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,7 +61,7 @@ impl Schedule {
         known.iter().enumerate().rev().for_each(|(k, e)| places[e.index()] = Some(k as u32));
         let inputs = layout.inputs as u32;
         let placed = |roots: &[ExprId], slots: Vec<u32>, width: usize| {
-            linearise(graph, roots, &slots, width, |e, node| match node {
+            straight_line(graph, roots, &slots, width, |e, node| match node {
                 Node::Leaf(leaf) => Some(match leaf {
                     Leaf::Time => Operand::Time,
                     Leaf::State(k) => Operand::State(k),
@@ -77,7 +78,7 @@ impl Schedule {
         let in_stage = stage.slots(layout.states, &patterns.rates_by_delayed, &patterns.rates_by_param);
         let in_order: Vec<u32> = (0..known.len() as u32).collect();
         Self {
-            prepare: linearise(graph, &known, &in_order, known.len(), |_, node| match node {
+            prepare: straight_line(graph, &known, &in_order, known.len(), |_, node| match node {
                 Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
                 _ => None,
             }),
@@ -89,6 +90,20 @@ impl Schedule {
             layout,
         }
     }
+}
+
+/// Expressions as one program, whose `known` array is the parameters themselves; `inputs` is the number of inputs in front
+/// of the delayed signals in the drive.
+pub fn program(graph: &Graph, roots: &[ExprId], inputs: usize) -> Program {
+    let slots: Vec<u32> = (0..roots.len() as u32).collect();
+    straight_line(graph, roots, &slots, roots.len(), |_, node| match node {
+        Node::Leaf(Leaf::Time) => Some(Operand::Time),
+        Node::Leaf(Leaf::State(k)) => Some(Operand::State(k)),
+        Node::Leaf(Leaf::Input(k)) => Some(Operand::Drive(k)),
+        Node::Leaf(Leaf::Delayed(k)) => Some(Operand::Drive(inputs as u32 + k)),
+        Node::Leaf(Leaf::Param(k)) => Some(Operand::Known(k)),
+        Node::Apply(..) | Node::Constant(_) => None,
+    })
 }
 
 /// What `prepare` computes: initial values, delays, their partials, derived parameters, and every expression of

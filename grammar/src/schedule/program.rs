@@ -53,7 +53,7 @@ pub struct Program {
 }
 
 /// Orders the nodes below `roots`, which go to `slots` (ascending); `given` names nodes that need no instruction.
-pub(super) fn linearise(
+pub(crate) fn straight_line(
     graph: &Graph,
     roots: &[ExprId],
     slots: &[u32],

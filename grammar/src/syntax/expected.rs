@@ -27,6 +27,8 @@ pub(super) enum Want {
     Close,
     CloseBracket,
     Brace,
+    CloseBrace,
+    Semicolon,
     End,
     Infix,
     Doc,
@@ -52,7 +54,8 @@ impl Want {
             Self::Close => "`)`",
             Self::CloseBracket => "`]`",
             Self::Brace => "`{`",
-            Self::End => "`;`",
+            Self::CloseBrace => "`}`",
+            Self::End | Self::Semicolon => "`;`",
             Self::Infix | Self::Doc | Self::Attribute | Self::LessNesting => return None,
         })
     }
@@ -117,6 +120,7 @@ impl Expected<'_> {
             "time" => "the unit of time".into(),
             "prior" => format!("the prior of `{}`", name(self.last_declared().unwrap_or(first + 1))),
             "noise" => format!("the noise of `{}`", name(self.last_declared().unwrap_or(first + 1))),
+            "trim" => format!("the trim of `{}`", name(self.last_set().unwrap_or(first + 2))),
             _ if self.word(first + 1) == "=" => format!("the equation of `{}`", name(first)),
             "input" | "state" | "param" | "const" | "let" | "output" => match self.last_declared() {
                 Some(at) => format!("the declaration of `{}`", name(at)),
@@ -141,6 +145,12 @@ impl Expected<'_> {
             }
         }
         last
+    }
+
+    /// The name in a `trim` whose value the token is in.
+    fn last_set(&self) -> Option<usize> {
+        let begins = |at: &usize| self.kind(*at) == Some(Kind::Name) && matches!(self.word(*at - 1), "{" | ";");
+        (self.statement.start + 1..self.at.min(self.statement.end)).rev().find(begins)
     }
 
     /// The text of a token; empty behind the last.

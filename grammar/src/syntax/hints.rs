@@ -104,11 +104,13 @@ impl Expected<'_> {
         }
     }
 
-    /// `prior a = ...`, `noise y;`
+    /// `prior a = ...`, `noise y;`, `trim u = 1;`
     fn knowledge(&self) -> Option<String> {
         let (wanted, form) = match self.word(self.statement.start) {
             "prior" => (Want::Tilde, "a prior is written `prior a ~ normal(mean, deviation)`"),
             "noise" => (Want::Equals, "known noise is written `noise y = deviation`"),
+            "trim" if self.wants(Want::Equals) => (Want::Equals, "a trim is written `trim { x = value; u = value; }`"),
+            "trim" => (Want::Brace, "a trim is written `trim { x = value; u = value; }`"),
             _ => return None,
         };
         self.wants(wanted).then(|| form.into())

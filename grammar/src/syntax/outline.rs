@@ -143,37 +143,52 @@ impl Cutter<'_> {
     fn statement(&self, start: usize) -> (Extent, usize, usize) {
         let planned = self.word_use(start) == Some(WordUse::Planned);
         let mut nesting = Nesting { text: self.text, levels: Vec::new(), deepest: 0, fault: None };
+        // a trim is a statement that ends with its own brace
+        let own = self.is(start, "trim").then(|| self.partner(start + 1)).flatten();
+        let inside = |at: usize| own.is_some_and(|close| at <= close);
         let mut at = start;
         let closed = loop {
             let Some(token) = self.tokens.get(at) else { break false };
             match token.kind {
+                Kind::Semicolon if inside(at) => nesting.end_value(),
                 Kind::Semicolon => break true,
                 Kind::OpenText | Kind::OpenComment => {
                     at += 1;
                     break true;
                 }
-                Kind::Close if self.is(at, "}") => break false,
-                Kind::Open if self.is(at, "{") => match self.block(at, planned) {
+                Kind::Close if self.is(at, "}") && !inside(at) => break false,
+                Kind::Open if self.is(at, "{") && !inside(at) => match self.block(at, planned) {
                     Some(end) => at = end,
                     None => nesting.enter(at, token, None),
                 },
+                _ if inside(at) && !self.begins_line(at) => nesting.enter(at, token, self.tokens[..at].last()),
                 _ if at > start && self.begins_statement(at, &nesting) => break false,
                 _ => nesting.enter(at, token, self.tokens[..at].last()),
             }
             at += 1;
-            if planned && self.is(at - 1, "}") && !self.is(at, ";") {
-                return (Extent { tokens: start..at, closed: true, fault: None }, 0, at);
+            let ended = own.map_or(planned && self.is(at - 1, "}"), |close| at > close);
+            if ended && !self.is(at, ";") {
+                return (Extent { tokens: start..at, closed: true, fault: nesting.fault() }, nesting.deepest, at);
             }
         };
         let next = at + usize::from(closed && self.is(at, ";"));
         (Extent { tokens: start..at, closed, fault: nesting.fault() }, nesting.deepest, next)
     }
 
+    /// The brace that closes the one at a token.
+    fn partner(&self, open: usize) -> Option<usize> {
+        self.braces.binary_search_by_key(&open, |(o, _)| *o).ok().map(|pair| self.braces[pair].1)
+    }
+
+    /// Whether a statement that cannot stand inside another begins a line here.
+    fn begins_line(&self, at: usize) -> bool {
+        self.tokens[at].first_on_line && self.word_use(at) == Some(WordUse::Statement)
+    }
+
     /// The end of a `{ ... }` inside a statement: any in planned statements, which hold statements of their own;
     /// elsewhere only short ones, since the brace may as well have lost its partner.
     fn block(&self, open: usize, planned: bool) -> Option<usize> {
-        let pair = self.braces.binary_search_by_key(&open, |(o, _)| *o).ok()?;
-        let close = self.braces[pair].1;
+        let close = self.partner(open)?;
         let short = close - open < 200 && !(open..close).any(|k| self.word_use(k) == Some(WordUse::Statement));
         (planned || short).then_some(close)
     }
@@ -238,6 +253,11 @@ impl Nesting<'_> {
             // Nothing more is to be learnt from this statement; forget the levels to keep memory flat.
             self.levels.clear();
         }
+    }
+
+    /// A value among several ends: its choices do.
+    fn end_value(&mut self) {
+        self.leave(&[Level::Condition, Level::Then, Level::Else]);
     }
 
     fn leave(&mut self, over: &[Level]) {

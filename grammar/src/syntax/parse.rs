@@ -94,7 +94,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::expression | Rule::number | Rule::sign | Rule::choice | Rule::group | Rule::value | Rule::belief => {
             Want::Expression
         }
-        Rule::name | Rule::declaration | Rule::deviation => Want::Name,
+        Rule::name | Rule::declaration | Rule::deviation | Rule::setting => Want::Name,
         Rule::infix | Rule::arguments => Want::Infix,
         Rule::doc => Want::Doc,
         Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per => Want::Attribute,
@@ -107,12 +107,14 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::bracket => Want::Bracket,
         Rule::close_bracket => Want::CloseBracket,
         Rule::brace => Want::Brace,
+        Rule::close_brace => Want::CloseBrace,
+        Rule::semicolon => Want::Semicolon,
         Rule::word_then => Want::Then,
         Rule::word_else => Want::Else,
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
-        Rule::prior | Rule::noise => Want::Statement,
+        Rule::prior | Rule::noise | Rule::trim => Want::Statement,
         _ => return None,
     })
 }
@@ -145,7 +147,11 @@ impl Build<'_> {
             }
             Rule::noise => {
                 let deviations = parts.filter(|p| p.as_rule() == Rule::deviation);
-                StatementKind::Noise(deviations.filter_map(|p| self.deviation(p)).collect())
+                StatementKind::Noise(deviations.filter_map(|p| self.named(p)).collect())
+            }
+            Rule::trim => {
+                let settings = parts.filter(|p| p.as_rule() == Rule::setting);
+                StatementKind::Trim(settings.filter_map(|p| self.named(p)).collect())
             }
             _ => {
                 let left = self.expression(parts.next()?)?;
@@ -161,11 +167,11 @@ impl Build<'_> {
         Some((subject, self.expression(parts.nth(1)?)?))
     }
 
-    /// `y = deviation`
-    fn deviation(&mut self, pair: Pair<Rule>) -> Option<(Name, ExprRef)> {
+    /// `y = deviation`, `u = value`
+    fn named(&mut self, pair: Pair<Rule>) -> Option<(Name, ExprRef)> {
         let mut parts = pair.into_inner();
-        let output = word(&parts.next()?, self.offset, 0);
-        Some((output, self.expression(parts.nth(1)?)?))
+        let name = word(&parts.next()?, self.offset, 0);
+        Some((name, self.expression(parts.nth(1)?)?))
     }
 
     fn declaration(&mut self, pair: Pair<Rule>) -> Option<Declaration> {

@@ -150,7 +150,10 @@ impl<'a> Reader<'a, '_> {
         self.slips.report(findings);
         match kind {
             Some(kind) => {
-                let last = self.tokens[extent.tokens.end - usize::from(!extent.closed)].span;
+                // a trim ends with its brace
+                let semicolon =
+                    self.tokens.get(extent.tokens.end).filter(|t| extent.closed && t.kind == Kind::Semicolon);
+                let last = semicolon.unwrap_or(&self.tokens[extent.tokens.end - 1]).span;
                 into.push(Statement { kind, span: Span::new(start, last.end as usize) });
             }
             None => {

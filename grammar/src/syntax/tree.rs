@@ -172,6 +172,8 @@ pub enum StatementKind {
     Prior(Vec<(ExprRef, ExprRef)>),
     /// `noise y = deviation, ...;`
     Noise(Vec<(Name, ExprRef)>),
+    /// `trim { u = value; ... }`
+    Trim(Vec<(Name, ExprRef)>),
 }
 
 /// A statement and its place, the semicolon included.

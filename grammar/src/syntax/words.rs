@@ -3,7 +3,7 @@
 /// What a word of the language is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WordUse {
-    /// Begins a statement: `model`, `time`, `prior`, `noise` and the kinds of declarations.
+    /// Begins a statement: `model`, `time`, `prior`, `noise`, `trim` and the kinds of declarations.
     Statement,
     /// Begins a statement that the language describes and this version does not compile.
     Planned,
@@ -38,7 +38,7 @@ words! {
     "time"   Statement;
     "prior"  Statement;
     "noise"  Statement;
-    "trim"   Planned;
+    "trim"   Statement;
     "tie"    Planned;
     "table"  Planned;
     "use"    Planned;

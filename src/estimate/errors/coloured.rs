@@ -14,6 +14,7 @@ use crate::estimate::unknowns::Unknowns;
 use crate::quality::autocovariance::Lagged;
 use crate::quality::autoregression::AutoRegression;
 use crate::quality::colour;
+use crate::quality::ladder::Ladder;
 use rayon::prelude::*;
 
 /// Rounds until the autoregression reproduces what was found.
@@ -230,7 +231,7 @@ impl Group {
         let choose = |(o, r): (usize, &Vec<f64>)| match self.colour.models.get(o) {
             Some(old) if !free => {
                 let order = old.coefficients.len().min(r.len() - 1);
-                AutoRegression::ladder(&r[..=order]).pop().unwrap_or_else(|| AutoRegression::white(0.0))
+                Ladder::of(&r[..=order]).model(order)
             }
             _ => colour::choose(r, self.found[o].pairs[0]),
         };
@@ -267,10 +268,13 @@ impl Group {
         let mut change = 0.0_f64;
         for (o, found) in self.found.iter().enumerate() {
             let most = found.sums.len() - 1;
+            let bound = |r: &usize| runs[*r].bound(o, &filtered[*r].images[o], &reduced[*r]);
+            if self.runs.iter().map(bound).sum::<f64>() < SETTLED * found.sums[0] {
+                continue;
+            }
             let mut taken = vec![0.0; most + 1];
             for r in &self.runs {
-                let [inverse, covariance] = &reduced[*r];
-                let part = runs[*r].taken(o, &filtered[*r].images[o], inverse, covariance, most);
+                let part = runs[*r].taken(o, &filtered[*r].images[o], &reduced[*r], most);
                 taken.iter_mut().zip(part).for_each(|(t, p)| *t += p);
             }
             let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;

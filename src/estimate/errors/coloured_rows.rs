@@ -1,9 +1,12 @@
 //! Sensitivities and residuals of one run on its even grid, output by output, and what coloured noise makes of them.
 
+use super::row_map::add_mapped;
+use crate::estimate::iteration::products::accumulate;
 use crate::estimate::problem::ProblemRun;
 use crate::estimate::unknowns::Unknowns;
 use crate::quality::Untested;
 use crate::quality::autoregression::AutoRegression;
+use crate::quality::lagged::add_lagged_products;
 use crate::quality::sampling::Sampling;
 use crate::simulate::{Block, Divergence};
 
@@ -19,6 +22,8 @@ pub(in crate::estimate) struct ColouredRows {
     pub(in crate::estimate) rows: Vec<Vec<f64>>,
     /// For each output (q) its residuals (length); NaN where nothing is compared.
     pub(in crate::estimate) residuals: Vec<Vec<f64>>,
+    /// For each output (q) the sum of the products of its rows (width by width).
+    squares: Vec<Vec<f64>>,
 }
 
 /// The colour of the noise of all outputs.
@@ -30,13 +35,30 @@ pub(in crate::estimate) struct Colour {
     pub(in crate::estimate) innovations: Vec<f64>,
 }
 
+impl Colour {
+    fn is_white(&self) -> bool {
+        self.models.iter().all(|m| m.coefficients.is_empty())
+    }
+}
+
 /// What coloured noise makes of a run.
 pub(in crate::estimate) struct Filtered {
     /// Sum over all pairs of samples of `S' R^-1 Rvv R^-1 S` (width by width).
     pub(in crate::estimate) middle: Vec<f64>,
-    /// For each output the rows of `Rvv R^-1 S` (length by width); zeros where nothing is compared.
-    pub(in crate::estimate) images: Vec<Vec<f64>>,
+    /// For each output what the noise looks like there.
+    pub(in crate::estimate) images: Vec<Image>,
 }
+
+/// Rows of `Rvv R^-1 S` for one output (length by width); zeros where nothing is compared.
+pub(in crate::estimate) enum Image {
+    /// Under coloured noise.
+    Rows(Vec<f64>),
+    /// Under white noise: the rows of each output (q) with these weights.
+    Mixed(Vec<f64>),
+}
+
+/// Rows that are worked on while they are in the nearest cache.
+const BLOCK: usize = 64;
 
 /// The grid on which a run is sampled.
 ///
@@ -45,7 +67,7 @@ pub(in crate::estimate) struct Filtered {
 pub(in crate::estimate) fn sampling(run: &ProblemRun<'_>) -> Result<Sampling, Untested> {
     let samples = run.response.samples();
     match run.response.time() {
-        Some(time) if samples > 2 => Sampling::of(time),
+        Some(time) if samples > 2 => Sampling::of(time).map_err(Untested::from),
         _ => Ok(Sampling::counted(samples)),
     }
 }
@@ -62,53 +84,108 @@ impl ColouredRows {
         scale: &[f64],
         grid: &Sampling,
     ) -> Result<Self, Divergence> {
-        let (n, q, width) = (run.response.samples(), run.response.outputs(), scale.len().next_multiple_of(8));
-        let (mut y, mut jacobian) = (vec![0.0; n * q], vec![0.0; n * q * width]);
-        run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
-            block.copy_to(&mut y, &mut jacobian, width);
-        })?;
-        let length = grid.length();
+        let (q, width, length) = (run.response.outputs(), scale.len().next_multiple_of(8), grid.length());
+        let factors: Vec<f64> = scale.iter().map(|s| if *s > 0.0 { 1.0 / s } else { 0.0 }).collect();
         let mut rows = vec![vec![0.0; length * width]; q];
         let mut residuals = vec![vec![f64::NAN; length]; q];
-        for (cell, z) in run.measured.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
-            let (place, output) = (grid.place[cell / q], cell % q);
-            residuals[output][place] = z - y[cell];
-            let to = rows[output][place * width..].iter_mut();
-            let scaled = jacobian[cell * width..].iter().zip(scale);
-            to.zip(scaled).for_each(|(r, (j, s))| *r = if *s > 0.0 { j / s } else { 0.0 });
-        }
-        Ok(Self { length, interval: grid.interval, width, rows, residuals })
+        let measured = &run.measured;
+        run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
+            for (cell, y) in block.y.iter().enumerate() {
+                let (sample, output, z) = (cell / q, cell % q, measured[block.first * q + cell]);
+                if z.is_nan() {
+                    continue;
+                }
+                let place = grid.place[block.first + sample];
+                residuals[output][place] = z - y;
+                let (to, from) = (&mut rows[output][place * width..][..width], block.row(sample, output));
+                let columns = &block.layout.outputs[output].columns;
+                for (column, value) in columns.iter().zip(from) {
+                    let column = *column as usize;
+                    to[column] = if factors[column] > 0.0 { value * factors[column] } else { 0.0 };
+                }
+            }
+        })?;
+        Ok(Self::of(grid.interval, width, rows, residuals))
+    }
+
+    /// Rows (length by width for each output) and residuals as they are.
+    pub(super) fn of(interval: f64, width: usize, rows: Vec<Vec<f64>>, residuals: Vec<Vec<f64>>) -> Self {
+        let length = residuals.first().map_or(0, Vec::len);
+        let squares = rows.iter().map(|rows| squared(rows, width)).collect();
+        Self { length, interval, width, rows, residuals, squares }
     }
 
     /// Runs the noise's filters over the rows, weighted by `inverse_noise` (q by q): backward to what each innovation does,
     /// and forward again to what the noise looks like.
     pub(in crate::estimate) fn filter(&self, colour: &Colour, inverse_noise: &[f64]) -> Filtered {
         let (q, width) = (self.rows.len(), self.width);
-        let memory = colour.models.iter().map(|m| m.memory(self.length)).max().unwrap_or(0);
-        let effects: Vec<Vec<f64>> = (0..q)
-            .map(|a| {
-                let mut rows = vec![0.0; memory * width];
-                rows.resize((memory + self.length) * width, 0.0);
-                self.weigh(&inverse_noise[a * q..(a + 1) * q], &mut rows[memory * width..]);
-                colour.models[a].backward(&mut rows, width);
-                rows
-            })
-            .collect();
-        let mut middle = vec![0.0; width * width];
-        let mut images = Vec::with_capacity(q);
-        for a in 0..q {
-            let mut image = vec![0.0; (memory + self.length) * width];
-            for (effect, covariance) in effects.iter().zip(&colour.innovations[a * q..(a + 1) * q]) {
-                add(*covariance, effect, &mut image);
-            }
-            add_products(&effects[a], &image, width, &mut middle);
-            colour.models[a].forward(&mut image, width);
-            image.drain(..memory * width);
-            let missing = self.residuals[a].iter().enumerate().filter(|(_, v)| v.is_nan());
-            missing.for_each(|(i, _)| image[i * width..(i + 1) * width].fill(0.0));
-            images.push(image);
+        let factor = factor(&colour.innovations, q);
+        if colour.is_white() {
+            return self.mix(colour, &factor, inverse_noise);
         }
+        let memory = colour.models.iter().map(|m| m.memory(self.length)).max().unwrap_or(0);
+        let effect = |a: usize| {
+            let mut rows = vec![0.0; (memory + self.length) * width];
+            self.weigh(&inverse_noise[a * q..(a + 1) * q], &mut rows[memory * width..]);
+            colour.models[a].backward(&mut rows, width);
+            rows
+        };
+        let mut images: Vec<Vec<f64>> = (0..q).map(effect).collect();
+        // of innovations that correlate to independent ones of unit variance, in their place
+        for c in 0..q {
+            let (head, tail) = images.split_at_mut(c + 1);
+            scale(factor[c * q + c], &mut head[c]);
+            tail.iter().enumerate().for_each(|(b, rows)| add(factor[(c + 1 + b) * q + c], rows, &mut head[c]));
+        }
+        let mut middle = vec![0.0; width * width];
+        images.iter().for_each(|rows| add(1.0, &squared(rows, width), &mut middle));
+        for a in (0..q).rev() {
+            let (head, tail) = images.split_at_mut(a);
+            scale(factor[a * q + a], &mut tail[0]);
+            head.iter().enumerate().for_each(|(c, rows)| add(factor[a * q + c], rows, &mut tail[0]));
+            colour.models[a].forward(&mut tail[0], width);
+            tail[0].drain(..memory * width);
+            self.blank(a, 0, &mut tail[0]);
+        }
+        Filtered { middle, images: images.into_iter().map(Image::Rows).collect() }
+    }
+
+    /// What white noise makes of the rows; nothing of their size is made.
+    fn mix(&self, colour: &Colour, factor: &[f64], inverse_noise: &[f64]) -> Filtered {
+        let (q, width) = (self.rows.len(), self.width);
+        let product = |a: &[f64], b: &[f64]| -> Vec<f64> {
+            (0..q * q).map(|k| (0..q).map(|l| a[k / q * q + l] * b[l * q + k % q]).sum()).collect()
+        };
+        let (half, weights) = (product(inverse_noise, factor), product(&colour.innovations, inverse_noise));
+        let mut middle = vec![0.0; width * width];
+        let mut sums = vec![0.0; width * width];
+        let mut buffer = vec![0.0; BLOCK * width];
+        for c in 0..q {
+            let others = (0..q).filter(|b| half[b * q + c] != 0.0).count();
+            if others < 2 {
+                (0..q).for_each(|b| add(half[b * q + c].powi(2), &self.squares[b], &mut middle));
+                continue;
+            }
+            for first in (0..self.length).step_by(BLOCK) {
+                let range = first * width..(first + BLOCK).min(self.length) * width;
+                let rows = &mut buffer[..range.len()];
+                rows.fill(0.0);
+                (0..q).for_each(|b| add(half[b * q + c], &self.rows[b][range.clone()], rows));
+                accumulate(rows, width, rows.len() / width, width, width, &mut sums);
+            }
+        }
+        add(1.0, &mirrored(sums, width), &mut middle);
+        let images = weights.chunks(q.max(1)).map(|w| Image::Mixed(w.to_vec())).collect();
         Filtered { middle, images }
+    }
+
+    /// Zeros where an output has no sample; `rows` begin at the place `first`.
+    fn blank(&self, output: usize, first: usize, rows: &mut [f64]) {
+        for (row, v) in rows.chunks_mut(self.width).zip(&self.residuals[output][first..]) {
+            if v.is_nan() {
+                row.fill(0.0);
+            }
+        }
     }
 
     fn weigh(&self, weights: &[f64], to: &mut [f64]) {
@@ -118,54 +195,96 @@ impl ColouredRows {
     }
 
     /// What fitting takes off the sums of lagged products of an output's residuals, for lags 0 to `most`: with P the
-    /// projection on the sensitivities, the residuals have the covariance (1 - P) Rvv (1 - P)'. `inverse` is the Cramer-Rao
-    /// covariance of this run's columns, `covariance` the corrected one (width by width).
+    /// projection on the sensitivities, the residuals have the covariance (1 - P) Rvv (1 - P)'. `reduced` are the Cramer-Rao
+    /// covariance of this run's columns and the corrected one (width by width).
     pub(in crate::estimate) fn taken(
         &self,
         output: usize,
-        image: &[f64],
-        inverse: &[f64],
-        covariance: &[f64],
+        image: &Image,
+        [inverse, covariance]: &[Vec<f64>; 2],
         most: usize,
     ) -> Vec<f64> {
         let (width, rows) = (self.width, &self.rows[output]);
+        let halved: Vec<f64> = covariance.iter().map(|c| -0.5 * c).collect();
         let mut half = vec![0.0; rows.len()];
-        for ((h, s), g) in half.chunks_mut(width).zip(rows.chunks(width)).zip(image.chunks(width)) {
-            for (j, h) in h.iter_mut().enumerate() {
-                *h = dot(&inverse[j * width..(j + 1) * width], g)
-                    - 0.5 * dot(&covariance[j * width..(j + 1) * width], s);
+        let mut buffer = vec![0.0; BLOCK * width];
+        for (block, half) in half.chunks_mut(BLOCK * width).enumerate() {
+            let range = block * BLOCK * width..block * BLOCK * width + half.len();
+            add_mapped(&rows[range.clone()], &halved, width, half);
+            match image {
+                Image::Rows(image) => add_mapped(&image[range], inverse, width, half),
+                Image::Mixed(weights) => {
+                    let mixed = &mut buffer[..half.len()];
+                    mixed.fill(0.0);
+                    self.rows.iter().zip(weights).for_each(|(r, w)| add(*w, &r[range.clone()], mixed));
+                    self.blank(output, block * BLOCK, mixed);
+                    add_mapped(mixed, inverse, width, half);
+                }
             }
         }
-        let lag = |k: usize| {
-            let shift = (k * width).min(rows.len());
-            dot(&rows[shift..], &half[..rows.len() - shift]) + dot(&rows[..rows.len() - shift], &half[shift..])
-        };
-        (0..=most).map(lag).collect()
+        let mut sums = vec![0.0; most + 1];
+        add_lagged_products(rows, &half, width, &mut sums);
+        add_lagged_products(&half, rows, width, &mut sums);
+        sums
     }
+
+    /// What [`Self::taken`] cannot exceed at any lag: by the inequality of Cauchy and Schwarz from the sums at lag 0.
+    pub(in crate::estimate) fn bound(
+        &self,
+        output: usize,
+        image: &Image,
+        [inverse, covariance]: &[Vec<f64>; 2],
+    ) -> f64 {
+        let size = |squares: &[f64], by: &[f64]| squares.iter().zip(by).map(|(s, d)| s * d).sum::<f64>().max(0.0);
+        let reach = |squares: &[f64]| size(squares, inverse).sqrt();
+        let image = match image {
+            Image::Rows(rows) => reach(&squared(rows, self.width)),
+            Image::Mixed(weights) => self.squares.iter().zip(weights).map(|(s, w)| w.abs() * reach(s)).sum(),
+        };
+        2.0 * reach(&self.squares[output]) * image + size(&self.squares[output], covariance)
+    }
+}
+
+/// A factor L (lower triangle) of a positive semidefinite matrix L L'.
+fn factor(matrix: &[f64], n: usize) -> Vec<f64> {
+    let mut l = vec![0.0; n * n];
+    for j in 0..n {
+        for i in j..n {
+            let rest = matrix[i * n + j] - (0..j).map(|k| l[i * n + k] * l[j * n + k]).sum::<f64>();
+            l[i * n + j] = match () {
+                () if i == j => rest.max(0.0).sqrt(),
+                // what is left of a row that the others determine is rounding
+                () if l[j * n + j] > 1e-8 * matrix[j * n + j].sqrt() => rest / l[j * n + j],
+                () => 0.0,
+            };
+        }
+    }
+    l
+}
+
+/// The sum of the products of rows (width by width).
+fn squared(rows: &[f64], width: usize) -> Vec<f64> {
+    let mut sums = vec![0.0; width * width];
+    if width > 0 {
+        accumulate(rows, width, rows.len() / width, width, width, &mut sums);
+    }
+    mirrored(sums, width)
+}
+
+/// A symmetric matrix of which the upper triangle is known.
+fn mirrored(mut sums: Vec<f64>, width: usize) -> Vec<f64> {
+    for i in 0..width {
+        (0..i).for_each(|j| sums[i * width + j] = sums[j * width + i]);
+    }
+    sums
+}
+
+fn scale(factor: f64, rows: &mut [f64]) {
+    rows.iter_mut().for_each(|r| *r *= factor);
 }
 
 fn add(factor: f64, from: &[f64], to: &mut [f64]) {
     if factor != 0.0 {
         to.iter_mut().zip(from).for_each(|(t, f)| *t += factor * f);
     }
-}
-
-/// Adds the sum of outer products of two lists of rows.
-fn add_products(a: &[f64], b: &[f64], width: usize, sums: &mut [f64]) {
-    for (a, b) in a.chunks(width).zip(b.chunks(width)) {
-        for (a, row) in a.iter().zip(sums.chunks_mut(width)) {
-            add(*a, b, row);
-        }
-    }
-}
-
-/// In eight sums side by side, for lengths that are multiples of 8.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    for (a, b) in a.as_chunks::<8>().0.iter().zip(b.as_chunks::<8>().0) {
-        for l in 0..8 {
-            sums[l] += a[l] * b[l];
-        }
-    }
-    sums.iter().sum()
 }

@@ -1,9 +1,10 @@
 //! Errors under coloured noise: the filters against sums over all pairs, and whole estimations against scatter.
 
-use super::coloured_rows::{Colour, ColouredRows};
+use super::coloured_rows::{Colour, ColouredRows, Image};
 use crate::estimate::specimen::{Closed, Normal, Sample, grid, param, problem, run};
 use crate::estimate::*;
 use crate::quality::autoregression::AutoRegression;
+use crate::quality::ladder::Ladder;
 use crate::simulate::Sink;
 use nalgebra::DMatrix;
 
@@ -13,7 +14,7 @@ fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {
 
 /// The autoregression of this order with the autocovariances of a known one.
 fn model(autocovariances: &[f64]) -> AutoRegression {
-    AutoRegression::ladder(autocovariances).pop().expect("stationary")
+    Ladder::of(autocovariances).model(autocovariances.len() - 1)
 }
 
 /// Two outputs of 25 places, one missing, two columns.
@@ -29,7 +30,7 @@ fn rows() -> ColouredRows {
             rows[i * width + 1] = (0.3 * i as f64).sin();
         }
     }
-    ColouredRows { length, interval: 1.0, width, rows, residuals }
+    ColouredRows::of(1.0, width, rows, residuals)
 }
 
 /// Covariance of the noise of both outputs over all places (50 by 50), by summing over a thousand innovations.
@@ -72,9 +73,11 @@ fn filters_are_the_sums_over_all_pairs_and_what_fitting_takes_off_is_exact() {
         let got = filtered.middle[i * width + j];
         assert!((got - middle[(i, j)]).abs() < 1e-3 * middle[(i, i)], "{got} {}", middle[(i, j)]);
     }
+    let images: Vec<&Vec<f64>> =
+        filtered.images.iter().filter_map(|i| if let Image::Rows(rows) = i { Some(rows) } else { None }).collect();
     let image = &noise * &a;
     for r in (0..2 * n).filter(|r| compared(*r) > 0.0) {
-        let got = filtered.images[r / n][r % n * width + 1];
+        let got = images[r / n][r % n * width + 1];
         assert!((got - image[(r, 1)]).abs() < 1e-3 * image.column(1).amax(), "{r}: {got} {}", image[(r, 1)]);
     }
 
@@ -89,11 +92,14 @@ fn filters_are_the_sums_over_all_pairs_and_what_fitting_takes_off_is_exact() {
         wide
     };
     for o in 0..2 {
-        let taken = rows.taken(o, &filtered.images[o], &spread(&inverse), &spread(&covariance), 4);
+        let reduced = [spread(&inverse), spread(&covariance)];
+        let taken = rows.taken(o, &filtered.images[o], &reduced, 4);
+        let bound = rows.bound(o, &filtered.images[o], &reduced);
         for (k, taken) in taken.iter().enumerate() {
             let pairs = (0..n - k).map(|i| (o * n + i, o * n + i + k));
             let both = pairs.filter(|(i, j)| compared(*i) * compared(*j) > 0.0);
             let want: f64 = both.map(|(i, j)| noise[(i, j)] - fitted[(i, j)]).sum();
+            assert!(taken.abs() <= bound, "output {o}, lag {k}: {taken} beyond {bound}");
             assert!((taken - want).abs() < 2e-3 * (noise[(0, 0)] + want.abs()), "output {o}, lag {k}: {taken} {want}");
         }
     }

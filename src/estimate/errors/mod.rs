@@ -7,10 +7,13 @@
 mod belief;
 pub(super) mod coloured;
 pub(super) mod coloured_rows;
+pub(super) mod coloured_spectra;
 #[cfg(test)]
 mod coloured_tests;
 pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;
 pub(super) mod noise_colour;
+mod row_map;
+pub(super) mod sandwich;
 pub(super) mod statistics;

@@ -7,7 +7,7 @@ use super::bend;
 use super::information::{Moments, Sums};
 use crate::estimate::problem::{Problem, ProblemRun};
 use crate::estimate::unknowns::Unknowns;
-use crate::simulate::Divergence;
+use crate::simulate::{Divergence, Planes};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -50,6 +50,8 @@ struct RunState<'e, 'a> {
     bend: Vec<f64>,
     moments: Moments,
     sums: Sums,
+    /// The measured outputs in planes and whether there are gaps in them, for a response that comes so.
+    planes: Option<(Vec<f64>, bool)>,
     failure: Option<Failure>,
 }
 
@@ -82,7 +84,10 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             let cells = run.measured.len();
             let sums = Sums::new(unknowns.columns.len(), groups);
             let (theta, y, kept, moments) = (theta.clone(), vec![0.0; cells], vec![0.0; cells], Moments::new(q));
-            RunState { run, theta, y, kept, ahead: Vec::new(), bend: Vec::new(), moments, sums, failure: None }
+            let (measured, ahead, bend) = (&run.measured, Vec::new(), Vec::new());
+            let planar = run.response.is_planar() && !full;
+            let planes = planar.then(|| (Planes::of_samples(measured, q), measured.iter().any(|z| z.is_nan())));
+            RunState { run, theta, y, kept, ahead, bend, moments, sums, planes, failure: None }
         });
         let states = states.collect();
         Self { states, unknowns, outputs: q, moments: vec![0.0; q * q], evaluations: 0, simulations: 0 }
@@ -197,9 +202,18 @@ impl RunState<'_, '_> {
     }
 
     fn linearise(&mut self, unknowns: &Unknowns, q: usize, whitener: Option<&[f64]>) -> Result<(), Failure> {
-        let Self { run, theta, y, moments, sums, .. } = self;
+        let Self { run, theta, y, moments, sums, planes, .. } = self;
         moments.begin();
         sums.begin();
+        if let Some((measured, gaps)) = planes.as_ref().filter(|_| whitener.is_none() && !sums.precise) {
+            let result = run.response.planes(theta, &unknowns.columns, &mut |mut block| {
+                block.copy_outputs(y);
+                let first = block.first / Planes::HALF * q * Planes::LENGTH;
+                sums.add_planes(&mut block, &measured[first..], *gaps);
+            });
+            result.map_err(Failure::Diverged)?;
+            return self.linearised(unknowns, q, true);
+        }
         let measured = &run.measured;
         // the squares are among the products
         let squares = whitener.is_none() && !sums.precise;
@@ -212,16 +226,17 @@ impl RunState<'_, '_> {
             sums.add(&mut block, &measured[cells], whitener);
         });
         result.map_err(Failure::Diverged)?;
-        sums.end();
+        self.linearised(unknowns, q, squares)
+    }
+
+    /// Ends the sums and sees that they are finite; `squares`: those of the residuals are among them.
+    fn linearised(&mut self, unknowns: &Unknowns, q: usize, squares: bool) -> Result<(), Failure> {
+        self.sums.end();
         if squares {
-            moments.take_squares(sums);
+            self.moments.take_squares(&self.sums);
         }
         self.comparable(q)?;
-        let groups = if whitener.is_some() { 1 } else { q };
-        if (0..groups).all(|g| self.sums.group(g).iter().all(|v| v.is_finite())) {
-            return Ok(());
-        }
-        Err(self.worst_derivative(unknowns, q))
+        if self.sums.is_finite() { Ok(()) } else { Err(self.worst_derivative(unknowns, q)) }
     }
 
     /// The first derivative that is not finite, else the largest one.

@@ -4,9 +4,10 @@
 //! without copying anything. Lanes do not mix and every product is fused with its sum, so that every width of the
 //! processor's registers gives the same bits, and so does every division into blocks.
 
+use super::plane_products::PlaneSums;
 use super::products::accumulate;
 use super::triangle;
-use crate::simulate::{Block, OutputRow};
+use crate::simulate::{Block, OutputRow, Planes};
 
 /// Lanes of the longest vector that the loops are laid out for.
 const LANES: usize = 8;
@@ -27,6 +28,8 @@ pub(in crate::estimate) struct Sums {
     values: Vec<f64>,
     /// The columns of each output that does not depend on all of them, and the products of these alone.
     own: Vec<Option<(OutputRow, Vec<f64>)>>,
+    /// The columns of each output and the sums of their planes, where these come instead of rows.
+    planes: Vec<(Vec<u32>, PlaneSums)>,
     /// Rows of all columns, waiting to be worked off.
     waiting: Vec<f64>,
     filled: usize,
@@ -37,7 +40,8 @@ impl Sums {
     pub(in crate::estimate) fn new(columns: usize, groups: usize) -> Self {
         let width = (columns + 1).next_multiple_of(LANES);
         let (values, own) = (vec![0.0; groups * (columns + 1) * width], vec![None; groups]);
-        Self { columns, width, precise: false, values, own, waiting: Vec::new(), filled: 0, work: Vec::new() }
+        let (planes, waiting, work) = (Vec::new(), Vec::new(), Vec::new());
+        Self { columns, width, precise: false, values, own, planes, waiting, filled: 0, work }
     }
 
     /// One group, (columns + 1) by width.
@@ -46,9 +50,26 @@ impl Sums {
         &self.values[group * size..(group + 1) * size]
     }
 
+    /// The columns of a group that can be other than zero, where that is less than all.
+    pub(in crate::estimate) fn columns_of(&self, group: usize) -> Option<&[u32]> {
+        self.planes.get(group).map(|(columns, _)| &columns[..])
+    }
+
+    /// Whether all sums are finite.
+    pub(in crate::estimate) fn is_finite(&self) -> bool {
+        // exponents all ones are no numbers; the largest of all is found in vectors
+        let largest = self.values.iter().fold(0, |largest: u64, v| largest.max(v.to_bits() & (u64::MAX >> 1)));
+        f64::from_bits(largest).is_finite()
+    }
+
     /// Begins a run.
     pub(in crate::estimate) fn begin(&mut self) {
-        self.values.fill(0.0);
+        if self.precise {
+            self.planes.clear();
+        }
+        if self.planes.is_empty() {
+            self.values.fill(0.0);
+        }
         self.own.iter_mut().flatten().for_each(|(_, products)| products.fill(0.0));
         self.filled = 0;
     }
@@ -65,9 +86,43 @@ impl Sums {
         }
     }
 
+    /// Adds a block of planes; `measured` are the planes of its outputs, with `gaps` or without.
+    pub(in crate::estimate) fn add_planes(&mut self, block: &mut Planes<'_>, measured: &[f64], gaps: bool) {
+        let outputs = &block.layout.outputs;
+        if block.first == 0 {
+            if !self.planes.iter().map(|p| &p.0).eq(outputs.iter().map(|o| &o.columns)) {
+                self.values.fill(0.0);
+                self.planes = outputs.iter().map(|o| (o.columns.clone(), PlaneSums::default())).collect();
+            }
+            self.planes.iter_mut().for_each(|(columns, sums)| sums.begin(columns.len() + 1));
+        }
+        let mut rest = &mut *block.derivatives;
+        let cells = block.y.chunks_exact(Planes::LENGTH).zip(measured.chunks_exact(Planes::LENGTH));
+        for ((y, z), (columns, sums)) in cells.zip(&mut self.planes) {
+            let (planes, behind) = std::mem::take(&mut rest).split_at_mut((columns.len() + 1) * Planes::LENGTH);
+            rest = behind;
+            let (derivatives, residuals) = planes.split_at_mut(columns.len() * Planes::LENGTH);
+            residuals.iter_mut().zip(z.iter().zip(y)).for_each(|(v, (z, y))| *v = z - y);
+            if gaps {
+                for (k, v) in residuals.iter_mut().enumerate().filter(|(k, _)| z[*k].is_nan()) {
+                    *v = 0.0;
+                    derivatives.iter_mut().skip(k).step_by(Planes::LENGTH).for_each(|d| *d = 0.0);
+                }
+            }
+            sums.add(planes, block.lanes, block.first == 0);
+        }
+    }
+
     /// Ends a run: products of outputs with columns of their own go to their places among all columns.
     pub(in crate::estimate) fn end(&mut self) {
         let (size, width) = ((self.columns + 1) * self.width, self.width);
+        for (values, (columns, sums)) in self.values.chunks_exact_mut(size).zip(&self.planes) {
+            let place = |lane: usize| columns.get(lane).map_or(self.columns, |c| *c as usize);
+            for i in 0..=columns.len() {
+                let row = &mut values[place(i) * width..][..width];
+                (i..=columns.len()).for_each(|j| row[place(j)] = sums.sum(i, j));
+            }
+        }
         for (values, own) in self.values.chunks_exact_mut(size).zip(&self.own) {
             let Some((row, products)) = own.as_ref().filter(|_| !self.precise) else { continue };
             let place = |lane: usize| row.columns.get(lane).map_or(self.columns, |c| *c as usize);

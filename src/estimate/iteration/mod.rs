@@ -12,6 +12,7 @@ pub(super) mod correction;
 pub(super) mod evaluation;
 pub(super) mod information;
 pub(super) mod normal;
+pub(super) mod plane_products;
 pub(super) mod priors;
 pub(super) mod products;
 pub(super) mod projection;

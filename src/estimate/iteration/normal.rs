@@ -9,6 +9,8 @@ pub struct NormalEquations<'e, 'a> {
     evaluator: Evaluator<'e, 'a>,
     /// 1 over the variance of each output.
     weights: Vec<f64>,
+    /// All columns of a run.
+    columns: Vec<u32>,
     information: Vec<f64>,
     gradient: Vec<f64>,
     squares: f64,
@@ -28,6 +30,7 @@ impl<'e, 'a> NormalEquations<'e, 'a> {
         let unknowns = Unknowns::new(problem);
         let size = unknowns.len();
         Self {
+            columns: (0..unknowns.columns.len() as u32).collect(),
             evaluator: Evaluator::owning(problem, unknowns),
             weights: deviations.iter().map(|s| 1.0 / (s * s)).collect(),
             information: vec![0.0; size * size],
@@ -49,10 +52,13 @@ impl<'e, 'a> NormalEquations<'e, 'a> {
         for (run, sums) in self.evaluator.sums().enumerate() {
             for (output, weight) in self.weights.iter().enumerate() {
                 let group = sums.group(output);
-                for a in 0..sums.columns {
+                let all: &[u32] = &self.columns;
+                let columns = sums.columns_of(output).unwrap_or(all);
+                for (k, a) in columns.iter().map(|c| *c as usize).enumerate() {
                     let (i, row) = (unknowns.position(run, a), &group[a * sums.width..][..sums.width]);
-                    for (b, product) in row.iter().enumerate().take(sums.columns).skip(a) {
-                        self.information[i * size + unknowns.position(run, b)] += weight * product;
+                    let information = &mut self.information[i * size..][..size];
+                    for b in columns[k..].iter().map(|c| *c as usize) {
+                        information[unknowns.position(run, b)] += weight * row[b];
                     }
                     self.gradient[i] += weight * row[sums.columns];
                 }

@@ -67,7 +67,10 @@ impl Quadratic {
                     self.spread(unknowns, run, sums, values, factor, &mut rows);
                     triangle::reduce(&mut self.triangle, self.size + 1, &mut rows, self.width, &mut work);
                 } else {
-                    self.add_products(unknowns, run, sums, values, factor * factor);
+                    match sums.columns_of(group) {
+                        Some(columns) => self.add_some(unknowns, run, sums, (values, columns), factor * factor),
+                        None => self.add_products(unknowns, run, sums, values, factor * factor),
+                    }
                 }
             }
         }
@@ -99,6 +102,25 @@ impl Quadratic {
             let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
             for (j, value) in row[..sums.columns].iter().enumerate().skip(i) {
                 self.hessian[at * self.size + unknowns.position(run, j)] += weight * value;
+            }
+            self.rhs[at] += weight * row[sums.columns];
+        }
+    }
+
+    /// The same where all but some columns are zero.
+    fn add_some(
+        &mut self,
+        unknowns: &Unknowns,
+        run: usize,
+        sums: &Sums,
+        (values, columns): (&[f64], &[u32]),
+        weight: f64,
+    ) {
+        for (k, i) in columns.iter().map(|c| *c as usize).enumerate() {
+            let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
+            let hessian = &mut self.hessian[at * self.size..][..self.size];
+            for j in columns[k..].iter().map(|c| *c as usize) {
+                hessian[unknowns.position(run, j)] += weight * row[j];
             }
             self.rhs[at] += weight * row[sums.columns];
         }

@@ -205,7 +205,7 @@ fn delays() {
         ),
         (
             "param d = 1 in [-1, 1]; output w = delay(x, d);",
-            &["2:13 E0406 `d` is a delay and cannot be negative, its lower bound is -1; `in [0, 1]`"],
+            &["2:13 E0406 `d` delays a state and cannot be negative, its lower bound is -1; `in [0, 1]`"],
         ),
         (
             "output w = delay(x, a - 2);",

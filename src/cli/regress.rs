@@ -1,0 +1,175 @@
+//! `fdm regress`: equation error, in the time domain or, with a band, in the frequency domain.
+
+use crate::failure::{Failure, NUMBERS, print};
+use crate::records::{Records, notes};
+use crate::subject::Subject;
+use clap::Args;
+use fdm::Model;
+use fdm::record::Run;
+use fdm::regression::{
+    Components, Dependence, Detrend, Domain, Limits, RegressionError, RegressionOptions, Smoothing, by_cutoff,
+    by_length, regress, structure,
+};
+use fdm::report::{dependence_table, regression_json, regression_table, structure_table};
+use fdm::spectrum::Frequencies;
+use serde_json::json;
+use std::process::ExitCode;
+
+/// What `fdm regress` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    subject: Subject,
+    #[command(flatten)]
+    records: Records,
+    /// Keep a parameter at its start value
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    fix: Vec<String>,
+    /// Estimate a parameter that the model declares `fixed`
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    free: Vec<String>,
+    /// Compare transforms at the frequencies of this band, in cycles per unit of time
+    #[arg(long, value_name = "LO:HI", value_parser = pair, help_heading = "Regression")]
+    band: Option<(f64, f64)>,
+    /// Distance of the frequencies [default: those of the record]
+    #[arg(long, value_name = "STEP", requires = "band", help_heading = "Regression")]
+    df: Option<f64>,
+    /// Rates in the time domain: `local`, `local:POINTS` (a polynomial through so many neighbours), `fourier` (optimal Fourier
+    /// smoothing), or `fourier:CUTOFF`
+    #[arg(long, value_name = "HOW", default_value = "local", value_parser = smoothing, conflicts_with = "band", help_heading = "Regression")]
+    smooth: Smoothing,
+    /// Take `none`, the `mean` or the best `line` off rates and regressors of every run
+    #[arg(long, value_name = "WHAT", default_value = "none", value_parser = detrend, conflicts_with = "band", help_heading = "Regression")]
+    detrend: Detrend,
+    /// Principal components of the solution
+    #[arg(long, value_name = "auto|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
+    components: Components,
+    /// Search the structure of every measured rate among signals, squares and products instead
+    #[arg(long, help_heading = "Regression")]
+    stepwise: bool,
+    /// Show how the estimates depend on the highest frequency, and on the part of the records that is used
+    #[arg(long, conflicts_with = "stepwise", help_heading = "Result")]
+    dependence: bool,
+    /// Print JSON instead of tables
+    #[arg(long, help_heading = "Result")]
+    json: bool,
+    /// Say nothing about the records
+    #[arg(short, long, help_heading = "Result")]
+    quiet: bool,
+}
+
+/// Parts of the band and of the records that `--dependence` shows.
+const PARTS: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
+
+impl Arguments {
+    fn options(&self) -> RegressionOptions {
+        let domain = match (self.band, self.df) {
+            (None, _) => Domain::Time,
+            (Some((low, high)), None) => {
+                Domain::Frequency(Frequencies::Grid { lowest: Some(low), highest: Some(high) })
+            }
+            (Some((lowest, highest)), spacing) => Domain::Frequency(Frequencies::Band { lowest, highest, spacing }),
+        };
+        RegressionOptions { domain, smoothing: self.smooth, detrend: self.detrend, components: self.components }
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let model = arguments.subject.load()?;
+    let mut params = model.definition().params.clone();
+    arguments.subject.changes(&arguments.fix, &arguments.free).apply(&mut params).map_err(Failure::input)?;
+    let model = model.with_params(params);
+    let records = arguments.records.load(&model, true)?;
+    if !arguments.quiet {
+        notes(&records);
+    }
+    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    let text = match arguments.stepwise {
+        true => searched(&model, &runs, arguments),
+        false => estimated(&model, &runs, arguments),
+    };
+    let printed = print(&text.map_err(|e| Failure::input([e]))?);
+    Ok(if printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+fn searched(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String, RegressionError> {
+    let found = structure(model, runs, &arguments.options(), &Limits::default())?;
+    Ok(if arguments.json {
+        format!("{}\n", json!({ "model": model.name(), "structures": found }))
+    } else {
+        structure_table(&found)
+    })
+}
+
+fn estimated(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String, RegressionError> {
+    let options = arguments.options();
+    let found = regress(model, runs, &options)?;
+    let tables: Option<(Vec<Dependence>, Vec<Dependence>)> = arguments.dependence.then(|| {
+        let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(runs) / 4.0));
+        let cutoffs = PARTS.map(|part| low + part * (high - low));
+        (by_cutoff(model, runs, &options, &cutoffs), by_length(model, runs, &options, &PARTS))
+    });
+    if arguments.json {
+        let mut document = regression_json(model.name(), &found);
+        if let Some((cutoff, length)) = &tables {
+            document["by_cutoff"] = json!(cutoff);
+            document["by_length"] = json!(length);
+        }
+        return Ok(format!("{document}\n"));
+    }
+    let mut text = regression_table(&found);
+    if let Some((cutoff, length)) = &tables {
+        text.push_str(&format!("\n{}\n{}", dependence_table("highest", cutoff), dependence_table("part", length)));
+    }
+    Ok(text)
+}
+
+/// Half the mean sampling rate of the slowest record.
+fn nyquist(runs: &[Run]) -> f64 {
+    let rate = |run: &Run| 0.5 * (run.len() as f64 - 1.0) / (run.time[run.len() - 1] - run.time[0]);
+    runs.iter().filter(|r| r.len() > 1).map(rate).fold(f64::INFINITY, f64::min)
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().map_err(|_| format!("`{text}` is not a number"))
+}
+
+/// `LO:HI`
+fn pair(text: &str) -> Result<(f64, f64), String> {
+    let (low, high) = text.split_once(':').ok_or("expected LO:HI")?;
+    Ok((number(low)?, number(high)?))
+}
+
+fn smoothing(text: &str) -> Result<Smoothing, String> {
+    match text.split_once(':') {
+        None if text == "local" => Ok(Smoothing::default()),
+        None if text == "fourier" => Ok(Smoothing::Optimal),
+        Some(("local", points)) => {
+            let points = points.trim().parse().map_err(|_| format!("`{points}` is not a number of samples"))?;
+            Ok(Smoothing::Local { points })
+        }
+        Some(("fourier", cutoff)) => Ok(Smoothing::Fixed { cutoff: number(cutoff)? }),
+        _ => Err("expected local, local:POINTS, fourier or fourier:CUTOFF".into()),
+    }
+}
+
+fn detrend(text: &str) -> Result<Detrend, String> {
+    match text {
+        "none" => Ok(Detrend::None),
+        "mean" => Ok(Detrend::Mean),
+        "line" => Ok(Detrend::Line),
+        _ => Err("expected none, mean or line".into()),
+    }
+}
+
+fn components(text: &str) -> Result<Components, String> {
+    match text {
+        "auto" => Ok(Components::Auto),
+        _ => text
+            .parse()
+            .ok()
+            .filter(|k| *k > 0)
+            .map(Components::Count)
+            .ok_or_else(|| "expected auto or a number from 1 on".into()),
+    }
+}

@@ -1,0 +1,182 @@
+//! `fdm fit --method fd`: the same estimation on spectra.
+
+use crate::delivery::Outcome;
+use crate::failure::{Failure, NUMBERS};
+use crate::fit::Arguments as Fit;
+use crate::noise::noise;
+use crate::progress::Progress;
+use crate::records::{load, notes};
+use clap::{Args, ValueEnum};
+use fdm::Model;
+use fdm::estimate::{Nonlinear, SpectralFit, SpectralOptions, fit_spectra};
+use fdm::frequency::EndTerms;
+use fdm::record::{Column, Dialect, Run, write_to};
+use fdm::report::{history_table, prediction_table, spectral_json, spectral_table, spectrum_columns, time_json};
+use fdm::spectrum::Frequencies;
+use fdm::store::{Identity, Manifest};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What is particular to the frequency domain.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Frequency domain (--method fd)")]
+pub(crate) struct Spectral {
+    /// Frequencies from LO to HI, in cycles per unit of time (Hz where that is the second) [default: what the inputs move]
+    #[arg(long, value_name = "LO:HI", value_parser = band)]
+    pub(crate) band: Option<(f64, f64)>,
+    /// Distance of the frequencies, by zoom transform [default: each record's own frequencies, i/T]
+    #[arg(long, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
+    pub(crate) df: Option<f64>,
+    /// End terms: `known` from the record where outputs show the states, `free` in every run, or `none`
+    #[arg(long, value_name = "known|free|none", value_enum, default_value_t)]
+    ends: EndChoice,
+    /// Nonlinear models: nonlinear terms `carry` in as known inputs computed from records, or `linearise` at the trim
+    #[arg(long, value_name = "auto|carry|linearise", value_enum, default_value_t)]
+    nonlinear: NonlinearChoice,
+    /// Begin with the model's own values, not with those of equation error
+    #[arg(long)]
+    own_values: bool,
+    /// Run that takes no part in the estimation and is predicted by its result; may be given several times
+    #[arg(long, value_name = "RUN")]
+    holdout: Vec<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum EndChoice {
+    Known,
+    #[default]
+    Free,
+    None,
+}
+
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum NonlinearChoice {
+    /// Carried in where the records allow it, else linearised
+    #[default]
+    Auto,
+    Carry,
+    Linearise,
+}
+
+/// `LO:HI`
+fn band(text: &str) -> Result<(f64, f64), String> {
+    let (low, high) = text.split_once(':').ok_or("expected LO:HI, such as 0.1:3")?;
+    let number = |part: &str| part.trim().parse().map_err(|_| format!("`{part}` is not a number"));
+    Ok((number(low)?, number(high)?))
+}
+
+impl Spectral {
+    pub(crate) fn frequencies(&self) -> Frequencies {
+        match (self.band, self.df) {
+            (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
+            (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
+            (None, _) => Frequencies::Grid { lowest: None, highest: None },
+        }
+    }
+}
+
+/// Fits spectra as the arguments of `fdm fit` say.
+pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
+    let mut progress = Progress::new(arguments.delivery.quiet);
+    let model = arguments.subject.load()?;
+    let records = arguments.records.load(&model, true)?;
+    if !arguments.delivery.quiet {
+        notes(&records);
+    }
+    let options = options(arguments, &model)?;
+    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    let held_out = load(&arguments.spectral.holdout, &arguments.records.options(), &model)?;
+    let held_out: Vec<Run> = held_out.into_iter().map(|(run, _)| run).collect();
+    let prepared = arguments.delivery.prepare()?;
+    let result = fit_spectra(&model, &runs, &options, &mut progress);
+    progress.finish();
+    let fit = result.map_err(|e| Failure::input([e]))?;
+
+    let (mut text, mut json) = (text(&fit, arguments), spectral_json(&fit));
+    if !held_out.is_empty() && fit.estimate.termination.is_good() {
+        let predicted = fit.predict(&held_out, &mut progress).map_err(|e| Failure::input([e]))?;
+        text.push_str(&format!("\nruns that took no part\n{}", prediction_table(&predicted.quality)));
+        json["holdout"] = time_json(&predicted);
+    }
+    let mut manifest = Manifest::new(&model, Identity::of(&model, &runs, &options), options.options.noise.clone());
+    manifest.command = std::env::args().collect();
+    if arguments.delivery.out.is_some() {
+        arguments.records.describe(&runs, &mut manifest);
+    }
+    let outcome = Outcome {
+        model: &fit.model,
+        fit: fit.finish.as_ref(),
+        runs: &runs,
+        tables: tables(&fit),
+        text,
+        json,
+        remarks: remarks(&fit),
+        manifest,
+    };
+    let delivered = prepared.deliver(outcome);
+    Ok(if fit.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
+    let spectral = &arguments.spectral;
+    Ok(SpectralOptions {
+        changes: arguments.subject.changes(&arguments.fix, &arguments.free),
+        options: arguments.choice.options(noise(&arguments.noise, model)?),
+        frequencies: spectral.frequencies(),
+        ends: match spectral.ends {
+            EndChoice::Known => EndTerms::Known,
+            EndChoice::Free => EndTerms::Unknown,
+            EndChoice::None => EndTerms::Omitted,
+        },
+        nonlinear: match spectral.nonlinear {
+            NonlinearChoice::Auto => Nonlinear::Auto,
+            NonlinearChoice::Carry => Nonlinear::Carried,
+            NonlinearChoice::Linearise => Nonlinear::Linearised,
+        },
+        regressed: !spectral.own_values,
+        finish: true,
+    })
+}
+
+fn text(fit: &SpectralFit, arguments: &Fit) -> String {
+    let e = &fit.estimate;
+    let doc = &fit.model.definition().doc;
+    let title = if doc.is_empty() { fit.model.name().to_string() } else { format!("{}: {doc}", fit.model.name()) };
+    let mut text = format!("{title}\n\n{}\n", spectral_table(fit, arguments.intervals));
+    if arguments.history {
+        text.push_str(&format!("\n{}\n", history_table(&e.history)));
+    }
+    let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
+    text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
+    text
+}
+
+fn remarks(fit: &SpectralFit) -> Vec<String> {
+    let termination = &fit.estimate.termination;
+    if let Some(why) = &fit.unanswered {
+        return vec![why.to_string()];
+    }
+    if !termination.is_good() {
+        return vec![termination.to_string()];
+    }
+    if fit.estimate.is_good() {
+        return Vec::new();
+    }
+    vec![
+        "the data do not determine every parameter: fix some of what is named above, or add runs that move them".into(),
+    ]
+}
+
+/// The spectra of every run as a table.
+fn tables(fit: &SpectralFit) -> Vec<(String, Vec<u8>)> {
+    let table = |run: usize| {
+        let columns = spectrum_columns(fit, run);
+        let columns: Vec<Column<'_>> =
+            columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
+        let mut text = Vec::new();
+        // memory takes everything that is written to it
+        let _ = write_to(&mut text, Dialect::default(), &columns);
+        (format!("spectrum_{}.csv", run + 1), text)
+    };
+    (0..fit.spectra.len()).map(table).collect()
+}

@@ -1,0 +1,244 @@
+//! Errors of estimates from spectra, corrected for noise that is not equally strong at all frequencies, and for frequencies closer than one
+//! cycle in the record, whose coefficients repeat each other (Morelli and Klein 1997, in the frequency domain):
+//! `D [sum_k sum_l S_k* R^-1 Svv(k, l) R^-1 S_l] D`, `Svv(k, l) = s(w_k)^(1/2) C s(w_l)^(1/2) rho(w_k - w_l)`.
+//!
+//! s is the local mean of the residuals' power over all runs, C the correlation of the outputs.
+
+use super::coloured::Corrected;
+use super::conclusion::Conclusion;
+use super::noise_colour::Uncorrected;
+use super::sandwich::Sandwich;
+use crate::estimate::iteration::priors::PriorRow;
+use crate::estimate::problem::{Problem, ProblemRun};
+use crate::estimate::unknowns::Unknowns;
+use crate::simulate::Block;
+use crate::spectrum::Overlap;
+use num_complex::Complex64;
+use rayon::prelude::*;
+
+/// Part of the band over which the power of the residuals is averaged, to each side.
+const REACH: f64 = 0.08;
+/// Fewest independent coefficients in such a mean.
+const FEWEST: f64 = 12.0;
+
+/// Corrects the covariance of a conclusion at `values`; all responses are of coefficients.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(in crate::estimate) fn corrected_spectra(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    conclusion: &Conclusion,
+    priors: impl Iterator<Item = PriorRow>,
+) -> Result<Corrected, Uncorrected> {
+    let noise = conclusion.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if conclusion.inverse.chosen.is_empty() {
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
+    let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
+        let mut theta = unknowns.theta[r].clone();
+        unknowns.assemble(r, values, &mut theta);
+        let chosen = |c: usize| conclusion.inverse.chosen.binary_search(&unknowns.position(r, c)).is_ok();
+        let scale = |c: usize| if chosen(c) { conclusion.scale[unknowns.position(r, c)] } else { 0.0 };
+        let scale: Vec<f64> = (0..unknowns.columns.len()).map(scale).collect();
+        SpectralRows::new(run, unknowns, &theta, &scale)
+    };
+    let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
+    let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
+    let mut power = Power::of(&runs, q);
+    power.settle(|o| 2.0 * noise.covariance[o * q + o]);
+    let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
+    let sandwich = Sandwich { unknowns, conclusion };
+    let covariance = sandwich.covariance(&middles?, &sandwich.prior(priors));
+    match covariance.iter().all(|v| v.is_finite()) {
+        true => Ok(Corrected { values: covariance, colours: Vec::new() }),
+        false => Err(Uncorrected::NotFinite),
+    }
+}
+
+/// One run at the estimates.
+struct SpectralRows {
+    omega: Vec<f64>,
+    samples: usize,
+    dt: f64,
+    /// Columns, a multiple of 8.
+    width: usize,
+    /// Scaled sensitivities: for each output and column a plane of M.
+    planes: Vec<Complex64>,
+    /// Residuals, q by M; NaN where nothing is compared.
+    residuals: Vec<Complex64>,
+}
+
+impl SpectralRows {
+    fn new(run: &mut ProblemRun<'_>, unknowns: &Unknowns, theta: &[f64], scale: &[f64]) -> Result<Self, Uncorrected> {
+        let (n, q, width) = (run.response.samples(), run.response.outputs(), scale.len().next_multiple_of(8));
+        let count = n / 2;
+        let mut rows = Self {
+            omega: Vec::new(),
+            samples: 0,
+            dt: 0.0,
+            width,
+            planes: vec![Complex64::ZERO; q * width * count],
+            residuals: vec![Complex64::new(f64::NAN, f64::NAN); q * count],
+        };
+        let measured = &run.measured;
+        let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block: Block<'_>| {
+            for (sample, o) in (0..block.samples()).flat_map(|s| (0..q).map(move |o| (s, o))) {
+                let at = block.first + sample;
+                let (k, z) = (at / 2, measured[at * q + o]);
+                if z.is_nan() {
+                    continue;
+                }
+                set(&mut rows.residuals[o * count + k], at, z - block.y[sample * q + o]);
+                for (c, value) in block.layout.outputs[o].columns.iter().zip(block.row(sample, o)) {
+                    let c = *c as usize;
+                    if scale[c] > 0.0 {
+                        set(&mut rows.planes[(o * width + c) * count + k], at, value / scale[c]);
+                    }
+                }
+            }
+        });
+        streamed.map_err(|_| Uncorrected::NotFinite)?;
+        let coefficients = run.response.coefficients().ok_or(Uncorrected::NotFinite)?;
+        (rows.omega, rows.samples, rows.dt) = (coefficients.omega.to_vec(), coefficients.samples, coefficients.dt);
+        Ok(rows)
+    }
+
+    fn plane(&self, output: usize, column: usize) -> &[Complex64] {
+        &self.planes[(output * self.width + column) * self.omega.len()..][..self.omega.len()]
+    }
+
+    /// Sum over all pairs of frequencies of `S* R^-1 Svv R^-1 S` (width by width).
+    fn middle(&self, power: &Power, inverse_noise: &[f64]) -> Result<Vec<f64>, Uncorrected> {
+        let (count, width, q) = (self.omega.len(), self.width, power.outputs.len());
+        let mut overlap = Overlap::new(&self.omega, self.samples, self.dt).ok_or(Uncorrected::TooLarge)?;
+        let spread: Vec<Vec<f64>> =
+            (0..q).map(|o| self.omega.iter().map(|w| power.at(o, *w).sqrt()).collect()).collect();
+        // R^-1 S in units of the local noise, then what its neighbours make of it
+        let mut weighed = vec![Complex64::ZERO; q * width * count];
+        for (a, c) in (0..q).flat_map(|a| (0..width).map(move |c| (a, c))) {
+            for b in (0..q).filter(|b| inverse_noise[a * q + b] != 0.0) {
+                let (factor, from) = (inverse_noise[a * q + b], self.plane(b, c));
+                let to = &mut weighed[(a * width + c) * count..][..count];
+                to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
+            }
+            let to = &mut weighed[(a * width + c) * count..][..count];
+            to.iter_mut().zip(&spread[a]).for_each(|(to, s)| *to *= s);
+        }
+        let mut gathered = weighed.clone();
+        for (from, to) in weighed.chunks(count).zip(gathered.chunks_mut(count)) {
+            if from.iter().any(|v| *v != Complex64::ZERO) {
+                overlap.gather(from, to);
+            }
+        }
+        let mut middle = vec![0.0; width * width];
+        for (a, b) in (0..q).flat_map(|a| (0..q).map(move |b| (a, b))) {
+            let correlation = 0.5 * power.correlations[a * q + b];
+            for (i, j) in (0..width).flat_map(|i| (0..width).map(move |j| (i, j))).filter(|_| correlation != 0.0) {
+                let (left, right) = (&weighed[(a * width + i) * count..], &gathered[(b * width + j) * count..]);
+                let product = left[..count].iter().zip(right).map(|(l, r)| l.re * r.re + l.im * r.im);
+                middle[i * width + j] += correlation * product.sum::<f64>();
+            }
+        }
+        Ok(middle)
+    }
+}
+
+/// Sets the real part at even samples, the imaginary part at odd ones.
+fn set(to: &mut Complex64, sample: usize, value: f64) {
+    if sample.is_multiple_of(2) {
+        to.re = value;
+    } else {
+        to.im = value;
+    }
+}
+
+/// The power of the noise of each output over frequency, and how the outputs correlate.
+struct Power {
+    /// For each output (frequency, smoothed power), rising.
+    outputs: Vec<Vec<(f64, f64)>>,
+    /// q by q.
+    correlations: Vec<f64>,
+}
+
+impl Power {
+    fn of(runs: &[SpectralRows], q: usize) -> Self {
+        let smooth = |o: usize| {
+            let mut raw: Vec<(f64, f64)> = Vec::new();
+            for run in runs {
+                let residuals = &run.residuals[o * run.omega.len()..][..run.omega.len()];
+                let compared = run.omega.iter().zip(residuals).filter(|(_, v)| !v.is_nan());
+                raw.extend(compared.map(|(w, v)| (*w, v.norm_sqr())));
+            }
+            raw.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            smoothed(&raw, independent(runs))
+        };
+        let mut power = Self { outputs: (0..q).map(smooth).collect(), correlations: vec![0.0; q * q] };
+        let mut sums = vec![0.0; q * q];
+        for (run, a, b) in runs.iter().flat_map(|r| (0..q * q).map(move |k| (r, k / q, k % q))) {
+            for (k, w) in run.omega.iter().enumerate() {
+                let [va, vb] = [a, b].map(|o| run.residuals[o * run.omega.len() + k] / power.at(o, *w).sqrt());
+                let product = va.re * vb.re + va.im * vb.im;
+                sums[a * q + b] += if product.is_nan() { 0.0 } else { product };
+            }
+        }
+        for (a, b) in (0..q).flat_map(|a| (0..q).map(move |b| (a, b))) {
+            let size = (sums[a * q + a] * sums[b * q + b]).sqrt();
+            power.correlations[a * q + b] = match size {
+                _ if a == b => 1.0,
+                size if size > 0.0 => sums[a * q + b] / size,
+                _ => 0.0,
+            };
+        }
+        power
+    }
+
+    /// Scales the power of each output to this mean: what fitting took off is put back.
+    fn settle(&mut self, mean: impl Fn(usize) -> f64) {
+        for (o, power) in self.outputs.iter_mut().enumerate() {
+            let sum: f64 = power.iter().map(|(_, p)| p).sum();
+            let factor = mean(o) * power.len() as f64 / sum;
+            power.iter_mut().filter(|_| factor.is_finite()).for_each(|(_, p)| *p *= factor);
+        }
+    }
+
+    /// The power at a frequency: on the line between neighbours.
+    fn at(&self, output: usize, w: f64) -> f64 {
+        let power = &self.outputs[output];
+        let behind = power.partition_point(|(v, _)| *v < w);
+        match (behind.checked_sub(1).and_then(|k| power.get(k)), power.get(behind)) {
+            (Some((v, p)), Some((u, r))) if u > v => p + (r - p) * (w - v) / (u - v),
+            (_, Some((_, p))) | (Some((_, p)), None) => *p,
+            (None, None) => 0.0,
+        }
+    }
+}
+
+/// Independent coefficients in all runs, per unit of angular frequency.
+fn independent(runs: &[SpectralRows]) -> f64 {
+    runs.iter().map(|r| r.samples as f64 * r.dt / std::f64::consts::TAU).sum()
+}
+
+/// Local means over a triangle; `density` is the number of independent coefficients per unit of frequency.
+fn smoothed(raw: &[(f64, f64)], density: f64) -> Vec<(f64, f64)> {
+    let Some((first, last)) = raw.first().zip(raw.last()) else { return Vec::new() };
+    let band = last.0 - first.0;
+    let reach = (REACH * band).max(FEWEST / density).min(band.max(f64::MIN_POSITIVE));
+    let mut result: Vec<(f64, f64)> = Vec::new();
+    for (w, _) in raw {
+        if result.last().is_some_and(|(v, _)| v == w) {
+            continue;
+        }
+        let begin = raw.partition_point(|(v, _)| *v < w - reach);
+        let near = raw[begin..].iter().take_while(|(v, _)| *v <= w + reach);
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (v, p) in near {
+            let weight = 1.0 - (v - w).abs() / reach;
+            (sum, weights) = (sum + weight * p, weights + weight);
+        }
+        result.push((*w, sum / weights));
+    }
+    result
+}

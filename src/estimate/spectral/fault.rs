@@ -1,0 +1,95 @@
+//! Why nothing was estimated from spectra: every reason in a sentence.
+
+use super::response::Unanswered;
+use crate::estimate::changes::ChangeError;
+use crate::estimate::problem::ProblemError;
+use crate::linear::TrimError;
+use crate::record::Incomplete;
+use crate::spectrum::SpectrumError;
+use fdm_grammar::carried::NotCarried;
+use std::fmt;
+
+/// Why nothing was estimated from spectra.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SpectralError {
+    /// There is no run.
+    NoRuns,
+    /// Changes that cannot be made.
+    Changes(Vec<ChangeError>),
+    /// A run without a spectrum.
+    Spectrum {
+        /// Name of the run.
+        run: String,
+        /// Why.
+        reason: SpectrumError,
+    },
+    /// A run that does not fit the model.
+    Incomplete(Incomplete),
+    /// The model has no trim to be linearised at.
+    Trim(TrimError),
+    /// The model's nonlinear terms cannot be computed from records.
+    NotCarried(NotCarried),
+    /// The model has no response in the frequency domain.
+    Unanswered(Unanswered),
+    /// More unknowns than numbers.
+    TooFewFrequencies {
+        /// Unknowns, end values included.
+        unknowns: usize,
+        /// Of these, end values.
+        ends: usize,
+        /// Frequencies of all runs together.
+        frequencies: usize,
+        /// Outputs.
+        outputs: usize,
+    },
+    /// An input that does not move, though its coefficients are to be found.
+    NoPower {
+        /// The input.
+        input: String,
+        /// What only it tells.
+        parameters: Vec<String>,
+        /// The band, in cycles per unit of time.
+        band: (f64, f64),
+    },
+    /// A problem that cannot be solved.
+    Problem(Vec<ProblemError>),
+}
+
+impl fmt::Display for SpectralError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lines = |reasons: Vec<String>| reasons.join("\n");
+        match self {
+            Self::NoRuns => f.write_str("there is no run to compare the model with"),
+            Self::Changes(e) => f.write_str(&lines(e.iter().map(ToString::to_string).collect())),
+            Self::Spectrum { run, reason } => write!(f, "run `{run}`: {reason}"),
+            Self::Incomplete(e) => e.fmt(f),
+            Self::Trim(e) => e.fmt(f),
+            Self::NotCarried(e) => e.fmt(f),
+            Self::Unanswered(e) => e.fmt(f),
+            Self::TooFewFrequencies { unknowns, ends, frequencies, outputs } => {
+                let of_ends = if *ends > 0 { format!(" ({ends} of them end values)") } else { String::new() };
+                write!(
+                    f,
+                    "{frequencies} frequencies of {outputs} outputs are {} numbers, too few for {unknowns} unknowns{of_ends}; widen the \
+                     band (`--band`), use longer or more runs, or fix parameters (`--fix NAME`)",
+                    2 * frequencies * outputs
+                )
+            }
+            Self::NoPower { input, parameters, band } => {
+                let quoted: Vec<String> = parameters.iter().map(|p| format!("`{p}`")).collect();
+                write!(
+                    f,
+                    "the input `{input}` has no power between {} and {} cycles per unit of time in any run, so that {} cannot be found; \
+                     choose a band in which it moves, add a run that moves it, or fix {}",
+                    band.0,
+                    band.1,
+                    quoted.join(", "),
+                    if quoted.len() == 1 { "it" } else { "them" }
+                )
+            }
+            Self::Problem(e) => f.write_str(&lines(e.iter().map(ToString::to_string).collect())),
+        }
+    }
+}
+
+impl std::error::Error for SpectralError {}

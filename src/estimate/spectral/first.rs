@@ -1,0 +1,45 @@
+//! First values from equation error: where states are measured, their equations are regressions that need no start.
+
+use super::options::SpectralOptions;
+use crate::model::Model;
+use crate::record::Run;
+use crate::regression::{Domain, Regressed, RegressionOptions, regress};
+
+/// Squared ratio of a value to its error from which on a regression is believed more than what the model says.
+const BELIEVED: f64 = 4.0;
+
+/// A value that an estimation begins with, and where it is from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FirstValue {
+    /// The parameter.
+    pub parameter: String,
+    /// The value.
+    pub value: f64,
+    /// The equations whose regression gave it; none when it is the model's own.
+    pub equations: Vec<String>,
+}
+
+/// First values of all free parameters that spectra show (`seen`), in the model's order. Values that were set by hand stay.
+pub(super) fn first_values(model: &Model, runs: &[Run], seen: &[bool], options: &SpectralOptions) -> Vec<FirstValue> {
+    let domain = Domain::Frequency(options.frequencies.clone());
+    let found = regress(model, runs, &RegressionOptions { domain, ..RegressionOptions::default() }).ok();
+    let fits = || found.iter().flat_map(|r| &r.fits);
+    let regressed = |name: &str| {
+        fits().find_map(|fit| {
+            let believed = |r: &&Regressed| r.name == *name && r.run.is_none() && r.partial_f >= BELIEVED;
+            let one = fit.parameters.iter().find(believed)?;
+            Some((one.value, fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>()))
+        })
+    };
+    let params = model.definition().params.iter().zip(seen).filter(|(p, seen)| !p.fixed && **seen);
+    params
+        .map(|(p, _)| {
+            let name = &p.quantity.name;
+            let by_hand = options.changes.set.iter().any(|(set, _)| set == name);
+            let inside = |v: f64| v.is_finite() && v >= p.lower && v <= p.upper;
+            let better = regressed(name).filter(|(v, _)| inside(*v) && !by_hand && !p.per_run);
+            let (value, equations) = better.unwrap_or((p.value, Vec::new()));
+            FirstValue { parameter: name.clone(), value, equations }
+        })
+        .collect()
+}

@@ -1,0 +1,240 @@
+//! The road of a fit in the frequency domain.
+
+use super::fault::SpectralError;
+use super::finish::finish;
+use super::first::{FirstValue, first_values};
+use super::options::SpectralOptions;
+use super::response::Unanswered;
+use super::setting::{Setting, band};
+use super::weights::weight;
+use crate::estimate::estimate::{Estimate, ParameterEstimate};
+use crate::estimate::noise::Noise;
+use crate::estimate::problem::Options;
+use crate::estimate::progress::Observer;
+use crate::estimate::road::fit::{Fit, changed};
+use crate::estimate::road::fit_error::FitError;
+use crate::estimate::road::start::starts;
+use crate::estimate::solve::estimate;
+use crate::estimate::termination::Termination;
+use crate::linear::Trim;
+use crate::model::Model;
+use crate::record::Run;
+use fdm_grammar::carried::CarriedTerm;
+use nalgebra::DMatrix;
+use num_complex::Complex64;
+use std::sync::PoisonError;
+
+/// Measured and modelled spectra of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunSpectrum {
+    /// Name of the run.
+    pub run: String,
+    /// Angular frequencies (M), in radians per unit of time.
+    pub omega: Vec<f64>,
+    /// Measured outputs, q by M.
+    pub measured: Vec<Complex64>,
+    /// The model's outputs, q by M.
+    pub modelled: Vec<Complex64>,
+}
+
+/// Estimates from spectra, and how they were reached.
+#[derive(Debug, Clone)]
+pub struct SpectralFit {
+    /// The model with the changes that were asked for.
+    pub model: Model,
+    /// Estimates, their errors and the iteration. Outputs and residuals are of coefficients, real and imaginary parts one after the other; behind the
+    /// model's parameters stand end values.
+    pub estimate: Estimate,
+    /// How many of the estimate's parameters are end values: the last but for derived quantities.
+    pub ends: Vec<ParameterEstimate>,
+    /// Spectra of all runs; empty when nothing could be computed at the start values.
+    pub spectra: Vec<RunSpectrum>,
+    /// Lowest and highest frequency, in cycles per unit of time.
+    pub band: (f64, f64),
+    /// Nonlinear terms that were carried in as known inputs.
+    pub carried: Vec<CarriedTerm>,
+    /// Where the model was linearised, when that matters.
+    pub trim: Option<Trim>,
+    /// Free parameters that the frequency domain does not see.
+    pub unseen: Vec<String>,
+    /// Inputs that do not move in the band of any run.
+    pub silent: Vec<String>,
+    /// Outputs whose residuals are multiples of each other, where their full covariance was asked for: it is singular.
+    pub dependent: Vec<String>,
+    /// What the estimation began with; empty when it was the model's own values.
+    pub first: Vec<FirstValue>,
+    /// Why a response could not be computed, when that ended the estimation.
+    pub unanswered: Option<Unanswered>,
+    /// Initial states, biases and what else the frequency domain does not see, found in the time domain with the rest held.
+    pub finish: Option<Fit>,
+    /// Why there is no such fit although it was asked for.
+    pub unfinished: Option<FitError>,
+}
+
+impl SpectralFit {
+    /// Every parameter of the model: from the spectra, or from the time domain where these do not see it.
+    pub fn parameters(&self) -> Vec<ParameterEstimate> {
+        let own = self.estimate.parameters.iter().filter(|p| !self.ends.iter().any(|e| e.name == p.name));
+        let found = |p: &ParameterEstimate| {
+            let later = self.finish.as_ref().filter(|_| self.unseen.contains(&p.name))?;
+            later.estimate.parameter(&p.name, p.run.as_deref()).cloned()
+        };
+        own.map(|p| found(p).unwrap_or_else(|| p.clone())).collect()
+    }
+
+    /// Whether the iteration converged and the data determine every free parameter.
+    pub fn is_good(&self) -> bool {
+        self.estimate.is_good()
+    }
+}
+
+/// Estimates a model's parameters from the spectra of runs: all that `fdm fit --method fd` does, but reading and printing.
+///
+/// # Errors
+/// [`SpectralError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](crate::estimate::Termination).
+pub fn fit_spectra(
+    model: &Model,
+    runs: &[Run],
+    options: &SpectralOptions,
+    observer: &mut dyn Observer,
+) -> Result<SpectralFit, SpectralError> {
+    let model = changed(model, &options.changes).map_err(|e| match e {
+        FitError::Changes(e) => SpectralError::Changes(e),
+        _ => SpectralError::NoRuns,
+    })?;
+    let mut setting = Setting::new(&model, runs, options)?;
+    let start = starts(&model, runs, &options.changes);
+    let mut how = options.options.clone();
+    how.noise = of_coefficients(how.noise.or_declared(&model.definition().outputs), &setting);
+    let mut first = Vec::new();
+    if options.regressed {
+        first = first_values(&model, runs, &setting.seen, options);
+    }
+    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
+    let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
+    if lost && first.iter().any(|f| !f.equations.is_empty()) {
+        // noise in the regressors can lead astray; then the model's own values are tried
+        let again = setting.estimated(&start, &how, observer)?;
+        if again.termination.is_good() {
+            (found, first) = (again, Vec::new());
+        }
+    }
+    let ends = unscaled_ends(&mut found, &setting);
+    let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
+    let names = |k: usize| model.definition().params[k].quantity.name.clone();
+    let unseen: Vec<String> = (0..setting.own()).filter(free).map(names).collect();
+    let carried = std::mem::take(&mut setting.carried);
+    let theta = crate::estimate::road::start::after(&model, runs, &found, &start);
+    let trim = theta.first().map(|theta| setting.linear.trim(theta));
+    let inputs = &setting.model.definition().inputs;
+    let dependent = if how.noise == Noise::Full { dependent(&found) } else { Vec::new() };
+    let mut fit = SpectralFit {
+        silent: setting.silent().into_iter().map(|k| inputs[k].quantity.name.clone()).collect(),
+        dependent,
+        first,
+        spectra: compared(&setting, &found),
+        band: band(&setting.spectra),
+        ends,
+        carried,
+        trim,
+        unseen,
+        unanswered: unanswered.filter(|_| !found.termination.is_good()),
+        finish: None,
+        unfinished: None,
+        model,
+        estimate: found,
+    };
+    if options.finish && fit.estimate.termination.is_good() {
+        match finish(&fit, runs, &setting.seen, observer) {
+            Ok(finish) => fit.finish = Some(finish),
+            Err(e) => fit.unfinished = Some(e),
+        }
+    }
+    Ok(fit)
+}
+
+/// Outputs that take part in a linear dependence between residuals.
+fn dependent(estimate: &Estimate) -> Vec<String> {
+    const NONE: f64 = 1e-9;
+    let q = estimate.outputs.iter().filter(|o| Some(&o.run) == estimate.outputs.first().map(|f| &f.run)).count();
+    let rows = || estimate.runs.iter().flat_map(|r| r.residuals.chunks_exact(q.max(1)));
+    let sum = |a: usize, b: usize| rows().map(|r| r[a] * r[b]).sum::<f64>();
+    let correlation = |a: usize, b: usize| sum(a, b) / (sum(a, a) * sum(b, b)).sqrt();
+    let matrix = DMatrix::from_fn(q, q, correlation);
+    if q < 2 || matrix.iter().any(|v| !v.is_finite()) {
+        return Vec::new();
+    }
+    let eigen = matrix.symmetric_eigen();
+    let vanishing: Vec<usize> = (0..q).filter(|k| eigen.eigenvalues[*k] < NONE).collect();
+    let part = |o: &usize| vanishing.iter().any(|k| eigen.eigenvectors[(*o, *k)].abs() > 1e-3);
+    (0..q).filter(part).map(|o| estimate.outputs[o].name.clone()).collect()
+}
+
+/// Known deviations of samples in time as those of real and imaginary parts of coefficients.
+fn of_coefficients(noise: Noise, setting: &Setting) -> Noise {
+    let longest = setting.spectra.iter().map(|s| s.samples).max().unwrap_or(1) as f64;
+    match noise {
+        Noise::Given(known) => Noise::Given(known.into_iter().map(|d| d.map(|d| d / (2.0 * longest).sqrt())).collect()),
+        other => other,
+    }
+}
+
+/// End values in the units of their states: those of shorter runs were scaled with their spectra.
+fn unscaled_ends(estimate: &mut Estimate, setting: &Setting) -> Vec<ParameterEstimate> {
+    let own = |name: &str| setting.model.definition().params.iter().any(|p| p.quantity.name == name);
+    let derived = |name: &str| setting.model.definition().derived.iter().any(|d| d.quantity.name == name);
+    let mut ends = Vec::new();
+    for p in estimate.parameters.iter_mut().filter(|p| !own(&p.name) && !derived(&p.name)) {
+        let run = setting.spectra.iter().position(|s| Some(&s.name) == p.run.as_ref());
+        let factor = 1.0 / run.map_or(1.0, |run| weight(&setting.spectra, run));
+        p.value *= factor;
+        p.standard_error = p.standard_error.map(|s| s * factor);
+        p.corrected_error = p.corrected_error.map(|s| s * factor);
+        ends.push(p.clone());
+    }
+    ends
+}
+
+/// Start values with those of regressions in their places.
+fn with_first(model: &Model, start: &[Vec<f64>], first: &[FirstValue]) -> Vec<Vec<f64>> {
+    let mut start = start.to_vec();
+    for value in first.iter().filter(|f| !f.equations.is_empty()) {
+        if let Some(k) = model.definition().param(&value.parameter) {
+            start.iter_mut().for_each(|theta| theta[k] = value.value);
+        }
+    }
+    start
+}
+
+impl Setting {
+    /// The estimation from these start values (p of each run).
+    fn estimated(
+        &self,
+        start: &[Vec<f64>],
+        options: &Options,
+        observer: &mut dyn Observer,
+    ) -> Result<Estimate, SpectralError> {
+        let mut problem = self.problem(start)?;
+        estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
+    }
+}
+
+/// Measured and modelled spectra at the estimates.
+fn compared(setting: &Setting, estimate: &Estimate) -> Vec<RunSpectrum> {
+    let q = setting.linear.structure().outputs;
+    let one = |(r, result): (usize, &crate::estimate::estimate::RunFit)| {
+        let spectrum = &setting.spectra[r];
+        let (count, factor) = (spectrum.omega.len(), 1.0 / weight(&setting.spectra, r));
+        let at = |o: usize, k: usize| {
+            Complex64::new(result.response[2 * k * q + o], result.response[(2 * k + 1) * q + o]) * factor
+        };
+        RunSpectrum {
+            run: spectrum.name.clone(),
+            omega: spectrum.omega.clone(),
+            measured: spectrum.outputs.clone(),
+            modelled: (0..q).flat_map(|o| (0..count).map(move |k| at(o, k))).collect(),
+        }
+    };
+    estimate.runs.iter().enumerate().map(one).collect()
+}

@@ -1,0 +1,22 @@
+//! Estimation in the frequency domain: maximum likelihood on the spectra of runs (Marchand and Fu 1985), for linear models and for nonlinear
+//! ones, linearised at their trim or with nonlinear terms carried in as known inputs.
+//!
+//! Real and imaginary part of a coefficient are two samples of the same problem that the time domain solves, so that cost, corrections, noise
+//! and statistics are one code: R of the samples is half of S. The road is [`fit_spectra`]: `setting` (model, spectra, end
+//! terms) -> `first` (values from equation error) -> `response` -> the estimation -> `finish` (initial states and biases in the time domain).
+
+mod fault;
+mod finish;
+mod first;
+mod fit;
+mod offsets;
+mod options;
+mod response;
+mod setting;
+mod weights;
+
+pub use fault::SpectralError;
+pub use first::FirstValue;
+pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
+pub use options::{Nonlinear, SpectralOptions};
+pub use response::Unanswered;

@@ -1,0 +1,293 @@
+//! From a model and runs to a problem of coefficients: what is linear, which frequencies, which end terms, which unknowns.
+
+use super::fault::SpectralError;
+use super::options::{Nonlinear, SpectralOptions};
+use super::response::{Reason, SpectralResponse};
+use super::weights::on_one_footing;
+use crate::estimate::errors::derived::DerivedQuantities;
+use crate::estimate::iteration::affine::affine;
+use crate::estimate::problem::{Problem, ProblemRun};
+use crate::frequency::{EndColumn, EndTerms, Plans};
+use crate::linear::{LinearModel, Structure};
+use crate::model::Model;
+use crate::record::Run;
+use crate::spectrum::{Ends, Frequencies, Spectrum, SpectrumOptions};
+use fdm_grammar::carried::CarriedTerm;
+use fdm_grammar::graph::Signal;
+use fdm_grammar::model::{Origin, Param, Quantity};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+/// Part of a channel's power that the band holds when none was chosen.
+const KEPT: f64 = 0.995;
+/// Fewest frequencies of such a band.
+const FEWEST: f64 = 10.0;
+/// Size of an input's coefficients, relative to the input, that counts as no power.
+const SILENT: f64 = 1e-12;
+
+/// A model as the frequency domain sees it, and the runs.
+pub(super) struct Setting {
+    /// Affine in states and inputs, or to be linearised.
+    pub(super) model: Model,
+    pub(super) linear: LinearModel,
+    pub(super) carried: Vec<CarriedTerm>,
+    /// For each parameter whether a coefficient or a delay depends on it (p).
+    pub(super) seen: Vec<bool>,
+    pub(super) spectra: Vec<Spectrum>,
+    /// Parameters of the problem: the model's, unseen ones fixed, then end values.
+    params: Vec<Param>,
+    ends: EndTerms,
+    weighted: Vec<Spectrum>,
+    plans: Arc<Plans>,
+    pub(super) reason: Reason,
+}
+
+impl Setting {
+    /// Looks at everything that must be right before anything is estimated; `model` has the changes that were asked for.
+    ///
+    /// # Errors
+    /// [`SpectralError`].
+    pub(super) fn new(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Self, SpectralError> {
+        if runs.is_empty() {
+            return Err(SpectralError::NoRuns);
+        }
+        let (model, carried) = linear_or_carried(model, options.nonlinear)?;
+        let linear = LinearModel::new(&model).map_err(SpectralError::Trim)?;
+        let runs: Result<Vec<Run>, _> = runs.iter().map(|r| r.with_measured(model.definition())).collect();
+        let spectra = spectra(&model, &runs.map_err(SpectralError::Incomplete)?, options)?;
+        let seen = seen(linear.structure());
+        let mut params = model.definition().params.clone();
+        params.iter_mut().zip(&seen).filter(|(_, seen)| !**seen).for_each(|(p, _)| p.fixed = true);
+        let weighted = on_one_footing(&spectra);
+        let mut setting = Self {
+            model,
+            linear,
+            carried,
+            seen,
+            spectra,
+            params,
+            ends: options.ends.clone(),
+            weighted,
+            plans: Arc::default(),
+            reason: Reason::default(),
+        };
+        setting.settle_ends()?;
+        setting.enough()?;
+        setting.powered()?;
+        Ok(setting)
+    }
+
+    /// The end values behind the model's parameters, the same ones for all runs.
+    fn settle_ends(&mut self) -> Result<(), SpectralError> {
+        let mut columns = self.end_columns()?;
+        if columns.windows(2).any(|pair| pair[0] != pair[1]) {
+            // where one run shows what another does not, all are found
+            self.ends = EndTerms::Unknown;
+            columns = self.end_columns()?;
+        }
+        for column in columns.first().into_iter().flatten() {
+            let state = &self.model.definition().states[column.state].quantity;
+            self.params.push(end_value(column.name(&state.name), state));
+        }
+        Ok(())
+    }
+
+    fn end_columns(&self) -> Result<Vec<Vec<EndColumn>>, SpectralError> {
+        let columns = |s: &Spectrum| self.response(s).map(|r| r.inner().end_columns().to_vec());
+        self.weighted.iter().map(columns).collect()
+    }
+
+    fn response(&self, spectrum: &Spectrum) -> Result<SpectralResponse, SpectralError> {
+        let theta = self.model.definition().start();
+        SpectralResponse::new(&self.linear, &theta, spectrum, &self.ends, &self.plans, &self.reason)
+            .map_err(SpectralError::Unanswered)
+    }
+
+    /// Number of the model's own parameters p.
+    pub(super) fn own(&self) -> usize {
+        self.linear.structure().params
+    }
+
+    /// Whether there are more numbers than unknowns.
+    fn enough(&self) -> Result<(), SpectralError> {
+        let outputs = self.linear.structure().outputs;
+        let frequencies = self.spectra.iter().map(|s| s.omega.len()).sum::<usize>();
+        let ends = (self.params.len() - self.own()) * self.spectra.len();
+        let own = self.params[..self.own()].iter().filter(|p| !p.fixed);
+        let unknowns = ends + own.map(|p| if p.per_run { self.spectra.len() } else { 1 }).sum::<usize>();
+        match 2 * frequencies * outputs >= unknowns {
+            true => Ok(()),
+            false => Err(SpectralError::TooFewFrequencies { unknowns, ends, frequencies, outputs }),
+        }
+    }
+
+    /// Whether every input moves whose coefficients are to be found.
+    fn powered(&self) -> Result<(), SpectralError> {
+        for k in self.silent() {
+            let parameters = self.told_by(k);
+            if !parameters.is_empty() {
+                let input = self.model.definition().inputs[k].quantity.name.clone();
+                return Err(SpectralError::NoPower { input, parameters, band: band(&self.spectra) });
+            }
+        }
+        Ok(())
+    }
+
+    /// Inputs that the equations see and that do not move in any run.
+    pub(super) fn silent(&self) -> Vec<usize> {
+        let still = |k: usize, s: &Spectrum| {
+            let band = &s.inputs[k * s.omega.len()..][..s.omega.len()];
+            let largest = s.input_ends.iter().map(|e| e[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
+            band.iter().all(|u| u.norm() <= SILENT * largest)
+        };
+        let s = self.linear.structure();
+        let drives = |k: usize| s.terms.iter().any(|t| self.is_input(t.signal as usize, k));
+        (0..s.inputs).filter(|k| drives(*k) && self.spectra.iter().all(|s| still(*k, s))).collect()
+    }
+
+    /// Whether a signal is an input, delayed or not.
+    fn is_input(&self, signal: usize, input: usize) -> bool {
+        let s = self.linear.structure();
+        match signal.checked_sub(s.states + s.inputs) {
+            Some(d) => s.delayed[d] == Signal::Input(input as u32),
+            None => signal == s.states + input,
+        }
+    }
+
+    /// Free parameters that an input alone moves by their coefficients.
+    fn told_by(&self, input: usize) -> Vec<String> {
+        let s = self.linear.structure();
+        let is = |signal: usize| self.is_input(signal, input);
+        let told = |k: &usize| {
+            let mut slopes = s.slopes.iter().filter(|slope| slope.param as usize == *k).peekable();
+            slopes.peek().is_some() && slopes.all(|slope| is(s.terms[slope.term as usize].signal as usize))
+        };
+        let free = (0..self.own()).filter(|k| !self.params[*k].fixed).filter(told);
+        free.map(|k| self.params[k].quantity.name.clone()).collect()
+    }
+
+    /// The problem; `starts` are all parameters of each run (p).
+    ///
+    /// # Errors
+    /// [`SpectralError::Unanswered`].
+    pub(super) fn problem(&self, starts: &[Vec<f64>]) -> Result<Problem<'_>, SpectralError> {
+        let mut runs = Vec::with_capacity(self.spectra.len());
+        for (spectrum, start) in self.weighted.iter().zip(starts) {
+            let mut start = start.clone();
+            start.resize(self.params.len(), 0.0);
+            let response = self.response(spectrum)?;
+            let (name, measured) = (spectrum.name.clone(), samples(spectrum));
+            runs.push(ProblemRun { name, response: Box::new(response), measured, start });
+        }
+        let definition = self.model.definition();
+        let derived = DerivedQuantities::of(definition, self.model.dynamics());
+        let mut problem = Problem::new(definition, runs, derived);
+        problem.affine = if is_linear(&self.model) { affine(definition) } else { Vec::new() };
+        problem.affine.extend(self.own()..self.params.len());
+        problem.params = self.params.clone();
+        if let Some(first) = starts.first() {
+            problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
+        }
+        Ok(problem)
+    }
+}
+
+/// Lowest and highest frequency of all spectra, in cycles per unit of time.
+pub(super) fn band(spectra: &[Spectrum]) -> (f64, f64) {
+    let all = || spectra.iter().flat_map(|s| &s.omega).map(|w| w / TAU);
+    (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max))
+}
+
+fn is_linear(model: &Model) -> bool {
+    let affine = &model.layout().affine;
+    affine.rates && affine.outputs.iter().all(|o| *o)
+}
+
+/// The model with its nonlinear terms carried in, where that was asked for or is possible.
+fn linear_or_carried(model: &Model, nonlinear: Nonlinear) -> Result<(Model, Vec<CarriedTerm>), SpectralError> {
+    if nonlinear == Nonlinear::Linearised || is_linear(model) {
+        return Ok((model.clone(), Vec::new()));
+    }
+    match model.definition().carried() {
+        Ok(carried) => Ok((model.altered(carried.model), carried.terms)),
+        Err(_) if nonlinear == Nonlinear::Auto => Ok((model.clone(), Vec::new())),
+        Err(e) => Err(SpectralError::NotCarried(e)),
+    }
+}
+
+fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec<Spectrum>, SpectralError> {
+    let definition = model.definition();
+    let ends = match options.ends {
+        EndTerms::Known => Ends::Interpolated,
+        _ => Ends::Extrapolated,
+    };
+    let how = SpectrumOptions {
+        ends,
+        allow_unmeasured: true,
+        inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
+        outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
+        ..SpectrumOptions::default()
+    };
+    let of = |choice: &Frequencies| -> Result<Vec<Spectrum>, SpectralError> {
+        let one = |run: &Run| {
+            let wrong = |reason| SpectralError::Spectrum { run: run.name.clone(), reason };
+            Spectrum::of(run, choice, &how).map_err(wrong)
+        };
+        runs.iter().map(one).collect()
+    };
+    match options.frequencies {
+        Frequencies::Grid { lowest: None, highest: None } => {
+            let declared = definition.inputs.iter().filter(|i| i.is_declared()).count();
+            let highest = of(&options.frequencies)?.iter().map(|s| moved(s, declared)).fold(0.0, f64::max);
+            of(&Frequencies::Grid { lowest: None, highest: Some(highest) })
+        }
+        _ => of(&options.frequencies),
+    }
+}
+
+/// The frequency (in cycles) up to which inputs hold their power; outputs, where there are no inputs.
+fn moved(spectrum: &Spectrum, inputs: usize) -> f64 {
+    let count = spectrum.omega.len();
+    let up_to = |plane: &[num_complex::Complex64]| {
+        let power: f64 = plane.iter().map(|v| v.norm_sqr()).sum();
+        let mut sum = 0.0;
+        let place = plane.iter().position(|v| {
+            sum += v.norm_sqr();
+            sum >= KEPT * power
+        });
+        place.filter(|_| power > 0.0).map_or(0.0, |k| spectrum.omega[k] / TAU)
+    };
+    let highest = |planes: &[num_complex::Complex64]| planes.chunks(count).map(up_to).fold(0.0, f64::max);
+    let of_inputs = highest(&spectrum.inputs[..inputs * count]);
+    let wanted = if of_inputs > 0.0 { of_inputs } else { highest(&spectrum.outputs) };
+    wanted.max(FEWEST / spectrum.duration()).min(spectrum.omega[count - 1] / TAU)
+}
+
+/// For each parameter whether the coefficients or the delays depend on it.
+fn seen(structure: &Structure) -> Vec<bool> {
+    let mut seen = vec![false; structure.params];
+    structure.slopes.iter().for_each(|s| seen[s.param as usize] = true);
+    structure.tau_slopes.iter().for_each(|s| seen[s.param as usize] = true);
+    seen
+}
+
+/// Measured coefficients as samples by q: real and imaginary part of a frequency one after the other.
+fn samples(spectrum: &Spectrum) -> Vec<f64> {
+    let count = spectrum.omega.len();
+    let outputs: Vec<_> = spectrum.outputs.chunks(count.max(1)).collect();
+    let rows = (0..count).flat_map(|k| [false, true].map(|imaginary| (k, imaginary)));
+    rows.flat_map(|(k, imaginary)| outputs.iter().map(move |o| if imaginary { o[k].im } else { o[k].re })).collect()
+}
+
+fn end_value(name: String, state: &Quantity) -> Param {
+    Param {
+        quantity: Quantity { name, ..state.clone() },
+        origin: Origin::Declared,
+        value: 0.0,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: false,
+        per_run: true,
+        prior: None,
+    }
+}

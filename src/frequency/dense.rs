@@ -1,0 +1,208 @@
+//! The solution at one frequency by numbers: elimination with exchange of rows, for frequencies where the diagonal pivots
+//! of the program are not to be trusted, and for models too full for a program.
+
+use super::wiring::{Influence, Source, Wiring};
+use crate::linear::Values;
+use num_complex::Complex64;
+
+const ZERO: Complex64 = Complex64::new(0.0, 0.0);
+/// The smallest pivot, in multiples of the rounding of a matrix of this size with rows and columns of unit size.
+const SINGULAR: f64 = 4.0 * f64::EPSILON;
+
+/// Memory of the solution at one frequency.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Dense {
+    matrix: Vec<Complex64>,
+    exchanges: Vec<usize>,
+    rows: Vec<f64>,
+    columns: Vec<f64>,
+    /// States.
+    x: Vec<Complex64>,
+    /// Rows of C (j w - A)^-1 (q by n).
+    weights: Vec<Complex64>,
+    /// Outputs (q).
+    pub(super) y: Vec<Complex64>,
+    /// Derivatives by what is asked for, arranged as the planes of the wiring are.
+    pub(super) derivatives: Vec<Complex64>,
+}
+
+/// There is no solution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Singular;
+
+impl Dense {
+    pub(super) fn new(wiring: &Wiring) -> Self {
+        let (n, q) = (wiring.structure.states, wiring.structure.outputs);
+        Self {
+            matrix: vec![ZERO; n * n],
+            exchanges: vec![0; n],
+            rows: vec![0.0; n],
+            columns: vec![0.0; n],
+            x: vec![ZERO; n],
+            weights: vec![ZERO; q * n],
+            y: vec![ZERO; q],
+            derivatives: vec![ZERO; wiring.planes()],
+        }
+    }
+
+    /// Solves at `omega`; `leaves` are the planes of the wiring at this frequency, `ends` the unknown end values.
+    pub(super) fn solve(
+        &mut self,
+        wiring: &Wiring,
+        values: &Values,
+        ends: &[f64],
+        omega: f64,
+        leaves: &[Complex64],
+    ) -> Result<(), Singular> {
+        let (s, n) = (&wiring.structure, wiring.structure.states);
+        self.matrix.fill(ZERO);
+        self.x.fill(ZERO);
+        self.weights.fill(ZERO);
+        for (i, row) in self.matrix.chunks_exact_mut(n.max(1)).enumerate() {
+            row[i] = Complex64::new(0.0, omega);
+        }
+        for (term, a) in s.terms.iter().zip(&values.terms) {
+            let (row, source) = (term.row as usize, wiring.source(term));
+            let delay =
+                if let Source::Delayed(d) = source { leaves[wiring.delay_leaf(d) as usize] } else { 1.0.into() };
+            match (wiring.state(source), row.checked_sub(n)) {
+                (Some(j), None) => self.matrix[row * n + j] -= a * delay,
+                (Some(j), Some(o)) => self.weights[o * n + j] += a * delay,
+                (None, None) => self.x[row] += a * signal(wiring, leaves, source),
+                (None, Some(_)) => {}
+            }
+        }
+        for (known, state) in wiring.known_ends.iter().enumerate() {
+            self.x[*state] -= leaves[wiring.end_leaf(known) as usize];
+        }
+        for ((end, factor), z) in wiring.unknown_ends.iter().zip(ends) {
+            self.x[end.state] -= z * leaves[wiring.factor_leaf(*factor) as usize];
+        }
+        self.factor(n)?;
+        self.substitute(n);
+        self.substitute_left(n);
+        self.respond(wiring, values, omega, leaves);
+        Ok(())
+    }
+
+    /// Scales rows and columns to unit size and eliminates.
+    fn factor(&mut self, n: usize) -> Result<(), Singular> {
+        let Self { matrix, exchanges, rows, columns, .. } = self;
+        let size = |z: &Complex64| z.re.abs().max(z.im.abs());
+        for i in 0..n {
+            let row = &mut matrix[i * n..][..n];
+            rows[i] = row.iter().map(size).fold(0.0, f64::max);
+            row.iter_mut().for_each(|z| *z /= rows[i]);
+        }
+        for j in 0..n {
+            columns[j] = (0..n).map(|i| size(&matrix[i * n + j])).fold(0.0, f64::max);
+            (0..n).for_each(|i| matrix[i * n + j] /= columns[j]);
+        }
+        for k in 0..n {
+            let largest = (k..n).max_by(|a, b| size(&matrix[a * n + k]).total_cmp(&size(&matrix[b * n + k])));
+            let pivot = largest.unwrap_or(k);
+            let found = size(&matrix[pivot * n + k]);
+            if found.is_nan() || found <= SINGULAR * n as f64 {
+                return Err(Singular);
+            }
+            exchanges[k] = pivot;
+            (0..n).for_each(|j| matrix.swap(k * n + j, pivot * n + j));
+            let (above, below) = matrix.split_at_mut((k + 1) * n);
+            let above = &above[k * n..];
+            for row in below.chunks_exact_mut(n).filter(|row| row[k] != ZERO) {
+                let factor = row[k] / above[k];
+                row[k] = factor;
+                row[k + 1..].iter_mut().zip(&above[k + 1..]).for_each(|(r, a)| *r -= factor * a);
+            }
+        }
+        Ok(())
+    }
+
+    fn substitute(&mut self, n: usize) {
+        let Self { matrix, exchanges, rows, columns, x, .. } = self;
+        (0..n).for_each(|i| x[i] /= rows[i]);
+        for k in 0..n {
+            x.swap(k, exchanges[k]);
+            let sum: Complex64 = (0..k).map(|j| matrix[k * n + j] * x[j]).sum();
+            x[k] -= sum;
+        }
+        for k in (0..n).rev() {
+            let sum: Complex64 = (k + 1..n).map(|j| matrix[k * n + j] * x[j]).sum();
+            x[k] = (x[k] - sum) / matrix[k * n + k];
+        }
+        (0..n).for_each(|j| x[j] /= columns[j]);
+    }
+
+    fn substitute_left(&mut self, n: usize) {
+        let Self { matrix, exchanges, rows, columns, weights, .. } = self;
+        for w in weights.chunks_exact_mut(n.max(1)) {
+            (0..n).for_each(|j| w[j] /= columns[j]);
+            for k in 0..n {
+                let sum: Complex64 = (0..k).map(|i| w[i] * matrix[i * n + k]).sum();
+                w[k] = (w[k] - sum) / matrix[k * n + k];
+            }
+            for k in (0..n).rev() {
+                let sum: Complex64 = (k + 1..n).map(|i| w[i] * matrix[i * n + k]).sum();
+                w[k] -= sum;
+            }
+            for k in (0..n).rev() {
+                w.swap(k, exchanges[k]);
+            }
+            (0..n).for_each(|i| w[i] /= rows[i]);
+        }
+    }
+
+    /// Outputs and derivatives from states and weights.
+    fn respond(&mut self, wiring: &Wiring, values: &Values, omega: f64, leaves: &[Complex64]) {
+        let (s, n) = (&wiring.structure, wiring.structure.states);
+        let Self { x, weights, y, derivatives, .. } = self;
+        let of = |source: Source| match (source, wiring.state(source)) {
+            (Source::Delayed(d), Some(j)) => leaves[wiring.delay_leaf(d) as usize] * x[j],
+            (_, Some(j)) => x[j],
+            _ => signal(wiring, leaves, source),
+        };
+        y.fill(ZERO);
+        for (term, a) in s.terms.iter().zip(&values.terms).filter(|(t, _)| t.row as usize >= n) {
+            y[term.row as usize - n] += a * of(wiring.source(term));
+        }
+        let mut at = 0;
+        for (o, row) in wiring.layout.outputs.iter().enumerate() {
+            for column in &row.columns {
+                let mut sum = ZERO;
+                for (equation, influence) in &wiring.columns[*column as usize].influences {
+                    let force = match *influence {
+                        Influence::Slope(k, source) => values.slopes[k] * of(source),
+                        Influence::Delay(term, k, d) => {
+                            let lag = Complex64::new(0.0, -omega) * of(Source::Delayed(d));
+                            values.terms[term] * values.tau_slopes[k] * lag
+                        }
+                        Influence::End(factor) => -leaves[wiring.factor_leaf(factor) as usize],
+                    };
+                    match equation.checked_sub(n) {
+                        None => sum += weights[o * n + equation] * force,
+                        Some(output) if output == o => sum += force,
+                        Some(_) => {}
+                    }
+                }
+                derivatives[at] = sum;
+                at += 1;
+            }
+            // the plane that is free
+            derivatives[at] = ZERO;
+            at += 1;
+        }
+    }
+}
+
+/// An input, delayed or not.
+fn signal(wiring: &Wiring, leaves: &[Complex64], source: Source) -> Complex64 {
+    use fdm_grammar::graph::Signal;
+    match source {
+        Source::State(_) => ZERO,
+        Source::Input(j) => leaves[wiring.input_leaf(j) as usize],
+        Source::Delayed(d) => match wiring.structure.delayed[d] {
+            Signal::Input(j) => leaves[wiring.delay_leaf(d) as usize] * leaves[wiring.input_leaf(j as usize) as usize],
+            Signal::State(_) => ZERO,
+        },
+    }
+}

@@ -1,0 +1,149 @@
+//! Symbolic elimination of (j w - A): pivots on the diagonal, block by block, structural zeros left out.
+
+use super::expression::{Expressions, Value};
+use super::order;
+use super::scalar::Scalar;
+
+/// The eliminated matrix as expressions.
+pub(super) struct Elimination {
+    size: usize,
+    /// States in the order of elimination, and the block of each.
+    order: Vec<usize>,
+    block: Vec<usize>,
+    /// Inside blocks, as it was when its pivot was reached; between blocks as it was given.
+    entries: Vec<Option<Value>>,
+    /// One over the pivots.
+    inverse: Vec<Option<Value>>,
+}
+
+impl Elimination {
+    /// Eliminates the matrix (n by n, row-major), whose diagonal is full; `diagonal` are the real constants on it.
+    pub(super) fn new(g: &mut Expressions, mut entries: Vec<Option<Value>>, diagonal: &[Scalar]) -> Self {
+        let size = diagonal.len();
+        let depends = (0..size).map(|i| (0..size).filter(|j| *j != i && entries[i * size + j].is_some()).collect());
+        let blocks = order::blocks(&depends.collect());
+        let (mut inverse, mut block) = (vec![None; size], vec![0; size]);
+        for (b, states) in blocks.iter().enumerate() {
+            states.iter().for_each(|k| block[*k] = b);
+            for (position, &k) in states.iter().enumerate() {
+                let Some(pivot) = entries[k * size + k] else { continue };
+                let reciprocal = g.pivot(pivot, diagonal[k]);
+                inverse[k] = Some(reciprocal);
+                let left = &states[position + 1..];
+                for &j in left {
+                    let Some(across) = entries[k * size + j] else { continue };
+                    let across = g.product(reciprocal, across);
+                    for &i in left {
+                        let Some(down) = entries[i * size + k] else { continue };
+                        let product = g.product(down, across);
+                        let product = g.negative(product);
+                        let jw = false;
+                        let sum: Vec<Value> = entries[i * size + j].into_iter().chain([product]).collect();
+                        entries[i * size + j] = flattened(g, jw, &sum);
+                    }
+                }
+            }
+        }
+        Self { size, order: blocks.concat(), block, entries, inverse }
+    }
+
+    /// x of (j w - A) x = b.
+    pub(super) fn solve(&self, g: &mut Expressions, right: &[Option<Value>]) -> Vec<Option<Value>> {
+        let n = self.size;
+        let mut x: Vec<Option<Value>> = vec![None; n];
+        // what stands on the right once the pivots before are eliminated
+        let mut reduced: Vec<Option<Value>> = vec![None; n];
+        let mut from = 0;
+        while from < n {
+            let to = from + self.order[from..].iter().take_while(|k| self.same(**k, self.order[from])).count();
+            for at in from..to {
+                let k = self.order[at];
+                let mut sum: Vec<Value> = right[k].into_iter().collect();
+                for &j in &self.order[..from] {
+                    self.subtract(g, (k, j), x[j], &mut sum);
+                }
+                for &j in &self.order[from..at] {
+                    let step = self.times_inverse(g, j, reduced[j]);
+                    self.subtract(g, (k, j), step, &mut sum);
+                }
+                reduced[k] = g.sum(false, &sum);
+            }
+            for at in (from..to).rev() {
+                let k = self.order[at];
+                let mut sum: Vec<Value> = reduced[k].into_iter().collect();
+                for &j in &self.order[at + 1..to] {
+                    self.subtract(g, (k, j), x[j], &mut sum);
+                }
+                let sum = g.sum(false, &sum);
+                x[k] = self.times_inverse(g, k, sum);
+            }
+            from = to;
+        }
+        x
+    }
+
+    /// w of w (j w - A) = c, a row of C (j w - A)^-1.
+    pub(super) fn solve_left(&self, g: &mut Expressions, row: &[Option<Value>]) -> Vec<Option<Value>> {
+        let n = self.size;
+        let mut w: Vec<Option<Value>> = vec![None; n];
+        let mut reduced: Vec<Option<Value>> = vec![None; n];
+        let mut to = n;
+        while to > 0 {
+            let last = self.order[to - 1];
+            let from = to - self.order[..to].iter().rev().take_while(|k| self.same(**k, last)).count();
+            for at in from..to {
+                let k = self.order[at];
+                let mut sum: Vec<Value> = row[k].into_iter().collect();
+                for &i in &self.order[to..] {
+                    self.subtract(g, (i, k), w[i], &mut sum);
+                }
+                for &i in &self.order[from..at] {
+                    let step = self.times_inverse(g, i, reduced[i]);
+                    self.subtract(g, (i, k), step, &mut sum);
+                }
+                reduced[k] = g.sum(false, &sum);
+            }
+            for at in (from..to).rev() {
+                let k = self.order[at];
+                let mut sum: Vec<Value> = reduced[k].into_iter().collect();
+                for &i in &self.order[at + 1..to] {
+                    self.subtract(g, (i, k), w[i], &mut sum);
+                }
+                let sum = g.sum(false, &sum);
+                w[k] = self.times_inverse(g, k, sum);
+            }
+            to = from;
+        }
+        w
+    }
+
+    fn same(&self, a: usize, b: usize) -> bool {
+        self.block[a] == self.block[b]
+    }
+
+    fn times_inverse(&self, g: &mut Expressions, k: usize, value: Option<Value>) -> Option<Value> {
+        let (inverse, value) = (self.inverse[k]?, value?);
+        Some(g.product(inverse, value))
+    }
+
+    fn subtract(&self, g: &mut Expressions, (i, j): (usize, usize), value: Option<Value>, sum: &mut Vec<Value>) {
+        let (Some(entry), Some(value)) = (self.entries[i * self.size + j], value) else { return };
+        let product = g.product(entry, value);
+        sum.push(g.negative(product));
+    }
+}
+
+/// The sum of values of which the first may be a sum itself (an entry that was changed before): one sum of all.
+fn flattened(g: &mut Expressions, jw: bool, values: &[Value]) -> Option<Value> {
+    use super::expression::Expression;
+    if let [Value { factor: Scalar::ONE, node: Some(node) }, rest @ ..] = values
+        && let Expression::Sum { jw: inner, constant, terms } = &g.nodes[*node as usize]
+    {
+        let (inner, constant) = (*inner, *constant);
+        let mut all: Vec<Value> = terms.iter().map(|(f, n)| Value { factor: *f, node: Some(*n) }).collect();
+        all.push(Value { factor: constant, node: None });
+        all.extend_from_slice(rest);
+        return g.sum(jw || inner, &all);
+    }
+    g.sum(jw, values)
+}

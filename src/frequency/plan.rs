@@ -1,0 +1,289 @@
+//! From a wiring to a program: equations solved symbolically, every derivative by structural nonzeros only.
+//!
+//! With W = C (j w - A)^-1 the derivative by a parameter is `W (dA x + dB u + ...) + dC x + dD u + ...`. Columns of W are found
+//! for the equations that unknowns move, or rows for the outputs, whichever makes the shorter program.
+
+use super::elimination::Elimination;
+use super::expression::{Expressions, Value};
+use super::program::{Program, Results};
+use super::scalar::{Scalar, Scalars};
+use super::wiring::{Influence, Source, Wiring};
+
+/// Pivots that change more entries than this are left to the reduction by numbers.
+const MOST_CHANGES: usize = 20_000;
+
+/// Makes the program; `units` says which of the given numbers (terms, slopes, derivatives of delays, end values) count
+/// as 1 or -1. Nothing when the equations are too full to be solved symbolically.
+pub(super) fn plan(wiring: &Wiring, units: &[Option<i8>]) -> Option<Program> {
+    if changes(wiring) > MOST_CHANGES {
+        return None;
+    }
+    let by_columns = Planner::new(wiring, units.to_vec()).program(true);
+    let by_rows = Planner::new(wiring, units.to_vec()).program(false);
+    Some(if by_rows.ops.len() < by_columns.ops.len() { by_rows } else { by_columns })
+}
+
+/// How many entries the elimination changes.
+fn changes(wiring: &Wiring) -> usize {
+    let n = wiring.structure.states;
+    if n > 400 {
+        return usize::MAX;
+    }
+    let mut full = vec![false; n * n];
+    for term in wiring.structure.terms.iter().filter(|t| (t.row as usize) < n) {
+        if let Some(j) = wiring.state(wiring.source(term)) {
+            full[term.row as usize * n + j] = true;
+        }
+    }
+    let depends = (0..n).map(|i| (0..n).filter(|j| *j != i && full[i * n + j]).collect());
+    let mut count = 0;
+    for block in super::order::blocks(&depends.collect()) {
+        for (position, k) in block.iter().enumerate() {
+            let left = &block[position + 1..];
+            for i in left.iter().filter(|i| full[**i * n + k]).copied().collect::<Vec<_>>() {
+                for j in left.iter().filter(|j| full[k * n + **j]).copied().collect::<Vec<_>>() {
+                    full[i * n + j] = true;
+                    count += 1;
+                }
+            }
+        }
+    }
+    count
+}
+
+struct Planner<'w> {
+    wiring: &'w Wiring,
+    g: Expressions,
+    elimination: Elimination,
+    states: Vec<Option<Value>>,
+    /// Terms of each derivative.
+    planes: Vec<Vec<Value>>,
+}
+
+impl<'w> Planner<'w> {
+    fn new(wiring: &'w Wiring, units: Vec<Option<i8>>) -> Self {
+        let (s, n) = (&wiring.structure, wiring.structure.states);
+        let mut g = Expressions::new(Scalars::new(units));
+        let mut entries: Vec<Vec<Value>> = vec![Vec::new(); n * n];
+        let mut right: Vec<Vec<Value>> = vec![Vec::new(); n];
+        let mut diagonal = vec![Scalar::ZERO; n];
+        for (k, term) in s.terms.iter().enumerate().filter(|(_, t)| (t.row as usize) < n) {
+            let (row, source) = (term.row as usize, wiring.source(term));
+            let coefficient = Value { factor: g.scalars.given(k), node: None };
+            let Some(j) = wiring.state(source) else {
+                let signal = signal(&mut g, wiring, source);
+                right[row].push(g.product(coefficient, signal));
+                continue;
+            };
+            let entry = match source {
+                Source::Delayed(d) => {
+                    let delay = g.leaf(wiring.delay_leaf(d));
+                    g.product(coefficient, delay)
+                }
+                _ => coefficient,
+            };
+            let entry = g.negative(entry);
+            if row == j && entry.node.is_none() {
+                diagonal[row] = entry.factor;
+            }
+            entries[row * n + j].push(entry);
+        }
+        for (known, state) in wiring.known_ends.iter().enumerate() {
+            let end = g.leaf(wiring.end_leaf(known));
+            right[*state].push(g.negative(end));
+        }
+        let first = s.terms.len() + s.slopes.len() + s.tau_slopes.len();
+        for (k, (end, factor)) in wiring.unknown_ends.iter().enumerate() {
+            let (value, unit) = (g.scalars.given(first + k), g.leaf(wiring.factor_leaf(*factor)));
+            let end_term = g.scaled(value, unit);
+            right[end.state].push(g.negative(end_term));
+        }
+        let entries = entries.iter().enumerate().map(|(at, e)| g.sum(at / n == at % n, e)).collect();
+        let elimination = Elimination::new(&mut g, entries, &diagonal);
+        let right: Vec<_> = right.iter().map(|r| g.sum(false, r)).collect();
+        let states = elimination.solve(&mut g, &right);
+        let planes = vec![Vec::new(); wiring.planes()];
+        Self { wiring, g, elimination, states, planes }
+    }
+
+    fn program(mut self, by_columns: bool) -> Program {
+        let (n, q) = (self.wiring.structure.states, self.wiring.structure.outputs);
+        let mut results = Results { outputs: Vec::new(), derivatives: Vec::new() };
+        for o in 0..q {
+            let sum = self.row(n + o, |p, source| p.value_of(source));
+            results.outputs.push(sum.map(|y| self.g.materialised(y)));
+        }
+        let forces = self.forces();
+        let outputs: Vec<Vec<Option<Value>>> = (0..q).map(|o| self.shows(o)).collect();
+        for (column, rows) in forces.iter().enumerate() {
+            for (row, force) in rows.iter().filter(|(row, _)| *row >= n) {
+                self.add(row - n, column, *force);
+            }
+        }
+        let last = |rows: &[(usize, Value)]| rows.iter().map(|r| r.0).filter(|r| *r < n).max();
+        if by_columns {
+            self.finish(&mut results, |_, column| last(&forces[column]).is_none());
+            for state in (0..n).filter(|state| forces.iter().flatten().any(|(row, _)| row == state)) {
+                let unit = |i| (i == state).then_some(Value { factor: Scalar::ONE, node: None });
+                let unit: Vec<_> = (0..n).map(unit).collect();
+                let column = self.elimination.solve(&mut self.g, &unit);
+                for (o, shows) in outputs.iter().enumerate() {
+                    let seen = |j: usize| Some(self.g.product(shows[j]?, column[j]?));
+                    let seen: Vec<Value> = (0..n).filter_map(seen).collect();
+                    let weight = self.g.sum(false, &seen);
+                    self.spread(o, state, weight, &forces);
+                }
+                self.finish(&mut results, |_, column| last(&forces[column]) == Some(state));
+            }
+        } else {
+            for (o, shows) in outputs.iter().enumerate() {
+                let row = self.elimination.solve_left(&mut self.g, shows);
+                for (state, weight) in row.iter().enumerate() {
+                    self.spread(o, state, *weight, &forces);
+                }
+                self.finish(&mut results, |output, _| output == o);
+            }
+        }
+        Program::new(self.g, &results)
+    }
+
+    /// Adds what the forces on a state do to an output that sees them with this weight.
+    fn spread(&mut self, output: usize, state: usize, weight: Option<Value>, forces: &[Vec<(usize, Value)>]) {
+        let Some(weight) = weight else { return };
+        let mut signed = None;
+        for (column, rows) in forces.iter().enumerate() {
+            let Some((_, force)) = rows.iter().find(|(row, _)| *row == state) else { continue };
+            let weight = *signed.get_or_insert_with(|| self.g.signed(weight));
+            let product = self.g.product(weight, *force);
+            self.add(output, column, product);
+        }
+    }
+
+    fn add(&mut self, output: usize, column: usize, value: Value) {
+        let mut outputs = self.wiring.layout.outputs.iter();
+        let before: usize = outputs.by_ref().take(output).map(|o| o.columns.len() + 1).sum();
+        let Some(row) = outputs.next() else { return };
+        if let Ok(lane) = row.columns.binary_search(&(column as u32)) {
+            self.planes[before + lane].push(value);
+        }
+    }
+
+    /// Derivatives of which all terms are known become results.
+    fn finish(&mut self, results: &mut Results, ready: impl Fn(usize, usize) -> bool) {
+        let outputs = self.wiring.layout.outputs.iter().enumerate();
+        let places = outputs.flat_map(|(o, row)| row.columns.iter().map(Some).chain([None]).map(move |c| (o, c)));
+        for (at, (output, column)) in places.enumerate() {
+            if !column.is_some_and(|c| ready(output, *c as usize)) {
+                continue;
+            }
+            let zero = Value { factor: Scalar::ZERO, node: None };
+            let sum = self.g.sum(false, &self.planes[at]).unwrap_or(zero);
+            results.derivatives.push((self.g.materialised(sum), at as u32));
+        }
+    }
+
+    /// What each unknown adds to the right of each equation, rows rising; factors of state equations are computed before.
+    fn forces(&mut self) -> Vec<Vec<(usize, Value)>> {
+        let (s, n) = (self.wiring.structure.clone(), self.wiring.structure.states);
+        let columns = &self.wiring.columns;
+        let mut forces = Vec::with_capacity(columns.len());
+        for column in columns {
+            let mut rows: Vec<(usize, Vec<Value>)> = Vec::new();
+            for (row, influence) in &column.influences {
+                let value = match *influence {
+                    Influence::Slope(slope, source) => {
+                        let factor = self.g.scalars.given(s.terms.len() + slope);
+                        self.value_of(source).map(|signal| self.g.scaled(factor, signal))
+                    }
+                    Influence::Delay(term, slope, delayed) => {
+                        let (a, t) =
+                            (self.g.scalars.given(term), self.g.scalars.given(s.terms.len() + s.slopes.len() + slope));
+                        let factor = self.g.scalars.product(a, t);
+                        self.value_of(Source::Delayed(delayed)).map(|signal| {
+                            let lag = self.g.lag(signal);
+                            self.g.scaled(factor, lag)
+                        })
+                    }
+                    Influence::End(factor) => {
+                        let leaf = self.g.leaf(self.wiring.factor_leaf(factor));
+                        Some(self.g.negative(leaf))
+                    }
+                };
+                match rows.last_mut().filter(|(last, _)| last == row) {
+                    Some((_, values)) => values.extend(value),
+                    None => rows.push((*row, value.into_iter().collect())),
+                }
+            }
+            let mut own = Vec::new();
+            for (row, values) in rows {
+                let Some(sum) = self.g.sum(false, &values) else { continue };
+                own.push((row, if row < n { self.g.signed(sum) } else { sum }));
+            }
+            forces.push(own);
+        }
+        forces
+    }
+
+    /// The coefficients with which an output shows each state.
+    fn shows(&mut self, output: usize) -> Vec<Option<Value>> {
+        let n = self.wiring.structure.states;
+        let mut sums: Vec<Vec<Value>> = vec![Vec::new(); n];
+        let s = self.wiring.structure.clone();
+        for (k, term) in s.terms.iter().enumerate().filter(|(_, t)| t.row as usize == n + output) {
+            let source = self.wiring.source(term);
+            let Some(j) = self.wiring.state(source) else { continue };
+            let coefficient = Value { factor: self.g.scalars.given(k), node: None };
+            let entry = match source {
+                Source::Delayed(d) => {
+                    let delay = self.g.leaf(self.wiring.delay_leaf(d));
+                    self.g.product(coefficient, delay)
+                }
+                _ => coefficient,
+            };
+            sums[j].push(entry);
+        }
+        sums.iter().map(|s| self.g.sum(false, s)).collect()
+    }
+
+    /// The sum of an equation's coefficients times what `value` gives for their signals.
+    fn row(&mut self, row: usize, value: impl Fn(&mut Self, Source) -> Option<Value>) -> Option<Value> {
+        let s = self.wiring.structure.clone();
+        let mut sum = Vec::new();
+        for (k, term) in s.terms.iter().enumerate().filter(|(_, t)| t.row as usize == row) {
+            let factor = self.g.scalars.given(k);
+            if let Some(signal) = value(self, self.wiring.source(term)) {
+                sum.push(self.g.scaled(factor, signal));
+            }
+        }
+        self.g.sum(false, &sum)
+    }
+
+    /// A signal, delayed or not; nothing for a state that nothing drives.
+    fn value_of(&mut self, source: Source) -> Option<Value> {
+        let Some(state) = self.wiring.state(source) else { return Some(signal(&mut self.g, self.wiring, source)) };
+        let value = self.states[state]?;
+        match source {
+            Source::Delayed(d) => {
+                let delay = self.g.leaf(self.wiring.delay_leaf(d));
+                Some(self.g.product(delay, value))
+            }
+            _ => Some(value),
+        }
+    }
+}
+
+/// An input, delayed or not.
+fn signal(g: &mut Expressions, wiring: &Wiring, source: Source) -> Value {
+    use fdm_grammar::graph::Signal;
+    match source {
+        Source::Input(j) => g.leaf(wiring.input_leaf(j)),
+        Source::Delayed(d) => {
+            let input = match wiring.structure.delayed[d] {
+                Signal::Input(j) | Signal::State(j) => j as usize,
+            };
+            let (delay, input) = (g.leaf(wiring.delay_leaf(d)), g.leaf(wiring.input_leaf(input)));
+            g.product(delay, input)
+        }
+        Source::State(_) => Value { factor: Scalar::ZERO, node: None },
+    }
+}

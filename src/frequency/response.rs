@@ -1,0 +1,294 @@
+//! The response of one run at its frequencies.
+
+use super::ends::{EndColumn, EndTerms, Ends};
+use super::error::FrequencyError;
+use super::execution::BLOCK;
+use super::plan::plan;
+use super::program::Program;
+use super::ready::Ready;
+use super::scalar::units_of;
+use super::wiring::Wiring;
+use crate::linear::{Structure, Values};
+use crate::simulate::{Block, PlaneSink, Sink};
+use crate::spectrum::Spectrum;
+use num_complex::Complex64;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Programs that runs of one model share: each is made once.
+#[derive(Debug, Default)]
+pub struct Plans(Mutex<Vec<Arc<Prepared>>>);
+
+/// A wiring and its program; none when the equations are too full for one.
+#[derive(Debug)]
+pub(super) struct Prepared {
+    pub(super) wiring: Wiring,
+    pub(super) program: Option<Program>,
+    /// Which of the given numbers count as 1 or -1.
+    units: Vec<Option<i8>>,
+}
+
+impl Plans {
+    /// What was prepared for the same question, else what is prepared now.
+    fn prepared(&self, wiring: Wiring, units: &[Option<i8>]) -> Arc<Prepared> {
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let same = |p: &&Arc<Prepared>| {
+            let (a, b) = (&p.wiring, &wiring);
+            p.units == units
+                && a.asked == b.asked
+                && a.known_ends == b.known_ends
+                && a.unknown_ends == b.unknown_ends
+                && a.structure == b.structure
+        };
+        if let Some(prepared) = known.iter().find(same) {
+            return prepared.clone();
+        }
+        let program = plan(&wiring, units);
+        let prepared = Arc::new(Prepared { wiring, program, units: units.to_vec() });
+        known.push(prepared.clone());
+        prepared
+    }
+}
+
+/// A run's inputs and end terms, and the memory for the model's response to them.
+///
+/// Parameters are the model's p, then those of [`FrequencyResponse::end_columns`].
+pub struct FrequencyResponse {
+    run: String,
+    structure: Arc<Structure>,
+    plans: Arc<Plans>,
+    omega: Vec<f64>,
+    /// Distance of the frequencies where they are even.
+    spacing: Option<f64>,
+    inputs: Vec<Complex64>,
+    ends: Ends,
+    /// One for each selection of columns that was asked for lately.
+    ready: Vec<Ready>,
+    /// Terms, slopes, derivatives of delays, end values.
+    given: Vec<f64>,
+    /// Which of these count as 1 or -1, so that multiplications by them are left out.
+    units: Vec<Option<i8>>,
+    scalars: Vec<f64>,
+    /// Outputs and rows of a block, for those who want rows.
+    rows: (Vec<f64>, Vec<f64>),
+}
+
+impl FrequencyResponse {
+    /// Prepares the response to the inputs of a spectrum; `values` are any of the model, for coefficients that no parameter
+    /// moves. Responses that are given the same `plans` share their programs.
+    ///
+    /// # Errors
+    /// A spectrum that does not belong to the model, frequencies that are not above zero and rising, inputs that are not finite.
+    pub fn new(
+        structure: &Arc<Structure>,
+        values: &Values,
+        spectrum: &Spectrum,
+        ends: &EndTerms,
+        plans: &Arc<Plans>,
+    ) -> Result<Self, FrequencyError> {
+        checked(structure, values, spectrum, ends)?;
+        let ends = Ends::new(structure, values, spectrum, ends);
+        let units = units(structure, values, &ends);
+        Ok(Self {
+            run: spectrum.name.clone(),
+            structure: structure.clone(),
+            plans: plans.clone(),
+            omega: spectrum.omega.clone(),
+            spacing: spacing(&spectrum.omega),
+            inputs: spectrum.inputs.clone(),
+            ends,
+            units,
+            ready: Vec::new(),
+            given: Vec::new(),
+            scalars: Vec::new(),
+            rows: Default::default(),
+        })
+    }
+
+    /// Number of frequencies M.
+    pub fn frequencies(&self) -> usize {
+        self.omega.len()
+    }
+
+    /// Number of outputs q.
+    pub fn outputs(&self) -> usize {
+        self.structure.outputs
+    }
+
+    /// The unknown end values of this run: columns behind those of the model's parameters.
+    pub fn end_columns(&self) -> &[EndColumn] {
+        &self.ends.unknown
+    }
+
+    /// Outputs at `values` and the unknown end values `ends`: samples by q, real and imaginary part of each frequency one
+    /// after the other.
+    ///
+    /// # Errors
+    /// [`FrequencyError`]; `y` is then of no use.
+    pub fn simulate(&mut self, values: &Values, ends: &[f64], y: &mut [f64]) -> Result<(), FrequencyError> {
+        self.planes(values, ends, &[], &mut |planes| planes.copy_outputs(y))
+    }
+
+    /// Outputs and their derivatives by the `columns` (below p parameters, then end values), in blocks of rows.
+    ///
+    /// # Errors
+    /// As [`FrequencyResponse::simulate`]; blocks before the failure have been handed over.
+    pub fn sensitivities(
+        &mut self,
+        values: &Values,
+        ends: &[f64],
+        columns: &[usize],
+        sink: &mut Sink<'_>,
+    ) -> Result<(), FrequencyError> {
+        let (mut y, mut rows) = std::mem::take(&mut self.rows);
+        let result = self.planes(values, ends, columns, &mut |planes| {
+            let samples = 2 * planes.count;
+            y.resize(samples * planes.layout.outputs.len(), 0.0);
+            rows.resize(samples * planes.layout.length, 0.0);
+            planes.copy_to(&mut y, &mut rows);
+            sink(Block { first: 2 * planes.first, y: &y, rows: &mut rows, layout: planes.layout });
+        });
+        self.rows = (y, rows);
+        result
+    }
+
+    /// The same in planes.
+    ///
+    /// # Errors
+    /// As [`FrequencyResponse::simulate`].
+    pub fn planes(
+        &mut self,
+        values: &Values,
+        ends: &[f64],
+        columns: &[usize],
+        sink: &mut PlaneSink<'_>,
+    ) -> Result<(), FrequencyError> {
+        self.take(values, ends)?;
+        let at = self.ready(columns);
+        let Self { run, omega, spacing, given, scalars, ready, .. } = self;
+        let ready = &mut ready[at];
+        ready.delay(&values.tau, omega, *spacing);
+        if let Some(program) = &ready.prepared.program {
+            program.scalars.evaluate(given, scalars);
+        }
+        for (block, omega) in omega.chunks(BLOCK).enumerate() {
+            let singular = ready.solve(block, omega, values, (ends, scalars)).err();
+            if let Some(k) = singular {
+                return Err(FrequencyError::Singular {
+                    run: run.clone(),
+                    frequency: block * BLOCK + k,
+                    omega: omega[k],
+                });
+            }
+            sink(ready.planes(block * BLOCK, omega.len()));
+        }
+        Ok(())
+    }
+
+    /// Takes what the model gives and sees that all of it is finite.
+    fn take(&mut self, values: &Values, ends: &[f64]) -> Result<(), FrequencyError> {
+        let s = &self.structure;
+        let shape = |what, found: usize, wanted: usize| match found == wanted {
+            true => Ok(()),
+            false => Err(FrequencyError::Shape { run: self.run.clone(), what, found, wanted }),
+        };
+        shape("coefficients", values.terms.len(), s.terms.len())?;
+        shape("derivatives of coefficients", values.slopes.len(), s.slopes.len())?;
+        shape("delays", values.tau.len(), s.delayed.len())?;
+        shape("derivatives of delays", values.tau_slopes.len(), s.tau_slopes.len())?;
+        shape("unknown end values", ends.len(), self.ends.unknown.len())?;
+        let bad = |numbers: &[f64]| numbers.iter().position(|v| !v.is_finite());
+        let place = |k: usize| (s.terms[k].row as usize, s.terms[k].signal as usize);
+        if let Some((row, signal)) = bad(&values.terms).map(place) {
+            return Err(FrequencyError::Coefficient { row, signal });
+        }
+        if let Some(slope) = bad(&values.slopes).map(|k| s.slopes[k]) {
+            let (row, signal) = place(slope.term as usize);
+            return Err(FrequencyError::Slope { row, signal, param: slope.param as usize });
+        }
+        let slope = bad(&values.tau_slopes).map(|k| s.tau_slopes[k].delayed as usize);
+        if let Some(delayed) = bad(&values.tau).or(slope) {
+            return Err(FrequencyError::Delay { delayed });
+        }
+        if let Some(k) = bad(ends) {
+            return Err(FrequencyError::End { state: self.ends.unknown[k].state });
+        }
+        self.given.clear();
+        [&values.terms[..], &values.slopes, &values.tau_slopes, ends].iter().for_each(|v| self.given.extend(*v));
+        Ok(())
+    }
+
+    /// Program and memory for a selection of columns.
+    fn ready(&mut self, columns: &[usize]) -> usize {
+        let holds = |(unit, value): (&Option<i8>, &f64)| unit.is_none_or(|u| f64::from(u) == *value);
+        if !self.units.iter().zip(&self.given).all(holds) {
+            // a number that was 1 no longer is: nothing is taken for granted from now on
+            self.units.fill(None);
+            self.ready.clear();
+        }
+        if let Some(at) = self.ready.iter().position(|r| r.prepared.wiring.asked == columns) {
+            return at;
+        }
+        let wiring = Wiring::new(&self.structure, &self.ends, columns);
+        let prepared = self.plans.prepared(wiring, &self.units);
+        if self.ready.len() == MOST_READY {
+            self.ready.remove(0);
+        }
+        self.ready.push(Ready::new(prepared, &self.omega, &self.inputs, &self.ends));
+        self.ready.len() - 1
+    }
+}
+
+/// Selections of columns for which memory is kept.
+const MOST_READY: usize = 4;
+
+/// Numbers that are 1 or -1 and, as far as can be seen, stay so: outputs depend only on coefficients that no parameter
+/// moves being among them.
+fn units(structure: &Structure, values: &Values, ends: &Ends) -> Vec<Option<i8>> {
+    let mut units = units_of(&values.terms);
+    structure.slopes.iter().for_each(|slope| units[slope.term as usize] = None);
+    units.extend(units_of(&values.slopes));
+    units.extend(units_of(&values.tau_slopes));
+    units.resize(units.len() + ends.unknown.len(), None);
+    units
+}
+
+/// Whether the spectrum suits the model.
+fn checked(structure: &Structure, values: &Values, spectrum: &Spectrum, ends: &EndTerms) -> Result<(), FrequencyError> {
+    let (m, count) = (structure.inputs, spectrum.omega.len());
+    let shape = |what, found, wanted| FrequencyError::Shape { run: spectrum.name.clone(), what, found, wanted };
+    if values.terms.len() != structure.terms.len() {
+        return Err(shape("coefficients", values.terms.len(), structure.terms.len()));
+    }
+    if spectrum.inputs.len() != m * count {
+        return Err(shape("inputs", spectrum.inputs.len(), m * count));
+    }
+    let mut last = 0.0;
+    for (frequency, omega) in spectrum.omega.iter().copied().enumerate() {
+        if !(omega.is_finite() && omega > last) {
+            return Err(FrequencyError::Frequency { run: spectrum.name.clone(), frequency, omega });
+        }
+        last = omega;
+    }
+    if let Some(k) = spectrum.inputs.iter().position(|u| !(u.re.is_finite() && u.im.is_finite())) {
+        let (run, omega) = (spectrum.name.clone(), spectrum.omega[k % count]);
+        return Err(FrequencyError::Input { run, input: k / count, omega });
+    }
+    if let EndTerms::Given(given) = ends {
+        let wanted = structure.states * count;
+        if given.len() != wanted {
+            return Err(shape("end terms", given.len(), wanted));
+        }
+        if let Some(k) = given.iter().position(|e| !(e.re.is_finite() && e.im.is_finite())) {
+            return Err(FrequencyError::End { state: k / count });
+        }
+    }
+    Ok(())
+}
+
+/// The distance of frequencies that are even to rounding.
+fn spacing(omega: &[f64]) -> Option<f64> {
+    let (first, last) = (*omega.first()?, *omega.last()?);
+    let step = (last - first) / (omega.len() - 1).max(1) as f64;
+    let even = |(k, w): (usize, &f64)| (first + k as f64 * step - w).abs() <= 4.0 * f64::EPSILON * last;
+    omega.iter().enumerate().all(even).then_some(step)
+}

@@ -1,0 +1,163 @@
+//! What drives what: equations, the unknowns that are asked for, and the planes from which they are fed.
+
+use super::ends::{EndColumn, Ends};
+use super::execution::{INVERSE, OMEGA};
+use crate::linear::{Structure, Term};
+use crate::simulate::RowLayout;
+use fdm_grammar::graph::Signal;
+use std::sync::Arc;
+
+/// A signal of the equations, told apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    State(usize),
+    Input(usize),
+    /// A delayed signal, by its position in [`Structure::delayed`].
+    Delayed(usize),
+}
+
+/// An influence of an unknown on an equation: number `given` times a signal, or the coefficient `term` times the
+/// derivative of a delay.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Influence {
+    /// A derivative of the coefficient of a signal, by its position in `slopes`.
+    Slope(usize, Source),
+    /// A coefficient (position in `terms`) and the derivative of the delay of its signal (position in `tau_slopes`).
+    Delay(usize, usize, usize),
+    /// The factor of an unknown end value.
+    End(usize),
+}
+
+/// What an unknown does: influences by the equation, rising.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Column {
+    pub(super) influences: Vec<(usize, Influence)>,
+}
+
+/// A structure with the unknowns that are asked for.
+#[derive(Debug, Clone)]
+pub(super) struct Wiring {
+    pub(super) structure: Arc<Structure>,
+    /// Unknowns asked for: below p parameters, then end values.
+    pub(super) asked: Vec<usize>,
+    pub(super) columns: Vec<Column>,
+    /// States whose end terms have a plane.
+    pub(super) known_ends: Vec<usize>,
+    /// Unknown end values, and the factor of each.
+    pub(super) unknown_ends: Vec<(EndColumn, usize)>,
+    /// How many factors there are.
+    pub(super) factors: usize,
+    /// Where the derivatives of each output go.
+    pub(super) layout: RowLayout,
+}
+
+impl Wiring {
+    pub(super) fn new(structure: &Arc<Structure>, ends: &Ends, asked: &[usize]) -> Self {
+        let unknown_ends = ends.unknown.iter().enumerate().map(|(k, e)| (*e, ends.factor(k))).collect();
+        let mut wiring = Self {
+            structure: structure.clone(),
+            asked: asked.to_vec(),
+            columns: Vec::new(),
+            known_ends: ends.known.iter().map(|(state, _)| *state).collect(),
+            unknown_ends,
+            factors: ends.factors.len(),
+            layout: RowLayout::default(),
+        };
+        wiring.columns = asked.iter().map(|unknown| wiring.column(*unknown)).collect();
+        wiring.layout = wiring.arranged();
+        wiring
+    }
+
+    pub(super) fn source(&self, term: &Term) -> Source {
+        let (n, m, signal) = (self.structure.states, self.structure.inputs, term.signal as usize);
+        match signal {
+            _ if signal < n => Source::State(signal),
+            _ if signal < n + m => Source::Input(signal - n),
+            _ => Source::Delayed(signal - n - m),
+        }
+    }
+
+    fn column(&self, unknown: usize) -> Column {
+        let s = &self.structure;
+        if let Some((end, factor)) = unknown.checked_sub(s.params).and_then(|k| self.unknown_ends.get(k)) {
+            return Column { influences: vec![(end.state, Influence::End(*factor))] };
+        }
+        let mut influences = Vec::new();
+        for (k, slope) in s.slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
+            let term = &s.terms[slope.term as usize];
+            influences.push((term.row as usize, Influence::Slope(k, self.source(term))));
+        }
+        for (k, slope) in s.tau_slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
+            let delayed = slope.delayed as usize;
+            for (t, term) in s.terms.iter().enumerate().filter(|(_, t)| self.source(t) == Source::Delayed(delayed)) {
+                influences.push((term.row as usize, Influence::Delay(t, k, delayed)));
+            }
+        }
+        influences.sort_by_key(|(row, _)| *row);
+        Column { influences }
+    }
+
+    /// The state behind a signal, delayed or not.
+    pub(super) fn state(&self, source: Source) -> Option<usize> {
+        match source {
+            Source::State(j) => Some(j),
+            Source::Input(_) => None,
+            Source::Delayed(d) => match self.structure.delayed[d] {
+                Signal::State(j) => Some(j as usize),
+                Signal::Input(_) => None,
+            },
+        }
+    }
+
+    /// For each output the unknowns that it can depend on.
+    fn arranged(&self) -> RowLayout {
+        let n = self.structure.states;
+        let mut needs: Vec<Vec<usize>> = vec![Vec::new(); n + self.structure.outputs];
+        for term in &self.structure.terms {
+            needs[term.row as usize].extend(self.state(self.source(term)));
+        }
+        let columns = (0..self.structure.outputs).map(|o| {
+            let mut reached = vec![false; n];
+            let mut path: Vec<usize> = needs[n + o].clone();
+            while let Some(state) = path.pop() {
+                if !std::mem::replace(&mut reached[state], true) {
+                    path.extend(&needs[state]);
+                }
+            }
+            let reaches = |(row, _): &(usize, Influence)| *row == n + o || *row < n && reached[*row];
+            let columns = self.columns.iter().enumerate();
+            columns.filter(|(_, c)| c.influences.iter().any(reaches)).map(|(k, _)| k as u32).collect()
+        });
+        RowLayout::new(columns.collect::<Vec<_>>())
+    }
+
+    /// The leaf of an input; behind 1/(j w) and j w.
+    pub(super) fn input_leaf(&self, input: usize) -> u32 {
+        INVERSE.max(OMEGA) + 1 + input as u32
+    }
+
+    /// The leaf of exp(-j w tau).
+    pub(super) fn delay_leaf(&self, delayed: usize) -> u32 {
+        self.input_leaf(self.structure.inputs) + delayed as u32
+    }
+
+    /// The leaf of a known end term.
+    pub(super) fn end_leaf(&self, known: usize) -> u32 {
+        self.delay_leaf(self.structure.delayed.len()) + known as u32
+    }
+
+    /// The leaf of what one unit of an unknown end value adds.
+    pub(super) fn factor_leaf(&self, factor: usize) -> u32 {
+        self.end_leaf(self.known_ends.len()) + factor as u32
+    }
+
+    /// How many leaves there are.
+    pub(super) fn leaves(&self) -> usize {
+        self.factor_leaf(self.factors) as usize
+    }
+
+    /// Planes of derivatives: for each output its unknowns and one that is free.
+    pub(super) fn planes(&self) -> usize {
+        self.layout.outputs.iter().map(|o| o.columns.len() + 1).sum()
+    }
+}

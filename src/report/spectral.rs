@@ -1,0 +1,152 @@
+//! A fit in the frequency domain as tables and sentences, as JSON, and as a table of spectra.
+
+use super::json::{estimate_json, quality_json};
+use super::parameters::parameter_table;
+use super::remarks::estimate_remarks;
+use super::residuals::output_table;
+use super::table::{aligned_right, digits, plain, trimmed};
+use crate::estimate::{Fit, SpectralFit};
+use crate::linear::Obtained;
+use crate::quality::OutputQuality;
+use serde_json::{Value, json};
+use std::f64::consts::TAU;
+
+/// Parameters with standard errors, what became of nonlinear terms, and how well spectra and time histories are matched; `intervals` adds
+/// the interval of two standard errors.
+pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
+    let mut text = format!("{}\n", band(fit));
+    text.push_str(&nonlinear(fit));
+    text.push_str(&first_values(fit));
+    text.push('\n');
+    text.push_str(&parameter_table(&fit.parameters(), intervals));
+    if !fit.ends.is_empty() {
+        text.push_str(&format!("({} end values of states in all runs were found with them)\n", fit.ends.len()));
+    }
+    if !fit.estimate.outputs.is_empty() {
+        text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));
+    }
+    estimate_remarks(&fit.estimate).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    if !fit.dependent.is_empty() {
+        let outputs = fit.dependent.join(", ");
+        text.push_str(&format!(
+            "\nthe residuals of {outputs} depend on each other linearly, so that their covariance S is singular: leave one of them out \
+             of the model, or say --noise diagonal"
+        ));
+    }
+    for input in &fit.silent {
+        text.push_str(&format!("\nthe input {input} has no power in the band of any run; what it moves was not seen"));
+    }
+    if let Some(finish) = &fit.finish {
+        text.push_str("\ntime histories, with initial states and biases of their own\n");
+        text.push_str(&prediction_table(&finish.quality));
+    }
+    if let Some(why) = &fit.unfinished {
+        text.push_str(&format!("\ninitial states and biases could not be found in the time domain: {why}\n"));
+    }
+    text
+}
+
+/// How well time histories are matched: size of the residual and Theil's coefficient of every output.
+pub fn prediction_table(quality: &[OutputQuality]) -> String {
+    let mut table = plain(&["output", "run", "RMS", "R^2", "TIC"]);
+    for q in quality {
+        let number = |v: Option<f64>, n: usize| v.map_or(String::new(), |v| digits(v, n));
+        let fit = &q.fit;
+        table.add_row([fit.name.clone(), fit.run.clone(), number(fit.rms, 4), number(fit.r2, 5), number(fit.tic, 3)]);
+    }
+    (2..5).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
+
+fn band(fit: &SpectralFit) -> String {
+    let frequencies: usize = fit.spectra.iter().map(|s| s.omega.len()).sum();
+    let (time, (low, high)) = (&fit.model.definition().time, fit.band);
+    let unit = if time.to_string() == "s" { "Hz".to_string() } else { format!("cycles per {time}") };
+    format!(
+        "{frequencies} frequencies in {} run{}, {} to {} {unit}",
+        fit.spectra.len(),
+        if fit.spectra.len() == 1 { "" } else { "s" },
+        digits(low, 4),
+        digits(high, 4)
+    )
+}
+
+/// What the estimation began with.
+fn first_values(fit: &SpectralFit) -> String {
+    let (regressed, own): (Vec<_>, Vec<_>) = fit.first.iter().partition(|f| !f.equations.is_empty());
+    if regressed.is_empty() {
+        return String::new();
+    }
+    let values: Vec<String> = regressed.iter().map(|f| format!("{} = {}", f.parameter, digits(f.value, 4))).collect();
+    let own: Vec<&str> = own.iter().map(|f| f.parameter.as_str()).collect();
+    let rest = if own.is_empty() { String::new() } else { format!("; from the model: {}", own.join(", ")) };
+    format!("first values from equation error: {}{rest}\n", values.join(", "))
+}
+
+/// What was done about nonlinear terms.
+fn nonlinear(fit: &SpectralFit) -> String {
+    let mut text = String::new();
+    if !fit.carried.is_empty() {
+        let terms: Vec<String> =
+            fit.carried.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
+        text.push_str(&format!("known inputs computed from records: {}\n", terms.join("; ")));
+    }
+    let Some(trim) = fit.trim.as_ref().filter(|t| t.obtained != Obtained::NotNeeded) else { return text };
+    let how = match trim.obtained {
+        Obtained::Given => "given by the model",
+        Obtained::Initial => "the initial values",
+        _ => "solved from the equations",
+    };
+    let definition = fit.model.definition();
+    let states = definition.states.iter().zip(&trim.states).map(|(s, v)| (&s.quantity.name, v));
+    let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
+    let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
+    text.push_str(&format!("linearised at the trim ({how}): {}\n", values.join(", ")));
+    text
+}
+
+/// Estimates for other programs: as those of a fit in the time domain, with `frequency_domain` for what is particular.
+pub fn spectral_json(fit: &SpectralFit) -> Value {
+    let mut document = estimate_json(&fit.model, &fit.estimate);
+    document["parameters"] = json!(fit.parameters());
+    let trim = fit.trim.as_ref().map(|t| json!({ "states": t.states, "inputs": t.inputs }));
+    document["frequency_domain"] = json!({
+        "band": [fit.band.0, fit.band.1],
+        "frequencies": fit.spectra.iter().map(|s| s.omega.len()).collect::<Vec<_>>(),
+        "end_values": fit.ends,
+        "known_inputs": fit.carried.iter().map(|t| json!({ "term": t.text, "equations": t.equations })).collect::<Vec<_>>(),
+        "trim": trim,
+        "first_values": fit.first.iter().map(|f| json!({ "parameter": f.parameter, "value": f.value, "equations": f.equations })).collect::<Vec<_>>(),
+        "unseen": fit.unseen,
+        "silent_inputs": fit.silent,
+        "dependent_outputs": fit.dependent,
+        "unanswered": fit.unanswered.as_ref().map(ToString::to_string),
+        "unfinished": fit.unfinished.as_ref().map(ToString::to_string),
+    });
+    document["time_domain"] = fit.finish.as_ref().map_or(Value::Null, time_json);
+    document
+}
+
+/// Initial states, biases and the match of time histories.
+pub fn time_json(fit: &Fit) -> Value {
+    json!({
+        "parameters": fit.estimate.parameters.iter().filter(|p| p.status != crate::estimate::Status::Fixed).collect::<Vec<_>>(),
+        "outputs": quality_json(&fit.model, &fit.quality),
+    })
+}
+
+/// Spectra of a run as columns: frequency, then for each output measured and modelled real and imaginary parts.
+pub fn spectrum_columns(fit: &SpectralFit, run: usize) -> Vec<(String, Option<String>, Vec<f64>)> {
+    let spectrum = &fit.spectra[run];
+    let count = spectrum.omega.len();
+    let mut columns = vec![("frequency".to_string(), None, spectrum.omega.iter().map(|w| w / TAU).collect())];
+    for (o, output) in fit.model.definition().outputs.iter().enumerate() {
+        let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
+        for (kind, plane) in [("", &spectrum.measured), ("_model", &spectrum.modelled)] {
+            let plane = &plane[o * count..(o + 1) * count];
+            columns.push((format!("{name}{kind}_re"), unit.clone(), plane.iter().map(|v| v.re).collect()));
+            columns.push((format!("{name}{kind}_im"), unit.clone(), plane.iter().map(|v| v.im).collect()));
+        }
+    }
+    columns
+}

@@ -1,0 +1,104 @@
+//! The channels of a run on its even grid of time, gaps found and bridged.
+
+use super::error::{ChannelName, SpectrumError};
+use crate::record::Run;
+use crate::record::even_grid::{EvenGrid, LONGEST_GAP, NotEven};
+
+/// Fewest samples of a record that has a spectrum.
+const FEWEST: usize = 8;
+
+/// Inputs, then outputs, one row per place of the grid.
+#[derive(Debug, Clone)]
+pub(super) struct EvenRows {
+    /// Distance of neighbouring places in time.
+    pub(super) dt: f64,
+    /// Number of places.
+    pub(super) places: usize,
+    /// Numbers in a row.
+    pub(super) width: usize,
+    /// Places by width; NaN throughout for a channel that was never measured.
+    pub(super) rows: Vec<f64>,
+    /// The longest gap of each channel: places that are missing, and time of the first.
+    gaps: Vec<(usize, f64)>,
+}
+
+impl EvenRows {
+    /// Lays a run out; `names` of inputs and outputs are for messages.
+    ///
+    /// # Errors
+    /// Too few samples, or intervals that are no multiples of one.
+    pub(super) fn of(run: &Run) -> Result<Self, SpectrumError> {
+        let few = SpectrumError::TooFewSamples { found: run.len(), needed: FEWEST };
+        let grid = match EvenGrid::of(&run.time) {
+            Ok(_) if run.len() < FEWEST => return Err(few),
+            Ok(grid) => grid,
+            Err(NotEven::TooFew) => return Err(few),
+            Err(NotEven::Uneven) => return Err(SpectrumError::Uneven),
+        };
+        let (n, places) = (run.len(), grid.length());
+        let (m, q) = (run.inputs.len() / n, run.measured.len() / n);
+        let width = m + q;
+        let mut rows = vec![f64::NAN; places * width];
+        for (k, place) in grid.place.iter().enumerate() {
+            let row = &mut rows[place * width..][..width];
+            row[..m].copy_from_slice(&run.inputs[k * m..][..m]);
+            row[m..].copy_from_slice(&run.measured[k * q..][..q]);
+        }
+        // infinite numbers were refused when the file was read; a run made by hand may hold them
+        rows.iter_mut().filter(|v| v.is_infinite()).for_each(|v| *v = f64::NAN);
+        // the clock's own mean rate, unless a gap was shortened
+        let shortened = grid.place.windows(2).any(|p| p[1] - p[0] >= LONGEST_GAP);
+        let dt = if shortened { grid.interval } else { (run.time[n - 1] - run.time[0]) / (places - 1) as f64 };
+        let mut even = Self { dt, places, width, rows, gaps: Vec::new() };
+        even.gaps = (0..width).map(|c| even.bridge(c, c < m && run.held.get(c) == Some(&true), run.time[0])).collect();
+        Ok(even)
+    }
+
+    /// Fills the gaps of a channel, linearly or with the value before; gives the longest gap.
+    fn bridge(&mut self, channel: usize, held: bool, start: f64) -> (usize, f64) {
+        let (width, mut longest, mut k) = (self.width, (0, start), 0);
+        let value = |rows: &[f64], k: usize| rows[k * width + channel];
+        while k < self.places {
+            if !value(&self.rows, k).is_nan() {
+                k += 1;
+                continue;
+            }
+            let end = (k..self.places).find(|e| !value(&self.rows, *e).is_nan()).unwrap_or(self.places);
+            if end - k > longest.0 {
+                longest = (end - k, start + k as f64 * self.dt);
+            }
+            let before = (k > 0).then(|| value(&self.rows, k - 1));
+            let after = (end < self.places).then(|| value(&self.rows, end));
+            for i in k..end {
+                let part = (i + 1 - k) as f64 / (end + 1 - k) as f64;
+                self.rows[i * width + channel] = match (before, after) {
+                    (Some(b), Some(a)) if !held => b + part * (a - b),
+                    (Some(v), _) | (None, Some(v)) => v,
+                    (None, None) => f64::NAN,
+                };
+            }
+            k = end;
+        }
+        longest
+    }
+
+    /// Whether a channel has no values at all.
+    pub(super) fn never_measured(&self, channel: usize) -> bool {
+        self.rows.get(channel).is_none_or(|v| v.is_nan())
+    }
+
+    /// Whether the gaps of a channel are short enough: one sample, or a quarter of the shortest period, over which a line is the
+    /// signal but for a few per cent.
+    ///
+    /// # Errors
+    /// [`SpectrumError::Gap`] otherwise.
+    pub(super) fn check_gap(&self, channel: usize, highest: f64, name: ChannelName) -> Result<(), SpectrumError> {
+        let (missing, time) = self.gaps[channel];
+        let quarter = (0.25 / (highest * self.dt)).floor();
+        let allowed = (quarter.clamp(1.0, (LONGEST_GAP / 2) as f64) as usize).min(self.places / 10).max(1);
+        if missing <= allowed {
+            return Ok(());
+        }
+        Err(SpectrumError::Gap { channel: name, missing, time, allowed, highest })
+    }
+}
