@@ -4,8 +4,8 @@ use super::fault::SpectralError;
 use super::finish::finish;
 use super::first::{FirstValue, first_values};
 use super::options::SpectralOptions;
-use super::response::Unanswered;
 use super::setting::{Setting, band};
+use super::unanswered::Unanswered;
 use super::weights::weight;
 use crate::estimate::estimate::{Estimate, ParameterEstimate};
 use crate::estimate::noise::Noise;
@@ -121,6 +121,7 @@ pub fn fit_spectra(
     }
     let ends = unscaled_ends(&mut found, &setting);
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let unanswered = unanswered.map(|why| setting.named(why));
     let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
     let names = |k: usize| model.definition().params[k].quantity.name.clone();
     let unseen: Vec<String> = (0..setting.own()).filter(free).map(names).collect();

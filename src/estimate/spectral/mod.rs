@@ -16,10 +16,13 @@ mod offsets;
 mod options;
 mod response;
 mod setting;
+#[cfg(test)]
+mod tests;
+mod unanswered;
 mod weights;
 
 pub use fault::SpectralError;
 pub use first::FirstValue;
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
 pub use options::{Nonlinear, SpectralOptions};
-pub use response::Unanswered;
+pub use unanswered::Unanswered;
