@@ -6,6 +6,7 @@
 //!
 //! `wiring` (what drives what) -> `plan` (equations as `expression`s, solved by `elimination` in the `order` of least fill) ->
 //! `program` (instructions on few registers) -> `execution` (blocks of frequencies in lanes); `dense` where that will not do.
+//! End terms are in `ends`, those of delayed inputs in `delayed_input`.
 
 mod delayed_input;
 mod dense;
