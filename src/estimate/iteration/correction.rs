@@ -165,7 +165,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
             let Some(accepted) = self.correct(unmeasurable) else {
                 return if unmeasurable { Termination::Converged(Reason::Rounding) } else { self.stuck() };
             };
-            self.promised = if accepted.damping == 0.0 { straight } else { f64::NAN };
+            self.promised = if accepted.damping == 0.0 && accepted.part == 1.0 { straight } else { f64::NAN };
             if self.record(observer, before, accepted) {
                 return Termination::Interrupted;
             }
@@ -332,14 +332,14 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     pub(in crate::estimate) fn record_start(&mut self, observer: &mut dyn Observer) -> bool {
-        let start = Accepted { step: 0.0, damping: 0.0, refused: 0 };
+        let start = Accepted { step: 0.0, damping: 0.0, refused: 0, part: 1.0 };
         self.record(observer, self.weights.cost, start)
     }
 
     /// Adds to the history; true when the observer asks for the end.
     fn record(&mut self, observer: &mut dyn Observer, before: f64, accepted: Accepted) -> bool {
         let (number, cost) = (self.history.len(), self.weights.cost);
-        let Accepted { step, damping, refused } = accepted;
+        let Accepted { step, damping, refused, .. } = accepted;
         let iteration = Iteration { number, cost, change: cost - before, damping, step, refused };
         self.history.push(iteration);
         observer.state(&|| self.snapshot());

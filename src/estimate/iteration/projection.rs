@@ -42,7 +42,7 @@ impl Correction<'_, '_, '_> {
         }
         let step = self.largest_in_errors();
         self.attempt(false, false)?;
-        Some(Accepted { step, damping: self.level, refused })
+        Some(Accepted { step, damping: self.level, refused, part: 1.0 })
     }
 
     /// Solves for the affine unknowns while the others keep their part of the step.

@@ -15,6 +15,10 @@ const UNDAMPED: f64 = 1e-12;
 const HOPELESS: f64 = 1e15;
 /// Largest believable bend of a step, relative to the step.
 const BELIEF: f64 = 0.75;
+/// Part of what a shortened step promises that it must gain to be taken.
+const WORTH: f64 = 0.25;
+/// How often a refused full step is halved before it is damped.
+const HALVINGS: usize = 2;
 /// Trials in a row after which damping rises faster, and steps are so short that they need no bending.
 const PATIENCE: usize = 12;
 
@@ -26,6 +30,8 @@ pub(in crate::estimate) struct Accepted {
     pub(in crate::estimate) damping: f64,
     /// How many were refused before it.
     pub(in crate::estimate) refused: usize,
+    /// Which part of it was taken.
+    pub(in crate::estimate) part: f64,
 }
 
 impl Correction<'_, '_, '_> {
@@ -50,11 +56,17 @@ impl Correction<'_, '_, '_> {
             if let Some(gain) = self.attempt(unmeasurable, refused == 0) {
                 self.projecting &= damping > 0.0 || refused > 0;
                 self.damp_less(gain / promise, unmeasurable);
-                return Some(Accepted { step, damping, refused });
+                return Some(Accepted { step, damping, refused, part: 1.0 });
             }
             if self.damping == 0.0 && self.secant.is_active() {
                 self.straighten();
                 continue;
+            }
+            if refused == 0
+                && !unmeasurable
+                && let Some(part) = self.shorten(promise)
+            {
+                return Some(Accepted { step: part * step, damping, refused: 1, part });
             }
             if !unmeasurable && !self.projecting && self.can_project() {
                 if let Some(accepted) = self.begin_projection(refused + 1) {
@@ -66,6 +78,33 @@ impl Correction<'_, '_, '_> {
             }
             self.damp_more(if refused < PATIENCE { 2.0 } else { 8.0 });
         }
+        None
+    }
+
+    /// Far from the minimum takes a part of the full step that was refused, where it gains what its length promises: the direction is good then,
+    /// and one response is cheaper than to find another. Gives the part.
+    fn shorten(&mut self, promise: f64) -> Option<f64> {
+        let far = promise > 1.0 && self.largest_in_errors() > 1.0;
+        if self.damping > 0.0 || self.options.gain != 1.0 || self.projecting || !far {
+            return None;
+        }
+        let (full, whole) = (self.step.clone(), self.weights.cost);
+        let mut part = 1.0;
+        for _ in 0..HALVINGS {
+            part *= 0.5;
+            self.step.iter_mut().zip(&full).for_each(|(s, f)| *s = part * f);
+            // what a quadratic cost would gain
+            let least = WORTH * promise * part * (2.0 - part);
+            if !self.set_trial() {
+                break;
+            }
+            self.fresh = false;
+            let evaluated = self.evaluator.evaluate(&self.trial, Want::Response).is_ok();
+            if evaluated && whole - self.weigh(&self.trial).cost >= least && self.attempt(false, true).is_some() {
+                return Some(part);
+            }
+        }
+        self.step = full;
         None
     }
 
