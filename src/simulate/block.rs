@@ -90,8 +90,9 @@ impl Block<'_> {
     }
 }
 
-/// Numbers of rows in a block: what stays in the cache nearest to the processor beside everything else.
-const NUMBERS: usize = 2048;
+/// Numbers of rows in a block: what stays in the cache nearest to the processor, or hardly leaves it; sums are fetched and put
+/// back once for each block.
+const NUMBERS: usize = 4096;
 
 /// Gathers samples until a block is full.
 pub(super) struct Gathering {

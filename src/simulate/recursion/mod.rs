@@ -205,6 +205,23 @@ impl WithSimd for Single<'_, '_> {
     }
 }
 
+/// Some steps of the response alone, as long as an interval: the chains of the subsystems, each of which waits for itself,
+/// advance together.
+#[inline(always)]
+fn respond<S: Simd>(
+    simd: S,
+    subsystems: &mut [Subsystem],
+    simulator: &Simulator<'_>,
+    intervals: &Intervals,
+    steps: std::ops::Range<usize>,
+) {
+    subsystems.iter_mut().for_each(|s| s.begin(&simulator.drive, intervals, steps.clone()));
+    for (k, step) in steps.enumerate() {
+        let kind = intervals.of_step(step);
+        subsystems.iter_mut().for_each(|s| s.respond(simd, kind, k));
+    }
+}
+
 /// Where outputs and rows of some samples are written.
 struct Place<'p> {
     layout: &'p RowLayout,
@@ -343,25 +360,25 @@ impl Recursion {
         (first, most): (usize, usize),
     ) -> usize {
         let per = simulator.grid.per_interval().unwrap_or(1);
-        if self.columns.is_empty() && per == 1 {
-            return self.respond(simd, simulator, intervals, (first, most));
-        }
         let Self { columns, block, subsystems, gathering, rows: spare, before, .. } = self;
-        let bare = columns.is_empty();
-        let mut count = 0;
-        for (subsystem, before) in subsystems.iter_mut().zip(before) {
-            before.copy_from_slice(subsystem.states());
-            let (layout, y, rows, several) = gathering.several(most);
-            count = several;
-            let mut place = Place { layout, y, rows, spare, bare };
-            if per == 1 {
-                let steps = first.saturating_sub(1)..first + count - 1;
-                subsystem.advance(simd, &simulator.drive, intervals, steps);
-                let after = usize::from(first > 0);
+        let (layout, y, rows, count) = gathering.several(most);
+        let (bare, after) = (columns.is_empty(), usize::from(first > 0));
+        let mut place = Place { layout, y, rows, spare, bare };
+        subsystems.iter().zip(before).for_each(|(subsystem, before)| before.copy_from_slice(subsystem.states()));
+        if per == 1 {
+            let steps = first.saturating_sub(1)..first + count - 1;
+            if bare {
+                respond(simd, subsystems, simulator, intervals, steps);
+            } else {
+                subsystems.iter_mut().for_each(|s| s.advance(simd, &simulator.drive, intervals, steps.clone()));
+            }
+            for subsystem in subsystems {
                 place.show(subsystem, count, after);
                 place.observe(simd, subsystem, &simulator.drive, first..first + count, after);
-                continue;
             }
+            return count;
+        }
+        for subsystem in subsystems {
             for at in 0..count {
                 let sample = first + at;
                 let (mut from, end) = (sample.saturating_sub(1) * per, sample * per);
@@ -374,35 +391,6 @@ impl Recursion {
                 place.show(subsystem, 1, subsystem.present());
                 place.observe(simd, subsystem, &simulator.drive, sample..sample + 1, subsystem.present());
             }
-        }
-        count
-    }
-
-    /// The same without sensitivities and with a step for every interval. The chains of the subsystems, each of which waits
-    /// for itself, advance together.
-    #[inline(always)]
-    fn respond<S: Simd>(
-        &mut self,
-        simd: S,
-        simulator: &Simulator<'_>,
-        intervals: &Intervals,
-        (first, most): (usize, usize),
-    ) -> usize {
-        let Self { subsystems, gathering, rows: spare, before, .. } = self;
-        let (layout, y, rows, count) = gathering.several(most);
-        let (steps, after) = (first.saturating_sub(1)..first + count - 1, usize::from(first > 0));
-        for (subsystem, before) in subsystems.iter_mut().zip(before) {
-            before.copy_from_slice(subsystem.states());
-            subsystem.begin(&simulator.drive, intervals, steps.clone());
-        }
-        for (k, step) in steps.enumerate() {
-            let kind = intervals.of_step(step);
-            subsystems.iter_mut().for_each(|subsystem| subsystem.respond(simd, kind, k));
-        }
-        let mut place = Place { layout, y, rows, spare, bare: true };
-        for subsystem in subsystems {
-            place.show(subsystem, count, after);
-            place.observe(simd, subsystem, &simulator.drive, first..first + count, after);
         }
         count
     }

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// Steps that are worked off together: as many as leave room in the cache nearest to the processor.
 pub(super) fn steps_of_a_block(numbers_per_step: usize) -> usize {
-    (4096 / numbers_per_step.max(1)).clamp(16, 64)
+    (8192 / numbers_per_step.max(1)).clamp(16, 64)
 }
 
 /// A subsystem at work.
