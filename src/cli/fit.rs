@@ -42,12 +42,12 @@ pub(crate) struct Arguments {
     /// their start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    starts: u32,
+    pub(crate) starts: u32,
     /// Chooses the other starts; the same seed gives the same ones
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true, help_heading = "Estimation")]
     seed: u64,
     #[command(flatten)]
-    strategies: Strategies,
+    pub(crate) strategies: Strategies,
     #[command(flatten)]
     pub(crate) spectral: Spectral,
     #[command(flatten)]
@@ -59,7 +59,7 @@ pub(crate) struct Arguments {
     #[arg(long, help_heading = "Result")]
     pub(crate) history: bool,
     #[command(flatten)]
-    keeping: Keeping,
+    pub(crate) keeping: Keeping,
     #[command(flatten)]
     pub(crate) delivery: Delivery,
 }
@@ -105,9 +105,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
     let (text, json) = (text(&fit, &runs, arguments), fit_json(&fit));
-    let (model, remarks, tables) = (&fit.model, remarks(&fit, all), Vec::new());
-    let delivered =
-        prepared.deliver(Outcome { model, fit: Some(&fit), runs: &runs, tables, text, json, remarks, manifest });
+    let (model, remarks) = (&fit.model, remarks(&fit, all));
+    let (spectra, tables) = (Vec::new(), Vec::new());
+    let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
+    let delivered = prepared.deliver(outcome);
     let whole = kept.close();
     let good = fit.estimate.is_good() && all && delivered && whole;
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
