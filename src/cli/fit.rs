@@ -51,7 +51,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) spectral: Spectral,
     #[command(flatten)]
-    integration: Integration,
+    pub(crate) integration: Integration,
     /// Show the interval of two standard errors of each parameter
     #[arg(long, help_heading = "Result")]
     pub(crate) intervals: bool,

@@ -62,7 +62,7 @@ enum NonlinearChoice {
 }
 
 /// `LO:HI`
-fn band(text: &str) -> Result<(f64, f64), String> {
+pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
     let (low, high) = text.split_once(':').ok_or("expected LO:HI, such as 0.1:3")?;
     let number = |part: &str| part.trim().parse().map_err(|_| format!("`{part}` is not a number"));
     Ok((number(low)?, number(high)?))

@@ -75,7 +75,7 @@ pub fn estimate_from(
         Some(conclusion) => {
             let priors = priors.rows(&values);
             if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
-                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
+                corrected_spectra(problem, &unknowns, &values, (conclusion, &likelihood), priors)
             } else {
                 corrected(problem, &unknowns, &values, conclusion, priors)
             }

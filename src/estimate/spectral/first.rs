@@ -1,9 +1,11 @@
 //! First values from equation error: where states are measured, their equations are regressions that need no start.
 
 use super::options::SpectralOptions;
+use super::setting::{Setting, band};
 use crate::model::Model;
 use crate::record::Run;
 use crate::regression::{Domain, Regressed, RegressionOptions, regress};
+use crate::spectrum::Frequencies;
 
 /// Squared ratio of a value to its error from which on a regression is believed more than what the model says.
 const BELIEVED: f64 = 4.0;
@@ -19,9 +21,19 @@ pub struct FirstValue {
     pub equations: Vec<String>,
 }
 
-/// First values of all free parameters that spectra show (`seen`), in the model's order. Values that were set by hand stay.
-pub(super) fn first_values(model: &Model, runs: &[Run], seen: &[bool], options: &SpectralOptions) -> Vec<FirstValue> {
-    let domain = Domain::Frequency(options.frequencies.clone());
+/// First values of all free parameters that spectra show, in the model's order. Values that were set by hand stay.
+pub(super) fn first_values(
+    model: &Model,
+    runs: &[Run],
+    setting: &Setting,
+    options: &SpectralOptions,
+) -> Vec<FirstValue> {
+    let domain = Domain::Frequency(match options.frequencies {
+        Frequencies::Grid { lowest: None, highest: None } => {
+            Frequencies::Grid { lowest: None, highest: Some(band(&setting.spectra).1) }
+        }
+        ref chosen => chosen.clone(),
+    });
     let found = regress(model, runs, &RegressionOptions { domain, ..RegressionOptions::default() }).ok();
     let fits = || found.iter().flat_map(|r| &r.fits);
     let regressed = |name: &str| {
@@ -31,7 +43,7 @@ pub(super) fn first_values(model: &Model, runs: &[Run], seen: &[bool], options: 
             Some((one.value, fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>()))
         })
     };
-    let params = model.definition().params.iter().zip(seen).filter(|(p, seen)| !p.fixed && **seen);
+    let params = model.definition().params.iter().zip(&setting.seen).filter(|(p, seen)| !p.fixed && **seen);
     params
         .map(|(p, _)| {
             let name = &p.quantity.name;
