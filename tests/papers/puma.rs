@@ -3,6 +3,8 @@
 use super::{doublet, flown, model, noisy, steps, three_two_one_one, with_values};
 use fdm::Model;
 use fdm::record::Run;
+use fdm::regression::{Components, Domain, RegressionOptions};
+use fdm::spectrum::Frequencies;
 
 /// Transformed samples: 500 of them last 14.3 s, so that the frequencies are 0.07 Hz apart.
 pub(crate) const SAMPLES: usize = 500;
@@ -31,6 +33,11 @@ pub(crate) fn flight_of_theory(delay: f64) -> Model {
 /// A doublet of the longitudinal cyclic with these halves, in seconds.
 pub(crate) fn doublet_of(model: &Model, half: f64) -> Run {
     flown(model, "doublet", SAMPLES + 2, DT, |t| piloted(t, doublet(t, 1.0, 1.5, half)))
+}
+
+/// The same with nothing but the longitudinal cyclic moved, so that roll and sideslip follow pitch.
+pub(crate) fn hands_off(model: &Model, half: f64) -> Run {
+    flown(model, "doublet", SAMPLES + 2, DT, |t| vec![doublet(t, 1.0, 1.5, half), 0.0, 0.0, 0.0])
 }
 
 /// The DFVLR's 3211 with this unit.
@@ -93,4 +100,24 @@ fn rearranged(flight: &Run, inputs: &[Channel], outputs: &[usize]) -> Run {
         input_gaps: vec![0; inputs.len()],
         output_gaps: vec![0; outputs.len()],
     }
+}
+
+/// Standard deviations of measured pitch rate and normal acceleration.
+pub(crate) const SHORT_PERIOD_NOISE: [f64; 2] = [0.002, 0.1];
+
+pub(crate) fn transfer_functions() -> Model {
+    model("puma/transfer_functions.fdm")
+}
+
+/// A 3211 of the two transfer functions.
+pub(crate) fn short_period(model: &Model) -> Run {
+    flown(model, "3211", SAMPLES, DT, |t| vec![three_two_one_one(t, 1.0, 1.5, 0.8)])
+}
+
+/// The rule by which the paper chooses the number of components.
+pub(crate) const PUBLISHED: Components = Components::Levelled;
+
+pub(crate) fn at_frequencies(highest: f64, components: Components) -> RegressionOptions {
+    let domain = Domain::Frequency(Frequencies::Grid { lowest: None, highest: Some(highest) });
+    RegressionOptions { domain, components, ..RegressionOptions::default() }
 }
