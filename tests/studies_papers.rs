@@ -278,6 +278,7 @@ fn puma_pitching_moment() {
             })
             .collect();
         let count = |n: usize| scores.iter().filter(|s| **s == n).count();
+        assert!(if delay > 0.0 { count(5) } else { count(6) } > scores.len() * 4 / 5);
         println!(
             "the published rule in {REPEATS} repeats: five {}, six {}, fewer {}",
             count(5),
