@@ -132,7 +132,8 @@ fn of(parameter: Option<&ParameterEstimate>) -> Option<Found> {
 
 /// A zig-zag of the rudder whose halves have different lengths, turned at the rate of a steering gear.
 fn zig_zag(t: f64, size: f64) -> f64 {
-    const TURNS: [f64; 14] = [10.0, 40.0, 85.0, 105.0, 130.0, 190.0, 240.0, 265.0, 285.0, 345.0, 370.0, 430.0, 460.0, 500.0];
+    const TURNS: [f64; 14] =
+        [10.0, 40.0, 85.0, 105.0, 130.0, 190.0, 240.0, 265.0, 285.0, 345.0, 370.0, 430.0, 460.0, 500.0];
     let ramp = |at: f64| ((t - at) / 4.0).clamp(0.0, 1.0);
     let turned = |(k, at): (usize, &f64)| (if k == 0 { 1.0 } else { 2.0 }) * (1.0 - 2.0 * (k % 2) as f64) * ramp(*at);
     size * TURNS.iter().enumerate().map(turned).sum::<f64>()
