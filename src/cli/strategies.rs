@@ -27,6 +27,18 @@ pub(crate) struct Strategies {
 }
 
 impl Strategies {
+    /// Those that were asked for.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let all = [
+            (self.continuation != Continuation::default(), "--continuation"),
+            (!self.substitute.is_empty(), "--substitute"),
+            (self.shooting.is_some(), "--shooting"),
+            (self.confidence, "--confidence"),
+            (self.weights, "--weights"),
+        ];
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
     /// The options of a fit with these among them.
     pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
         FitOptions {
