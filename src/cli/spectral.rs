@@ -43,7 +43,7 @@ pub(crate) struct Spectral {
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times
     #[arg(long, value_name = "RUN")]
     pub(crate) holdout: Vec<PathBuf>,
-    /// With --method fr: lengths of the segments that are averaged, in the model's time [default: four, each half as long as the one before]
+    /// With --method fr: lengths of the segments that are averaged, in the model's time [default: two, the second half as long as the first]
     #[arg(long, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
     pub(crate) segments: Vec<f64>,
     /// With --method fr: a pair that is compared; may be given several times [default: all that the model connects]

@@ -1,4 +1,5 @@
 //! Errors of estimates whose noise is known beforehand: `D [sum_ij s_i Rvv(i, j) s_j'] D`, Rvv what another source than the residuals says of it.
+//! Where residuals are larger than that, because the model does not match, Rvv grows with them.
 
 use super::coloured::Corrected;
 use super::conclusion::Conclusion;
@@ -23,7 +24,7 @@ pub(in crate::estimate) fn corrected_known(
     if conclusion.inverse.chosen.is_empty() {
         return Err(Uncorrected::NoDegreesOfFreedom);
     }
-    let mut middles = Vec::new();
+    let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
     for (r, run) in problem.runs.iter_mut().enumerate() {
         let mut theta = unknowns.theta[r].clone();
         unknowns.assemble(r, values, &mut theta);
@@ -33,8 +34,12 @@ pub(in crate::estimate) fn corrected_known(
             if chosen(c) { 1.0 / (scale * noise.covariance[0]) } else { 0.0 }
         };
         let weights: Vec<f64> = (0..unknowns.columns.len()).map(weight).collect();
-        middles.push(middle(run, unknowns, &theta, &weights)?);
+        middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
     }
+    let (found, expected, count) = sizes;
+    let freedom = (count as f64 - conclusion.inverse.chosen.len() as f64).max(1.0) / count as f64;
+    let growth = (found / (expected * freedom)).max(1.0);
+    middles.iter_mut().flatten().for_each(|v| *v *= growth);
     let sandwich = Sandwich { unknowns, conclusion };
     let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
@@ -43,17 +48,21 @@ pub(in crate::estimate) fn corrected_known(
     }
 }
 
-/// `sum_ij s_i Rvv(i, j) s_j'` of one run, its columns multiplied by their weights (square).
+/// `sum_ij s_i Rvv(i, j) s_j'` of one run, its columns multiplied by their weights (square). Adds up the squares of residuals and deviations, and
+/// their number.
 fn middle(
     run: &mut ProblemRun<'_>,
     unknowns: &Unknowns,
     theta: &[f64],
     weights: &[f64],
+    sizes: &mut (f64, f64, usize),
 ) -> Result<Vec<f64>, Uncorrected> {
     let width = weights.len();
     let mut rows = vec![0.0; run.response.samples() * width];
+    let measured = &run.measured;
     let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block| {
         for sample in 0..block.samples() {
+            sizes.0 += (measured[block.first + sample] - block.y[sample]).powi(2);
             let row = &mut rows[(block.first + sample) * width..][..width];
             for (c, value) in block.layout.outputs[0].columns.iter().zip(block.row(sample, 0)) {
                 row[*c as usize] = value * weights[*c as usize];
@@ -62,6 +71,8 @@ fn middle(
     });
     streamed.map_err(|_| Uncorrected::NotFinite)?;
     let KnownNoise { deviations, correlations } = run.response.known_noise().ok_or(Uncorrected::NotFinite)?;
+    sizes.1 += deviations.iter().map(|d| d * d).sum::<f64>();
+    sizes.2 += deviations.len();
     let mut middle = vec![0.0; width * width];
     let mut add = |i: usize, j: usize, covariance: f64| {
         let (left, right) = (&rows[i * width..][..width], &rows[j * width..][..width]);

@@ -53,6 +53,9 @@ pub enum ResponseError {
     /// A coherence that is none.
     #[error("a least coherence of {0} makes no sense; give a number from 0 to below 1")]
     NoCoherence(f64),
+    /// A length that is none.
+    #[error("a segment cannot be {0} long; give lengths above zero, within the records")]
+    NoSegment(f64),
     /// More unknowns than numbers.
     #[error(
         "{points} points of frequency responses are {} numbers, too few for {unknowns} unknowns; widen the band (`--band`), use longer or more \

@@ -14,7 +14,7 @@ pub struct ResponseOptions {
     /// At which frequencies: an end that is not given is where the inputs have their power, and frequencies stand a tenth apart from each other
     /// but not closer than the longest segment tells apart; of a band with a spacing every one.
     pub frequencies: Frequencies,
-    /// Lengths of the segments that are averaged, in the model's time; none for four of them, each half as long as the one before.
+    /// Lengths of the segments that are averaged, in the model's time; none for two of them, the second half as long as the first.
     pub segments: Vec<f64>,
     /// Pairs of output and input that are compared; none for all that the model connects.
     pub pairs: Vec<(String, String)>,

@@ -1,3 +1,5 @@
+//! Simulated sweeps: parameters, delays, costs and errors, and the derivatives behind them.
+
 use super::decibels::{Decibels, Pair, measured_rows, weight};
 use super::measured::Measured;
 use super::*;

@@ -72,6 +72,11 @@ pub enum SpectralError {
     Problem(Vec<ProblemError>),
 }
 
+/// A number as a sentence gives it: six digits.
+fn rounded(v: f64) -> f64 {
+    format!("{v:.5e}").parse().unwrap_or(v)
+}
+
 impl SpectralError {
     /// What changes of a model can fail with.
     pub(in crate::estimate) fn of(error: FitError) -> Self {
@@ -97,8 +102,10 @@ impl fmt::Display for SpectralError {
                 let of_ends = if *ends > 0 { format!(" ({ends} of them end values)") } else { String::new() };
                 write!(
                     f,
-                    "{frequencies} frequencies of {outputs} outputs are {} numbers, too few for {unknowns} unknowns{of_ends}; widen the \
+                    "{frequencies} frequenc{} of {outputs} output{} are {} numbers, too few for {unknowns} unknowns{of_ends}; widen the \
                      band (`--band`), use longer or more runs, or fix parameters (`--fix NAME`)",
+                    if *frequencies == 1 { "y" } else { "ies" },
+                    if *outputs == 1 { "" } else { "s" },
                     2 * frequencies * outputs
                 )
             }
@@ -108,8 +115,8 @@ impl fmt::Display for SpectralError {
                     f,
                     "the input `{input}` has no power between {} and {} cycles per unit of time in any run, so that {} cannot be found; \
                      choose a band in which it moves, add a run that moves it, or fix {}",
-                    band.0,
-                    band.1,
+                    rounded(band.0),
+                    rounded(band.1),
                     quoted.join(", "),
                     if quoted.len() == 1 { "it" } else { "them" }
                 )
