@@ -70,7 +70,7 @@ fn bands_and_options_that_make_no_sense() {
         ("--method fd --band 0.05:0.05", "too few for"),
         ("--method fd --noise full --map z=y", "say --noise diagonal"),
         ("--method fd --set tau=100", "begin with a shorter delay"),
-        ("--method fd --shooting 3", "--shooting belongs to estimation in the time domain"),
+        ("--method fd --shooting 3", "--shooting belongs to the time domain"),
         ("--method fd --coherence 0.5", "--coherence belongs to --method fr"),
         ("--band 0.1:1", "--band belongs to the frequency domain"),
         ("--own-values", "--own-values belongs to the frequency domain"),

@@ -3,11 +3,12 @@
 //!
 //! The peers are set up outside the repository (see docs/benchmarks.md). Where the hand-written limit and the reference
 //! data are found, the limit runs first and last in the same run on the same core; with `PEERS` naming the peers' folder all
-//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w3, w4, w5.
+//! tools run. Otherwise our own figures stand alone. `cargo bench -- w3` measures one of w1, w2t, w2f, w3, w3f, w4, w5.
 #![allow(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
 mod clock;
 mod delay;
+mod frequency;
 mod helicopter;
 mod start_up;
 mod workload;
@@ -37,8 +38,15 @@ fn main() {
     if wanted("w1") {
         ship();
     }
-    for (workload, measure) in [("w2t", helicopter::run as fn(&[Row])), ("w3", delay::run), ("w4", zoom::run)] {
-        if wanted(workload) {
+    let measures = [
+        ("w2t", "w2t", helicopter::run as fn(&[Row])),
+        ("w2f", "w2f", frequency::helicopter),
+        ("w3", "w3", delay::run),
+        ("w3f", "w3", frequency::delay),
+        ("w4", "w4", zoom::run),
+    ];
+    for (name, workload, measure) in measures {
+        if wanted(name) {
             let before = limit(workload);
             measure(&before);
             for row in peers(workload) {

@@ -5,11 +5,12 @@ use crate::failure::{Failure, NUMBERS};
 use crate::fit::Arguments as Fit;
 use crate::progress::Progress;
 use crate::records::notes;
-use crate::spectral::UNDETERMINED;
+use crate::spectral::{UNDETERMINED, refuse_what_is_of_time};
 use fdm::estimate::{Noise, ResponseFit, ResponseOptions, fit_responses};
 use fdm::record::{Column, Dialect, Run, write_to};
 use fdm::report::{
-    hidden_mode, history_table, prediction_table, response_columns, response_json, response_table, time_json,
+    fitted_response_columns, fitted_response_json, fitted_response_table, hidden_mode, history_table, prediction_table,
+    time_json,
 };
 use fdm::spectrum::Frequencies;
 use fdm::store::{Identity, Manifest};
@@ -17,6 +18,7 @@ use std::process::ExitCode;
 
 /// Fits frequency responses as the arguments of `fdm fit` say.
 pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
+    refuse_what_is_of_time(arguments)?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     if !arguments.noise.is_empty() {
@@ -35,7 +37,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     progress.finish();
     let fit = result.map_err(|e| Failure::input([e]))?;
 
-    let (mut text, mut json) = (text(&fit, arguments), response_json(&fit));
+    let (mut text, mut json) = (text(&fit, arguments), fitted_response_json(&fit));
     if !held_out.is_empty() && fit.is_good() {
         let predicted = fit.predict(&held_out, &mut progress).map_err(|e| Failure::input([e]))?;
         text.push_str(&format!("\nruns that took no part\n{}", prediction_table(&predicted.quality)));
@@ -50,6 +52,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
         model: &fit.model,
         fit: fit.finish.as_ref(),
         runs: &runs,
+        spectra: Vec::new(),
         tables: tables(&fit),
         text,
         json,
@@ -81,7 +84,7 @@ fn text(fit: &ResponseFit, arguments: &Fit) -> String {
     let e = &fit.estimate;
     let doc = &fit.model.definition().doc;
     let title = if doc.is_empty() { fit.model.name().to_string() } else { format!("{}: {doc}", fit.model.name()) };
-    let mut text = format!("{title}\n\n{}\n", response_table(fit, arguments.intervals));
+    let mut text = format!("{title}\n\n{}\n", fitted_response_table(fit, arguments.intervals));
     if arguments.history {
         text.push_str(&format!("\n{}\n", history_table(&e.history)));
     }
@@ -109,7 +112,7 @@ fn remarks(fit: &ResponseFit) -> Vec<String> {
 /// The response of every pair as a table.
 fn tables(fit: &ResponseFit) -> Vec<(String, Vec<u8>)> {
     let table = |(k, pair)| {
-        let columns = response_columns(pair);
+        let columns = fitted_response_columns(pair);
         let columns: Vec<Column<'_>> =
             columns.iter().map(|(name, values)| Column { name, unit: None, values }).collect();
         let mut text = Vec::new();

@@ -12,10 +12,12 @@ use fdm::estimate::{Nonlinear, SpectralFit, SpectralOptions, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::{Column, Dialect, Run, write_to};
 use fdm::report::{
-    hidden_mode, history_table, prediction_table, spectral_json, spectral_table, spectrum_columns, time_json,
+    TimeHistory, hidden_mode, history_table, prediction_table, spectral_json, spectral_table, spectrum_columns,
+    time_json,
 };
 use fdm::spectrum::Frequencies;
 use fdm::store::{Identity, Manifest};
+use num_complex::Complex64;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -78,7 +80,7 @@ enum NonlinearChoice {
 }
 
 /// `LO:HI`
-fn band(text: &str) -> Result<(f64, f64), String> {
+pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
     let (low, high) = text.split_once(':').ok_or("expected LO:HI, such as 0.1:3")?;
     let number = |part: &str| part.trim().parse().map_err(|_| format!("`{part}` is not a number"));
     Ok((number(low)?, number(high)?))
@@ -138,6 +140,7 @@ impl Spectral {
 
 /// Fits spectra as the arguments of `fdm fit` say.
 pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
+    refuse_what_is_of_time(arguments)?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -163,10 +166,13 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     if arguments.delivery.out.is_some() {
         arguments.records.describe(&runs, &mut manifest);
     }
+    let frequencies: Vec<Vec<f64>> =
+        fit.spectra.iter().map(|s| s.omega.iter().map(|w| w / std::f64::consts::TAU).collect()).collect();
     let outcome = Outcome {
         model: &fit.model,
         fit: fit.finish.as_ref(),
         runs: &runs,
+        spectra: panels(&fit, &frequencies),
         tables: tables(&fit),
         text,
         json,
@@ -175,6 +181,19 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     };
     let delivered = prepared.deliver(outcome);
     Ok(if fit.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// Options that mean nothing to spectra are refused, not passed over.
+pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
+    let mut given = arguments.strategies.given();
+    given.extend((arguments.starts > 1).then_some("--starts"));
+    given.extend(arguments.keeping.is_asked().then_some("--checkpoint"));
+    given.extend((!arguments.integration.is_open()).then_some("--steps and --integrator"));
+    if given.is_empty() {
+        return Ok(());
+    }
+    let reason = |option: &str| format!("{option} belongs to the time domain; leave it out, or leave out `--method`");
+    Err(Failure::input(given.into_iter().map(reason)))
 }
 
 fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
@@ -230,6 +249,28 @@ fn remarks(fit: &SpectralFit) -> Vec<String> {
 /// What is said where parameters are not determined.
 pub(crate) const UNDETERMINED: &str =
     "the data do not determine every parameter: fix some of what is named above, or add runs that move them";
+
+/// Measured and modelled spectra as pictures: their magnitudes over frequency.
+fn panels<'a>(fit: &SpectralFit, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistory<'a>> {
+    let definition = fit.model.definition();
+    let mut panels = Vec::new();
+    for (spectrum, time) in fit.spectra.iter().zip(frequencies) {
+        for (o, output) in definition.outputs.iter().enumerate() {
+            let (name, count) = (&output.quantity.name, time.len());
+            let unit = output.quantity.unit.as_ref().map_or(String::new(), ToString::to_string);
+            let size = |plane: &[Complex64]| plane[o * count..(o + 1) * count].iter().map(|v| v.norm()).collect();
+            panels.push(TimeHistory {
+                title: format!("{}: spectrum of {name} in {}", fit.model.name(), spectrum.run),
+                time_label: format!("cycles per {}", definition.time),
+                value_label: format!("|{name}| [{unit}]"),
+                time,
+                measured: size(&spectrum.measured),
+                modelled: size(&spectrum.modelled),
+            });
+        }
+    }
+    panels
+}
 
 /// The spectra of every run as a table.
 fn tables(fit: &SpectralFit) -> Vec<(String, Vec<u8>)> {

@@ -27,16 +27,16 @@ pub(crate) struct Strategies {
 }
 
 impl Strategies {
-    /// Those that were asked for.
+    /// The options that were given.
     pub(crate) fn given(&self) -> Vec<&'static str> {
-        let all = [
-            (self.continuation != Continuation::default(), "--continuation"),
-            (!self.substitute.is_empty(), "--substitute"),
-            (self.shooting.is_some(), "--shooting"),
-            (self.confidence, "--confidence"),
-            (self.weights, "--weights"),
+        let given = [
+            ("--continuation", self.continuation != Continuation::default()),
+            ("--substitute", !self.substitute.is_empty()),
+            ("--shooting", self.shooting.is_some()),
+            ("--confidence", self.confidence),
+            ("--weights", self.weights),
         ];
-        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+        given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
     }
 
     /// The options of a fit with these among them.

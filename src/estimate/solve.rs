@@ -78,7 +78,7 @@ pub fn estimate_from(
             if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
                 corrected_known(problem, &unknowns, &values, conclusion, priors)
             } else if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
-                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
+                corrected_spectra(problem, &unknowns, &values, (conclusion, &likelihood), priors)
             } else {
                 corrected(problem, &unknowns, &values, conclusion, priors)
             }

@@ -30,7 +30,7 @@ impl Run {
             missing.iter_mut().zip(gaps).for_each(|(missing, gap)| *missing |= gap);
         });
         let (mut drive, mut value) = (vec![0.0; m + taus.len()], [0.0]);
-        for sample in 0..self.len() {
+        for (sample, missing) in missing.iter_mut().enumerate() {
             let t = self.time[sample];
             drive[..m].copy_from_slice(&self.inputs[sample * m..][..m]);
             for (place, (input, tau)) in drive[m..].iter_mut().zip(&taus) {
@@ -38,7 +38,7 @@ impl Run {
             }
             code.evaluate(Point { t, x: &[], drive: &drive, known: &theta }, &mut value);
             let finite = value[0].is_finite();
-            missing[sample] |= !finite;
+            *missing |= !finite;
             self.inputs[sample * m + k] = if finite { value[0] } else { f64::NAN };
         }
         // a product of steps is a step

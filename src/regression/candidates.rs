@@ -20,6 +20,13 @@ pub struct Structure {
     pub found: Stepwise,
 }
 
+/// The rate of one state and its candidates, the rows of all runs behind each other.
+#[derive(Debug, Clone, Default)]
+struct Table {
+    left: Vec<f64>,
+    columns: Vec<(String, Vec<f64>)>,
+}
+
 /// More signals than this make so many products that chance finds a structure; then squares and products are left out.
 const MOST_SIGNALS: usize = 12;
 
@@ -44,13 +51,12 @@ pub fn structure(
         return Err(RegressionError::NothingMeasured);
     }
     let runs = completed(definition, runs)?;
-    // (rate, candidates) of each state, all runs behind each other
-    let mut tables: Vec<(Vec<f64>, Vec<(String, Vec<f64>)>)> = vec![Default::default(); measured.len()];
+    let mut tables: Vec<Table> = vec![Table::default(); measured.len()];
     for run in &runs {
         let signals = Signals::new(definition, &equations.graph, &equations.readings, run, options)?;
         let candidates = candidates(definition, &signals, &measured);
         let (names, series): (Vec<String>, Vec<Vec<f64>>) = candidates.into_iter().unzip();
-        for (k, (left, columns)) in measured.iter().zip(&mut tables) {
+        for (k, Table { left, columns }) in measured.iter().zip(&mut tables) {
             let Some(state) = &signals.states[*k] else { continue };
             let none = vec![f64::NAN; run.len()];
             let rate = signals.rates[*k].as_ref().unwrap_or(&none);
@@ -64,7 +70,7 @@ pub fn structure(
         }
     }
     let constant = options.domain == Domain::Time;
-    let one = |(k, (left, columns)): (&usize, (Vec<f64>, Vec<(String, Vec<f64>)>))| Structure {
+    let one = |(k, Table { left, columns }): (&usize, Table)| Structure {
         state: definition.states[*k].quantity.name.clone(),
         found: stepwise(&left, &columns, constant, limits),
     };

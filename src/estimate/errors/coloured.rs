@@ -8,6 +8,7 @@
 use super::coloured_rows::{Colour, ColouredRows, Filtered, sampling};
 use super::conclusion::Conclusion;
 use super::noise_colour::{NoiseColour, Uncorrected};
+use super::sandwich::Sandwich;
 use crate::estimate::iteration::priors::PriorRow;
 use crate::estimate::problem::Problem;
 use crate::estimate::unknowns::Unknowns;
@@ -55,16 +56,17 @@ pub(in crate::estimate) fn corrected(
     let runs = rows(problem, unknowns, values, conclusion)?;
     let inverse_noise = noise.inverse();
     let mut groups = Group::all(&runs, problem.outputs.len());
-    let frame = Frame { unknowns, conclusion };
-    let prior = frame.prior(priors);
+    let sandwich = Sandwich { unknowns, conclusion };
+    let prior = sandwich.prior(priors);
     for round in 0.. {
         let filtered = filter(&runs, &groups, &inverse_noise);
-        let covariance = frame.covariance(&filtered, &prior);
+        let middles: Vec<&[f64]> = filtered.iter().map(|f| &f.middle[..]).collect();
+        let covariance = sandwich.covariance(&middles, &prior);
         if !covariance.iter().all(|v| v.is_finite()) {
             return Err(Uncorrected::NotFinite);
         }
         let change = if round + 1 < ROUNDS {
-            let reduced: Vec<_> = (0..runs.len()).map(|r| frame.of_run(r, &covariance, runs[r].width)).collect();
+            let reduced: Vec<_> = (0..runs.len()).map(|r| sandwich.of_run(r, &covariance, runs[r].width)).collect();
             groups.iter_mut().map(|g| g.improve(&runs, &filtered, &reduced, round < SETTLING)).fold(0.0, f64::max)
         } else {
             0.0
@@ -107,76 +109,6 @@ fn rows(
 fn filter(runs: &[ColouredRows], groups: &[Group], inverse_noise: &[f64]) -> Vec<Filtered> {
     let group = |r: usize| groups.iter().find(|g| g.runs.contains(&r)).unwrap_or(&groups[0]);
     runs.par_iter().enumerate().map(|(r, rows)| rows.filter(&group(r).colour, inverse_noise)).collect()
-}
-
-/// Where the columns of the runs stand among the unknowns.
-struct Frame<'f> {
-    unknowns: &'f Unknowns,
-    conclusion: &'f Conclusion,
-}
-
-impl Frame<'_> {
-    /// The place of each column of a run in the covariance.
-    fn places(&self, run: usize) -> Vec<Option<usize>> {
-        let chosen = &self.conclusion.inverse.chosen;
-        let columns = 0..self.unknowns.columns.len();
-        columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
-    }
-
-    /// Prior information, which the noise does not touch.
-    fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<(usize, f64)> {
-        let place = |row: PriorRow| {
-            let k = self.conclusion.inverse.chosen.binary_search(&row.unknown).ok()?;
-            Some((k, (row.weight / self.conclusion.scale[row.unknown]).powi(2)))
-        };
-        priors.filter_map(place).collect()
-    }
-
-    fn covariance(&self, filtered: &[Filtered], prior: &[(usize, f64)]) -> Vec<f64> {
-        let n = self.conclusion.inverse.chosen.len();
-        let mut middle = vec![0.0; n * n];
-        for (run, filtered) in filtered.iter().enumerate() {
-            let (places, width) = (self.places(run), filtered.middle.len().isqrt());
-            for (i, a) in places.iter().enumerate() {
-                for (j, b) in places.iter().enumerate() {
-                    if let (Some(a), Some(b)) = (a, b) {
-                        middle[a * n + b] += filtered.middle[i * width + j];
-                    }
-                }
-            }
-        }
-        prior.iter().for_each(|(k, information)| middle[k * n + k] += information);
-        let inverse = &self.conclusion.inverse.values;
-        let covariance = product(&product(inverse, &middle, n), inverse, n);
-        (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
-    }
-
-    /// Cramer-Rao covariance and corrected covariance of the columns of one run.
-    fn of_run(&self, run: usize, covariance: &[f64], width: usize) -> [Vec<f64>; 2] {
-        let (n, places) = (self.conclusion.inverse.chosen.len(), self.places(run));
-        [&self.conclusion.inverse.values[..], covariance].map(|from| {
-            let mut to = vec![0.0; width * width];
-            for (i, a) in places.iter().enumerate() {
-                for (j, b) in places.iter().enumerate() {
-                    if let (Some(a), Some(b)) = (a, b) {
-                        to[i * width + j] = from[a * n + b];
-                    }
-                }
-            }
-            to
-        })
-    }
-}
-
-fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
-    let mut c = vec![0.0; n * n];
-    let width = n.max(1);
-    for (row, to) in a.chunks(width).zip(c.chunks_mut(width)) {
-        for (factor, b) in row.iter().zip(b.chunks(width)) {
-            to.iter_mut().zip(b).for_each(|(c, b)| *c += factor * b);
-        }
-    }
-    c
 }
 
 /// Runs that share the colour of their noise.

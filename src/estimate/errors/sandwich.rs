@@ -12,7 +12,7 @@ pub(in crate::estimate) struct Sandwich<'f> {
 
 impl Sandwich<'_> {
     /// The place of each column of a run in the covariance.
-    pub(in crate::estimate) fn places(&self, run: usize) -> Vec<Option<usize>> {
+    fn places(&self, run: usize) -> Vec<Option<usize>> {
         let chosen = &self.conclusion.inverse.chosen;
         let columns = 0..self.unknowns.columns.len();
         columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
@@ -28,10 +28,10 @@ impl Sandwich<'_> {
     }
 
     /// The covariance, chosen by chosen, from the middle of each run (square, its columns first) and the priors.
-    pub(in crate::estimate) fn covariance(&self, middles: &[Vec<f64>], prior: &[(usize, f64)]) -> Vec<f64> {
+    pub(in crate::estimate) fn covariance(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
         let n = self.conclusion.inverse.chosen.len();
         let mut middle = vec![0.0; n * n];
-        for (run, own) in middles.iter().enumerate() {
+        for (run, own) in middles.iter().map(AsRef::as_ref).enumerate() {
             let (places, width) = (self.places(run), own.len().isqrt());
             for (i, a) in places.iter().enumerate() {
                 for (j, b) in places.iter().enumerate() {
@@ -45,6 +45,22 @@ impl Sandwich<'_> {
         let inverse = &self.conclusion.inverse.values;
         let covariance = product(&product(inverse, &middle, n), inverse, n);
         (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
+    }
+
+    /// Cramer-Rao covariance and corrected covariance of the columns of one run (width by width).
+    pub(in crate::estimate) fn of_run(&self, run: usize, covariance: &[f64], width: usize) -> [Vec<f64>; 2] {
+        let (n, places) = (self.conclusion.inverse.chosen.len(), self.places(run));
+        [&self.conclusion.inverse.values[..], covariance].map(|from| {
+            let mut to = vec![0.0; width * width];
+            for (i, a) in places.iter().enumerate() {
+                for (j, b) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        to[i * width + j] = from[a * n + b];
+                    }
+                }
+            }
+            to
+        })
     }
 }
 

@@ -20,6 +20,7 @@ use crate::estimate::termination::Termination;
 use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
+use crate::spectrum::Frequencies;
 use fdm_grammar::carried::CarriedTerm;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -43,10 +44,9 @@ pub struct RunSpectrum {
 pub struct SpectralFit {
     /// The model with the changes that were asked for.
     pub model: Model,
-    /// Estimates, their errors and the iteration. Outputs and residuals are of coefficients, real and imaginary parts one after the other; behind the
-    /// model's parameters stand end values.
+    /// Estimates, their errors and the iteration. Outputs and residuals are of coefficients, real and imaginary parts one after the other.
     pub estimate: Estimate,
-    /// How many of the estimate's parameters are end values: the last but for derived quantities.
+    /// End values of the states, found together with the parameters.
     pub ends: Vec<ParameterEstimate>,
     /// Spectra of all runs; empty when nothing could be computed at the start values.
     pub spectra: Vec<RunSpectrum>,
@@ -77,8 +77,7 @@ pub struct SpectralFit {
 impl SpectralFit {
     /// Every parameter of the model: from the spectra, or from the time domain where these do not see it.
     pub fn parameters(&self) -> Vec<ParameterEstimate> {
-        let own = self.estimate.parameters.iter().filter(|p| !self.ends.iter().any(|e| e.name == p.name));
-        found_later(&own.cloned().collect::<Vec<_>>(), self.finish.as_ref(), &self.unseen)
+        found_later(&self.estimate.parameters, self.finish.as_ref(), &self.unseen)
     }
 
     /// Whether the iteration converged, the data determine every free parameter, and no unstable mode is hidden.
@@ -104,7 +103,13 @@ pub fn fit_spectra(
     how.noise = of_coefficients(how.noise.or_declared(&model.definition().outputs), &setting);
     let mut first = Vec::new();
     if options.regressed {
-        first = regressed_values(&model, runs, &setting.seen, &options.frequencies, &options.changes);
+        let frequencies = match options.frequencies {
+            Frequencies::Grid { lowest: None, highest: None } => {
+                Frequencies::Grid { lowest: None, highest: Some(band(&setting.spectra).1) }
+            }
+            ref chosen => chosen.clone(),
+        };
+        first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
     let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
     let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
@@ -115,7 +120,8 @@ pub fn fit_spectra(
             (found, first) = (again, Vec::new());
         }
     }
-    let ends = unscaled_ends(&mut found, &setting);
+    let ends = unscaled_ends(&found, &setting);
+    found = found.without(|p| ends.iter().any(|e| e.name == p.name));
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
     let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
     let names = |k: usize| model.definition().params[k].quantity.name.clone();
@@ -179,17 +185,18 @@ fn of_coefficients(noise: Noise, setting: &Setting) -> Noise {
 }
 
 /// End values in the units of their states: those of shorter runs were scaled with their spectra.
-fn unscaled_ends(estimate: &mut Estimate, setting: &Setting) -> Vec<ParameterEstimate> {
+fn unscaled_ends(estimate: &Estimate, setting: &Setting) -> Vec<ParameterEstimate> {
     let own = |name: &str| setting.model.definition().params.iter().any(|p| p.quantity.name == name);
     let derived = |name: &str| setting.model.definition().derived.iter().any(|d| d.quantity.name == name);
     let mut ends = Vec::new();
-    for p in estimate.parameters.iter_mut().filter(|p| !own(&p.name) && !derived(&p.name)) {
+    for p in estimate.parameters.iter().filter(|p| !own(&p.name) && !derived(&p.name)) {
+        let mut p = p.clone();
         let run = setting.spectra.iter().position(|s| Some(&s.name) == p.run.as_ref());
         let factor = 1.0 / run.map_or(1.0, |run| weight(&setting.spectra, run));
         p.value *= factor;
         p.standard_error = p.standard_error.map(|s| s * factor);
         p.corrected_error = p.corrected_error.map(|s| s * factor);
-        ends.push(p.clone());
+        ends.push(p);
     }
     ends
 }

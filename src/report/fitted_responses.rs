@@ -19,7 +19,7 @@ const INSENSITIVE: f64 = 10.0;
 
 /// Parameters with standard errors, bounds and insensitivities, what every pair costs, and how well time histories are matched; `intervals` adds the
 /// interval of two standard errors.
-pub fn response_table(fit: &ResponseFit, intervals: bool) -> String {
+pub fn fitted_response_table(fit: &ResponseFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));
     text.push_str(&first_values(&fit.first));
@@ -103,7 +103,7 @@ fn sensitivity_table(fit: &ResponseFit) -> String {
 }
 
 /// Estimates for other programs: as those of a fit in the time domain, with `frequency_responses` for what is particular.
-pub fn response_json(fit: &ResponseFit) -> Value {
+pub fn fitted_response_json(fit: &ResponseFit) -> Value {
     let mut document = estimate_json(&fit.model, &fit.estimate);
     document["parameters"] = json!(fit.parameters());
     let trim = fit.trim.as_ref().map(|t| json!({ "states": t.states, "inputs": t.inputs }));
@@ -136,7 +136,7 @@ pub fn response_json(fit: &ResponseFit) -> Value {
 }
 
 /// A pair as columns: frequency, measured and modelled decibels and degrees, coherence.
-pub fn response_columns(pair: &PairFit) -> Vec<(&'static str, Vec<f64>)> {
+pub fn fitted_response_columns(pair: &PairFit) -> Vec<(&'static str, Vec<f64>)> {
     let part = |of: &[[f64; 2]], k: usize| of.iter().map(|v| v[k]).collect();
     vec![
         ("frequency", pair.omega.iter().map(|w| w / TAU).collect()),
