@@ -1,7 +1,6 @@
 //! First values from equation error: where states are measured, their equations are regressions that need no start.
 
-use super::options::SpectralOptions;
-use super::setting::{Setting, band};
+use crate::estimate::changes::Changes;
 use crate::model::Model;
 use crate::record::Run;
 use crate::regression::{Domain, Regressed, RegressionOptions, regress};
@@ -21,19 +20,15 @@ pub struct FirstValue {
     pub equations: Vec<String>,
 }
 
-/// First values of all free parameters that spectra show, in the model's order. Values that were set by hand stay.
-pub(super) fn first_values(
+/// First values of all free parameters that spectra show (`seen`), in the model's order. Values that were set by hand stay.
+pub(in crate::estimate) fn regressed_values(
     model: &Model,
     runs: &[Run],
-    setting: &Setting,
-    options: &SpectralOptions,
+    seen: &[bool],
+    frequencies: &Frequencies,
+    changes: &Changes,
 ) -> Vec<FirstValue> {
-    let domain = Domain::Frequency(match options.frequencies {
-        Frequencies::Grid { lowest: None, highest: None } => {
-            Frequencies::Grid { lowest: None, highest: Some(band(&setting.spectra).1) }
-        }
-        ref chosen => chosen.clone(),
-    });
+    let domain = Domain::Frequency(frequencies.clone());
     let found = regress(model, runs, &RegressionOptions { domain, ..RegressionOptions::default() }).ok();
     let fits = || found.iter().flat_map(|r| &r.fits);
     let regressed = |name: &str| {
@@ -43,11 +38,11 @@ pub(super) fn first_values(
             Some((one.value, fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>()))
         })
     };
-    let params = model.definition().params.iter().zip(&setting.seen).filter(|(p, seen)| !p.fixed && **seen);
+    let params = model.definition().params.iter().zip(seen).filter(|(p, seen)| !p.fixed && **seen);
     params
         .map(|(p, _)| {
             let name = &p.quantity.name;
-            let by_hand = options.changes.set.iter().any(|(set, _)| set == name);
+            let by_hand = changes.set.iter().any(|(set, _)| set == name);
             let inside = |v: f64| v.is_finite() && v >= p.lower && v <= p.upper;
             let better = regressed(name).filter(|(v, _)| inside(*v) && !by_hand && !p.per_run);
             let (value, equations) = better.unwrap_or((p.value, Vec::new()));

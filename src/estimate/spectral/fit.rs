@@ -1,8 +1,9 @@
 //! The road of a fit in the frequency domain.
 
 use super::fault::SpectralError;
-use super::finish::finish;
-use super::first::{FirstValue, first_values};
+use super::finish::found_later;
+use super::first::{FirstValue, regressed_values};
+use super::hidden::{HiddenMode, hidden_modes, longest};
 use super::options::SpectralOptions;
 use super::response::Unanswered;
 use super::setting::{Setting, band};
@@ -19,6 +20,7 @@ use crate::estimate::termination::Termination;
 use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
+use crate::spectrum::Frequencies;
 use fdm_grammar::carried::CarriedTerm;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -64,6 +66,8 @@ pub struct SpectralFit {
     pub first: Vec<FirstValue>,
     /// Why a response could not be computed, when that ended the estimation.
     pub unanswered: Option<Unanswered>,
+    /// Unstable modes that no output shows or no input moves: the frequency domain cannot see them, and there is no finish in the time domain.
+    pub hidden: Vec<HiddenMode>,
     /// Initial states, biases and what else the frequency domain does not see, found in the time domain with the rest held.
     pub finish: Option<Fit>,
     /// Why there is no such fit although it was asked for.
@@ -73,16 +77,12 @@ pub struct SpectralFit {
 impl SpectralFit {
     /// Every parameter of the model: from the spectra, or from the time domain where these do not see it.
     pub fn parameters(&self) -> Vec<ParameterEstimate> {
-        let found = |p: &ParameterEstimate| {
-            let later = self.finish.as_ref().filter(|_| self.unseen.contains(&p.name))?;
-            later.estimate.parameter(&p.name, p.run.as_deref()).cloned()
-        };
-        self.estimate.parameters.iter().map(|p| found(p).unwrap_or_else(|| p.clone())).collect()
+        found_later(&self.estimate.parameters, self.finish.as_ref(), &self.unseen)
     }
 
-    /// Whether the iteration converged and the data determine every free parameter.
+    /// Whether the iteration converged, the data determine every free parameter, and no unstable mode is hidden.
     pub fn is_good(&self) -> bool {
-        self.estimate.is_good()
+        self.estimate.is_good() && self.hidden.is_empty()
     }
 }
 
@@ -96,17 +96,20 @@ pub fn fit_spectra(
     options: &SpectralOptions,
     observer: &mut dyn Observer,
 ) -> Result<SpectralFit, SpectralError> {
-    let model = changed(model, &options.changes).map_err(|e| match e {
-        FitError::Changes(e) => SpectralError::Changes(e),
-        _ => SpectralError::NoRuns,
-    })?;
+    let model = changed(model, &options.changes).map_err(SpectralError::of)?;
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes);
     let mut how = options.options.clone();
     how.noise = of_coefficients(how.noise.or_declared(&model.definition().outputs), &setting);
     let mut first = Vec::new();
     if options.regressed {
-        first = first_values(&model, runs, &setting, options);
+        let frequencies = match options.frequencies {
+            Frequencies::Grid { lowest: None, highest: None } => {
+                Frequencies::Grid { lowest: None, highest: Some(band(&setting.spectra).1) }
+            }
+            ref chosen => chosen.clone(),
+        };
+        first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
     let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
     let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
@@ -139,13 +142,15 @@ pub fn fit_spectra(
         trim,
         unseen,
         unanswered: unanswered.filter(|_| !found.termination.is_good()),
+        hidden: Vec::new(),
         finish: None,
         unfinished: None,
         model,
         estimate: found,
     };
-    if options.finish && fit.estimate.termination.is_good() {
-        match finish(&fit, runs, &setting.seen, observer) {
+    fit.hidden = hidden_modes(&setting.linear, theta.first().map_or(&[], Vec::as_slice), longest(runs));
+    if options.finish && fit.estimate.termination.is_good() && fit.hidden.is_empty() {
+        match fit.predict(runs, observer) {
             Ok(finish) => fit.finish = Some(finish),
             Err(e) => fit.unfinished = Some(e),
         }
