@@ -159,7 +159,7 @@ fn one_flight(what: &str, frequencies: &Frequencies, part: f64) -> SpectralFit {
 #[test]
 #[ignore = "a study"]
 fn one_flight_on_the_records_own_grid_and_a_second_one_predicted() {
-    let fit = one_flight("own grid", &GRID, 0.25);
+    let fit = one_flight("own grid", &GRID, 0.05);
     let second = noisy(&second_flight(), 2);
     let begin = std::time::Instant::now();
     let predicted = fit.predict(&second, &mut ()).unwrap();
