@@ -3,6 +3,7 @@
 
 use fdm::Model;
 use fdm::estimate::{SpectralFit, SpectralOptions, fit_spectra};
+use fdm::frequency::EndTerms;
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::spectrum::Frequencies;
 use std::path::Path;
@@ -21,6 +22,7 @@ fn predicted(file: &str) -> (SpectralFit, Vec<f64>) {
     let model = Model::from_file(Path::new(FOLDER).join(file)).unwrap();
     let options = SpectralOptions {
         frequencies: Frequencies::Grid { lowest: Some(0.05), highest: Some(1.2) },
+        ends: EndTerms::Unknown,
         finish: false,
         ..SpectralOptions::default()
     };
