@@ -99,6 +99,7 @@ impl Workload {
                 outputs: channels(&z, record, count, q),
                 input_ends: [vec![0.0; m], vec![0.0; m]],
                 output_ends: [vec![0.0; q], vec![0.0; q]],
+                ..Spectrum::default()
             };
             let ends = match &e {
                 Some(e) => EndTerms::Given(channels(e, record, count, n).iter().map(|e| -e).collect()),
@@ -233,7 +234,10 @@ impl Workload {
         };
         let found = solve();
         assert!(found.is_good(), "{}", found.termination);
-        println!("{}: {:?} evaluations", self.name, found.evaluations);
+        println!("{}: {:?} evaluations {:?}", self.name, found.evaluations, found.aids);
+        for i in &found.history {
+            println!("{i:?}");
+        }
         let seconds = median_of_runs(|| _ = black_box(solve()));
         let what = if prepared { "B fit (prepared once)" } else { "B fit" };
         self.row(what, seconds, cost(&found))
@@ -249,10 +253,11 @@ pub(crate) fn helicopter(limit: &[Row]) {
         workload.jacobian().print(limit);
         workload.equations().print(limit);
         if tag == "w2f59" {
-            // the covariance of a complex coefficient is twice that of its parts
+            // the variance of a complex coefficient is twice that of its parts
             let cost = |found: &Estimate| {
-                let noise = found.noise.as_ref().expect("there is noise");
-                (0..9).map(|o| (2.0 * noise.values[o * 9 + o]).ln()).sum::<f64>()
+                let rows = || found.runs.iter().flat_map(|r| r.residuals.chunks_exact(9));
+                let variance = |o: usize| 2.0 * rows().map(|r| r[o] * r[o]).sum::<f64>() / rows().count() as f64;
+                (0..9).map(|o| variance(o).ln()).sum::<f64>()
             };
             workload.fit(Noise::Diagonal, false, cost).print(limit);
             workload.fit(Noise::Diagonal, true, cost).print(limit);

@@ -1,6 +1,7 @@
 //! The solution at one frequency by numbers: elimination with exchange of rows, for frequencies where the diagonal pivots
-//! of the program are not to be trusted, and for models too full for a program.
+//! of the program are not to be trusted, and for models too full for a program (by one reduction for all where that can be).
 
+use super::reduction::Reduction;
 use super::wiring::{Influence, Source, Wiring};
 use crate::linear::Values;
 use num_complex::Complex64;
@@ -22,6 +23,9 @@ pub(super) struct Dense {
     weights: Vec<Complex64>,
     /// Outputs (q).
     pub(super) y: Vec<Complex64>,
+    /// The state matrix, reduced once for many frequencies.
+    reduction: Option<Reduction>,
+    kept: Vec<Complex64>,
     /// Derivatives by what is asked for, arranged as the planes of the wiring are.
     pub(super) derivatives: Vec<Complex64>,
 }
@@ -41,8 +45,15 @@ impl Dense {
             x: vec![ZERO; n],
             weights: vec![ZERO; q * n],
             y: vec![ZERO; q],
+            reduction: None,
+            kept: Vec::new(),
             derivatives: vec![ZERO; wiring.planes()],
         }
+    }
+
+    /// Makes many frequencies cheap that are to be solved with these values.
+    pub(super) fn prepare(&mut self, wiring: &Wiring, values: &Values) {
+        self.reduction = Reduction::of(wiring, values);
     }
 
     /// Solves at `omega`; `leaves` are the planes of the wiring at this frequency, `ends` the unknown end values.
@@ -64,25 +75,44 @@ impl Dense {
         for (term, a) in s.terms.iter().zip(&values.terms) {
             let (row, source) = (term.row as usize, wiring.source(term));
             let delay =
-                if let Source::Delayed(d) = source { leaves[wiring.delay_leaf(d) as usize] } else { 1.0.into() };
+                if let Source::Delayed(d, _) = source { leaves[wiring.delay_leaf(d) as usize] } else { 1.0.into() };
             match (wiring.state(source), row.checked_sub(n)) {
-                (Some(j), None) => self.matrix[row * n + j] -= a * delay,
+                (Some(j), None) => {
+                    self.matrix[row * n + j] -= a * delay;
+                    self.x[row] += a * gap(wiring, ends, leaves, source, j);
+                }
                 (Some(j), Some(o)) => self.weights[o * n + j] += a * delay,
                 (None, None) => self.x[row] += a * signal(wiring, leaves, source),
                 (None, Some(_)) => {}
             }
         }
-        for (known, state) in wiring.known_ends.iter().enumerate() {
-            self.x[*state] -= leaves[wiring.end_leaf(known) as usize];
+        for (state, x) in self.x.iter_mut().enumerate() {
+            *x -= end_term(wiring, ends, leaves, state);
         }
-        for ((end, factor), z) in wiring.unknown_ends.iter().zip(ends) {
-            self.x[end.state] -= z * leaves[wiring.factor_leaf(*factor) as usize];
+        if !self.solved_by_reduction(n, omega) {
+            self.factor(n)?;
+            self.substitute(n);
+            self.substitute_left(n);
         }
-        self.factor(n)?;
-        self.substitute(n);
-        self.substitute_left(n);
-        self.respond(wiring, values, omega, leaves);
+        self.respond(wiring, (values, ends), omega, leaves);
         Ok(())
+    }
+
+    /// States and weights by the reduced matrix; where it is too close to singular nothing is changed.
+    fn solved_by_reduction(&mut self, n: usize, omega: f64) -> bool {
+        let Self { reduction, x, weights, kept, .. } = self;
+        let Some(reduction) = reduction.as_mut() else { return false };
+        if !reduction.factor(omega) {
+            return false;
+        }
+        kept.clear();
+        kept.extend(x.iter().chain(weights.iter()));
+        let solved = reduction.solve(x) && weights.chunks_exact_mut(n).all(|w| reduction.solve_left(w));
+        if !solved {
+            x.copy_from_slice(&kept[..n]);
+            weights.copy_from_slice(&kept[n..]);
+        }
+        solved
     }
 
     /// Scales rows and columns to unit size and eliminates.
@@ -153,13 +183,23 @@ impl Dense {
     }
 
     /// Outputs and derivatives from states and weights.
-    fn respond(&mut self, wiring: &Wiring, values: &Values, omega: f64, leaves: &[Complex64]) {
+    fn respond(&mut self, wiring: &Wiring, (values, ends): (&Values, &[f64]), omega: f64, leaves: &[Complex64]) {
         let (s, n) = (&wiring.structure, wiring.structure.states);
         let Self { x, weights, y, derivatives, .. } = self;
         let of = |source: Source| match (source, wiring.state(source)) {
-            (Source::Delayed(d), Some(j)) => leaves[wiring.delay_leaf(d) as usize] * x[j],
+            (Source::Delayed(d, _), Some(j)) => {
+                leaves[wiring.delay_leaf(d) as usize] * x[j] + gap(wiring, ends, leaves, source, j)
+            }
             (_, Some(j)) => x[j],
             _ => signal(wiring, leaves, source),
+        };
+        let moved = |source: Source| match (source, wiring.state(source)) {
+            (Source::Delayed(d, _), Some(j)) => {
+                let end = if wiring.ended { end_term(wiring, ends, leaves, j) } else { ZERO };
+                -leaves[wiring.delay_leaf(d) as usize] * (Complex64::new(0.0, omega) * x[j] + end)
+            }
+            (Source::Delayed(d, shown), None) if wiring.ended => leaves[wiring.moved_leaf(d, shown) as usize],
+            _ => Complex64::new(0.0, -omega) * of(source),
         };
         y.fill(ZERO);
         for (term, a) in s.terms.iter().zip(&values.terms).filter(|(t, _)| t.row as usize >= n) {
@@ -172,9 +212,10 @@ impl Dense {
                 for (equation, influence) in &wiring.columns[*column as usize].influences {
                     let force = match *influence {
                         Influence::Slope(k, source) => values.slopes[k] * of(source),
-                        Influence::Delay(term, k, d) => {
-                            let lag = Complex64::new(0.0, -omega) * of(Source::Delayed(d));
-                            values.terms[term] * values.tau_slopes[k] * lag
+                        Influence::Delay(term, k, source) => values.terms[term] * values.tau_slopes[k] * moved(source),
+                        Influence::DelayedEnd(term, factor, d) => {
+                            let [gap, factor] = [wiring.gap_leaf(d), wiring.factor_leaf(factor)];
+                            values.terms[term] * leaves[gap as usize] * leaves[factor as usize]
                         }
                         Influence::End(factor) => -leaves[wiring.factor_leaf(factor) as usize],
                     };
@@ -194,14 +235,35 @@ impl Dense {
     }
 }
 
+/// A state's end term.
+fn end_term(wiring: &Wiring, ends: &[f64], leaves: &[Complex64], state: usize) -> Complex64 {
+    let known = wiring.known_ends.iter().position(|known| *known == state);
+    let known = known.map_or(ZERO, |known| leaves[wiring.end_leaf(known) as usize]);
+    let own = wiring.unknown_ends.iter().zip(ends).filter(|((end, _), _)| end.state == state);
+    own.fold(known, |sum, ((_, factor), z)| sum + z * leaves[wiring.factor_leaf(*factor) as usize])
+}
+
+/// What a delayed state has besides the turned state.
+fn gap(wiring: &Wiring, ends: &[f64], leaves: &[Complex64], source: Source, state: usize) -> Complex64 {
+    match source {
+        Source::Delayed(d, _) if wiring.ended => {
+            leaves[wiring.gap_leaf(d) as usize] * end_term(wiring, ends, leaves, state)
+        }
+        _ => ZERO,
+    }
+}
+
 /// An input, delayed or not.
 fn signal(wiring: &Wiring, leaves: &[Complex64], source: Source) -> Complex64 {
     use fdm_grammar::graph::Signal;
     match source {
         Source::State(_) => ZERO,
-        Source::Input(j) => leaves[wiring.input_leaf(j) as usize],
-        Source::Delayed(d) => match wiring.structure.delayed[d] {
-            Signal::Input(j) => leaves[wiring.delay_leaf(d) as usize] * leaves[wiring.input_leaf(j as usize) as usize],
+        Source::Input(j, shown) => leaves[wiring.input_leaf(j, shown) as usize],
+        Source::Delayed(d, shown) if wiring.ended => leaves[wiring.delayed_leaf(d, shown) as usize],
+        Source::Delayed(d, shown) => match wiring.structure.delayed[d] {
+            Signal::Input(j) => {
+                leaves[wiring.delay_leaf(d) as usize] * leaves[wiring.input_leaf(j as usize, shown) as usize]
+            }
             Signal::State(_) => ZERO,
         },
     }

@@ -1,8 +1,8 @@
 //! End terms: what the transform of a derivative has besides j w times the transform of its state.
 //!
-//! `x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)` (Marchand and Fu 1985) with the factors of [`Spectrum::end_factors`], which know that the channels
-//! have lost their means; on the grid of the record, w = 2 pi i/T, both are equal and the difference of the end values alone counts. The end
-//! values of a state that an output shows are known, those of others are unknowns of the run, in which the response is linear.
+//! `x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)` (Marchand and Fu 1985) with the factors of [`Spectrum::end_factors`]; on
+//! the grid of the record, w = 2 pi i/T, both are equal and the difference of the end values alone counts. The end values of
+//! a state that an output shows are known, those of others are unknowns of the run, in which the response is linear.
 
 use crate::linear::{Structure, Values};
 use crate::spectrum::Spectrum;
@@ -19,7 +19,7 @@ pub enum EndTerms {
     Unknown,
     /// Left out, as if the record began and ended alike.
     Omitted,
-    /// Given for all states and frequencies (n by M).
+    /// Given for all states and frequencies (n by M). Here and where they are left out, a delay is `exp(-j w tau)` and nothing else.
     Given(Vec<Complex64>),
 }
 
@@ -57,6 +57,8 @@ impl EndColumn {
 /// End terms of one run.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Ends {
+    /// Whether delayed signals have ends too: not where these are left out or given, which is about states alone.
+    pub(super) delayed: bool,
     /// States whose end terms are known, and these (by M).
     pub(super) known: Vec<(usize, Vec<Complex64>)>,
     /// What is unknown.
@@ -68,10 +70,10 @@ pub(super) struct Ends {
 
 impl Ends {
     pub(super) fn new(structure: &Structure, values: &Values, spectrum: &Spectrum, terms: &EndTerms) -> Self {
-        let factors = || (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
-        let first: Vec<Complex64> = factors().map(|[before, _]| -before).collect();
-        let last: Vec<Complex64> = factors().map(|[_, behind]| behind).collect();
-        let mut ends = Self::default();
+        let factors = (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
+        let (first, last): (Vec<Complex64>, Vec<Complex64>) = factors.map(|[before, behind]| (-before, behind)).unzip();
+        let delayed = matches!(terms, EndTerms::Known | EndTerms::Unknown) && !structure.delayed.is_empty();
+        let mut ends = Self { delayed, ..Self::default() };
         let states = 0..structure.states;
         let unknown: Vec<usize> = match terms {
             EndTerms::Omitted => return ends,
@@ -94,7 +96,7 @@ impl Ends {
         };
         ends.unknown = unknown.iter().flat_map(|s| points.iter().map(|p| EndColumn { state: *s, point: *p })).collect();
         if !ends.unknown.is_empty() {
-            // on the grid both factors are equal but for their sign
+            // on the grid both are equal but for their sign
             ends.factors = if points.len() == 1 { vec![last] } else { vec![first, last] };
         }
         ends

@@ -7,9 +7,12 @@
 //! `wiring` (what drives what) -> `plan` (equations as `expression`s, solved by `elimination` in the `order` of least fill) ->
 //! `program` (instructions on few registers) -> `execution` (blocks of frequencies in lanes); `dense` where that will not do.
 
+mod delayed_input;
 mod dense;
 mod elimination;
 mod ends;
+#[cfg(test)]
+mod ends_tests;
 mod error;
 mod execution;
 mod expression;
@@ -17,6 +20,7 @@ mod order;
 mod plan;
 mod program;
 mod ready;
+mod reduction;
 mod response;
 mod scalar;
 #[cfg(test)]

@@ -76,7 +76,9 @@ impl<'w> Planner<'w> {
                 continue;
             };
             let entry = match source {
-                Source::Delayed(d) => {
+                Source::Delayed(d, _) => {
+                    let gap = gap(&mut g, wiring, d, j);
+                    right[row].extend(gap.map(|gap| g.product(coefficient, gap)));
                     let delay = g.leaf(wiring.delay_leaf(d));
                     g.product(coefficient, delay)
                 }
@@ -88,15 +90,8 @@ impl<'w> Planner<'w> {
             }
             entries[row * n + j].push(entry);
         }
-        for (known, state) in wiring.known_ends.iter().enumerate() {
-            let end = g.leaf(wiring.end_leaf(known));
-            right[*state].push(g.negative(end));
-        }
-        let first = s.terms.len() + s.slopes.len() + s.tau_slopes.len();
-        for (k, (end, factor)) in wiring.unknown_ends.iter().enumerate() {
-            let (value, unit) = (g.scalars.given(first + k), g.leaf(wiring.factor_leaf(*factor)));
-            let end_term = g.scaled(value, unit);
-            right[end.state].push(g.negative(end_term));
+        for (state, right) in right.iter_mut().enumerate() {
+            right.extend(end_terms(&mut g, wiring, state).into_iter().map(|end| g.negative(end)));
         }
         let entries = entries.iter().enumerate().map(|(at, e)| g.sum(at / n == at % n, e)).collect();
         let elimination = Elimination::new(&mut g, entries, &diagonal);
@@ -195,14 +190,17 @@ impl<'w> Planner<'w> {
                         let factor = self.g.scalars.given(s.terms.len() + slope);
                         self.value_of(source).map(|signal| self.g.scaled(factor, signal))
                     }
-                    Influence::Delay(term, slope, delayed) => {
+                    Influence::Delay(term, slope, source) => {
                         let (a, t) =
                             (self.g.scalars.given(term), self.g.scalars.given(s.terms.len() + s.slopes.len() + slope));
                         let factor = self.g.scalars.product(a, t);
-                        self.value_of(Source::Delayed(delayed)).map(|signal| {
-                            let lag = self.g.lag(signal);
-                            self.g.scaled(factor, lag)
-                        })
+                        self.moved(source).map(|moved| self.g.scaled(factor, moved))
+                    }
+                    Influence::DelayedEnd(term, factor, delayed) => {
+                        let gap = self.g.leaf(self.wiring.gap_leaf(delayed));
+                        let leaf = self.g.leaf(self.wiring.factor_leaf(factor));
+                        let (a, product) = (self.g.scalars.given(term), self.g.product(gap, leaf));
+                        Some(self.g.scaled(a, product))
                     }
                     Influence::End(factor) => {
                         let leaf = self.g.leaf(self.wiring.factor_leaf(factor));
@@ -234,7 +232,7 @@ impl<'w> Planner<'w> {
             let Some(j) = self.wiring.state(source) else { continue };
             let coefficient = Value { factor: self.g.scalars.given(k), node: None };
             let entry = match source {
-                Source::Delayed(d) => {
+                Source::Delayed(d, _) => {
                     let delay = self.g.leaf(self.wiring.delay_leaf(d));
                     self.g.product(coefficient, delay)
                 }
@@ -263,25 +261,71 @@ impl<'w> Planner<'w> {
         let Some(state) = self.wiring.state(source) else { return Some(signal(&mut self.g, self.wiring, source)) };
         let value = self.states[state]?;
         match source {
-            Source::Delayed(d) => {
+            Source::Delayed(d, _) => {
                 let delay = self.g.leaf(self.wiring.delay_leaf(d));
-                Some(self.g.product(delay, value))
+                let turned = self.g.product(delay, value);
+                let gap = gap(&mut self.g, self.wiring, d, state);
+                self.g.sum(false, &[Some(turned), gap].into_iter().flatten().collect::<Vec<_>>())
             }
             _ => Some(value),
         }
     }
+
+    /// The derivative of a delayed signal by its delay.
+    fn moved(&mut self, source: Source) -> Option<Value> {
+        let Source::Delayed(d, shown) = source else { return None };
+        let delay = self.g.leaf(self.wiring.delay_leaf(d));
+        let Some(state) = self.wiring.state(source) else {
+            if self.wiring.ended {
+                return Some(self.g.leaf(self.wiring.moved_leaf(d, shown)));
+            }
+            let signal = signal(&mut self.g, self.wiring, source);
+            return Some(self.g.lag(signal));
+        };
+        // -exp(-j w tau) (j w x + E)
+        let turned = self.g.product(delay, self.states[state]?);
+        let lag = self.g.lag(turned);
+        let ends = if self.wiring.ended { end_terms(&mut self.g, self.wiring, state) } else { Vec::new() };
+        let end = self.g.sum(false, &ends).map(|end| {
+            let turned = self.g.product(delay, end);
+            self.g.negative(turned)
+        });
+        self.g.sum(false, &[Some(lag), end].into_iter().flatten().collect::<Vec<_>>())
+    }
+}
+
+/// The terms of a state's end term: known, or unknown values times their factors.
+fn end_terms(g: &mut Expressions, wiring: &Wiring, state: usize) -> Vec<Value> {
+    let s = &wiring.structure;
+    let known = wiring.known_ends.iter().position(|known| *known == state);
+    let mut terms: Vec<Value> = known.map(|known| g.leaf(wiring.end_leaf(known))).into_iter().collect();
+    let first = s.terms.len() + s.slopes.len() + s.tau_slopes.len();
+    for (k, (_, factor)) in wiring.unknown_ends.iter().enumerate().filter(|(_, (end, _))| end.state == state) {
+        let (value, unit) = (g.scalars.given(first + k), g.leaf(wiring.factor_leaf(*factor)));
+        terms.push(g.scaled(value, unit));
+    }
+    terms
+}
+
+/// What a delayed state has besides the turned state: it stays what it was outside of the record.
+fn gap(g: &mut Expressions, wiring: &Wiring, delayed: usize, state: usize) -> Option<Value> {
+    let ends = if wiring.ended { end_terms(g, wiring, state) } else { Vec::new() };
+    let end = g.sum(false, &ends)?;
+    let gap = g.leaf(wiring.gap_leaf(delayed));
+    Some(g.product(gap, end))
 }
 
 /// An input, delayed or not.
 fn signal(g: &mut Expressions, wiring: &Wiring, source: Source) -> Value {
     use fdm_grammar::graph::Signal;
     match source {
-        Source::Input(j) => g.leaf(wiring.input_leaf(j)),
-        Source::Delayed(d) => {
+        Source::Input(j, shown) => g.leaf(wiring.input_leaf(j, shown)),
+        Source::Delayed(d, shown) if wiring.ended => g.leaf(wiring.delayed_leaf(d, shown)),
+        Source::Delayed(d, shown) => {
             let input = match wiring.structure.delayed[d] {
                 Signal::Input(j) | Signal::State(j) => j as usize,
             };
-            let (delay, input) = (g.leaf(wiring.delay_leaf(d)), g.leaf(wiring.input_leaf(input)));
+            let (delay, input) = (g.leaf(wiring.delay_leaf(d)), g.leaf(wiring.input_leaf(input, shown)));
             g.product(delay, input)
         }
         Source::State(_) => Value { factor: Scalar::ZERO, node: None },

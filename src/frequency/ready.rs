@@ -1,5 +1,6 @@
 //! A program with the memory for one run: leaves filled, blocks worked off one after the other.
 
+use super::delayed_input::DelayedInput;
 use super::dense::Dense;
 use super::ends::{Ends, turn};
 use super::execution::{BLOCK, Execution, INVERSE, OMEGA, PLANE};
@@ -24,6 +25,8 @@ pub(super) struct Ready {
     dense: Dense,
     /// Leaves at one frequency.
     at: Vec<Complex64>,
+    /// exp(-j w tau) of one delay.
+    turned: Vec<Complex64>,
     /// The delays for which the leaves stand.
     tau: Vec<f64>,
 }
@@ -40,6 +43,7 @@ impl Ready {
             y: vec![0.0; wiring.structure.outputs * PLANE],
             dense: Dense::new(wiring),
             at: vec![Complex64::default(); each],
+            turned: Vec::new(),
             tau: vec![f64::NAN; wiring.structure.delayed.len()],
             prepared: prepared.clone(),
         };
@@ -51,7 +55,7 @@ impl Ready {
             ready.put(OMEGA, k, Complex64::new(0.0, w));
         }
         for (j, plane) in inputs.chunks(omega.len().max(1)).enumerate() {
-            ready.put_all(wiring.input_leaf(j), plane);
+            ready.put_all(wiring.input_leaf(j, false), plane);
         }
         for (known, (_, plane)) in ends.known.iter().enumerate() {
             ready.put_all(wiring.end_leaf(known), plane);
@@ -72,37 +76,80 @@ impl Ready {
         (self.memory[place], self.memory[place + BLOCK]) = (value.re, value.im);
     }
 
+    fn get(&self, leaf: u32, k: usize) -> Complex64 {
+        let place = self.place(leaf, k);
+        Complex64::new(self.memory[place], self.memory[place + BLOCK])
+    }
+
     fn put_all(&mut self, leaf: u32, plane: &[Complex64]) {
         plane.iter().enumerate().for_each(|(k, value)| self.put(leaf, k, *value));
     }
 
-    /// Fills the leaves exp(-j w tau) of delays that have changed. On even frequencies each block turns one table, which is
-    /// off by a few roundings; errors do not add up from block to block.
-    pub(super) fn delay(&mut self, tau: &[f64], omega: &[f64], spacing: Option<f64>) {
+    /// Prepares what all frequencies share where there is no program.
+    pub(super) fn prepare(&mut self, values: &Values) {
+        if self.prepared.program.is_none() {
+            self.dense.prepare(&self.prepared.wiring, values);
+        }
+    }
+
+    /// Fills the leaves of delays that have changed.
+    pub(super) fn delay(
+        &mut self,
+        tau: &[f64],
+        (omega, spacing): (&[f64], Option<f64>),
+        inputs: &mut [Option<DelayedInput>],
+    ) {
         for (d, tau) in tau.iter().copied().enumerate() {
             if self.tau[d] == tau {
                 continue;
             }
             self.tau[d] = tau;
-            let leaf = self.prepared.wiring.delay_leaf(d);
-            let Some(step) = spacing.filter(|_| omega.len() > 8) else {
-                omega.iter().enumerate().for_each(|(k, w)| self.put(leaf, k, turn(-w * tau)));
+            self.turn_by(d, tau, omega, spacing);
+            let prepared = self.prepared.clone();
+            let wiring = &prepared.wiring;
+            if !wiring.ended {
+                continue;
+            }
+            let leaf = wiring.delay_leaf(d);
+            let Some(input) = &mut inputs[d] else {
+                let gap = wiring.gap_leaf(d);
+                for (k, w) in omega.iter().enumerate() {
+                    let less = self.get(leaf, k) - 1.0;
+                    self.put(gap, k, Complex64::new(less.im / w, -less.re / w));
+                }
                 continue;
             };
-            let mut table = [Complex64::new(1.0, 0.0); BLOCK];
-            let mut filled = 1;
-            while filled < BLOCK.min(omega.len()) {
-                let doubling = turn(-(filled as f64) * step * tau);
-                (0..filled).for_each(|i| table[filled + i] = doubling * table[i]);
-                filled *= 2;
-            }
-            for (block, omega) in omega.chunks(BLOCK).enumerate() {
-                let (first, place) = (turn(-omega[0] * tau), self.place(leaf, block * BLOCK));
-                let (re, im) = self.memory[place..][..PLANE].split_at_mut(BLOCK);
-                for (k, turned) in table.iter().take(omega.len()).enumerate() {
-                    let value = first * turned;
-                    (re[k], im[k]) = (value.re, value.im);
-                }
+            let mut turned = std::mem::take(&mut self.turned);
+            turned.clear();
+            turned.extend((0..omega.len()).map(|k| self.get(leaf, k)));
+            let leaves = [false, true].map(|shown| [wiring.delayed_leaf(d, shown), wiring.moved_leaf(d, shown)]);
+            input.at(tau, omega, &turned, |k, delayed| {
+                leaves.iter().flatten().zip(delayed).for_each(|(leaf, value)| self.put(*leaf, k, value));
+            });
+            self.turned = turned;
+        }
+    }
+
+    /// Fills the leaf exp(-j w tau). On even frequencies each block turns one table, which is off by a few roundings; errors
+    /// do not add up from block to block.
+    fn turn_by(&mut self, d: usize, tau: f64, omega: &[f64], spacing: Option<f64>) {
+        let leaf = self.prepared.wiring.delay_leaf(d);
+        let Some(step) = spacing.filter(|_| omega.len() > 8) else {
+            return omega.iter().enumerate().for_each(|(k, w)| self.put(leaf, k, turn(-w * tau)));
+        };
+        let mut table = [Complex64::new(1.0, 0.0); BLOCK];
+        let mut filled = 1;
+        while filled < BLOCK.min(omega.len()) {
+            let doubling = turn(-(filled as f64) * step * tau);
+            (0..filled).for_each(|i| table[filled + i] = doubling * table[i]);
+            filled *= 2;
+        }
+        for (block, omega) in omega.chunks(BLOCK).enumerate() {
+            let (first, place) = (turn(-omega[0] * tau), self.place(leaf, block * BLOCK));
+            let (re, im) = self.memory[place..][..PLANE].split_at_mut(BLOCK);
+            for (k, turned) in table.iter().take(omega.len()).enumerate() {
+                let value = first * turned;
+                (re[k], im[k]) = (value.re, value.im);
             }
         }
     }
@@ -154,10 +201,7 @@ impl Ready {
             }
             // outputs have the same bits whatever else is asked for
             let outputs = if program && self.memory[flags] == 0.0 { 0 } else { self.dense.y.len() };
-            for leaf in 0..self.at.len() {
-                let place = self.place(leaf as u32, block * BLOCK + k);
-                self.at[leaf] = Complex64::new(self.memory[place], self.memory[place + BLOCK]);
-            }
+            (0..self.at.len()).for_each(|leaf| self.at[leaf] = self.get(leaf as u32, block * BLOCK + k));
             self.dense.solve(&prepared.wiring, values, ends, *w, &self.at).map_err(|_| k)?;
             let planes = self.memory[derivatives.clone()].chunks_exact_mut(PLANE).zip(&self.dense.derivatives);
             for (plane, value) in planes.chain(self.y.chunks_exact_mut(PLANE).zip(&self.dense.y[..outputs])) {

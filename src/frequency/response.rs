@@ -1,5 +1,6 @@
 //! The response of one run at its frequencies.
 
+use super::delayed_input::DelayedInput;
 use super::ends::{EndColumn, EndTerms, Ends};
 use super::error::FrequencyError;
 use super::execution::BLOCK;
@@ -11,6 +12,7 @@ use super::wiring::Wiring;
 use crate::linear::{Structure, Values};
 use crate::simulate::{Block, PlaneSink, Sink};
 use crate::spectrum::Spectrum;
+use fdm_grammar::graph::Signal;
 use num_complex::Complex64;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -37,6 +39,7 @@ impl Plans {
                 && a.asked == b.asked
                 && a.known_ends == b.known_ends
                 && a.unknown_ends == b.unknown_ends
+                && (a.ended, a.sampled) == (b.ended, b.sampled)
                 && a.structure == b.structure
         };
         if let Some(prepared) = known.iter().find(same) {
@@ -59,7 +62,11 @@ pub struct FrequencyResponse {
     omega: Vec<f64>,
     /// Distance of the frequencies where they are even.
     spacing: Option<f64>,
+    /// Inputs, then these as outputs see them where that differs (by M).
     inputs: Vec<Complex64>,
+    sampled: bool,
+    /// Delayed inputs with what the delay brings into the record, for each delayed signal; none where that is left out.
+    delayed: Vec<Option<DelayedInput>>,
     ends: Ends,
     /// One for each selection of columns that was asked for lately.
     ready: Vec<Ready>,
@@ -88,13 +95,23 @@ impl FrequencyResponse {
         checked(structure, values, spectrum, ends)?;
         let ends = Ends::new(structure, values, spectrum, ends);
         let units = units(structure, values, &ends);
+        let before = structure.states + structure.inputs;
+        let shown = |d: usize| {
+            structure.terms.iter().any(|t| t.row as usize >= structure.states && t.signal as usize == before + d)
+        };
+        let delayed = structure.delayed.iter().enumerate().map(|(d, signal)| match signal {
+            Signal::Input(j) if ends.delayed => Some(DelayedInput::new(spectrum, *j as usize, shown(d))),
+            _ => None,
+        });
         Ok(Self {
             run: spectrum.name.clone(),
             structure: structure.clone(),
             plans: plans.clone(),
             omega: spectrum.omega.clone(),
             spacing: spacing(&spectrum.omega),
-            inputs: spectrum.inputs.clone(),
+            inputs: [&spectrum.inputs[..], &spectrum.sampled_inputs].concat(),
+            sampled: !spectrum.sampled_inputs.is_empty(),
+            delayed: delayed.collect(),
             ends,
             units,
             ready: Vec::new(),
@@ -164,9 +181,10 @@ impl FrequencyResponse {
     ) -> Result<(), FrequencyError> {
         self.take(values, ends)?;
         let at = self.ready(columns);
-        let Self { run, omega, spacing, given, scalars, ready, .. } = self;
+        let Self { run, omega, spacing, given, scalars, ready, delayed, .. } = self;
         let ready = &mut ready[at];
-        ready.delay(&values.tau, omega, *spacing);
+        ready.prepare(values);
+        ready.delay(&values.tau, (omega, *spacing), delayed);
         if let Some(program) = &ready.prepared.program {
             program.scalars.evaluate(given, scalars);
         }
@@ -228,7 +246,7 @@ impl FrequencyResponse {
         if let Some(at) = self.ready.iter().position(|r| r.prepared.wiring.asked == columns) {
             return at;
         }
-        let wiring = Wiring::new(&self.structure, &self.ends, columns);
+        let wiring = Wiring::new(&self.structure, &self.ends, self.sampled, columns);
         let prepared = self.plans.prepared(wiring, &self.units);
         if self.ready.len() == MOST_READY {
             self.ready.remove(0);
@@ -262,6 +280,16 @@ fn checked(structure: &Structure, values: &Values, spectrum: &Spectrum, ends: &E
     if spectrum.inputs.len() != m * count {
         return Err(shape("inputs", spectrum.inputs.len(), m * count));
     }
+    let sampled = &spectrum.sampled_inputs;
+    if !sampled.is_empty() && sampled.len() != m * count {
+        return Err(shape("inputs as outputs see them", sampled.len(), m * count));
+    }
+    let samples = m * (spectrum.samples + 1);
+    if !spectrum.input_samples.is_empty()
+        && (spectrum.input_samples.len(), spectrum.input_ends[0].len()) != (samples, m)
+    {
+        return Err(shape("samples of the inputs", spectrum.input_samples.len(), samples));
+    }
     let mut last = 0.0;
     for (frequency, omega) in spectrum.omega.iter().copied().enumerate() {
         if !(omega.is_finite() && omega > last) {
@@ -269,16 +297,17 @@ fn checked(structure: &Structure, values: &Values, spectrum: &Spectrum, ends: &E
         }
         last = omega;
     }
-    if let Some(k) = spectrum.inputs.iter().position(|u| !(u.re.is_finite() && u.im.is_finite())) {
+    let finite = |u: &Complex64| u.re.is_finite() && u.im.is_finite();
+    if let Some(k) = spectrum.inputs.iter().chain(sampled).position(|u| !finite(u)) {
         let (run, omega) = (spectrum.name.clone(), spectrum.omega[k % count]);
-        return Err(FrequencyError::Input { run, input: k / count, omega });
+        return Err(FrequencyError::Input { run, input: k / count % m, omega });
     }
     if let EndTerms::Given(given) = ends {
         let wanted = structure.states * count;
         if given.len() != wanted {
             return Err(shape("end terms", given.len(), wanted));
         }
-        if let Some(k) = given.iter().position(|e| !(e.re.is_finite() && e.im.is_finite())) {
+        if let Some(k) = given.iter().position(|e| !finite(e)) {
             return Err(FrequencyError::End { state: k / count });
         }
     }

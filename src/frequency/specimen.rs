@@ -1,6 +1,6 @@
 //! Linear models by chance for the tests, their solution by nalgebra, and derivatives by differences.
 
-use super::{EndTerms, FrequencyError, FrequencyResponse, Plans};
+use super::{EndColumn, EndPoint, EndTerms, FrequencyError, FrequencyResponse, Plans};
 use crate::linear::{Slope, Structure, TauSlope, Term, Values};
 use crate::spectrum::Spectrum;
 use fdm_grammar::graph::Signal;
@@ -118,6 +118,27 @@ impl Specimen {
         FrequencyResponse::new(&self.structure, &self.values, &self.spectrum, &self.ends, &plans).expect("suited")
     }
 
+    /// What a delayed input has besides the turned input where it is known at its ends only: with its mean taken off.
+    fn held_input(&self, input: usize, k: usize, tau: f64) -> Complex64 {
+        let (w, t, half) = (self.spectrum.omega[k], self.spectrum.duration(), 0.5 * self.spectrum.dt);
+        let [before, behind] = [half, half - t].map(|at| Complex64::from_polar(1.0, w * at));
+        let jw = Complex64::new(0.0, w);
+        let [first, last] = [0, 1].map(|end: usize| self.spectrum.input_ends[end][input]);
+        let gap = (Complex64::from_polar(1.0, -w * tau) - 1.0) / jw;
+        gap * (last * behind - first * before) / t - tau * (first - last) / t * (before - behind) / (jw * t)
+    }
+
+    /// The end term of a state at a frequency, for values of the unknown ends.
+    pub(super) fn end_term(&self, columns: &[EndColumn], values: &[f64], state: usize, k: usize) -> Complex64 {
+        let [before, behind] = self.spectrum.end_factors(k);
+        let own = columns.iter().zip(values).filter(|(e, _)| e.state == state);
+        let term = own.map(|(e, z)| match e.point {
+            EndPoint::First => -z * before,
+            EndPoint::Last | EndPoint::Difference => z * behind,
+        });
+        term.sum()
+    }
+
     /// Outputs (M by q) with what the end terms are (n by M), by nalgebra.
     pub(super) fn expected(&self, values: &Values, end: impl Fn(usize, usize) -> Complex64) -> Vec<Complex64> {
         let s = &self.structure;
@@ -130,6 +151,18 @@ impl Specimen {
             let mut direct = vec![Complex64::default(); q];
             for (term, a) in s.terms.iter().zip(&values.terms) {
                 let (row, signal) = (term.row as usize, term.signal as usize);
+                let ended = !matches!(self.ends, EndTerms::Omitted | EndTerms::Given(_));
+                let gap = |tau: f64| (Complex64::from_polar(1.0, -w * tau) - 1.0) / Complex64::new(0.0, *w);
+                // what stays what it was outside of the record
+                let held = match signal.checked_sub(n + m).map(|d| (values.tau[d], s.delayed[d])) {
+                    Some((tau, Signal::State(j))) if ended => a * gap(tau) * end(j as usize, k),
+                    Some((tau, Signal::Input(j))) if ended => a * self.held_input(j as usize, k, tau),
+                    _ => Complex64::default(),
+                };
+                match row < n {
+                    true => right[row] += held,
+                    false => direct[row - n] += held,
+                }
                 let (state, factor) = match signal.checked_sub(n + m) {
                     None if signal < n => (Some(signal), Complex64::new(1.0, 0.0)),
                     None => (None, self.spectrum.inputs[(signal - n) * count + k]),

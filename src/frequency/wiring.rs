@@ -7,13 +7,17 @@ use crate::simulate::RowLayout;
 use fdm_grammar::graph::Signal;
 use std::sync::Arc;
 
+/// Leaves of a delayed signal with ends.
+const DELAYED: u32 = 4;
+
 /// A signal of the equations, told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Source {
     State(usize),
-    Input(usize),
-    /// A delayed signal, by its position in [`Structure::delayed`].
-    Delayed(usize),
+    /// An input, and whether an output shows it: outputs see samples, states what lies between them.
+    Input(usize, bool),
+    /// A delayed signal, by its position in [`Structure::delayed`], and whether an output shows it.
+    Delayed(usize, bool),
 }
 
 /// An influence of an unknown on an equation: number `given` times a signal, or the coefficient `term` times the
@@ -22,10 +26,12 @@ pub(super) enum Source {
 pub(super) enum Influence {
     /// A derivative of the coefficient of a signal, by its position in `slopes`.
     Slope(usize, Source),
-    /// A coefficient (position in `terms`) and the derivative of the delay of its signal (position in `tau_slopes`).
-    Delay(usize, usize, usize),
+    /// A coefficient (position in `terms`), the derivative of the delay of its signal (position in `tau_slopes`), the signal.
+    Delay(usize, usize, Source),
     /// The factor of an unknown end value.
     End(usize),
+    /// What that end value does through a coefficient (position in `terms`) of a delayed signal: the factor, the signal.
+    DelayedEnd(usize, usize, usize),
 }
 
 /// What an unknown does: influences by the equation, rising.
@@ -47,12 +53,17 @@ pub(super) struct Wiring {
     pub(super) unknown_ends: Vec<(EndColumn, usize)>,
     /// How many factors there are.
     pub(super) factors: usize,
+    /// Whether delayed signals have ends.
+    pub(super) ended: bool,
+    /// Whether inputs that outputs show have leaves of their own.
+    pub(super) sampled: bool,
     /// Where the derivatives of each output go.
     pub(super) layout: RowLayout,
 }
 
 impl Wiring {
-    pub(super) fn new(structure: &Arc<Structure>, ends: &Ends, asked: &[usize]) -> Self {
+    /// `sampled`: inputs that outputs show have leaves of their own.
+    pub(super) fn new(structure: &Arc<Structure>, ends: &Ends, sampled: bool, asked: &[usize]) -> Self {
         let unknown_ends = ends.unknown.iter().enumerate().map(|(k, e)| (*e, ends.factor(k))).collect();
         let mut wiring = Self {
             structure: structure.clone(),
@@ -61,6 +72,8 @@ impl Wiring {
             known_ends: ends.known.iter().map(|(state, _)| *state).collect(),
             unknown_ends,
             factors: ends.factors.len(),
+            ended: ends.delayed,
+            sampled,
             layout: RowLayout::default(),
         };
         wiring.columns = asked.iter().map(|unknown| wiring.column(*unknown)).collect();
@@ -70,17 +83,18 @@ impl Wiring {
 
     pub(super) fn source(&self, term: &Term) -> Source {
         let (n, m, signal) = (self.structure.states, self.structure.inputs, term.signal as usize);
+        let shown = term.row as usize >= n;
         match signal {
             _ if signal < n => Source::State(signal),
-            _ if signal < n + m => Source::Input(signal - n),
-            _ => Source::Delayed(signal - n - m),
+            _ if signal < n + m => Source::Input(signal - n, shown),
+            _ => Source::Delayed(signal - n - m, shown),
         }
     }
 
     fn column(&self, unknown: usize) -> Column {
         let s = &self.structure;
         if let Some((end, factor)) = unknown.checked_sub(s.params).and_then(|k| self.unknown_ends.get(k)) {
-            return Column { influences: vec![(end.state, Influence::End(*factor))] };
+            return self.end_column(end.state, *factor);
         }
         let mut influences = Vec::new();
         for (k, slope) in s.slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
@@ -88,9 +102,26 @@ impl Wiring {
             influences.push((term.row as usize, Influence::Slope(k, self.source(term))));
         }
         for (k, slope) in s.tau_slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
-            let delayed = slope.delayed as usize;
-            for (t, term) in s.terms.iter().enumerate().filter(|(_, t)| self.source(t) == Source::Delayed(delayed)) {
-                influences.push((term.row as usize, Influence::Delay(t, k, delayed)));
+            for (t, term) in s.terms.iter().enumerate() {
+                let source = self.source(term);
+                if matches!(source, Source::Delayed(d, _) if d == slope.delayed as usize) {
+                    influences.push((term.row as usize, Influence::Delay(t, k, source)));
+                }
+            }
+        }
+        influences.sort_by_key(|(row, _)| *row);
+        Column { influences }
+    }
+
+    /// An unknown end value of a state: in its own equation, and wherever the state is seen delayed.
+    fn end_column(&self, state: usize, factor: usize) -> Column {
+        let mut influences = vec![(state, Influence::End(factor))];
+        for (t, term) in self.structure.terms.iter().enumerate().filter(|_| self.ended) {
+            let source = self.source(term);
+            if let (Source::Delayed(d, _), Some(j)) = (source, self.state(source))
+                && j == state
+            {
+                influences.push((term.row as usize, Influence::DelayedEnd(t, factor, d)));
             }
         }
         influences.sort_by_key(|(row, _)| *row);
@@ -101,8 +132,8 @@ impl Wiring {
     pub(super) fn state(&self, source: Source) -> Option<usize> {
         match source {
             Source::State(j) => Some(j),
-            Source::Input(_) => None,
-            Source::Delayed(d) => match self.structure.delayed[d] {
+            Source::Input(..) => None,
+            Source::Delayed(d, _) => match self.structure.delayed[d] {
                 Signal::State(j) => Some(j as usize),
                 Signal::Input(_) => None,
             },
@@ -132,18 +163,35 @@ impl Wiring {
     }
 
     /// The leaf of an input; behind 1/(j w) and j w.
-    pub(super) fn input_leaf(&self, input: usize) -> u32 {
-        INVERSE.max(OMEGA) + 1 + input as u32
+    pub(super) fn input_leaf(&self, input: usize, shown: bool) -> u32 {
+        let before = if shown && self.sampled { self.structure.inputs } else { 0 };
+        INVERSE.max(OMEGA) + 1 + (before + input) as u32
     }
 
     /// The leaf of exp(-j w tau).
     pub(super) fn delay_leaf(&self, delayed: usize) -> u32 {
-        self.input_leaf(self.structure.inputs) + delayed as u32
+        let inputs = self.structure.inputs * if self.sampled { 2 } else { 1 };
+        self.input_leaf(inputs, false) + delayed as u32
+    }
+
+    /// Where delayed signals have ends: of a delayed state (exp(-j w tau) - 1)/(j w), what its end term is multiplied with.
+    pub(super) fn gap_leaf(&self, delayed: usize) -> u32 {
+        self.delay_leaf(self.structure.delayed.len()) + DELAYED * delayed as u32
+    }
+
+    /// Where delayed signals have ends: of a delayed input the whole, as states and outputs see it.
+    pub(super) fn delayed_leaf(&self, delayed: usize, shown: bool) -> u32 {
+        self.gap_leaf(delayed) + 2 * u32::from(shown)
+    }
+
+    /// The derivative of that by the delay.
+    pub(super) fn moved_leaf(&self, delayed: usize, shown: bool) -> u32 {
+        self.delayed_leaf(delayed, shown) + 1
     }
 
     /// The leaf of a known end term.
     pub(super) fn end_leaf(&self, known: usize) -> u32 {
-        self.delay_leaf(self.structure.delayed.len()) + known as u32
+        self.gap_leaf(if self.ended { self.structure.delayed.len() } else { 0 }) + known as u32
     }
 
     /// The leaf of what one unit of an unknown end value adds.

@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 /// The factors of `H - s`, by elimination with exchanges of neighbouring rows.
-pub(super) struct ShiftedHessenberg {
+#[derive(Debug, Clone, Default)]
+pub(crate) struct ShiftedHessenberg {
     n: usize,
     /// Upper triangle, row by row.
     upper: Vec<Complex64>,
@@ -17,12 +18,25 @@ pub(super) struct ShiftedHessenberg {
 impl ShiftedHessenberg {
     /// Factors; a pivot that vanishes is replaced by `small`, as inverse iteration wants it.
     pub(super) fn new(h: &DMatrix<f64>, s: Complex64, small: f64) -> Self {
+        let mut factors = Self::default();
+        factors.factor(h, s, small);
+        factors
+    }
+
+    /// Factors anew, in the same memory; a pivot smaller than `small` is replaced by it. Whether there was one.
+    pub(crate) fn factor(&mut self, h: &DMatrix<f64>, s: Complex64, small: f64) -> bool {
+        let Self { n: size, upper, factors, exchanged } = self;
         let n = h.nrows();
-        let mut upper: Vec<Complex64> = Vec::with_capacity(n * n);
+        *size = n;
+        upper.clear();
         for i in 0..n {
             upper.extend((0..n).map(|j| if i == j { h[(i, j)] - s } else { Complex64::from(h[(i, j)]) }));
         }
-        let (mut factors, mut exchanged) = (vec![Complex64::ZERO; n], vec![false; n]);
+        factors.clear();
+        factors.resize(n, Complex64::ZERO);
+        exchanged.clear();
+        exchanged.resize(n, false);
+        let mut vanished = false;
         for k in 0..n {
             if k + 1 < n {
                 let (above, below) = upper.split_at_mut((k + 1) * n);
@@ -34,6 +48,7 @@ impl ShiftedHessenberg {
             }
             if upper[k * n + k].norm() < small {
                 upper[k * n + k] = small.into();
+                vanished = true;
             }
             if k + 1 < n {
                 let (above, below) = upper.split_at_mut((k + 1) * n);
@@ -44,11 +59,11 @@ impl ShiftedHessenberg {
                 }
             }
         }
-        Self { n, upper, factors, exchanged }
+        vanished
     }
 
     /// Solves `(H - s) x = b` in place.
-    pub(super) fn solve(&self, b: &mut [Complex64]) {
+    pub(crate) fn solve(&self, b: &mut [Complex64]) {
         for k in 0..self.n.saturating_sub(1) {
             if self.exchanged[k] {
                 b.swap(k, k + 1);
@@ -64,7 +79,7 @@ impl ShiftedHessenberg {
     }
 
     /// Solves `(H - s)* y = b` in place, * the conjugate transpose.
-    pub(super) fn solve_adjoint(&self, b: &mut [Complex64]) {
+    pub(crate) fn solve_adjoint(&self, b: &mut [Complex64]) {
         for k in 0..self.n {
             b[k] /= self.upper[k * self.n + k].conj();
             let value = b[k];

@@ -16,6 +16,7 @@ mod tests;
 mod trim;
 
 pub use coefficients::{LinearModel, Obtained, Trim};
+pub(crate) use hessenberg::ShiftedHessenberg;
 pub use modes::{Mode, ModeErrors, Modes, ModesError};
 pub use structure::{Slope, Structure, TauSlope, Term, Values};
 pub use trim::TrimError;

@@ -32,6 +32,10 @@ pub struct Spectrum {
     pub input_power: Vec<f64>,
     /// Inputs as outputs see them that show them directly, m by M: sums of their samples, transformed as outputs are.
     pub sampled_inputs: Vec<Complex64>,
+    /// Samples of the inputs, m by N + 1: what an input is before the record, then those that were transformed. Nothing where they are not known.
+    pub input_samples: Vec<f64>,
+    /// Whether each input is held between samples (m).
+    pub input_held: Vec<bool>,
     /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
     pub outputs: Vec<Complex64>,
     /// Values of the inputs half an interval before the first transformed sample, and half an interval behind the last (m each).
@@ -89,6 +93,9 @@ impl Spectrum {
         let sides: Vec<Sides> =
             courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer)).collect();
         let inner = outer * even.width..(outer + samples) * even.width;
+        let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
+        let input_samples = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+        let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
             |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
         let input_power = (0..m).map(|c| squares(c) / samples as f64).collect();
@@ -122,6 +129,8 @@ impl Spectrum {
             inputs: transforms,
             input_power,
             sampled_inputs,
+            input_samples,
+            input_held,
             outputs,
             input_ends: pick(0..m),
             output_ends: pick(m..even.width),

@@ -5,7 +5,8 @@
 use super::correlation::shared;
 use super::measured::{Measured, cycles};
 use crate::estimate::problem::{KnownNoise, Response};
-use crate::estimate::spectral::response::{Reason, Unanswered, failed};
+use crate::estimate::spectral::Unanswered;
+use crate::estimate::spectral::response::{Reason, failed};
 use crate::frequency::{EndTerms, FrequencyResponse, Plans};
 use crate::linear::{LinearModel, Values};
 use crate::simulate::vectors::Aligned;

@@ -1,6 +1,6 @@
 //! Why nothing was estimated from spectra: every reason in a sentence.
 
-use super::response::Unanswered;
+use super::unanswered::Unanswered;
 use crate::estimate::changes::ChangeError;
 use crate::estimate::problem::ProblemError;
 use crate::estimate::road::fit_error::FitError;

@@ -5,8 +5,8 @@ use super::finish::found_later;
 use super::first::{FirstValue, regressed_values};
 use super::hidden::{HiddenMode, hidden_modes, longest};
 use super::options::SpectralOptions;
-use super::response::Unanswered;
 use super::setting::{Setting, band};
+use super::unanswered::Unanswered;
 use super::weights::weight;
 use crate::estimate::estimate::{Estimate, ParameterEstimate};
 use crate::estimate::noise::Noise;
@@ -123,6 +123,7 @@ pub fn fit_spectra(
     let ends = unscaled_ends(&found, &setting);
     found = found.without(|p| ends.iter().any(|e| e.name == p.name));
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let unanswered = unanswered.map(|why| setting.named(why));
     let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
     let names = |k: usize| model.definition().params[k].quantity.name.clone();
     let unseen: Vec<String> = (0..setting.own()).filter(free).map(names).collect();

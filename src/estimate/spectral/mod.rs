@@ -17,6 +17,9 @@ mod offsets;
 mod options;
 pub(super) mod response;
 pub(super) mod setting;
+#[cfg(test)]
+mod tests;
+mod unanswered;
 mod weights;
 
 pub use fault::SpectralError;
@@ -24,4 +27,4 @@ pub use first::FirstValue;
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
 pub use hidden::HiddenMode;
 pub use options::{Nonlinear, SpectralOptions};
-pub use response::Unanswered;
+pub use unanswered::Unanswered;

@@ -1,22 +1,12 @@
 //! The response at the frequencies of one run, as estimation asks for it: by parameters instead of coefficients.
 
+use super::unanswered::Unanswered;
 use crate::estimate::problem::{Coefficients, Response};
 use crate::frequency::{EndTerms, FrequencyError, FrequencyResponse, Plans};
-use crate::linear::{LinearModel, TrimError, Values};
+use crate::linear::{LinearModel, Values};
 use crate::simulate::{Divergence, PlaneSink, Sink};
 use crate::spectrum::Spectrum;
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// Why a response could not be computed.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Unanswered {
-    /// The trim was lost on the way.
-    #[error("{0}")]
-    Trim(TrimError),
-    /// No response at a frequency.
-    #[error("{0}")]
-    Frequency(FrequencyError),
-}
 
 /// The first reason why a response failed, for whoever asks behind the estimation.
 pub(in crate::estimate) type Reason = Arc<Mutex<Option<Unanswered>>>;

@@ -4,6 +4,7 @@ use super::fault::SpectralError;
 use super::hidden::longest;
 use super::options::{Nonlinear, SpectralOptions};
 use super::response::{Reason, SpectralResponse};
+use super::unanswered::Unanswered;
 use super::weights::on_one_footing;
 use crate::estimate::errors::derived::DerivedQuantities;
 use crate::estimate::iteration::affine::affine;
@@ -107,7 +108,12 @@ impl Setting {
     fn response(&self, spectrum: &Spectrum) -> Result<SpectralResponse, SpectralError> {
         let theta = self.model.definition().start();
         SpectralResponse::new(&self.linear, &theta, spectrum, &self.ends, &self.plans, &self.reason)
-            .map_err(SpectralError::Unanswered)
+            .map_err(|why| SpectralError::Unanswered(self.named(why)))
+    }
+
+    /// A failure in the names of the model.
+    pub(super) fn named(&self, why: Unanswered) -> Unanswered {
+        why.named(self.model.definition(), self.linear.structure())
     }
 
     /// Number of the model's own parameters p.
