@@ -105,7 +105,7 @@ fn records_and_models_that_have_no_spectrum() {
     for (model, record, method, words) in [
         (MODEL, &uneven, "fd", "resample the record"),
         (MODEL, &uneven, "fr", "resample the record"),
-        (forced, &record, "fd", "make it an input that is recorded"),
+        (forced, &record, "fd --nonlinear linearise", "make it an input that is recorded"),
         (forced, &record, "fr", "make it an input that is recorded"),
         (without, &record, "fd", "estimate in the time domain"),
         (without, &record, "fr", "estimate in the time domain"),
