@@ -98,14 +98,14 @@ fn records_and_models_that_have_no_spectrum() {
     let desk = Desk::new();
     let record = desk.record("run.csv", even);
     let uneven = desk.record("uneven.csv", |k| 0.1 * k as f64 + 0.06 * (k % 2) as f64);
-    let forced = "model m { time [s]; input u; state x; param a = -1; der(x) = a*x + u + sin(3*time); output y = x; }";
+    let forced = "model m { time [s]; input u; state x; param a = -1; der(x) = a*x + u + 0.1*t; output y = x; }";
     let without = "model m { input u; param a = 1; output y = a*u; }";
     let silent = "model m { time [s]; input u, still; state x; param a = -1, b = 1, c = 1; der(x) = a*x + b*u + c*still; output y = x; }";
     let alone = "model m { time [s]; state x = 1; param a = -1; der(x) = a*x; output y = x; }";
     for (model, record, method, words) in [
         (MODEL, &uneven, "fd", "resample the record"),
         (MODEL, &uneven, "fr", "resample the record"),
-        (forced, &record, "fd", "make it an input that is recorded"),
+        (forced, &record, "fd --nonlinear linearise", "make it an input that is recorded"),
         (forced, &record, "fr", "make it an input that is recorded"),
         (without, &record, "fd", "estimate in the time domain"),
         (without, &record, "fr", "estimate in the time domain"),

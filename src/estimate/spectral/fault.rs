@@ -122,7 +122,7 @@ impl fmt::Display for SpectralError {
                 )
             }
             Self::UsesTime => f.write_str(
-                "the model uses `time`, and forcing by explicit time has no part in a linear model of states and inputs; make it an input that is \
+                "the model uses the time `t`, and forcing by explicit time has no part in a linear model of states and inputs; make it an input that is \
                  recorded, or estimate in the time domain",
             ),
             Self::NoStates => f.write_str(
