@@ -8,6 +8,7 @@ use crate::keeping::Keeping;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
+use crate::responses;
 use crate::spectral::{self, Spectral};
 use crate::strategies::Strategies;
 use crate::subject::Subject;
@@ -65,6 +66,17 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
+    /// Options that would be ignored are told, not ignored.
+    fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
+        match given {
+            [] => Ok(()),
+            given => Err(Failure::input([format!(
+                "{} belongs to {belongs} and has no part in {method}; leave it out",
+                given.join(", ")
+            )])),
+        }
+    }
+
     fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
@@ -80,8 +92,19 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if arguments.choice.is_spectral() {
+        arguments.refuse("--method fd", &arguments.spectral.of_responses(), "--method fr")?;
         return spectral::run(arguments);
     }
+    if arguments.choice.is_of_responses() {
+        arguments.refuse("--method fr", &arguments.spectral.of_spectra(), "--method fd")?;
+        return responses::run(arguments);
+    }
+    let others = [arguments.spectral.of_both(), arguments.spectral.of_spectra(), arguments.spectral.of_responses()];
+    arguments.refuse(
+        "estimation in the time domain",
+        &others.concat(),
+        "the frequency domain (--method fd, --method fr)",
+    )?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;

@@ -16,6 +16,7 @@ mod progress;
 mod reading;
 mod records;
 mod regress;
+mod responses;
 mod simulate;
 mod spectra;
 mod spectral;

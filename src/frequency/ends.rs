@@ -1,8 +1,8 @@
 //! End terms: what the transform of a derivative has besides j w times the transform of its state.
 //!
-//! `x'(w) = j w x(w) + [x(T - dt/2) exp(-j w (T - dt/2)) - x(-dt/2) exp(j w dt/2)]/T` (Marchand and Fu 1985); on the grid of
-//! the record, w = 2 pi i/T, both exponentials are equal and the difference of the end values alone counts. The end values of
-//! a state that an output shows are known, those of others are unknowns of the run, in which the response is linear.
+//! `x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)` (Marchand and Fu 1985) with the factors of [`Spectrum::end_factors`], which know that the channels
+//! have lost their means; on the grid of the record, w = 2 pi i/T, both are equal and the difference of the end values alone counts. The end
+//! values of a state that an output shows are known, those of others are unknowns of the run, in which the response is linear.
 
 use crate::linear::{Structure, Values};
 use crate::spectrum::Spectrum;
@@ -68,9 +68,9 @@ pub(super) struct Ends {
 
 impl Ends {
     pub(super) fn new(structure: &Structure, values: &Values, spectrum: &Spectrum, terms: &EndTerms) -> Self {
-        let (t, half) = (spectrum.duration(), 0.5 * spectrum.dt);
-        let wave = |scale: f64, at: f64| spectrum.omega.iter().map(|w| scale / t * turn(-w * at)).collect();
-        let (last, first): (Vec<Complex64>, Vec<Complex64>) = (wave(1.0, t - half), wave(-1.0, -half));
+        let factors = || (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
+        let first: Vec<Complex64> = factors().map(|[before, _]| -before).collect();
+        let last: Vec<Complex64> = factors().map(|[_, behind]| behind).collect();
         let mut ends = Self::default();
         let states = 0..structure.states;
         let unknown: Vec<usize> = match terms {
@@ -94,7 +94,7 @@ impl Ends {
         };
         ends.unknown = unknown.iter().flat_map(|s| points.iter().map(|p| EndColumn { state: *s, point: *p })).collect();
         if !ends.unknown.is_empty() {
-            // on the grid exp(-j w (T - dt/2)) is exp(j w dt/2)
+            // on the grid both factors are equal but for their sign
             ends.factors = if points.len() == 1 { vec![last] } else { vec![first, last] };
         }
         ends

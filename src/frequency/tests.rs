@@ -115,14 +115,13 @@ fn unknown_end_values_are_columns_in_which_the_response_is_linear() {
         let ends = response.end_columns().to_vec();
         assert_eq!(ends.len(), 4 * points);
         let values: Vec<f64> = (0..ends.len()).map(|k| 0.3 * k as f64 - 0.5).collect();
-        let (t, half) = (specimen.spectrum.duration(), 0.5 * specimen.spectrum.dt);
         let end = |values: &[f64], state: usize, k: usize| -> Complex64 {
-            let w = specimen.spectrum.omega[k];
+            let [before, behind] = specimen.spectrum.end_factors(k);
             let own = ends.iter().zip(values).filter(|(e, _)| e.state == state);
             let term = own.map(|(e, z)| match e.point {
-                EndPoint::First => -z / t * Complex64::from_polar(1.0, w * half),
-                EndPoint::Last => z / t * Complex64::from_polar(1.0, -w * (t - half)),
-                EndPoint::Difference => z / t * Complex64::from_polar(1.0, w * half),
+                EndPoint::First => -z * before,
+                EndPoint::Last => z * behind,
+                EndPoint::Difference => z * behind,
             });
             term.sum()
         };

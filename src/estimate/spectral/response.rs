@@ -19,7 +19,7 @@ pub enum Unanswered {
 }
 
 /// The first reason why a response failed, for whoever asks behind the estimation.
-pub(super) type Reason = Arc<Mutex<Option<Unanswered>>>;
+pub(in crate::estimate) type Reason = Arc<Mutex<Option<Unanswered>>>;
 
 /// One run. Parameters are the model's, then the unknown end values.
 pub(super) struct SpectralResponse {
@@ -75,7 +75,7 @@ impl SpectralResponse {
 }
 
 /// Keeps the reason; what estimation sees is that there is no response.
-fn failed(reason: &Reason, why: Unanswered) -> Divergence {
+pub(in crate::estimate) fn failed(reason: &Reason, why: Unanswered) -> Divergence {
     let sample = match &why {
         Unanswered::Frequency(FrequencyError::Singular { frequency, .. }) => 2 * frequency,
         _ => 0,
