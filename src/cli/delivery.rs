@@ -6,7 +6,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::Fit;
 use fdm::record::Run;
-use fdm::report::{quality_json, svg};
+use fdm::report::{TimeHistory, quality_json, svg};
 use fdm::store::{Contents, Destination, Manifest, reason};
 use serde_json::Value;
 use std::fmt::Display;
@@ -38,6 +38,8 @@ pub(crate) struct Outcome<'a> {
     /// The fit in the time domain, whose histories are drawn and written.
     pub(crate) fit: Option<&'a Fit>,
     pub(crate) runs: &'a [Run],
+    /// Spectra to be drawn in front of the histories.
+    pub(crate) spectra: Vec<TimeHistory<'a>>,
     /// Tables to be written besides: file names and contents.
     pub(crate) tables: Vec<(String, Vec<u8>)>,
     /// Tables and sentences.
@@ -91,7 +93,9 @@ impl Prepared<'_> {
 }
 
 fn picture(outcome: &Outcome<'_>) -> Result<String, String> {
-    svg(&outcome.fit.map_or(Vec::new(), |fit| histories(fit, outcome.runs))).map_err(said)
+    let mut panels = outcome.spectra.clone();
+    panels.extend(outcome.fit.map_or(Vec::new(), |fit| histories(fit, outcome.runs)));
+    svg(&panels).map_err(said)
 }
 
 fn draw(outcome: &Outcome<'_>, path: &Path) -> Result<(), String> {

@@ -8,6 +8,7 @@ use crate::keeping::Keeping;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
+use crate::responses;
 use crate::spectral::{self, Spectral};
 use crate::strategies::Strategies;
 use crate::subject::Subject;
@@ -42,16 +43,16 @@ pub(crate) struct Arguments {
     /// their start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    starts: u32,
+    pub(crate) starts: u32,
     /// Chooses the other starts; the same seed gives the same ones
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true, help_heading = "Estimation")]
     seed: u64,
     #[command(flatten)]
-    strategies: Strategies,
+    pub(crate) strategies: Strategies,
     #[command(flatten)]
     pub(crate) spectral: Spectral,
     #[command(flatten)]
-    integration: Integration,
+    pub(crate) integration: Integration,
     /// Show the interval of two standard errors of each parameter
     #[arg(long, help_heading = "Result")]
     pub(crate) intervals: bool,
@@ -59,12 +60,23 @@ pub(crate) struct Arguments {
     #[arg(long, help_heading = "Result")]
     pub(crate) history: bool,
     #[command(flatten)]
-    keeping: Keeping,
+    pub(crate) keeping: Keeping,
     #[command(flatten)]
     pub(crate) delivery: Delivery,
 }
 
 impl Arguments {
+    /// Options that would be ignored are told, not ignored.
+    fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
+        match given {
+            [] => Ok(()),
+            given => Err(Failure::input([format!(
+                "{} belongs to {belongs} and has no part in {method}; leave it out",
+                given.join(", ")
+            )])),
+        }
+    }
+
     fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
@@ -80,8 +92,19 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if arguments.choice.is_spectral() {
+        arguments.refuse("--method fd", &arguments.spectral.of_responses(), "--method fr")?;
         return spectral::run(arguments);
     }
+    if arguments.choice.is_of_responses() {
+        arguments.refuse("--method fr", &arguments.spectral.of_spectra(), "--method fd")?;
+        return responses::run(arguments);
+    }
+    let others = [arguments.spectral.of_both(), arguments.spectral.of_spectra(), arguments.spectral.of_responses()];
+    arguments.refuse(
+        "estimation in the time domain",
+        &others.concat(),
+        "the frequency domain (--method fd, --method fr)",
+    )?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -105,9 +128,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
     let (text, json) = (text(&fit, &runs, arguments), fit_json(&fit));
-    let (model, remarks, tables) = (&fit.model, remarks(&fit, all), Vec::new());
-    let delivered =
-        prepared.deliver(Outcome { model, fit: Some(&fit), runs: &runs, tables, text, json, remarks, manifest });
+    let (model, remarks) = (&fit.model, remarks(&fit, all));
+    let (spectra, tables) = (Vec::new(), Vec::new());
+    let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
+    let delivered = prepared.deliver(outcome);
     let whole = kept.close();
     let good = fit.estimate.is_good() && all && delivered && whole;
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })

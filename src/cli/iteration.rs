@@ -32,6 +32,8 @@ enum Approach {
     Lbfgs,
     /// Damped corrections on spectra instead of samples in time: the frequency domain
     Fd,
+    /// The same on frequency responses from sweeps, weighted by coherence
+    Fr,
 }
 
 impl Choice {
@@ -40,10 +42,15 @@ impl Choice {
         matches!(self.method, Approach::Fd)
     }
 
+    /// Whether frequency responses are to be fitted.
+    pub(crate) fn is_of_responses(&self) -> bool {
+        matches!(self.method, Approach::Fr)
+    }
+
     /// The options of an estimation with this noise.
     pub(crate) fn options(&self, noise: Noise) -> Options {
         let method = match self.method {
-            Approach::Correction | Approach::Fd => Method::Correction,
+            Approach::Correction | Approach::Fd | Approach::Fr => Method::Correction,
             Approach::NelderMead => Method::NelderMead,
             Approach::Lbfgs => Method::Lbfgs,
         };

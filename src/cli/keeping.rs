@@ -27,6 +27,11 @@ struct Told {
 }
 
 impl Keeping {
+    /// Whether a folder was named.
+    pub(crate) fn is_asked(&self) -> bool {
+        self.checkpoint.is_some()
+    }
+
     /// Opens the folder before any work is done.
     #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {

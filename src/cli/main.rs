@@ -16,7 +16,9 @@ mod progress;
 mod reading;
 mod records;
 mod regress;
+mod responses;
 mod simulate;
+mod spectra;
 mod spectral;
 mod strategies;
 mod subject;
@@ -48,6 +50,8 @@ enum Verb {
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
     Regress(regress::Arguments),
+    /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
+    Spectra(spectra::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -64,6 +68,7 @@ fn main() -> ExitCode {
         Verb::Fit(a) => fit::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
+        Verb::Spectra(a) => spectra::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

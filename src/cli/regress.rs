@@ -41,8 +41,9 @@ pub(crate) struct Arguments {
     /// Take `none`, the `mean` or the best `line` off rates and regressors of every run
     #[arg(long, value_name = "WHAT", default_value = "none", value_parser = detrend, conflicts_with = "band", help_heading = "Regression")]
     detrend: Detrend,
-    /// Principal components of the solution
-    #[arg(long, value_name = "auto|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
+    /// Principal components of the solution: all but directions in which columns move together (`auto`), those up to where R^2
+    /// levels off and errors are least (`level`), or so many
+    #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
     components: Components,
     /// Search the structure of every measured rate among signals, squares and products instead
     #[arg(long, help_heading = "Regression")]
@@ -165,11 +166,12 @@ fn detrend(text: &str) -> Result<Detrend, String> {
 fn components(text: &str) -> Result<Components, String> {
     match text {
         "auto" => Ok(Components::Auto),
+        "level" => Ok(Components::Levelled),
         _ => text
             .parse()
             .ok()
             .filter(|k| *k > 0)
             .map(Components::Count)
-            .ok_or_else(|| "expected auto or a number from 1 on".into()),
+            .ok_or_else(|| "expected auto, level or a number from 1 on".into()),
     }
 }

@@ -11,15 +11,19 @@ use fdm::Model;
 use fdm::estimate::{Nonlinear, SpectralFit, SpectralOptions, fit_spectra};
 use fdm::frequency::EndTerms;
 use fdm::record::{Column, Dialect, Run, write_to};
-use fdm::report::{history_table, prediction_table, spectral_json, spectral_table, spectrum_columns, time_json};
+use fdm::report::{
+    TimeHistory, hidden_mode, history_table, prediction_table, spectral_json, spectral_table, spectrum_columns,
+    time_json,
+};
 use fdm::spectrum::Frequencies;
 use fdm::store::{Identity, Manifest};
+use num_complex::Complex64;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What is particular to the frequency domain.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Frequency domain (--method fd)")]
+#[command(next_help_heading = "Frequency domain (--method fd, --method fr)")]
 pub(crate) struct Spectral {
     /// Frequencies from LO to HI, in cycles per unit of time (Hz where that is the second) [default: what the inputs move]
     #[arg(long, value_name = "LO:HI", value_parser = band)]
@@ -28,17 +32,34 @@ pub(crate) struct Spectral {
     #[arg(long, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
     pub(crate) df: Option<f64>,
     /// End terms: `known` from the record where outputs show the states, `free` in every run, or `none`
-    #[arg(long, value_name = "known|free|none", value_enum, default_value_t)]
-    ends: EndChoice,
+    /// [default: free]
+    #[arg(long, value_name = "known|free|none", value_enum)]
+    ends: Option<EndChoice>,
     /// Nonlinear models: nonlinear terms `carry` in as known inputs computed from records, or `linearise` at the trim
-    #[arg(long, value_name = "auto|carry|linearise", value_enum, default_value_t)]
-    nonlinear: NonlinearChoice,
+    /// [default: auto]
+    #[arg(long, value_name = "auto|carry|linearise", value_enum)]
+    nonlinear: Option<NonlinearChoice>,
     /// Begin with the model's own values, not with those of equation error
     #[arg(long)]
     own_values: bool,
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times
     #[arg(long, value_name = "RUN")]
-    holdout: Vec<PathBuf>,
+    pub(crate) holdout: Vec<PathBuf>,
+    /// With --method fr: lengths of the segments that are averaged, in the model's time [default: two, the second half as long as the first]
+    #[arg(long, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
+    pub(crate) segments: Vec<f64>,
+    /// With --method fr: a pair that is compared; may be given several times [default: all that the model connects]
+    #[arg(long = "pair", value_name = "OUTPUT/INPUT", value_parser = pair)]
+    pub(crate) pairs: Vec<(String, String)>,
+    /// With --method fr: coherence below which a frequency does not count [default: 0.6]
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    pub(crate) coherence: Option<f64>,
+}
+
+/// `OUTPUT/INPUT`
+fn pair(text: &str) -> Result<(String, String), String> {
+    let (output, input) = text.split_once('/').ok_or("expected OUTPUT/INPUT")?;
+    Ok((output.trim().to_string(), input.trim().to_string()))
 }
 
 #[derive(Debug, Clone, Copy, Default, ValueEnum)]
@@ -59,13 +80,55 @@ enum NonlinearChoice {
 }
 
 /// `LO:HI`
-fn band(text: &str) -> Result<(f64, f64), String> {
+pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
     let (low, high) = text.split_once(':').ok_or("expected LO:HI, such as 0.1:3")?;
     let number = |part: &str| part.trim().parse().map_err(|_| format!("`{part}` is not a number"));
     Ok((number(low)?, number(high)?))
 }
 
 impl Spectral {
+    /// Options that were given, of both ways in the frequency domain.
+    pub(crate) fn of_both(&self) -> Vec<&'static str> {
+        let all =
+            [(self.band.is_some(), "--band"), (self.df.is_some(), "--df"), (!self.holdout.is_empty(), "--holdout")];
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
+    /// Those of spectra.
+    pub(crate) fn of_spectra(&self) -> Vec<&'static str> {
+        let all = [
+            (self.ends.is_some(), "--ends"),
+            (self.nonlinear.is_some(), "--nonlinear"),
+            (self.own_values, "--own-values"),
+        ];
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
+    /// Those of frequency responses.
+    pub(crate) fn of_responses(&self) -> Vec<&'static str> {
+        let all = [
+            (!self.segments.is_empty(), "--segments"),
+            (!self.pairs.is_empty(), "--pair"),
+            (self.coherence.is_some(), "--coherence"),
+        ];
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
+    /// Runs that take no part.
+    pub(crate) fn held_out(&self, arguments: &Fit, model: &Model) -> Result<Vec<Run>, Failure> {
+        let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+        let used: Vec<PathBuf> = arguments.records.data.iter().map(place).collect();
+        if let Some(both) = self.holdout.iter().find(|path| used.contains(&place(path))) {
+            let path = both.display();
+            let said = format!(
+                "{path} is both --data and --holdout: a run that was estimated from tells nothing new; hold out another one"
+            );
+            return Err(Failure::input([said]));
+        }
+        let runs = load(&self.holdout, &arguments.records.options(), model)?;
+        Ok(runs.into_iter().map(|(run, _)| run).collect())
+    }
+
     pub(crate) fn frequencies(&self) -> Frequencies {
         match (self.band, self.df) {
             (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
@@ -77,6 +140,7 @@ impl Spectral {
 
 /// Fits spectra as the arguments of `fdm fit` say.
 pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
+    refuse_what_is_of_time(arguments)?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -85,8 +149,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     }
     let options = options(arguments, &model)?;
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let held_out = load(&arguments.spectral.holdout, &arguments.records.options(), &model)?;
-    let held_out: Vec<Run> = held_out.into_iter().map(|(run, _)| run).collect();
+    let held_out = arguments.spectral.held_out(arguments, &model)?;
     let prepared = arguments.delivery.prepare()?;
     let result = fit_spectra(&model, &runs, &options, &mut progress);
     progress.finish();
@@ -103,10 +166,13 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     if arguments.delivery.out.is_some() {
         arguments.records.describe(&runs, &mut manifest);
     }
+    let frequencies: Vec<Vec<f64>> =
+        fit.spectra.iter().map(|s| s.omega.iter().map(|w| w / std::f64::consts::TAU).collect()).collect();
     let outcome = Outcome {
         model: &fit.model,
         fit: fit.finish.as_ref(),
         runs: &runs,
+        spectra: panels(&fit, &frequencies),
         tables: tables(&fit),
         text,
         json,
@@ -117,18 +183,31 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     Ok(if fit.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
+/// Options that mean nothing to spectra are refused, not passed over.
+pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
+    let mut given = arguments.strategies.given();
+    given.extend((arguments.starts > 1).then_some("--starts"));
+    given.extend(arguments.keeping.is_asked().then_some("--checkpoint"));
+    given.extend((!arguments.integration.is_open()).then_some("--steps and --integrator"));
+    if given.is_empty() {
+        return Ok(());
+    }
+    let reason = |option: &str| format!("{option} belongs to the time domain; leave it out, or leave out `--method`");
+    Err(Failure::input(given.into_iter().map(reason)))
+}
+
 fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
     let spectral = &arguments.spectral;
     Ok(SpectralOptions {
         changes: arguments.subject.changes(&arguments.fix, &arguments.free),
         options: arguments.choice.options(noise(&arguments.noise, model)?),
         frequencies: spectral.frequencies(),
-        ends: match spectral.ends {
+        ends: match spectral.ends.unwrap_or_default() {
             EndChoice::Known => EndTerms::Known,
             EndChoice::Free => EndTerms::Unknown,
             EndChoice::None => EndTerms::Omitted,
         },
-        nonlinear: match spectral.nonlinear {
+        nonlinear: match spectral.nonlinear.unwrap_or_default() {
             NonlinearChoice::Auto => Nonlinear::Auto,
             NonlinearChoice::Carry => Nonlinear::Carried,
             NonlinearChoice::Linearise => Nonlinear::Linearised,
@@ -159,12 +238,38 @@ fn remarks(fit: &SpectralFit) -> Vec<String> {
     if !termination.is_good() {
         return vec![termination.to_string()];
     }
-    if fit.estimate.is_good() {
-        return Vec::new();
+    let mut remarks = Vec::new();
+    if !fit.estimate.is_good() {
+        remarks.push(UNDETERMINED.into());
     }
-    vec![
-        "the data do not determine every parameter: fix some of what is named above, or add runs that move them".into(),
-    ]
+    remarks.extend(fit.hidden.iter().map(|mode| hidden_mode(&fit.model, mode)));
+    remarks
+}
+
+/// What is said where parameters are not determined.
+pub(crate) const UNDETERMINED: &str =
+    "the data do not determine every parameter: fix some of what is named above, or add runs that move them";
+
+/// Measured and modelled spectra as pictures: their magnitudes over frequency.
+fn panels<'a>(fit: &SpectralFit, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistory<'a>> {
+    let definition = fit.model.definition();
+    let mut panels = Vec::new();
+    for (spectrum, time) in fit.spectra.iter().zip(frequencies) {
+        for (o, output) in definition.outputs.iter().enumerate() {
+            let (name, count) = (&output.quantity.name, time.len());
+            let unit = output.quantity.unit.as_ref().map_or(String::new(), ToString::to_string);
+            let size = |plane: &[Complex64]| plane[o * count..(o + 1) * count].iter().map(|v| v.norm()).collect();
+            panels.push(TimeHistory {
+                title: format!("{}: spectrum of {name} in {}", fit.model.name(), spectrum.run),
+                time_label: format!("cycles per {}", definition.time),
+                value_label: format!("|{name}| [{unit}]"),
+                time,
+                measured: size(&spectrum.measured),
+                modelled: size(&spectrum.modelled),
+            });
+        }
+    }
+    panels
 }
 
 /// The spectra of every run as a table.

@@ -27,6 +27,18 @@ pub(crate) struct Strategies {
 }
 
 impl Strategies {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let given = [
+            ("--continuation", self.continuation != Continuation::default()),
+            ("--substitute", !self.substitute.is_empty()),
+            ("--shooting", self.shooting.is_some()),
+            ("--confidence", self.confidence),
+            ("--weights", self.weights),
+        ];
+        given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect()
+    }
+
     /// The options of a fit with these among them.
     pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
         FitOptions {

@@ -69,6 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         model: &fit.model,
         fit: Some(&fit),
         runs: &runs,
+        spectra: Vec::new(),
         tables: Vec::new(),
         text: text(&fit, &folder),
         json: document,

@@ -141,6 +141,23 @@ impl Estimate {
         self.parameters.iter().find(|p| p.name == name && p.run.as_deref() == run)
     }
 
+    /// The same without some entries of `parameters`, which leaves their rows and columns of all matrices out too.
+    pub(in crate::estimate) fn without(mut self, left_out: impl Fn(&ParameterEstimate) -> bool) -> Self {
+        let stays: Vec<bool> = self.parameters.iter().map(|p| !left_out(p)).collect();
+        let place = |k: usize| stays[..k].iter().filter(|s| **s).count();
+        let rows: Vec<usize> = (0..self.covered.len()).filter(|i| stays[self.covered[*i]]).collect();
+        for matrix in [&mut self.covariance, &mut self.correlations, &mut self.corrected_covariance] {
+            if matrix.size == self.covered.len() {
+                let values = rows.iter().flat_map(|i| rows.iter().map(|j| matrix.at(*i, *j))).collect();
+                *matrix = Symmetric { size: rows.len(), values };
+            }
+        }
+        self.covered = rows.iter().map(|i| place(self.covered[*i])).collect();
+        let mut stays = stays.into_iter();
+        self.parameters.retain(|_| stays.next().unwrap_or(true));
+        self
+    }
+
     /// Whether the iteration converged and the data determine every free parameter.
     pub fn is_good(&self) -> bool {
         self.termination.is_good() && self.undetermined.is_empty()

@@ -8,8 +8,9 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
 //!
-//! Five sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
-//! start or many), `strategy` (other ways when the plain one goes astray, and confidence) and `spectral` (spectra instead of samples in time).
+//! Six sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
+//! start or many), `strategy` (other ways when the plain one goes astray, and confidence), `spectral` (spectra instead of samples in time) and
+//! `responses` (frequency responses from sweeps).
 
 mod changes;
 mod errors;
@@ -21,6 +22,7 @@ mod keeper;
 mod noise;
 mod problem;
 mod progress;
+mod responses;
 mod road;
 mod solve;
 #[cfg(test)]
@@ -44,8 +46,9 @@ pub use iteration::restart::Aid;
 pub use iteration::search::Method;
 pub use keeper::Keeper;
 pub use noise::Noise;
-pub use problem::{Coefficients, Options, Problem, ProblemError, ProblemRun, Response};
+pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
+pub use responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
 pub use road::attempt::attempt;
 pub use road::fit::{Fit, FitOptions, changed, examined, fit, fit_kept};
 pub use road::fit_error::FitError;
@@ -54,7 +57,8 @@ pub use road::start::starts;
 pub use road::starts::{MultiStart, StartSummary};
 pub use solve::{estimate, estimate_from};
 pub use spectral::{
-    FirstValue, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered, fit_spectra,
+    FirstValue, HiddenMode, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered,
+    fit_spectra,
 };
 pub use strategy::continuation::Continuation;
 pub use strategy::lengths::LengthFit;

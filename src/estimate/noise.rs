@@ -129,7 +129,8 @@ impl Likelihood {
             weights.covariance[at] = variance;
             weights.whitener[at] = 1.0 / variance.sqrt();
             weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
-            weights.scatter += sum / variance / self.cells() as f64;
+            // an estimated variance is that of the residuals, floored or not
+            weights.scatter += if known.is_some() { sum / variance } else { n } / self.cells() as f64;
             // each residual carries a rounding error of about one unit in the last place of the output
             weights.rounding += 4.0 * f64::EPSILON * n * (self.magnitude[o] / variance.sqrt() + 1.0);
         }

@@ -29,6 +29,16 @@ pub trait Response: Send {
         None
     }
 
+    /// The frequency, in cycles per unit of time, that a sample belongs to, when it is not one in time.
+    fn frequency(&self, sample: usize) -> Option<f64> {
+        self.coefficients().and_then(|c| Some(c.omega.get(sample / 2)? / std::f64::consts::TAU))
+    }
+
+    /// What is known beforehand of the noise of the measured numbers; of a response with one output.
+    fn known_noise(&self) -> Option<&KnownNoise> {
+        None
+    }
+
     /// Outputs, N by q row-major, at the parameters `theta` (p, in the model's order).
     ///
     /// # Errors
@@ -55,6 +65,15 @@ pub trait Response: Send {
         let _ = (theta, columns, sink);
         Ok(())
     }
+}
+
+/// Noise that is known beforehand, from another source than the residuals.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct KnownNoise {
+    /// Standard deviation of each number (N).
+    pub deviations: Vec<f64>,
+    /// Pairs of numbers (the first one before the second) whose noise correlates, with the correlation.
+    pub correlations: Vec<(u32, u32, f64)>,
 }
 
 /// Fourier coefficients as the samples of a response.

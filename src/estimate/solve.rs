@@ -2,6 +2,7 @@
 
 use crate::estimate::errors::coloured::corrected;
 use crate::estimate::errors::coloured_spectra::corrected_spectra;
+use crate::estimate::errors::known_noise::corrected_known;
 use crate::estimate::errors::noise_colour::Uncorrected;
 use crate::estimate::errors::statistics::Statistics;
 use crate::estimate::estimate::{Estimate, RunFit, Symmetric};
@@ -74,8 +75,10 @@ pub fn estimate_from(
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
         Some(conclusion) => {
             let priors = priors.rows(&values);
-            if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
-                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
+            if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
+                corrected_known(problem, &unknowns, &values, conclusion, priors)
+            } else if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
+                corrected_spectra(problem, &unknowns, &values, (conclusion, &likelihood), priors)
             } else {
                 corrected(problem, &unknowns, &values, conclusion, priors)
             }
@@ -134,12 +137,15 @@ fn matches(problem: &Problem<'_>, responses: Vec<Vec<f64>>) -> (Vec<OutputFit>, 
 /// Why the start values could not be compared.
 fn stopped(problem: &Problem<'_>, failure: RunFailure) -> Termination {
     let run = problem.runs[failure.run].name.clone();
+    let response = &problem.runs[failure.run].response;
     match failure.failure {
+        Failure::Diverged(d) if response.frequency(d.sample).is_some() => Termination::Unanswered { run },
         Failure::Diverged(d) => Termination::Diverged { run, time: d.time, state: d.state, sample: d.sample },
         Failure::NotFinite { output, sample, param } => Termination::NotFinite {
             run,
             output: problem.outputs[output].clone(),
             sample,
+            frequency: response.frequency(sample),
             parameter: param.map(|k| problem.params[k].quantity.name.clone()),
         },
     }

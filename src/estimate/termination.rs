@@ -41,6 +41,11 @@ pub enum Termination {
         /// The sample (from 0) that was not reached.
         sample: usize,
     },
+    /// In the frequency domain: there is no response at the start values; nothing was estimated.
+    Unanswered {
+        /// The run.
+        run: String,
+    },
     /// An output at the start values, or its partial by a parameter, is not finite; nothing was estimated.
     NotFinite {
         /// The run.
@@ -49,6 +54,9 @@ pub enum Termination {
         output: String,
         /// The sample, from 0.
         sample: usize,
+        /// Its frequency in cycles per unit of time, in the frequency domain.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        frequency: Option<f64>,
         /// The parameter, when the output itself is finite.
         parameter: Option<String>,
     },
@@ -80,17 +88,21 @@ impl fmt::Display for Termination {
             Self::Diverged { run, time, .. } => {
                 write!(f, "run `{run}` diverges at time {time} already at the start values")
             }
-            Self::NotFinite { run, output, sample, parameter: None } => write!(
+            Self::Unanswered { run } => write!(
                 f,
-                "run `{run}`, sample {}: output `{output}` is not a finite number at the start values",
-                sample + 1
+                "run `{run}`: the model has no response in the frequency domain at the start values; begin with other values (`--set NAME=VALUE`)"
             ),
-            Self::NotFinite { run, output, sample, parameter: Some(parameter) } => write!(
-                f,
-                "run `{run}`, sample {}: the partial of output `{output}` by `{parameter}` is not a finite number at the \
-                 start values",
-                sample + 1
-            ),
+            Self::NotFinite { run, output, sample, frequency, parameter } => {
+                let place = match frequency {
+                    Some(f) => format!("at {f} cycles per unit of time"),
+                    None => format!("sample {}", sample + 1),
+                };
+                let what = match parameter {
+                    Some(parameter) => format!("the partial of output `{output}` by `{parameter}`"),
+                    None => format!("output `{output}`"),
+                };
+                write!(f, "run `{run}`, {place}: {what} is not a finite number at the start values")
+            }
             Self::Interrupted => write!(f, "interrupted"),
         }
     }

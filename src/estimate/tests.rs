@@ -271,7 +271,12 @@ fn empty_cells_are_as_good_as_absent_ones() {
     let params = || vec![param("a", 1.0), param("b", 1.0)];
     let gappy = solve(&mut problem(params(), vec![gappy]), &Options::default());
     let short = solve(&mut problem(params(), vec![short]), &Options::default());
-    assert_eq!(gappy.parameters, short.parameters);
+    // lagged sums go over gaps in another order
+    let close = |a: Option<f64>, b: Option<f64>| a.zip(b).is_some_and(|(a, b)| (a / b - 1.0).abs() < 1e-14);
+    for (a, b) in gappy.parameters.iter().zip(&short.parameters) {
+        assert_eq!((a.value, a.standard_error, a.status), (b.value, b.standard_error, b.status));
+        assert!(close(a.corrected_error, b.corrected_error), "{a:?} {b:?}");
+    }
     assert_eq!(gappy.outputs[0].compared, 34);
     assert!(gappy.runs[0].residuals[3].is_nan() && gappy.runs[0].response[3].is_finite());
 }

@@ -4,6 +4,7 @@ use super::characteristic::Characteristic;
 use super::eigen::{Root, eigen};
 use super::retarded;
 use super::structure::{Structure, Values};
+use fdm_grammar::graph::Signal;
 use num_complex::Complex64;
 use std::f64::consts::LN_2;
 
@@ -15,6 +16,10 @@ pub struct Mode {
     /// (state, share) of the states that take part, the greatest first: right times left eigenvector, which no unit changes, as parts
     /// of one.
     pub states: Vec<(usize, f64)>,
+    /// Whether an output shows it; taken for granted where the root is not simple.
+    pub shown: bool,
+    /// Whether an input moves it; the same.
+    pub moved: bool,
     /// The derivatives of s by all parameters (p); none for a root that is not simple.
     pub slopes: Option<Vec<Complex64>>,
 }
@@ -94,7 +99,57 @@ fn mode(equation: &Characteristic, structure: &Structure, values: &Values, root:
     states.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     // what rounding leaves of a part that is zero
     let part = |v: f64| if v.abs() <= 4.0 * f64::EPSILON * root.s.norm() { 0.0 } else { v };
-    Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, slopes }
+    let [shown, moved] = [shown(structure, values, root), moved(structure, values, root)].map(|v| v || !root.simple);
+    Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, shown, moved, slopes }
+}
+
+/// Size of what is shown or moved, relative to what could be, that is rounding.
+const NOTHING: f64 = 1e-11;
+
+/// Whether C x has an output that is not zero.
+fn shown(structure: &Structure, values: &Values, root: &Root) -> bool {
+    let n = structure.states;
+    let largest = root.x.iter().map(|x| x.norm()).fold(0.0, f64::max);
+    (n..n + structure.outputs).any(|row| {
+        let (mut sum, mut size) = (Complex64::ZERO, 0.0_f64);
+        let own = structure.terms.iter().zip(&values.terms).filter(|(t, _)| t.row as usize == row);
+        for (term, value) in own {
+            let (signal, factor) = undelayed(structure, values, term.signal as usize, root.s);
+            if let Signal::State(k) = signal {
+                sum += factor * root.x[k as usize] * *value;
+                size = size.max((factor * *value).norm() * largest);
+            }
+        }
+        sum.norm() > NOTHING * size
+    })
+}
+
+/// Whether y* B has an input that is not zero.
+fn moved(structure: &Structure, values: &Values, root: &Root) -> bool {
+    let largest = root.y.iter().map(|y| y.norm()).fold(0.0, f64::max);
+    (0..structure.inputs).any(|input| {
+        let (mut sum, mut size) = (Complex64::ZERO, 0.0_f64);
+        for (term, value) in
+            structure.terms.iter().zip(&values.terms).filter(|(t, _)| (t.row as usize) < structure.states)
+        {
+            let (signal, factor) = undelayed(structure, values, term.signal as usize, root.s);
+            if signal == Signal::Input(input as u32) {
+                sum += root.y[term.row as usize].conj() * factor * *value;
+                size = size.max((factor * *value).norm() * largest);
+            }
+        }
+        sum.norm() > NOTHING * size
+    })
+}
+
+/// What a signal is a delayed version of, and the factor exp(-s tau).
+fn undelayed(structure: &Structure, values: &Values, signal: usize, s: Complex64) -> (Signal, Complex64) {
+    let n = structure.states;
+    match signal.checked_sub(n + structure.inputs) {
+        Some(d) => (structure.delayed[d], (-s * values.tau[d]).exp()),
+        None if signal < n => (Signal::State(signal as u32), Complex64::ONE),
+        None => (Signal::Input((signal - n) as u32), Complex64::ONE),
+    }
 }
 
 impl Mode {
@@ -103,7 +158,7 @@ impl Mode {
 
     fn conjugate(&self) -> Self {
         let slopes = self.slopes.as_ref().map(|s| s.iter().map(Complex64::conj).collect());
-        Self { s: self.s.conj(), states: self.states.clone(), slopes }
+        Self { s: self.s.conj(), slopes, ..self.clone() }
     }
 
     /// The states that dominate the mode, the greatest share first.

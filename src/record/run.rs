@@ -50,4 +50,24 @@ impl Run {
             ..self.clone()
         }
     }
+
+    /// The run with these inputs and outputs only, in this order.
+    ///
+    /// # Panics
+    /// When there is no such channel.
+    pub fn with_channels(&self, inputs: &[usize], outputs: &[usize]) -> Self {
+        let (m, q) = (self.held.len(), self.output_gaps.len());
+        let columns = |values: &[f64], width: usize, chosen: &[usize]| -> Vec<f64> {
+            values.chunks_exact(width.max(1)).flat_map(|row| chosen.iter().map(|c| row[*c])).collect()
+        };
+        Self {
+            name: self.name.clone(),
+            time: self.time.clone(),
+            inputs: columns(&self.inputs, m, inputs),
+            held: inputs.iter().map(|i| self.held[*i]).collect(),
+            measured: columns(&self.measured, q, outputs),
+            input_gaps: inputs.iter().map(|i| self.input_gaps[*i]).collect(),
+            output_gaps: outputs.iter().map(|o| self.output_gaps[*o]).collect(),
+        }
+    }
 }

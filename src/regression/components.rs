@@ -35,8 +35,8 @@ pub enum Chosen {
     All,
     /// The caller's number.
     Asked,
-    /// Fewer: the others are directions in which columns move together, that explain next to nothing and cost much error. Each
-    /// with the parameters that stand in it.
+    /// Fewer: the others are directions in which columns move together (all the more so the smaller their singular value), that
+    /// explain next to nothing and cost much error. Each with the parameters that stand in it.
     Collinear(Vec<Vec<String>>),
 }
 
@@ -56,7 +56,7 @@ const NAMED: f64 = 0.3;
 
 /// The number of components: of those solutions that leave out only directions in which columns move together, none of which explains
 /// more than chance does, and all of which explain at most 0.5 % of R^2, the one of least total error. Directions that
-/// are nothing but rounding are never taken.
+/// are nothing but rounding are never taken. [`Components::Levelled`] leaves out any direction that fulfils the rest.
 pub(super) fn choose(found: &Decomposition, names: &[String], wanted: Components) -> (usize, Chosen) {
     let (p, rank) = (found.singular.len(), found.rank());
     if let Components::Count(count) = wanted {
@@ -65,7 +65,8 @@ pub(super) fn choose(found: &Decomposition, names: &[String], wanted: Components
     let full = found.component(rank);
     let mut best = full.clone();
     for count in (1..rank).rev() {
-        if found.singular[count] >= COLLINEAR * found.singular[0] || found.component_f(count, rank) > CHANCE {
+        let apart = wanted == Components::Auto && found.singular[count] >= COLLINEAR * found.singular[0];
+        if apart || found.component_f(count, rank) > CHANCE {
             break;
         }
         let fewer = found.component(count);

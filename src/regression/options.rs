@@ -55,6 +55,9 @@ pub enum Components {
     /// As many as the data carry (see [`Chosen`](super::Chosen)).
     #[default]
     Auto,
+    /// Where R^2 has levelled off and the standard errors are least (Black, Murray-Smith and Padfield 1986), also where columns can be
+    /// told apart: errors are smaller, and values are pulled to what the data show best.
+    Levelled,
     /// So many, or all when there are fewer.
     Count(usize),
 }

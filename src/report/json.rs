@@ -106,6 +106,7 @@ fn word(termination: &Termination) -> &'static str {
         Termination::IterationLimit => "iteration_limit",
         Termination::NoProgress => "no_progress",
         Termination::Diverged { .. } => "diverged",
+        Termination::Unanswered { .. } => "unanswered",
         Termination::NotFinite { .. } => "not_finite",
         Termination::Interrupted => "interrupted",
     }

@@ -5,6 +5,7 @@
 
 mod confidence;
 mod diagnostic;
+mod fitted_responses;
 mod history;
 mod json;
 mod modes;
@@ -13,6 +14,7 @@ mod plot;
 mod regression;
 mod remarks;
 mod residuals;
+mod response;
 mod spectral;
 mod starts;
 mod summary;
@@ -21,6 +23,7 @@ mod validation;
 
 pub use confidence::{confidence, way};
 pub use diagnostic::render;
+pub use fitted_responses::{fitted_response_columns, fitted_response_json, fitted_response_table};
 pub use history::history_table;
 pub use json::{fit_json, quality_json};
 pub use modes::{modes_json, modes_table, trim_sentence};
@@ -28,7 +31,8 @@ pub use plot::{PlotError, TimeHistory, svg};
 pub use regression::{dependence_table, regression_json, regression_table, structure_table};
 pub use remarks::residual_remarks;
 pub use residuals::residual_table;
-pub use spectral::{prediction_table, spectral_json, spectral_table, spectrum_columns, time_json};
+pub use response::{ResponseNames, response_json, response_svg, response_table};
+pub use spectral::{hidden_mode, prediction_table, spectral_json, spectral_table, spectrum_columns, time_json};
 pub use starts::starts_table;
 pub use summary::{check_json, check_text};
 pub use table::{estimate_table, fit_table};

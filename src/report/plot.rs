@@ -26,6 +26,13 @@ pub struct TimeHistory<'a> {
 #[error("the picture cannot be drawn: {0}")]
 pub struct PlotError(String);
 
+impl PlotError {
+    /// What the drawing library says.
+    pub(super) fn refused(e: impl std::fmt::Display) -> Self {
+        Self(e.to_string())
+    }
+}
+
 /// Points drawn per line; longer records are reduced to the extremes of equal parts, so that no peak is lost.
 const MOST_POINTS: usize = 2000;
 const PANEL: (u32, u32) = (920, 380);
@@ -43,11 +50,11 @@ pub fn svg(histories: &[TimeHistory<'_>]) -> Result<String, PlotError> {
     {
         let size = (PANEL.0, PANEL.1 * (histories.len().max(1) as u32));
         let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        area.fill(&WHITE).map_err(refused)?;
+        area.fill(&WHITE).map_err(PlotError::refused)?;
         for (panel, history) in area.split_evenly((histories.len().max(1), 1)).iter().zip(histories) {
             draw(panel, history)?;
         }
-        area.present().map_err(refused)?;
+        area.present().map_err(PlotError::refused)?;
     }
     Ok(text)
 }
@@ -78,7 +85,7 @@ fn chart(
         builder.caption(title, ("sans-serif", 16));
     }
     let smallest = 1e-9 * (values.end - values.start);
-    let mut chart = builder.build_cartesian_2d(range(history.time.iter()), values).map_err(refused)?;
+    let mut chart = builder.build_cartesian_2d(range(history.time.iter()), values).map_err(PlotError::refused)?;
     let mut mesh = chart.configure_mesh();
     mesh.light_line_style(WHITE).y_desc(label).y_labels(if title.is_none() { 4 } else { 6 });
     let label_of = |v: &f64| if v.abs() < smallest { short(0.0) } else { short(*v) };
@@ -86,14 +93,14 @@ fn chart(
     if title.is_none() {
         mesh.x_desc(history.time_label.as_str());
     }
-    mesh.draw().map_err(refused)?;
+    mesh.draw().map_err(PlotError::refused)?;
     for (name, colour, width, values) in lines {
         let mut series = Vec::new();
         for piece in pieces(history.time, values) {
             series.push(LineSeries::new(piece, colour.stroke_width(*width)));
         }
         for (k, line) in series.into_iter().enumerate() {
-            let drawn = chart.draw_series(line).map_err(refused)?;
+            let drawn = chart.draw_series(line).map_err(PlotError::refused)?;
             if k == 0 && lines.len() > 1 {
                 let (colour, width) = (*colour, *width);
                 drawn
@@ -106,7 +113,7 @@ fn chart(
         return Ok(());
     }
     let mut legend = chart.configure_series_labels();
-    legend.background_style(WHITE.mix(0.8)).position(SeriesLabelPosition::UpperRight).draw().map_err(refused)
+    legend.background_style(WHITE.mix(0.8)).position(SeriesLabelPosition::UpperRight).draw().map_err(PlotError::refused)
 }
 
 /// Lines without their gaps, each reduced to what can be seen.
@@ -157,10 +164,6 @@ fn short(v: f64) -> String {
     }
     let rounded: f64 = format!("{v:.3e}").parse().unwrap_or(v);
     if (1e-3..1e5).contains(&rounded.abs()) { format!("{rounded}") } else { format!("{rounded:e}") }
-}
-
-fn refused<E: std::fmt::Display>(e: E) -> PlotError {
-    PlotError(e.to_string())
 }
 
 #[cfg(test)]

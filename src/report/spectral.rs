@@ -5,8 +5,9 @@ use super::parameters::parameter_table;
 use super::remarks::estimate_remarks;
 use super::residuals::output_table;
 use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{Fit, SpectralFit};
-use crate::linear::Obtained;
+use crate::estimate::{FirstValue, Fit, HiddenMode, SpectralFit};
+use crate::linear::{Obtained, Trim};
+use crate::model::Model;
 use crate::quality::OutputQuality;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
@@ -16,7 +17,7 @@ use std::f64::consts::TAU;
 pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&nonlinear(fit));
-    text.push_str(&first_values(fit));
+    text.push_str(&first_values(&fit.first));
     text.push('\n');
     text.push_str(&parameter_table(&fit.parameters(), intervals));
     if !fit.ends.is_empty() {
@@ -46,6 +47,25 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     text
 }
 
+/// What an unstable mode that no frequency response shows means.
+pub fn hidden_mode(model: &Model, mode: &HiddenMode) -> String {
+    let states: Vec<&str> = mode.states.iter().map(|k| model.definition().states[*k].quantity.name.as_str()).collect();
+    let s = match mode.s.im {
+        0.0 => digits(mode.s.re, 4),
+        im => format!("{} ± {}j", digits(mode.s.re, 4), digits(im, 4)),
+    };
+    let (why, help) = match (mode.shown, mode.moved) {
+        (false, false) => ("no output shows it and no input moves it", "leave its states out"),
+        (false, true) => ("no output shows it", "measure what shows it, or leave its states out"),
+        _ => ("no input moves it", "move it by an input, or leave its states out"),
+    };
+    format!(
+        "the model has an unstable mode s = {s} of {} that the frequency domain cannot see, since {why}: the estimates say nothing about it, \
+         and in the time domain it grows; {help}",
+        states.join(", ")
+    )
+}
+
 /// How well time histories are matched: size of the residual and Theil's coefficient of every output.
 pub fn prediction_table(quality: &[OutputQuality]) -> String {
     let mut table = plain(&["output", "run", "RMS", "R^2", "TIC"]);
@@ -72,8 +92,8 @@ fn band(fit: &SpectralFit) -> String {
 }
 
 /// What the estimation began with.
-fn first_values(fit: &SpectralFit) -> String {
-    let (regressed, own): (Vec<_>, Vec<_>) = fit.first.iter().partition(|f| !f.equations.is_empty());
+pub(super) fn first_values(first: &[FirstValue]) -> String {
+    let (regressed, own): (Vec<_>, Vec<_>) = first.iter().partition(|f| !f.equations.is_empty());
     if regressed.is_empty() {
         return String::new();
     }
@@ -91,18 +111,23 @@ fn nonlinear(fit: &SpectralFit) -> String {
             fit.carried.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
         text.push_str(&format!("known inputs computed from records: {}\n", terms.join("; ")));
     }
-    let Some(trim) = fit.trim.as_ref().filter(|t| t.obtained != Obtained::NotNeeded) else { return text };
+    text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));
+    text
+}
+
+/// Where a model was linearised, when that matters.
+pub(super) fn trimmed_at(model: &Model, trim: Option<&Trim>) -> String {
+    let Some(trim) = trim.filter(|t| t.obtained != Obtained::NotNeeded) else { return String::new() };
     let how = match trim.obtained {
         Obtained::Given => "given by the model",
         Obtained::Initial => "the initial values",
         _ => "solved from the equations",
     };
-    let definition = fit.model.definition();
+    let definition = model.definition();
     let states = definition.states.iter().zip(&trim.states).map(|(s, v)| (&s.quantity.name, v));
     let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
     let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
-    text.push_str(&format!("linearised at the trim ({how}): {}\n", values.join(", ")));
-    text
+    format!("linearised at the trim ({how}): {}\n", values.join(", "))
 }
 
 /// Estimates for other programs: as those of a fit in the time domain, with `frequency_domain` for what is particular.
@@ -120,11 +145,22 @@ pub fn spectral_json(fit: &SpectralFit) -> Value {
         "unseen": fit.unseen,
         "silent_inputs": fit.silent,
         "dependent_outputs": fit.dependent,
+        "hidden_modes": hidden_json(&fit.model, &fit.hidden),
         "unanswered": fit.unanswered.as_ref().map(ToString::to_string),
         "unfinished": fit.unfinished.as_ref().map(ToString::to_string),
     });
     document["time_domain"] = fit.finish.as_ref().map_or(Value::Null, time_json);
     document
+}
+
+/// Unstable modes that no response shows.
+pub(super) fn hidden_json(model: &Model, hidden: &[HiddenMode]) -> Value {
+    let states = |m: &HiddenMode| -> Vec<String> {
+        m.states.iter().map(|k| model.definition().states[*k].quantity.name.clone()).collect()
+    };
+    let one =
+        |m: &HiddenMode| json!({ "re": m.s.re, "im": m.s.im, "states": states(m), "shown": m.shown, "moved": m.moved });
+    hidden.iter().map(one).collect()
 }
 
 /// Initial states, biases and the match of time histories.

@@ -55,7 +55,9 @@ pub enum SpectrumError {
     #[error("{0} has no values in this run, so that it has no spectrum; leave the run or the channel out")]
     NeverMeasured(ChannelName),
     /// Not a band.
-    #[error("a band from {lowest} to {highest} holds no frequency; give its lower end first, both above zero")]
+    #[error(
+        "a band from {lowest} to {highest} holds no frequency; give its lower end first, both above zero and finite"
+    )]
     NoBand {
         /// Lower end.
         lowest: f64,

@@ -161,20 +161,6 @@ impl Spectrum {
         (0..self.input_power.len()).filter(silent).collect()
     }
 
-    /// Whether every input moves in the band in one run at least.
-    ///
-    /// # Errors
-    /// [`SpectrumError::NoPower`] for the first that moves in none.
-    pub fn check_inputs(spectra: &[Self], options: &SpectrumOptions) -> Result<(), SpectrumError> {
-        let Some(first) = spectra.first() else { return Ok(()) };
-        let m = first.input_power.len();
-        let silent = (0..m).find(|i| spectra.iter().all(|s| s.inputs_without_power().contains(i)));
-        let ends = spectra.iter().flat_map(|s| s.omega.first().zip(s.omega.last()));
-        let (lowest, highest) =
-            ends.fold((f64::INFINITY, 0.0f64), |(a, b), (low, high)| (a.min(low / TAU), b.max(high / TAU)));
-        silent.map_or(Ok(()), |i| Err(SpectrumError::NoPower { channel: options.name(i, m), lowest, highest }))
-    }
-
     /// What the end values are multiplied with at frequency `k`, before the record and behind it: `exp(-j w t)/T` less its mean over the record,
     /// which takes out what is constant. On the record's own grid both are `exp(j w dt/2)/T`; elsewhere a constant rate has a transform, and
     /// what a constant bias of a state equation leaves behind is known from the end values.

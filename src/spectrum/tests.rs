@@ -302,9 +302,6 @@ fn inputs_that_do_not_move_are_found_and_close_frequencies_counted() {
     };
     let (one, other) = (made([tone(1.3), still.clone()]), made([still.clone(), tone(2.0)]));
     assert_eq!((one.inputs_without_power(), other.inputs_without_power()), (vec![1], vec![0]));
-    assert_eq!(Spectrum::check_inputs(&[one.clone(), other], &SpectrumOptions::default()), Ok(()));
-    let told = Spectrum::check_inputs(&[one.clone()], &SpectrumOptions::default()).unwrap_err().to_string();
-    assert!(told.starts_with("input `2` has no power between 0.7 and 4.2"), "{told}");
     // 20 long: 3.6 cycles per unit of time hold 72 independent frequencies, and the first
     assert!((one.independent() - 72.9).abs() < 0.3, "{}", one.independent());
     let grid = Spectrum::of(&run(dt, &[tone(1.0)], false, &[]), &ALL, &SpectrumOptions::default()).expect("even");

@@ -3,6 +3,7 @@
 use super::unanswered::Unanswered;
 use crate::estimate::changes::ChangeError;
 use crate::estimate::problem::ProblemError;
+use crate::estimate::road::fit_error::FitError;
 use crate::linear::TrimError;
 use crate::record::Incomplete;
 use crate::spectrum::SpectrumError;
@@ -51,8 +52,39 @@ pub enum SpectralError {
         /// The band, in cycles per unit of time.
         band: (f64, f64),
     },
+    /// Forcing by explicit time is not in a linear model.
+    UsesTime,
+    /// Nothing moves by itself.
+    NoStates,
+    /// A delay that no record shows.
+    LongDelay {
+        /// The delay.
+        delay: f64,
+        /// Length of the longest run.
+        duration: f64,
+    },
+    /// Measured outputs that are combinations of each other, of which a full covariance was asked for.
+    DependentOutputs {
+        /// The outputs.
+        outputs: Vec<String>,
+    },
     /// A problem that cannot be solved.
     Problem(Vec<ProblemError>),
+}
+
+/// A number as a sentence gives it: six digits.
+fn rounded(v: f64) -> f64 {
+    format!("{v:.5e}").parse().unwrap_or(v)
+}
+
+impl SpectralError {
+    /// What changes of a model can fail with.
+    pub(in crate::estimate) fn of(error: FitError) -> Self {
+        match error {
+            FitError::Changes(e) => Self::Changes(e),
+            _ => Self::NoRuns,
+        }
+    }
 }
 
 impl fmt::Display for SpectralError {
@@ -70,8 +102,10 @@ impl fmt::Display for SpectralError {
                 let of_ends = if *ends > 0 { format!(" ({ends} of them end values)") } else { String::new() };
                 write!(
                     f,
-                    "{frequencies} frequencies of {outputs} outputs are {} numbers, too few for {unknowns} unknowns{of_ends}; widen the \
+                    "{frequencies} frequenc{} of {outputs} output{} are {} numbers, too few for {unknowns} unknowns{of_ends}; widen the \
                      band (`--band`), use longer or more runs, or fix parameters (`--fix NAME`)",
+                    if *frequencies == 1 { "y" } else { "ies" },
+                    if *outputs == 1 { "" } else { "s" },
                     2 * frequencies * outputs
                 )
             }
@@ -81,12 +115,30 @@ impl fmt::Display for SpectralError {
                     f,
                     "the input `{input}` has no power between {} and {} cycles per unit of time in any run, so that {} cannot be found; \
                      choose a band in which it moves, add a run that moves it, or fix {}",
-                    band.0,
-                    band.1,
+                    rounded(band.0),
+                    rounded(band.1),
                     quoted.join(", "),
                     if quoted.len() == 1 { "it" } else { "them" }
                 )
             }
+            Self::UsesTime => f.write_str(
+                "the model uses the time `t`, and forcing by explicit time has no part in a linear model of states and inputs; make it an input that is \
+                 recorded, or estimate in the time domain",
+            ),
+            Self::NoStates => f.write_str(
+                "the model has no states, and so no response that depends on the frequency but by delays; estimate in the time domain",
+            ),
+            Self::LongDelay { delay, duration } => write!(
+                f,
+                "a delay is {delay} at the start values, and the longest record {duration}: nothing that was delayed is in it; begin with a shorter \
+                 delay (`--set NAME=VALUE`)"
+            ),
+            Self::DependentOutputs { outputs } => write!(
+                f,
+                "the measured outputs {} are combinations of each other at all frequencies, so that the covariance S of their residuals is \
+                 singular; leave one of them out of the model, or say --noise diagonal",
+                outputs.iter().map(|o| format!("`{o}`")).collect::<Vec<_>>().join(", ")
+            ),
             Self::Problem(e) => f.write_str(&lines(e.iter().map(ToString::to_string).collect())),
         }
     }

@@ -1,9 +1,10 @@
 //! First values from equation error: where states are measured, their equations are regressions that need no start.
 
-use super::options::SpectralOptions;
+use crate::estimate::changes::Changes;
 use crate::model::Model;
 use crate::record::Run;
 use crate::regression::{Domain, Regressed, RegressionOptions, regress};
+use crate::spectrum::Frequencies;
 
 /// Squared ratio of a value to its error from which on a regression is believed more than what the model says.
 const BELIEVED: f64 = 4.0;
@@ -20,8 +21,14 @@ pub struct FirstValue {
 }
 
 /// First values of all free parameters that spectra show (`seen`), in the model's order. Values that were set by hand stay.
-pub(super) fn first_values(model: &Model, runs: &[Run], seen: &[bool], options: &SpectralOptions) -> Vec<FirstValue> {
-    let domain = Domain::Frequency(options.frequencies.clone());
+pub(in crate::estimate) fn regressed_values(
+    model: &Model,
+    runs: &[Run],
+    seen: &[bool],
+    frequencies: &Frequencies,
+    changes: &Changes,
+) -> Vec<FirstValue> {
+    let domain = Domain::Frequency(frequencies.clone());
     let found = regress(model, runs, &RegressionOptions { domain, ..RegressionOptions::default() }).ok();
     let fits = || found.iter().flat_map(|r| &r.fits);
     let regressed = |name: &str| {
@@ -35,7 +42,7 @@ pub(super) fn first_values(model: &Model, runs: &[Run], seen: &[bool], options: 
     params
         .map(|(p, _)| {
             let name = &p.quantity.name;
-            let by_hand = options.changes.set.iter().any(|(set, _)| set == name);
+            let by_hand = changes.set.iter().any(|(set, _)| set == name);
             let inside = |v: f64| v.is_finite() && v >= p.lower && v <= p.upper;
             let better = regressed(name).filter(|(v, _)| inside(*v) && !by_hand && !p.per_run);
             let (value, equations) = better.unwrap_or((p.value, Vec::new()));

@@ -1,8 +1,9 @@
 //! The road of a fit in the frequency domain.
 
 use super::fault::SpectralError;
-use super::finish::finish;
-use super::first::{FirstValue, first_values};
+use super::finish::found_later;
+use super::first::{FirstValue, regressed_values};
+use super::hidden::{HiddenMode, hidden_modes, longest};
 use super::options::SpectralOptions;
 use super::setting::{Setting, band};
 use super::unanswered::Unanswered;
@@ -19,6 +20,7 @@ use crate::estimate::termination::Termination;
 use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
+use crate::spectrum::Frequencies;
 use fdm_grammar::carried::CarriedTerm;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -42,10 +44,9 @@ pub struct RunSpectrum {
 pub struct SpectralFit {
     /// The model with the changes that were asked for.
     pub model: Model,
-    /// Estimates, their errors and the iteration. Outputs and residuals are of coefficients, real and imaginary parts one after the other; behind the
-    /// model's parameters stand end values.
+    /// Estimates, their errors and the iteration. Outputs and residuals are of coefficients, real and imaginary parts one after the other.
     pub estimate: Estimate,
-    /// How many of the estimate's parameters are end values: the last but for derived quantities.
+    /// End values of the states, found together with the parameters.
     pub ends: Vec<ParameterEstimate>,
     /// Spectra of all runs; empty when nothing could be computed at the start values.
     pub spectra: Vec<RunSpectrum>,
@@ -65,6 +66,8 @@ pub struct SpectralFit {
     pub first: Vec<FirstValue>,
     /// Why a response could not be computed, when that ended the estimation.
     pub unanswered: Option<Unanswered>,
+    /// Unstable modes that no output shows or no input moves: the frequency domain cannot see them, and there is no finish in the time domain.
+    pub hidden: Vec<HiddenMode>,
     /// Initial states, biases and what else the frequency domain does not see, found in the time domain with the rest held.
     pub finish: Option<Fit>,
     /// Why there is no such fit although it was asked for.
@@ -74,17 +77,12 @@ pub struct SpectralFit {
 impl SpectralFit {
     /// Every parameter of the model: from the spectra, or from the time domain where these do not see it.
     pub fn parameters(&self) -> Vec<ParameterEstimate> {
-        let own = self.estimate.parameters.iter().filter(|p| !self.ends.iter().any(|e| e.name == p.name));
-        let found = |p: &ParameterEstimate| {
-            let later = self.finish.as_ref().filter(|_| self.unseen.contains(&p.name))?;
-            later.estimate.parameter(&p.name, p.run.as_deref()).cloned()
-        };
-        own.map(|p| found(p).unwrap_or_else(|| p.clone())).collect()
+        found_later(&self.estimate.parameters, self.finish.as_ref(), &self.unseen)
     }
 
-    /// Whether the iteration converged and the data determine every free parameter.
+    /// Whether the iteration converged, the data determine every free parameter, and no unstable mode is hidden.
     pub fn is_good(&self) -> bool {
-        self.estimate.is_good()
+        self.estimate.is_good() && self.hidden.is_empty()
     }
 }
 
@@ -98,17 +96,20 @@ pub fn fit_spectra(
     options: &SpectralOptions,
     observer: &mut dyn Observer,
 ) -> Result<SpectralFit, SpectralError> {
-    let model = changed(model, &options.changes).map_err(|e| match e {
-        FitError::Changes(e) => SpectralError::Changes(e),
-        _ => SpectralError::NoRuns,
-    })?;
+    let model = changed(model, &options.changes).map_err(SpectralError::of)?;
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes);
     let mut how = options.options.clone();
     how.noise = of_coefficients(how.noise.or_declared(&model.definition().outputs), &setting);
     let mut first = Vec::new();
     if options.regressed {
-        first = first_values(&model, runs, &setting.seen, options);
+        let frequencies = match options.frequencies {
+            Frequencies::Grid { lowest: None, highest: None } => {
+                Frequencies::Grid { lowest: None, highest: Some(band(&setting.spectra).1) }
+            }
+            ref chosen => chosen.clone(),
+        };
+        first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
     let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
     let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
@@ -119,7 +120,8 @@ pub fn fit_spectra(
             (found, first) = (again, Vec::new());
         }
     }
-    let ends = unscaled_ends(&mut found, &setting);
+    let ends = unscaled_ends(&found, &setting);
+    found = found.without(|p| ends.iter().any(|e| e.name == p.name));
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
     let unanswered = unanswered.map(|why| setting.named(why));
     let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
@@ -141,13 +143,15 @@ pub fn fit_spectra(
         trim,
         unseen,
         unanswered: unanswered.filter(|_| !found.termination.is_good()),
+        hidden: Vec::new(),
         finish: None,
         unfinished: None,
         model,
         estimate: found,
     };
-    if options.finish && fit.estimate.termination.is_good() {
-        match finish(&fit, runs, &setting.seen, observer) {
+    fit.hidden = hidden_modes(&setting.linear, theta.first().map_or(&[], Vec::as_slice), longest(runs));
+    if options.finish && fit.estimate.termination.is_good() && fit.hidden.is_empty() {
+        match fit.predict(runs, observer) {
             Ok(finish) => fit.finish = Some(finish),
             Err(e) => fit.unfinished = Some(e),
         }
@@ -182,17 +186,18 @@ fn of_coefficients(noise: Noise, setting: &Setting) -> Noise {
 }
 
 /// End values in the units of their states: those of shorter runs were scaled with their spectra.
-fn unscaled_ends(estimate: &mut Estimate, setting: &Setting) -> Vec<ParameterEstimate> {
+fn unscaled_ends(estimate: &Estimate, setting: &Setting) -> Vec<ParameterEstimate> {
     let own = |name: &str| setting.model.definition().params.iter().any(|p| p.quantity.name == name);
     let derived = |name: &str| setting.model.definition().derived.iter().any(|d| d.quantity.name == name);
     let mut ends = Vec::new();
-    for p in estimate.parameters.iter_mut().filter(|p| !own(&p.name) && !derived(&p.name)) {
+    for p in estimate.parameters.iter().filter(|p| !own(&p.name) && !derived(&p.name)) {
+        let mut p = p.clone();
         let run = setting.spectra.iter().position(|s| Some(&s.name) == p.run.as_ref());
         let factor = 1.0 / run.map_or(1.0, |run| weight(&setting.spectra, run));
         p.value *= factor;
         p.standard_error = p.standard_error.map(|s| s * factor);
         p.corrected_error = p.corrected_error.map(|s| s * factor);
-        ends.push(p.clone());
+        ends.push(p);
     }
     ends
 }

@@ -9,13 +9,14 @@
 //! terms) -> `first` (values from equation error) -> `response` -> the estimation -> `finish` (initial states and biases in the time domain).
 
 mod fault;
-mod finish;
-mod first;
+pub(super) mod finish;
+pub(super) mod first;
 mod fit;
+pub(super) mod hidden;
 mod offsets;
 mod options;
-mod response;
-mod setting;
+pub(super) mod response;
+pub(super) mod setting;
 #[cfg(test)]
 mod tests;
 mod unanswered;
@@ -24,5 +25,6 @@ mod weights;
 pub use fault::SpectralError;
 pub use first::FirstValue;
 pub use fit::{RunSpectrum, SpectralFit, fit_spectra};
+pub use hidden::HiddenMode;
 pub use options::{Nonlinear, SpectralOptions};
 pub use unanswered::Unanswered;

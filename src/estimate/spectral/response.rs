@@ -9,7 +9,7 @@ use crate::spectrum::Spectrum;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The first reason why a response failed, for whoever asks behind the estimation.
-pub(super) type Reason = Arc<Mutex<Option<Unanswered>>>;
+pub(in crate::estimate) type Reason = Arc<Mutex<Option<Unanswered>>>;
 
 /// One run. Parameters are the model's, then the unknown end values.
 pub(super) struct SpectralResponse {
@@ -65,7 +65,7 @@ impl SpectralResponse {
 }
 
 /// Keeps the reason; what estimation sees is that there is no response.
-fn failed(reason: &Reason, why: Unanswered) -> Divergence {
+pub(in crate::estimate) fn failed(reason: &Reason, why: Unanswered) -> Divergence {
     let sample = match &why {
         Unanswered::Frequency(FrequencyError::Singular { frequency, .. }) => 2 * frequency,
         _ => 0,

@@ -1,21 +1,24 @@
 //! From a model and runs to a problem of coefficients: what is linear, which frequencies, which end terms, which unknowns.
 
 use super::fault::SpectralError;
+use super::hidden::longest;
 use super::options::{Nonlinear, SpectralOptions};
 use super::response::{Reason, SpectralResponse};
 use super::unanswered::Unanswered;
 use super::weights::on_one_footing;
 use crate::estimate::errors::derived::DerivedQuantities;
 use crate::estimate::iteration::affine::affine;
+use crate::estimate::noise::Noise;
 use crate::estimate::problem::{Problem, ProblemRun};
 use crate::frequency::{EndColumn, EndTerms, Plans};
-use crate::linear::{LinearModel, Structure};
+use crate::linear::{LinearModel, Structure, Values};
 use crate::model::Model;
 use crate::record::Run;
-use crate::spectrum::{Ends, Frequencies, Spectrum, SpectrumOptions};
+use crate::spectrum::{Ends, Frequencies, Spectrum, SpectrumError, SpectrumOptions};
 use fdm_grammar::carried::CarriedTerm;
-use fdm_grammar::graph::Signal;
+use fdm_grammar::graph::{Leaf, Signal};
 use fdm_grammar::model::{Origin, Param, Quantity};
+use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -23,8 +26,10 @@ use std::sync::Arc;
 const KEPT: f64 = 0.995;
 /// Fewest frequencies of such a band.
 const FEWEST: f64 = 10.0;
-/// Size of an input's coefficients, relative to the input, that counts as no power.
-const SILENT: f64 = 1e-12;
+/// Most coefficients of all channels of a band whose spacing was chosen: a finer one shows nothing more, and takes memory.
+const MOST: usize = 1 << 22;
+/// Smallest eigenvalue of the correlations of outputs that are not combinations of each other.
+const DEPENDENT: f64 = 1e-12;
 
 /// A model as the frequency domain sees it, and the runs.
 pub(super) struct Setting {
@@ -49,11 +54,10 @@ impl Setting {
     /// # Errors
     /// [`SpectralError`].
     pub(super) fn new(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Self, SpectralError> {
-        if runs.is_empty() {
-            return Err(SpectralError::NoRuns);
-        }
         let (model, carried) = linear_or_carried(model, options.nonlinear)?;
+        checked_model(&model, runs)?;
         let linear = LinearModel::new(&model).map_err(SpectralError::Trim)?;
+        short_delays(&model, &linear, longest(runs))?;
         let runs: Result<Vec<Run>, _> = runs.iter().map(|r| r.with_measured(model.definition())).collect();
         let spectra = spectra(&model, &runs.map_err(SpectralError::Incomplete)?, options)?;
         let seen = seen(linear.structure());
@@ -75,6 +79,9 @@ impl Setting {
         setting.settle_ends()?;
         setting.enough()?;
         setting.powered()?;
+        if options.options.noise == Noise::Full {
+            independent(&setting.model, &setting.spectra)?;
+        }
         Ok(setting)
     }
 
@@ -141,14 +148,10 @@ impl Setting {
 
     /// Inputs that the equations see and that do not move in any run.
     pub(super) fn silent(&self) -> Vec<usize> {
-        let still = |k: usize, s: &Spectrum| {
-            let band = &s.inputs[k * s.omega.len()..][..s.omega.len()];
-            let largest = s.input_ends.iter().map(|e| e[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
-            band.iter().all(|u| u.norm() <= SILENT * largest)
-        };
+        let silent: Vec<Vec<usize>> = self.spectra.iter().map(Spectrum::inputs_without_power).collect();
         let s = self.linear.structure();
         let drives = |k: usize| s.terms.iter().any(|t| self.is_input(t.signal as usize, k));
-        (0..s.inputs).filter(|k| drives(*k) && self.spectra.iter().all(|s| still(*k, s))).collect()
+        (0..s.inputs).filter(|k| drives(*k) && silent.iter().all(|s| s.contains(k))).collect()
     }
 
     /// Whether a signal is an input, delayed or not.
@@ -221,12 +224,94 @@ fn linear_or_carried(model: &Model, nonlinear: Nonlinear) -> Result<(Model, Vec<
     }
 }
 
-fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec<Spectrum>, SpectralError> {
+/// What must be true of models and runs in the frequency domain.
+///
+/// # Errors
+/// [`SpectralError`].
+pub(in crate::estimate) fn checked_model(model: &Model, runs: &[Run]) -> Result<(), SpectralError> {
     let definition = model.definition();
+    match () {
+        () if runs.is_empty() => Err(SpectralError::NoRuns),
+        () if is_forced(definition) => Err(SpectralError::UsesTime),
+        () if definition.states.is_empty() && definition.graph.delayed().is_empty() => Err(SpectralError::NoStates),
+        () => Ok(()),
+    }
+}
+
+/// Whether rates or outputs mention the time itself.
+fn is_forced(definition: &fdm_grammar::Model) -> bool {
+    let timed = definition.graph.depends(|leaf| leaf == Leaf::Time);
+    let rates = definition.states.iter().map(|s| s.rate);
+    rates.chain(definition.outputs.iter().map(|o| o.expr)).any(|e| timed.get(e.index()).is_some_and(|timed| *timed))
+}
+
+/// Whether all delays are within the records, at the start values.
+pub(in crate::estimate) fn short_delays(
+    model: &Model,
+    linear: &LinearModel,
+    duration: f64,
+) -> Result<(), SpectralError> {
+    let (mut linear, mut values) = (linear.clone(), Values::default());
+    linear.evaluate(&model.definition().start(), &mut values).map_err(SpectralError::Trim)?;
+    match values.tau.iter().find(|tau| **tau >= duration) {
+        Some(delay) => Err(SpectralError::LongDelay { delay: *delay, duration }),
+        None => Ok(()),
+    }
+}
+
+/// Whether no measured output is a combination of others, which would make the covariance of their residuals singular.
+fn independent(model: &Model, spectra: &[Spectrum]) -> Result<(), SpectralError> {
+    let q = model.definition().outputs.len();
+    let of = |a: usize, b: usize| {
+        let planes = |s: &Spectrum| {
+            let plane = |o: usize| s.outputs[o * s.omega.len()..][..s.omega.len()].to_vec();
+            plane(a).into_iter().zip(plane(b)).map(|(a, b)| (a * b.conj()).re).sum::<f64>()
+        };
+        spectra.iter().map(planes).sum::<f64>()
+    };
+    let power: Vec<f64> = (0..q).map(|o| of(o, o)).collect();
+    let matrix = DMatrix::from_fn(q, q, |a, b| of(a, b) / (power[a] * power[b]).sqrt());
+    if q < 2 || matrix.iter().any(|v| !v.is_finite()) {
+        return Ok(());
+    }
+    let eigen = matrix.symmetric_eigen();
+    let vanishing: Vec<usize> = (0..q).filter(|k| eigen.eigenvalues[*k] < DEPENDENT).collect();
+    let part = |o: &usize| vanishing.iter().any(|k| eigen.eigenvectors[(*o, *k)].abs() > 1e-3);
+    let outputs: Vec<String> =
+        (0..q).filter(part).map(|o| model.definition().outputs[o].quantity.name.clone()).collect();
+    if outputs.is_empty() { Ok(()) } else { Err(SpectralError::DependentOutputs { outputs }) }
+}
+
+fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec<Spectrum>, SpectralError> {
     let ends = match options.ends {
         EndTerms::Known => Ends::Interpolated,
         _ => Ends::Extrapolated,
     };
+    transformed(model, runs, &options.frequencies, ends)
+}
+
+/// Spectra of whole records.
+///
+/// # Errors
+/// [`SpectralError::Spectrum`].
+pub(in crate::estimate) fn all_spectra(
+    model: &Model,
+    runs: &[Run],
+    choice: &Frequencies,
+) -> Result<Vec<Spectrum>, SpectralError> {
+    transformed(model, runs, choice, Ends::Extrapolated)
+}
+
+fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) -> Result<Vec<Spectrum>, SpectralError> {
+    let definition = model.definition();
+    let channels = definition.inputs.len() + definition.outputs.len();
+    if let Frequencies::Band { lowest, highest, spacing: Some(spacing) } = choice {
+        let frequencies = ((highest - lowest) / spacing).floor() + 1.0;
+        if *spacing > 0.0 && frequencies * channels as f64 > MOST as f64 {
+            let reason = SpectrumError::TooMany { frequencies, channels, limit: MOST };
+            return Err(SpectralError::Spectrum { run: runs[0].name.clone(), reason });
+        }
+    }
     let how = SpectrumOptions {
         ends,
         allow_unmeasured: true,
@@ -241,18 +326,18 @@ fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec
         };
         runs.iter().map(one).collect()
     };
-    match options.frequencies {
+    match choice {
         Frequencies::Grid { lowest: None, highest: None } => {
             let declared = definition.inputs.iter().filter(|i| i.is_declared()).count();
-            let highest = of(&options.frequencies)?.iter().map(|s| moved(s, declared)).fold(0.0, f64::max);
+            let highest = of(choice)?.iter().map(|s| moved(s, declared)).fold(0.0, f64::max);
             of(&Frequencies::Grid { lowest: None, highest: Some(highest) })
         }
-        _ => of(&options.frequencies),
+        _ => of(choice),
     }
 }
 
 /// The frequency (in cycles) up to which inputs hold their power; outputs, where there are no inputs.
-fn moved(spectrum: &Spectrum, inputs: usize) -> f64 {
+pub(in crate::estimate) fn moved(spectrum: &Spectrum, inputs: usize) -> f64 {
     let count = spectrum.omega.len();
     let up_to = |plane: &[num_complex::Complex64]| {
         let power: f64 = plane.iter().map(|v| v.norm_sqr()).sum();
@@ -270,7 +355,7 @@ fn moved(spectrum: &Spectrum, inputs: usize) -> f64 {
 }
 
 /// For each parameter whether the coefficients or the delays depend on it.
-fn seen(structure: &Structure) -> Vec<bool> {
+pub(in crate::estimate) fn seen(structure: &Structure) -> Vec<bool> {
     let mut seen = vec![false; structure.params];
     structure.slopes.iter().for_each(|s| seen[s.param as usize] = true);
     structure.tau_slopes.iter().for_each(|s| seen[s.param as usize] = true);

@@ -1,0 +1,126 @@
+//! `fdm spectra`: frequency responses as records show them, without a model between the channels.
+
+use crate::failure::{Failure, NUMBERS, print};
+use crate::records::{Records, notes};
+use crate::spectral::band;
+use crate::subject::load_model;
+use clap::Args;
+use fdm::Model;
+use fdm::record::Run;
+use fdm::report::{ResponseNames, response_json, response_svg, response_table};
+use fdm::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumOptions, Window};
+use fdm::store::reason;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What `fdm spectra` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Model file (.fdm), which says what the channels are called
+    #[arg(value_name = "MODEL")]
+    model: PathBuf,
+    #[command(flatten)]
+    records: Records,
+    /// Inputs that may have moved an output; of several each one's response is found with the others held [default: all]
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', help_heading = "Frequency responses")]
+    inputs: Vec<String>,
+    /// Outputs [default: all]
+    #[arg(long, value_name = "NAME,..", value_delimiter = ',', help_heading = "Frequency responses")]
+    outputs: Vec<String>,
+    /// Frequencies from LO to HI, in cycles per unit of time [default: two cycles in a segment to a quarter of the sampling rate]
+    #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Frequency responses")]
+    band: Option<(f64, f64)>,
+    /// Distance of the frequencies [default: one cycle in a segment]
+    #[arg(long, value_name = "STEP", requires = "band", help_heading = "Frequency responses")]
+    df: Option<f64>,
+    /// Length of the segments that are averaged; several are joined, each where it sees best [default: a fifth of the record]
+    #[arg(long, value_name = "TIME", help_heading = "Frequency responses")]
+    segment: Vec<f64>,
+    /// Part of a segment that it shares with the next
+    #[arg(long, value_name = "PART", default_value_t = 0.5, help_heading = "Frequency responses")]
+    overlap: f64,
+    /// Print JSON instead of tables
+    #[arg(long, help_heading = "Result")]
+    json: bool,
+    /// Draw magnitude, phase and coherence to an SVG file
+    #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
+    plot: Option<PathBuf>,
+    /// Say nothing about the records
+    #[arg(short, long, help_heading = "Result")]
+    quiet: bool,
+}
+
+/// Segments in a record when nothing else is asked for.
+const SEGMENTS: f64 = 5.0;
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let model = load_model(&arguments.model)?;
+    let definition = model.definition();
+    let declared = definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.as_str()).collect();
+    let shown = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
+    let inputs = chosen(&arguments.inputs, declared, "input")?;
+    let outputs = chosen(&arguments.outputs, shown, "output")?;
+    let records = arguments.records.load(&model, false)?;
+    if !arguments.quiet {
+        notes(&records);
+    }
+    let runs: Vec<Run> = records.iter().map(|(run, _)| run.with_channels(&inputs, &outputs)).collect();
+    let names = names(&model, &inputs, &outputs);
+    let found = arguments.estimate(&runs, &names)?;
+    if let Some(file) = &arguments.plot {
+        let picture = response_svg(&found, &names).map_err(|e| Failure::input([e]))?;
+        let unwritten = |e| Failure::input([format!("{} cannot be written: {}", file.display(), reason(&e))]);
+        std::fs::write(file, picture).map_err(unwritten)?;
+    }
+    let text = match arguments.json {
+        true => format!("{}\n", response_json(&found, &names)),
+        false => response_table(&found, &names),
+    };
+    Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// The numbers of the channels that were asked for; of all when none was.
+fn chosen(wanted: &[String], all: Vec<&str>, role: &str) -> Result<Vec<usize>, Failure> {
+    if all.is_empty() {
+        return Err(Failure::input([format!("the model has no {role}, so that there is no frequency response")]));
+    }
+    if wanted.is_empty() {
+        return Ok((0..all.len()).collect());
+    }
+    let place = |name: &String| {
+        let unknown = || format!("the model has no {role} `{name}`; it has {}", all.join(", "));
+        all.iter().position(|n| n == name).ok_or_else(unknown)
+    };
+    wanted.iter().map(place).collect::<Result<_, _>>().map_err(|e| Failure::input([e]))
+}
+
+fn names(model: &Model, inputs: &[usize], outputs: &[usize]) -> ResponseNames {
+    let definition = model.definition();
+    let time = definition.time.to_string();
+    ResponseNames {
+        inputs: inputs.iter().map(|i| definition.inputs[*i].quantity.name.clone()).collect(),
+        outputs: outputs.iter().map(|o| definition.outputs[*o].quantity.name.clone()).collect(),
+        frequency: if time == "s" { "Hz".into() } else { format!("1/{time}") },
+    }
+}
+
+impl Arguments {
+    fn estimate(&self, runs: &[Run], names: &ResponseNames) -> Result<FrequencyResponseEstimate, Failure> {
+        let duration = |run: &Run| run.time.last().copied().unwrap_or(0.0) - run.time.first().copied().unwrap_or(0.0);
+        let shortest = runs.iter().map(duration).fold(f64::INFINITY, f64::min);
+        let segments = if self.segment.is_empty() { vec![shortest / SEGMENTS] } else { self.segment.clone() };
+        let longest = segments.iter().copied().fold(0.0, f64::max);
+        let rate = |run: &Run| (run.len() as f64 - 1.0) / duration(run);
+        let highest = runs.iter().map(rate).fold(f64::INFINITY, f64::min) / 4.0;
+        let (lowest, highest) = self.band.unwrap_or((2.0 / longest, highest));
+        let frequencies = Frequencies::Band { lowest, highest, spacing: self.df.or(Some(1.0 / longest)) };
+        let options = SpectrumOptions {
+            inputs: names.inputs.clone(),
+            outputs: names.outputs.clone(),
+            ..SpectrumOptions::default()
+        };
+        let found =
+            FrequencyResponseEstimate::composite(runs, &frequencies, &segments, self.overlap, Window::Hann, &options);
+        found.map_err(|e| Failure::input([e]))
+    }
+}

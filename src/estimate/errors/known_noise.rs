@@ -1,0 +1,91 @@
+//! Errors of estimates whose noise is known beforehand: `D [sum_ij s_i Rvv(i, j) s_j'] D`, Rvv what another source than the residuals says of it.
+//! Where residuals are larger than that, because the model does not match, Rvv grows with them.
+
+use super::coloured::Corrected;
+use super::conclusion::Conclusion;
+use super::noise_colour::Uncorrected;
+use super::sandwich::Sandwich;
+use crate::estimate::iteration::priors::PriorRow;
+use crate::estimate::problem::{KnownNoise, Problem, ProblemRun};
+use crate::estimate::unknowns::Unknowns;
+
+/// Corrects the covariance of a conclusion at `values`; of all runs the noise is known, and all have one output.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(in crate::estimate) fn corrected_known(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    conclusion: &Conclusion,
+    priors: impl Iterator<Item = PriorRow>,
+) -> Result<Corrected, Uncorrected> {
+    let noise = conclusion.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if conclusion.inverse.chosen.is_empty() {
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
+    for (r, run) in problem.runs.iter_mut().enumerate() {
+        let mut theta = unknowns.theta[r].clone();
+        unknowns.assemble(r, values, &mut theta);
+        let chosen = |c: usize| conclusion.inverse.chosen.binary_search(&unknowns.position(r, c)).is_ok();
+        let weight = |c: usize| {
+            let scale = conclusion.scale[unknowns.position(r, c)];
+            if chosen(c) { 1.0 / (scale * noise.covariance[0]) } else { 0.0 }
+        };
+        let weights: Vec<f64> = (0..unknowns.columns.len()).map(weight).collect();
+        middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
+    }
+    let (found, expected, count) = sizes;
+    let freedom = (count as f64 - conclusion.inverse.chosen.len() as f64).max(1.0) / count as f64;
+    let growth = (found / (expected * freedom)).max(1.0);
+    middles.iter_mut().flatten().for_each(|v| *v *= growth);
+    let sandwich = Sandwich { unknowns, conclusion };
+    let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
+    match covariance.iter().all(|v| v.is_finite()) {
+        true => Ok(Corrected { values: covariance, colours: Vec::new() }),
+        false => Err(Uncorrected::NotFinite),
+    }
+}
+
+/// `sum_ij s_i Rvv(i, j) s_j'` of one run, its columns multiplied by their weights (square). Adds up the squares of residuals and deviations, and
+/// their number.
+fn middle(
+    run: &mut ProblemRun<'_>,
+    unknowns: &Unknowns,
+    theta: &[f64],
+    weights: &[f64],
+    sizes: &mut (f64, f64, usize),
+) -> Result<Vec<f64>, Uncorrected> {
+    let width = weights.len();
+    let mut rows = vec![0.0; run.response.samples() * width];
+    let measured = &run.measured;
+    let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block| {
+        for sample in 0..block.samples() {
+            sizes.0 += (measured[block.first + sample] - block.y[sample]).powi(2);
+            let row = &mut rows[(block.first + sample) * width..][..width];
+            for (c, value) in block.layout.outputs[0].columns.iter().zip(block.row(sample, 0)) {
+                row[*c as usize] = value * weights[*c as usize];
+            }
+        }
+    });
+    streamed.map_err(|_| Uncorrected::NotFinite)?;
+    let KnownNoise { deviations, correlations } = run.response.known_noise().ok_or(Uncorrected::NotFinite)?;
+    sizes.1 += deviations.iter().map(|d| d * d).sum::<f64>();
+    sizes.2 += deviations.len();
+    let mut middle = vec![0.0; width * width];
+    let mut add = |i: usize, j: usize, covariance: f64| {
+        let (left, right) = (&rows[i * width..][..width], &rows[j * width..][..width]);
+        for (to, left) in middle.chunks_exact_mut(width).zip(left) {
+            to.iter_mut().zip(right).for_each(|(to, right)| *to += covariance * left * right);
+        }
+    };
+    deviations.iter().enumerate().for_each(|(i, d)| add(i, i, d * d));
+    for (i, j, correlation) in correlations {
+        let (i, j) = (*i as usize, *j as usize);
+        let covariance = correlation * deviations[i] * deviations[j];
+        add(i, j, covariance);
+        add(j, i, covariance);
+    }
+    Ok(middle)
+}
