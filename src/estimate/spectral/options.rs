@@ -42,7 +42,7 @@ impl Default for SpectralOptions {
             changes: Changes::default(),
             options: Options::default(),
             frequencies: Frequencies::Grid { lowest: None, highest: None },
-            ends: EndTerms::default(),
+            ends: EndTerms::Unknown,
             nonlinear: Nonlinear::default(),
             regressed: true,
             finish: true,
