@@ -40,6 +40,7 @@ fn spectrum(inputs: usize, outputs: usize, stretch: f64, normal: &mut Normal) ->
         outputs: plane(outputs),
         input_ends: [vec![0.3; inputs], vec![-0.7; inputs]],
         output_ends: [vec![0.2; outputs], vec![0.9; outputs]],
+        ..Spectrum::default()
     }
 }
 

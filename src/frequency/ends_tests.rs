@@ -1,4 +1,5 @@
 //! End terms and the ends of delayed signals: against dense solutions, differences, and records of exact simulations.
+#![expect(clippy::print_stdout, reason = "figures of a failing test")]
 
 use super::specimen::{Specimen, apart, evaluated};
 use super::tests::differences;

@@ -3,6 +3,10 @@
 //! A plane is a block of real parts and a block of imaginary parts. Every instruction sweeps over its planes; what it costs
 //! to find the next instruction is shared by all frequencies of the block. Lanes do not mix, so that every width gives the
 //! same bits.
+#![expect(
+    clippy::needless_range_loop,
+    reason = "iterators are not always inlined where the processor's features are chosen"
+)]
 
 use super::program::{DATA, FLAGS, Op, Plane, Program};
 use crate::simulate::Planes;
@@ -17,6 +21,8 @@ pub(super) const PLANE: usize = Planes::LENGTH;
 pub(super) const INVERSE: u32 = 0;
 /// The leaf j w.
 pub(super) const OMEGA: u32 = 1;
+/// The first leaf behind these.
+pub(super) const BEHIND: u32 = 2;
 
 /// A pivot may be smaller or larger than its diagonal was by the root of this before another order is asked for.
 const TRUST: f64 = 1e10;

@@ -1,7 +1,7 @@
 //! What drives what: equations, the unknowns that are asked for, and the planes from which they are fed.
 
 use super::ends::{EndColumn, Ends};
-use super::execution::{INVERSE, OMEGA};
+use super::execution::BEHIND;
 use crate::linear::{Structure, Term};
 use crate::simulate::RowLayout;
 use fdm_grammar::graph::Signal;
@@ -165,7 +165,7 @@ impl Wiring {
     /// The leaf of an input; behind 1/(j w) and j w.
     pub(super) fn input_leaf(&self, input: usize, shown: bool) -> u32 {
         let before = if shown && self.sampled { self.structure.inputs } else { 0 };
-        INVERSE.max(OMEGA) + 1 + (before + input) as u32
+        BEHIND + (before + input) as u32
     }
 
     /// The leaf of exp(-j w tau).

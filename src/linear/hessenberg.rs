@@ -119,10 +119,10 @@ mod tests {
         let (mut x, mut y) = (b.clone(), b.clone());
         factors.solve(&mut x);
         factors.solve_adjoint(&mut y);
-        for i in 0..4 {
+        for (i, b) in b.iter().enumerate() {
             let direct: Complex64 = (0..4).map(|j| entry(i, j) * x[j]).sum();
             let adjoint: Complex64 = (0..4).map(|j| entry(j, i).conj() * y[j]).sum();
-            assert!((direct - b[i]).norm() < 1e-13 && (adjoint - b[i]).norm() < 1e-13, "{i}: {direct} {adjoint}");
+            assert!((direct - b).norm() < 1e-13 && (adjoint - b).norm() < 1e-13, "{i}: {direct} {adjoint}");
         }
     }
 }

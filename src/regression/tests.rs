@@ -135,7 +135,7 @@ fn what_is_no_regression_is_refused_for_itself() {
         der(z) = c*delay(u, tau) - z; output v_m = v, w_m = w, x_m = x, z_m = z^2, y_m = y; }";
     let model = model(text);
     let run = record(&model, 300, 0.05, 0.0, 6);
-    let found = regress(&model, &[run.clone()], &RegressionOptions::default()).unwrap();
+    let found = regress(&model, std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
     assert_eq!(parameters(&found).iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a"]);
     assert_eq!(found.kept, ["b", "c", "v0", "tau", "k"]);
     let said: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
@@ -149,18 +149,18 @@ fn what_is_no_regression_is_refused_for_itself() {
         assert!(said.iter().any(|s| s.starts_with(w)), "{said:#?}");
     }
     let delayed = text.replace("z_m = z^2", "z_m = z");
-    let found = regress(&self::model(&delayed), &[run.clone()], &RegressionOptions::default()).unwrap();
+    let found = regress(&self::model(&delayed), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
     assert!(found.refused.iter().any(|r| r.to_string().contains("is delayed by `tau`")), "{:?}", found.refused);
     let none = self::model("model m { state x; param a = 1; der(x) = sin(a*x); output x_m = x; }");
     let run = record(&none, 50, 0.1, 0.0, 7);
-    let error = regress(&none, &[run.clone()], &RegressionOptions::default()).unwrap_err().to_string();
+    let error = regress(&none, std::slice::from_ref(&run), &RegressionOptions::default()).unwrap_err().to_string();
     assert!(error.starts_with("no equation of the model is a regression:\n`der(x)`"), "{error}");
     assert_eq!(regress(&none, &[], &RegressionOptions::default()).unwrap_err(), RegressionError::NoRuns);
     let linear = self::model("model m { input u; state x; param a = -1, b = 1; der(x) = a*x + b*u; output x_m = x; }");
     let run = record(&linear, 300, 0.1, 0.0, 7);
-    let wide = regress(&linear, &[run.clone()], &band(0.1, 6.0, 0.1)).unwrap_err().to_string();
+    let wide = regress(&linear, std::slice::from_ref(&run), &band(0.1, 6.0, 0.1)).unwrap_err().to_string();
     assert!(wide.contains("Nyquist"), "{wide}");
-    let few = regress(&linear, &[run.clone()], &band(0.1, 0.1, 0.1)).unwrap_err().to_string();
+    let few = regress(&linear, std::slice::from_ref(&run), &band(0.1, 0.1, 0.1)).unwrap_err().to_string();
     assert!(few.contains("too few"), "{few}");
     let window = RegressionOptions { smoothing: Smoothing::Local { points: 4 }, ..Default::default() };
     assert_eq!(regress(&linear, &[run], &window).unwrap_err(), RegressionError::Window(4));
@@ -197,7 +197,7 @@ fn columns_that_move_together_take_fewer_components() {
         "model m { input u, w; state x; param a = -0.8, b = 0.7, c = 0.7, e = 0; \
          der(x) = a*x + b*u + c*w + e*(u + w); output x_m = x; }",
     );
-    let found = regress(&twice, &[run.clone()], &RegressionOptions::default()).unwrap();
+    let found = regress(&twice, std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
     assert_eq!(found.fits[0].components.len(), 3, "of four columns");
     let asked = RegressionOptions { components: Components::Count(9), ..Default::default() };
     let found = regress(&twice, &[run], &asked).unwrap();

@@ -3,6 +3,10 @@
 //!
 //! With a window w of P steps of D samples, `g_m = sum_n x_n w(n - c_m)` has at frequency v the sum `X(v) W(v)/D`, and what the steps
 //! fold into the band from 1/D cycles per sample away is as small as W is there.
+#![expect(
+    clippy::needless_range_loop,
+    reason = "iterators are not always inlined where the processor's features are chosen"
+)]
 
 use super::cycles::Cycles;
 use super::direct_sum::DirectSum;

@@ -1,4 +1,8 @@
 //! The sum itself, frequencies in lanes: turned by a table within a block of samples, and once per block.
+#![expect(
+    clippy::needless_range_loop,
+    reason = "iterators are not always inlined where the processor's features are chosen"
+)]
 
 use super::cycles::Cycles;
 use num_complex::Complex64;

@@ -19,6 +19,7 @@ mod overlap;
 #[cfg(test)]
 mod response_tests;
 mod segments;
+#[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod spectrum;
 #[cfg(test)]
 mod tests;

@@ -141,7 +141,8 @@ fn inputs_are_transformed_as_they_are_integrated() {
         let mean = integral(n, dt, 0.0, value).re;
         for choice in [ALL, BAND] {
             let found =
-                Spectrum::of(&run(dt, &[x.clone()], held, &[]), &choice, &SpectrumOptions::default()).expect("even");
+                Spectrum::of(&run(dt, std::slice::from_ref(&x), held, &[]), &choice, &SpectrumOptions::default())
+                    .expect("even");
             for (w, found) in found.omega.iter().zip(&found.inputs) {
                 let want = integral(n, dt, *w, |t| value(t) - mean);
                 assert!((found - want).norm() < 1e-8, "{held} {w}: {found} {want}");
@@ -236,7 +237,8 @@ fn a_linear_model_has_the_same_response_in_both_domains() {
 fn offsets_and_gaps_change_nothing_that_matters() {
     let (n, dt) = (400, 0.05);
     let x: Vec<f64> = (0..n).map(|k| k as f64 * dt).map(|t| (1.1 * t).sin() + 0.1 * t).collect();
-    let plain = Spectrum::of(&run(dt, &[], false, &[x.clone()]), &BAND, &SpectrumOptions::default()).expect("even");
+    let plain =
+        Spectrum::of(&run(dt, &[], false, std::slice::from_ref(&x)), &BAND, &SpectrumOptions::default()).expect("even");
     let far = x.iter().map(|v| v + 1e6).collect();
     let shifted = Spectrum::of(&run(dt, &[], false, &[far]), &BAND, &SpectrumOptions::default()).expect("even");
     let mut gappy = run(dt, &[], false, &[x]);

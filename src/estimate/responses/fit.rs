@@ -138,9 +138,8 @@ pub fn fit_responses(
             model.definition().param(&value.parameter).into_iter().for_each(|k| regressed[k] = value.value);
         }
         let other = setting.estimated(&regressed, options, observer)?;
-        let rank = |e: &Estimate| (!e.termination.is_good(), e.cost.unwrap_or(f64::INFINITY));
-        let (a, b) = (rank(&other), rank(&found));
-        if a.0 < b.0 || (a.0 == b.0 && a.1 < b.1) { found = other } else { first.clear() }
+        let rank = |e: &Estimate| (u8::from(!e.termination.is_good()), e.cost.unwrap_or(f64::INFINITY));
+        if rank(&other) < rank(&found) { found = other } else { first.clear() }
     } else {
         first.clear();
     }

@@ -1,4 +1,5 @@
 //! Simulated sweeps: parameters, delays, costs and errors, and the derivatives behind them.
+#![expect(clippy::print_stdout, reason = "a study prints its figures")]
 
 use super::decibels::{Decibels, Pair, measured_rows, weight};
 use super::measured::Measured;

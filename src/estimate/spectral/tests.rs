@@ -1,4 +1,5 @@
 //! Fits of spectra: sums of planes beside sums of rows, and records that neither begin nor end at rest.
+#![expect(clippy::print_stdout, reason = "figures of a failing test")]
 
 use super::fit::fit_spectra;
 use super::options::SpectralOptions;
