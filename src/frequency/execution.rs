@@ -109,6 +109,7 @@ impl WithSimd for Execution<'_> {
     type Output = ();
 
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "all planes of an instruction are indexed alike")]
     fn with_simd<S: Simd>(self, simd: S) {
         let cells = Cell::from_mut(S::as_mut_simd_f64s(self.memory).0).as_slice_of_cells();
         let (half, count) = (BLOCK / S::F64_LANES, self.lanes / S::F64_LANES);

@@ -97,6 +97,7 @@ impl Products<'_> {
 
     /// R planes times C planes, one vector of the eight lanes after the other.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "iterators over tiles of fixed size are not unrolled into registers")]
     fn tile<S: Simd, const R: usize, const C: usize>(&mut self, simd: S, i: usize, j: usize) {
         let parts = LANES / S::F64_LANES;
         let (vectors, count) = (HALF / S::F64_LANES, self.count / S::F64_LANES);
