@@ -45,7 +45,7 @@ enum Verb {
     /// Simulate a model over recorded inputs
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
-    Fit(fit::Arguments),
+    Fit(Box<fit::Arguments>),
     /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
