@@ -73,8 +73,8 @@ fn bo105_figure_2() {
     let exact: Vec<Vec<f64>> = ways.iter().map(|(_, ends)| rms(1, 0.0, ends)).collect();
     let noisy: Vec<Vec<f64>> = ways.iter().map(|(_, ends)| rms(REPEATS, 1.0, ends)).collect();
     println!("\nerrors of 21 derivatives in percent; with noise the root mean square of {REPEATS} repeats");
-    println!("{:>6} {:>8} | {:^26} | {:^26}", "", "", "without noise", "with noise");
-    println!("{:>6} {:>8} | {} | {}", "", "true", "   known    found left out", "   known    found left out");
+    println!("{:15} | {:^26} | {:^26}", ' ', "without noise", "with noise");
+    println!("{:>15} | {ends} | {ends}", "true", ends = "   known    found left out");
     let row = |values: [f64; 3]| values.map(|v| format!("{v:8.3}")).join(" ");
     for (k, (name, want)) in truth(&model).iter().enumerate() {
         let of = |all: &[Vec<f64>]| row([all[0][k], all[1][k], all[2][k]]);

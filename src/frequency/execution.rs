@@ -3,10 +3,6 @@
 //! A plane is a block of real parts and a block of imaginary parts. Every instruction sweeps over its planes; what it costs
 //! to find the next instruction is shared by all frequencies of the block. Lanes do not mix, so that every width gives the
 //! same bits.
-#![expect(
-    clippy::needless_range_loop,
-    reason = "iterators are not always inlined where the processor's features are chosen"
-)]
 
 use super::program::{DATA, FLAGS, Op, Plane, Program};
 use crate::simulate::Planes;

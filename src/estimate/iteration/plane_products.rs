@@ -1,10 +1,6 @@
 //! Products of planes: every column of a block of frequencies with every other, held in registers tile by tile.
 //!
 //! Sums have eight lanes whatever the width of the processor's registers, and are added up at the end of a run in one order.
-#![expect(
-    clippy::needless_range_loop,
-    reason = "iterators are not always inlined where the processor's features are chosen"
-)]
 
 use crate::simulate::Planes;
 use pulp::{Simd, WithSimd};
