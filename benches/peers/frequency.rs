@@ -234,10 +234,6 @@ impl Workload {
         };
         let found = solve();
         assert!(found.is_good(), "{}", found.termination);
-        println!("{}: {:?} evaluations {:?}", self.name, found.evaluations, found.aids);
-        for i in &found.history {
-            println!("{i:?}");
-        }
         let seconds = median_of_runs(|| _ = black_box(solve()));
         let what = if prepared { "B fit (prepared once)" } else { "B fit" };
         self.row(what, seconds, cost(&found))

@@ -218,7 +218,9 @@ fn respond<S: Simd>(
     subsystems.iter_mut().for_each(|s| s.begin(&simulator.drive, intervals, steps.clone()));
     for (k, step) in steps.enumerate() {
         let kind = intervals.of_step(step);
-        subsystems.iter_mut().for_each(|s| s.respond(simd, kind, k));
+        for subsystem in subsystems.iter_mut() {
+            subsystem.respond(simd, kind, k);
+        }
     }
 }
 
@@ -370,7 +372,10 @@ impl Recursion {
             if bare {
                 respond(simd, subsystems, simulator, intervals, steps);
             } else {
-                subsystems.iter_mut().for_each(|s| s.advance(simd, &simulator.drive, intervals, steps.clone()));
+                // no closure: it would not have the processor's features that the loop is compiled for
+                for subsystem in subsystems.iter_mut() {
+                    subsystem.advance(simd, &simulator.drive, intervals, steps.clone());
+                }
             }
             for subsystem in subsystems {
                 place.show(subsystem, count, after);

@@ -58,7 +58,11 @@ impl Response {
     pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], feed: &[f64]) {
         match self.width / S::F64_LANES {
             1 => self.vectors::<S, 1>(simd, kind, 0, slots, feed),
-            across => (0..across).for_each(|v| self.vectors::<S, 0>(simd, kind, v, slots, feed)),
+            across => {
+                for v in 0..across {
+                    self.vectors::<S, 0>(simd, kind, v, slots, feed);
+                }
+            }
         }
     }
 
