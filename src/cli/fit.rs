@@ -137,6 +137,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
+/// What is said where parameters are not determined.
+pub(crate) const UNDETERMINED: &str =
+    "the data do not determine every parameter: fix some of what is named above, or add runs that move them";
+
 /// What is said behind a result that is not good.
 pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
     let termination = &fit.estimate.termination;
@@ -144,8 +148,7 @@ pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
     if !termination.is_good() {
         remarks.push(termination.to_string());
     } else if !fit.estimate.is_good() {
-        let advice = "fix some of what is named above, or add runs that move them";
-        remarks.push(format!("the data do not determine every parameter: {advice}"));
+        remarks.push(UNDETERMINED.into());
     }
     if !all {
         remarks.push("interrupted: the result is the best of the starts that had ended".into());
@@ -153,13 +156,16 @@ pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
     remarks
 }
 
+/// Name and meaning of a model.
+pub(crate) fn title(model: &Model) -> String {
+    let (name, doc) = (model.name(), &model.definition().doc);
+    if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") }
+}
+
 /// Tables and sentences of a fit.
 fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     let e = &fit.estimate;
-    let name = fit.model.name();
-    let doc = &fit.model.definition().doc;
-    let title = if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") };
-    let mut text = format!("{title}\n\n{}\n", fit_table(fit, arguments.intervals));
+    let mut text = format!("{}\n\n{}\n", title(&fit.model), fit_table(fit, arguments.intervals));
     if arguments.history {
         text.push_str(&format!("\n{}\n", history_table(&e.history)));
     }

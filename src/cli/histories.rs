@@ -56,6 +56,11 @@ fn table(fit: &Fit, run: &Run, response: &[f64], residuals: &[f64]) -> Vec<u8> {
         columns.push((format!("{name}_model"), unit.clone(), pick(response, k, q)));
         columns.push((format!("{name}_residual"), unit, pick(residuals, k, q)));
     }
+    as_file(&columns)
+}
+
+/// Columns (name, unit, values) as a file.
+pub(crate) fn as_file(columns: &[(String, Option<String>, Vec<f64>)]) -> Vec<u8> {
     let columns: Vec<Column<'_>> =
         columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
     let mut text = Vec::new();

@@ -27,6 +27,12 @@ impl Integration {
         self.steps.map(NonZeroUsize::get)
     }
 
+    /// The options that were given.
+    pub(crate) fn given(&self) -> impl Iterator<Item = &'static str> {
+        let given = [("--steps", self.steps.is_some()), ("--integrator", self.scheme().is_some())];
+        given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name)
+    }
+
     /// Whether both are left to accuracy and speed.
     pub(crate) fn is_open(&self) -> bool {
         self.steps.is_none() && self.scheme().is_none()

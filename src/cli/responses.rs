@@ -3,15 +3,13 @@
 use crate::delivery::Outcome;
 use crate::failure::{Failure, NUMBERS};
 use crate::fit::Arguments as Fit;
+use crate::histories::as_file;
 use crate::progress::Progress;
 use crate::records::notes;
-use crate::spectral::{UNDETERMINED, refuse_what_is_of_time};
+use crate::spectral::{refuse_what_is_of_time, remarks, told};
 use fdm::estimate::{Noise, ResponseFit, ResponseOptions, fit_responses};
-use fdm::record::{Column, Dialect, Run, write_to};
-use fdm::report::{
-    fitted_response_columns, fitted_response_json, fitted_response_table, hidden_mode, history_table, prediction_table,
-    time_json,
-};
+use fdm::record::Run;
+use fdm::report::{fitted_response_columns, fitted_response_json, fitted_response_table, prediction_table, time_json};
 use fdm::spectrum::Frequencies;
 use fdm::store::{Identity, Manifest};
 use std::process::ExitCode;
@@ -56,7 +54,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
         tables: tables(&fit),
         text,
         json,
-        remarks: remarks(&fit),
+        remarks: remarks(&fit.model, &fit.estimate, fit.unanswered.as_ref(), &fit.hidden),
         manifest,
     };
     let delivered = prepared.deliver(outcome);
@@ -81,44 +79,15 @@ fn options(arguments: &Fit) -> ResponseOptions {
 }
 
 fn text(fit: &ResponseFit, arguments: &Fit) -> String {
-    let e = &fit.estimate;
-    let doc = &fit.model.definition().doc;
-    let title = if doc.is_empty() { fit.model.name().to_string() } else { format!("{}: {doc}", fit.model.name()) };
-    let mut text = format!("{title}\n\n{}\n", fitted_response_table(fit, arguments.intervals));
-    if arguments.history {
-        text.push_str(&format!("\n{}\n", history_table(&e.history)));
-    }
     let cost = fit.cost().map_or(String::new(), |c| format!(", average cost {c:.3}"));
-    text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
-    text
-}
-
-fn remarks(fit: &ResponseFit) -> Vec<String> {
-    let termination = &fit.estimate.termination;
-    if let Some(why) = &fit.unanswered {
-        return vec![why.to_string()];
-    }
-    if !termination.is_good() {
-        return vec![termination.to_string()];
-    }
-    let mut remarks = Vec::new();
-    if !fit.estimate.is_good() {
-        remarks.push(UNDETERMINED.into());
-    }
-    remarks.extend(fit.hidden.iter().map(|mode| hidden_mode(&fit.model, mode)));
-    remarks
+    told(&fit.model, &fit.estimate, fitted_response_table(fit, arguments.intervals), arguments.history, &cost)
 }
 
 /// The response of every pair as a table.
 fn tables(fit: &ResponseFit) -> Vec<(String, Vec<u8>)> {
     let table = |(k, pair)| {
-        let columns = fitted_response_columns(pair);
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, values)| Column { name, unit: None, values }).collect();
-        let mut text = Vec::new();
-        // memory takes everything that is written to it
-        let _ = write_to(&mut text, Dialect::default(), &columns);
-        (format!("response_{}.csv", k + 1), text)
+        let columns = fitted_response_columns(pair).into_iter().map(|(name, values)| (name.to_string(), None, values));
+        (format!("response_{}.csv", k + 1), as_file(&columns.collect::<Vec<_>>()))
     };
     fit.pairs.iter().enumerate().map(table).collect()
 }

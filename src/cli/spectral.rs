@@ -2,15 +2,16 @@
 
 use crate::delivery::Outcome;
 use crate::failure::{Failure, NUMBERS};
-use crate::fit::Arguments as Fit;
+use crate::fit::{Arguments as Fit, UNDETERMINED, title};
+use crate::histories::as_file;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{load, notes};
 use clap::{Args, ValueEnum};
 use fdm::Model;
-use fdm::estimate::{Nonlinear, SpectralFit, SpectralOptions, fit_spectra};
+use fdm::estimate::{Estimate, HiddenMode, Nonlinear, SpectralFit, SpectralOptions, Unanswered, fit_spectra};
 use fdm::frequency::EndTerms;
-use fdm::record::{Column, Dialect, Run, write_to};
+use fdm::record::Run;
 use fdm::report::{
     TimeHistory, hidden_mode, history_table, prediction_table, spectral_json, spectral_table, spectrum_columns,
     time_json,
@@ -176,7 +177,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
         tables: tables(&fit),
         text,
         json,
-        remarks: remarks(&fit),
+        remarks: remarks(&fit.model, &fit.estimate, fit.unanswered.as_ref(), &fit.hidden),
         manifest,
     };
     let delivered = prepared.deliver(outcome);
@@ -188,7 +189,7 @@ pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
     let mut given = arguments.strategies.given();
     given.extend((arguments.starts > 1).then_some("--starts"));
     given.extend(arguments.keeping.is_asked().then_some("--checkpoint"));
-    given.extend((!arguments.integration.is_open()).then_some("--steps and --integrator"));
+    given.extend(arguments.integration.given());
     if given.is_empty() {
         return Ok(());
     }
@@ -218,37 +219,36 @@ fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
 }
 
 fn text(fit: &SpectralFit, arguments: &Fit) -> String {
-    let e = &fit.estimate;
-    let doc = &fit.model.definition().doc;
-    let title = if doc.is_empty() { fit.model.name().to_string() } else { format!("{}: {doc}", fit.model.name()) };
-    let mut text = format!("{title}\n\n{}\n", spectral_table(fit, arguments.intervals));
-    if arguments.history {
+    let cost = fit.estimate.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
+    told(&fit.model, &fit.estimate, spectral_table(fit, arguments.intervals), arguments.history, &cost)
+}
+
+/// Title, tables, the iteration where that is wanted, and how it ended.
+pub(crate) fn told(model: &Model, e: &Estimate, tables: String, history: bool, cost: &str) -> String {
+    let mut text = format!("{}\n\n{tables}\n", title(model));
+    if history {
         text.push_str(&format!("\n{}\n", history_table(&e.history)));
     }
-    let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
     text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
     text
 }
 
-fn remarks(fit: &SpectralFit) -> Vec<String> {
-    let termination = &fit.estimate.termination;
-    if let Some(why) = &fit.unanswered {
+/// What is said behind a result in the frequency domain that is not good.
+pub(crate) fn remarks(
+    model: &Model,
+    estimate: &Estimate,
+    unanswered: Option<&Unanswered>,
+    hidden: &[HiddenMode],
+) -> Vec<String> {
+    if let Some(why) = unanswered {
         return vec![why.to_string()];
     }
-    if !termination.is_good() {
-        return vec![termination.to_string()];
+    if !estimate.termination.is_good() {
+        return vec![estimate.termination.to_string()];
     }
-    let mut remarks = Vec::new();
-    if !fit.estimate.is_good() {
-        remarks.push(UNDETERMINED.into());
-    }
-    remarks.extend(fit.hidden.iter().map(|mode| hidden_mode(&fit.model, mode)));
-    remarks
+    let undetermined = (!estimate.is_good()).then(|| UNDETERMINED.to_string());
+    undetermined.into_iter().chain(hidden.iter().map(|mode| hidden_mode(model, mode))).collect()
 }
-
-/// What is said where parameters are not determined.
-pub(crate) const UNDETERMINED: &str =
-    "the data do not determine every parameter: fix some of what is named above, or add runs that move them";
 
 /// Measured and modelled spectra as pictures: their magnitudes over frequency.
 fn panels<'a>(fit: &SpectralFit, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistory<'a>> {
@@ -274,14 +274,6 @@ fn panels<'a>(fit: &SpectralFit, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistory
 
 /// The spectra of every run as a table.
 fn tables(fit: &SpectralFit) -> Vec<(String, Vec<u8>)> {
-    let table = |run: usize| {
-        let columns = spectrum_columns(fit, run);
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
-        let mut text = Vec::new();
-        // memory takes everything that is written to it
-        let _ = write_to(&mut text, Dialect::default(), &columns);
-        (format!("spectrum_{}.csv", run + 1), text)
-    };
+    let table = |run: usize| (format!("spectrum_{}.csv", run + 1), as_file(&spectrum_columns(fit, run)));
     (0..fit.spectra.len()).map(table).collect()
 }

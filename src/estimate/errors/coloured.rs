@@ -53,10 +53,10 @@ pub(in crate::estimate) fn corrected(
         // all at their bounds, or without any effect
         return Err(Uncorrected::NoDegreesOfFreedom);
     }
-    let runs = rows(problem, unknowns, values, conclusion)?;
+    let sandwich = Sandwich { unknowns, conclusion };
+    let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
     let mut groups = Group::all(&runs, problem.outputs.len());
-    let sandwich = Sandwich { unknowns, conclusion };
     let prior = sandwich.prior(priors);
     for round in 0.. {
         let filtered = filter(&runs, &groups, &inverse_noise);
@@ -80,12 +80,8 @@ pub(in crate::estimate) fn corrected(
 }
 
 /// Sensitivities and residuals of all runs.
-fn rows(
-    problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
-    conclusion: &Conclusion,
-) -> Result<Vec<ColouredRows>, Uncorrected> {
+fn rows(problem: &mut Problem<'_>, sandwich: &Sandwich<'_>, values: &[f64]) -> Result<Vec<ColouredRows>, Uncorrected> {
+    let unknowns = sandwich.unknowns;
     let width = unknowns.columns.len().next_multiple_of(8);
     let mut grids = Vec::with_capacity(problem.runs.len());
     for run in &problem.runs {
@@ -95,13 +91,10 @@ fn rows(
     if numbers > MOST_NUMBERS {
         return Err(Uncorrected::TooLarge);
     }
-    let chosen = |j: &usize| conclusion.inverse.chosen.contains(j);
     let work = |(r, (run, grid)): (usize, (&mut crate::estimate::problem::ProblemRun<'_>, _))| {
         let mut theta = unknowns.theta[r].clone();
         unknowns.assemble(r, values, &mut theta);
-        let places = (0..unknowns.columns.len()).map(|c| unknowns.position(r, c));
-        let scale: Vec<f64> = places.map(|j| if chosen(&j) { conclusion.scale[j] } else { 0.0 }).collect();
-        ColouredRows::new(run, unknowns, &theta, &scale, grid).map_err(|_| Uncorrected::NotFinite)
+        ColouredRows::new(run, unknowns, &theta, &sandwich.scale(r), grid).map_err(|_| Uncorrected::NotFinite)
     };
     problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()
 }

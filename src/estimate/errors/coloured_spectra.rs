@@ -39,13 +39,11 @@ pub(in crate::estimate) fn corrected_spectra(
         return Err(Uncorrected::NoDegreesOfFreedom);
     }
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
+    let sandwich = Sandwich { unknowns, conclusion };
     let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
         let mut theta = unknowns.theta[r].clone();
         unknowns.assemble(r, values, &mut theta);
-        let chosen = |c: usize| conclusion.inverse.chosen.binary_search(&unknowns.position(r, c)).is_ok();
-        let scale = |c: usize| if chosen(c) { conclusion.scale[unknowns.position(r, c)] } else { 0.0 };
-        let scale: Vec<f64> = (0..unknowns.columns.len()).map(scale).collect();
-        SpectralRows::new(run, unknowns, &theta, &scale)
+        SpectralRows::new(run, unknowns, &theta, &sandwich.scale(r))
     };
     let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
@@ -54,7 +52,6 @@ pub(in crate::estimate) fn corrected_spectra(
     let taken_off = |o: usize| if likelihood.estimates(o) { freedom.factor() } else { 1.0 };
     power.settle(|o| 2.0 * noise.covariance[o * q + o] * taken_off(o));
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
-    let sandwich = Sandwich { unknowns, conclusion };
     let covariance = sandwich.covariance(&middles?, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
         true => Ok(Corrected { values: covariance, colours: Vec::new() }),

@@ -24,23 +24,19 @@ pub(in crate::estimate) fn corrected_known(
     if conclusion.inverse.chosen.is_empty() {
         return Err(Uncorrected::NoDegreesOfFreedom);
     }
+    let sandwich = Sandwich { unknowns, conclusion };
     let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
     for (r, run) in problem.runs.iter_mut().enumerate() {
         let mut theta = unknowns.theta[r].clone();
         unknowns.assemble(r, values, &mut theta);
-        let chosen = |c: usize| conclusion.inverse.chosen.binary_search(&unknowns.position(r, c)).is_ok();
-        let weight = |c: usize| {
-            let scale = conclusion.scale[unknowns.position(r, c)];
-            if chosen(c) { 1.0 / (scale * noise.covariance[0]) } else { 0.0 }
-        };
-        let weights: Vec<f64> = (0..unknowns.columns.len()).map(weight).collect();
+        let weight = |scale: f64| if scale > 0.0 { 1.0 / (scale * noise.covariance[0]) } else { 0.0 };
+        let weights: Vec<f64> = sandwich.scale(r).into_iter().map(weight).collect();
         middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
     }
     let (found, expected, count) = sizes;
     let freedom = (count as f64 - conclusion.inverse.chosen.len() as f64).max(1.0) / count as f64;
     let growth = (found / (expected * freedom)).max(1.0);
     middles.iter_mut().flatten().for_each(|v| *v *= growth);
-    let sandwich = Sandwich { unknowns, conclusion };
     let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
         true => Ok(Corrected { values: covariance, colours: Vec::new() }),

@@ -18,6 +18,14 @@ impl Sandwich<'_> {
         columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
     }
 
+    /// The norm of each column of a run, 0 for those that are not part of the covariance.
+    pub(in crate::estimate) fn scale(&self, run: usize) -> Vec<f64> {
+        let norm = |(c, place): (usize, Option<usize>)| {
+            place.map_or(0.0, |_| self.conclusion.scale[self.unknowns.position(run, c)])
+        };
+        self.places(run).into_iter().enumerate().map(norm).collect()
+    }
+
     /// Prior information, which the noise does not touch.
     pub(in crate::estimate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<(usize, f64)> {
         let place = |row: PriorRow| {
