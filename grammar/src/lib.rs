@@ -26,7 +26,7 @@ pub use diagnostic::{Code, Diagnostic, Severity};
 pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
-pub use source::{Source, Span};
+pub use source::{Source, Span, Text};
 pub use unit::Unit;
 
 /// A model that passed every check, its programs, and the warnings that it left.
