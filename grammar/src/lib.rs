@@ -23,6 +23,7 @@ pub mod unit;
 
 pub use derive::Pattern;
 pub use diagnostic::{Code, Diagnostic, Severity};
+pub use expand::gather;
 pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
@@ -40,17 +41,19 @@ pub struct Compiled {
     pub warnings: Vec<Diagnostic>,
 }
 
-/// Text to programs.
+/// Text to programs; a text that uses files is completed by [`gather`] before.
 ///
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, mut findings) = syntax::parse_recovering(source);
     let Some(tree) = tree else { return Err(findings) };
-    let (tree, more) = expand::expand(tree);
-    findings.extend(more);
-    match check::check(&tree) {
-        Ok((mut model, warnings)) if findings.is_empty() => {
+    let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
+    findings.extend(expanded.findings);
+    match check::check(&expanded.tree) {
+        Ok((mut model, mut warnings)) if findings.is_empty() => {
+            // not everything that a submodel offers is used
+            warnings.retain(|w| w.code != Code::Unused || source.text_at(w.span.start).used_at().is_none());
             let schedule = Schedule::new(&mut model);
             return Ok(Compiled { model, schedule, warnings });
         }

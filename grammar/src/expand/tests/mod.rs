@@ -1,0 +1,3 @@
+//! What models mean that say more than the core language.
+
+mod submodels;
