@@ -50,8 +50,10 @@ pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let Some(tree) = tree else { return Err(findings) };
     let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
     findings.extend(expanded.findings);
+    let elements = expanded.elements;
     match check::check(&expanded.tree) {
-        Ok((mut model, mut warnings)) if findings.is_empty() => {
+        Ok((mut model, warnings)) if findings.is_empty() => {
+            let mut warnings = elements.told(warnings);
             // not everything that a submodel offers is used
             warnings.retain(|w| w.code != Code::Unused || source.text_at(w.span.start).used_at().is_none());
             let schedule = Schedule::new(&mut model);
@@ -59,8 +61,8 @@ pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
         }
         // Whether something is unused or without influence can not be said while statements are missing.
         Ok(_) => {}
-        Err(more) if findings.is_empty() => findings = more,
-        Err(more) => findings.extend(more.into_iter().filter(Diagnostic::is_error)),
+        Err(more) if findings.is_empty() => findings = elements.told(more),
+        Err(more) => findings.extend(elements.told(more).into_iter().filter(Diagnostic::is_error)),
     }
     findings.sort_by_key(|f| f.span);
     Err(findings)

@@ -5,13 +5,17 @@
 //! there; and what is wrong with them. **Never** looks at values, and never makes more than its limits allow.
 //! **Start** at [`expand`]: submodels first, since vectors may be connected to them, then vectors.
 
+mod arrays;
 mod budget;
+mod elements;
 mod files;
 mod submodels;
 #[cfg(test)]
 mod tests;
 
+pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;
+pub use elements::Elements;
 pub use files::{MOST_FILES, gather};
 pub use submodels::MOST_LEVELS;
 
@@ -28,28 +32,30 @@ pub struct Expanded {
     pub tree: SyntaxTree,
     /// What was wrong; the names that it leaves without meaning are suspended in the tree.
     pub findings: Vec<Diagnostic>,
+    /// The vectors and matrices that were written out.
+    pub elements: Elements,
 }
 
 /// Rewrites what the core language does not have. `check` tells what is wrong with a tree of the core language: every used
 /// file is checked by itself.
 pub fn expand(source: &Source, tree: SyntaxTree, check: &dyn Fn(&SyntaxTree) -> Vec<Diagnostic>) -> Expanded {
     let judge = |tree: &SyntaxTree| {
-        let Expanded { tree, mut findings } = core(tree.clone(), &mut Budget::new());
-        findings.extend(check(&tree));
+        let Expanded { tree, mut findings, elements } = core(tree.clone(), &mut Budget::new());
+        findings.extend(elements.told(check(&tree)));
         findings
     };
     let mut budget = Budget::new();
     let mut submodels = Submodels::new(source, &judge);
     let tree = submodels.inline(tree, &mut budget);
     let mut findings = submodels.finish();
-    let Expanded { tree, findings: more } = core(tree, &mut budget);
+    let Expanded { tree, findings: more, elements } = core(tree, &mut budget);
     findings.extend(more);
-    Expanded { tree, findings }
+    Expanded { tree, findings, elements }
 }
 
 /// What can be said of one file, without the others.
-fn core(tree: SyntaxTree, _budget: &mut Budget) -> Expanded {
-    Expanded { tree, findings: Vec::new() }
+fn core(tree: SyntaxTree, budget: &mut Budget) -> Expanded {
+    arrays::flatten(tree, budget)
 }
 
 /// Stands where a mistake has been told: later rooms are silent about it.

@@ -1,3 +1,4 @@
 //! What models mean that say more than the core language.
 
+mod arrays;
 mod submodels;
