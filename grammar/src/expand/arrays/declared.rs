@@ -141,11 +141,8 @@ impl<'a> Declared<'a> {
         let dims = array.dims;
         select(dims, slices).map_err(|outside| match outside {
             Outside::Count(wanted) => {
-                let message = format!(
-                    "`{name}` is {dims}: {wanted} index{} needed, {} given",
-                    if wanted == 1 { " is" } else { "es are" },
-                    slices.len()
-                );
+                let needed = if wanted == 1 { "1 index is" } else { "2 indices are" };
+                let message = format!("`{name}` is {dims}: {needed} needed, {} given", slices.len());
                 let hint = if wanted == 1 { format!("`{name}[1]`") } else { format!("`{name}[1,2]`, `{name}[1,:]`") };
                 told(Code::WrongShape, message, hint)
             }

@@ -2,3 +2,4 @@
 
 mod arrays;
 mod submodels;
+mod written_out;
