@@ -390,7 +390,7 @@ mod tests {
         let model = Model::from_texts("dir/a.fdm", text, &used).unwrap();
         let manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
         let folder = tempfile::tempdir().unwrap();
-        let place = Destination::new(folder.path().join("result"), false).unwrap();
+        let place = Destination::prepare(folder.path().join("result")).unwrap();
         Contents { manifest, model: text.into(), used, ..contents(1.0, &["one"]) }.write(&place).unwrap();
         let read = ResultFolder::open(folder.path().join("result")).unwrap();
         assert!(read.model().unwrap().source().same_texts(model.source()));

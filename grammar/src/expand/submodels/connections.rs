@@ -18,6 +18,7 @@ impl Connections {
     pub(super) fn read(submodel: &Use, part: &Part, findings: &mut Vec<Diagnostic>) -> Self {
         let mut given = HashMap::new();
         let mut places = HashMap::new();
+        let mut misspelt = Vec::new();
         let alias = &submodel.alias.text;
         for (name, value) in &submodel.connections {
             let text = &name.text;
@@ -40,12 +41,16 @@ impl Connections {
                     let message = format!("`{alias}` has no input or param `{text}`");
                     let finding = Diagnostic::new(Code::UnknownName, name.span, message);
                     findings.push(finding.hint(meant(text, part)));
+                    misspelt.extend(nearest(text, part.connectable()));
                 }
             }
         }
         let connections = Self { given };
         for input in part.inputs().filter(|d| !places.contains_key(&d.name.text)) {
             let text = &input.name.text;
+            if misspelt.contains(&text.as_str()) {
+                continue;
+            }
             let message = format!("nothing is connected to the input `{text}` of `{alias}`");
             let finding = Diagnostic::new(Code::NotConnected, submodel.alias.span, message);
             let finding = finding.label(input.name.span, "declared here");
