@@ -39,7 +39,7 @@ fn a_helicopter_of_matrices_is_the_helicopter_of_equations() {
 #[test]
 fn columns_of_elements_are_read_and_written() {
     let model = model(
-        "model m { input u[2] [deg]; state x[2]; param k = 1; der(x) = -k*x + u; output y[2] [deg] = x, Y[1, 2] = x; }",
+        "model m { input u[2] [deg]; state x[2]; param k = 1; der(x) = -k*x + u; output y[2] [deg] = x, Y[1, 2] = transpose(x); }",
     );
     let folder = tempfile::tempdir().expect("folder");
     let path = folder.path().join("data.csv");

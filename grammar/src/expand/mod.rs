@@ -10,8 +10,6 @@ mod budget;
 mod elements;
 mod files;
 mod submodels;
-#[cfg(test)]
-mod tests;
 
 pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;

@@ -1,11 +1,13 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod arrays;
 mod limits;
 mod mistakes;
 mod models;
 mod random;
-
+mod submodels;
 mod units;
+mod written_out;
 
 use crate::{Diagnostic, Model, Source, check::check, syntax::parse};
 
