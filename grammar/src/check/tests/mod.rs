@@ -1,5 +1,6 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod implicit;
 mod limits;
 mod mistakes;
 mod models;

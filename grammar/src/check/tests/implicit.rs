@@ -1,0 +1,133 @@
+//! Equations implicit in the derivatives: what they are solved to, and what cannot be solved.
+
+use super::{checked, told};
+use crate::Model;
+use crate::graph::{Leaf, Node};
+use crate::op::Op;
+
+fn model(text: &str) -> Model {
+    checked(text).unwrap_or_else(|e| panic!("{text}: {e:?}")).0
+}
+
+/// All rates where states are 1.1, 1.2, ..., inputs 0.7, 0.8, ... and params at their start values.
+fn rates(model: &Model) -> Vec<f64> {
+    model.states.iter().map(|s| value(model, s.rate)).collect()
+}
+
+fn value(model: &Model, e: crate::op::ExprId) -> f64 {
+    model.graph.evaluate(e, |leaf| match leaf {
+        Leaf::State(k) => 1.1 + 0.1 * f64::from(k),
+        Leaf::Input(k) => 0.7 + 0.1 * f64::from(k),
+        Leaf::Param(k) => model.params[k as usize].value,
+        Leaf::Time => 0.3,
+        Leaf::Delayed(k) => 0.01 * f64::from(k),
+    })
+}
+
+fn near(got: &[f64], want: &[f64]) {
+    let same = got.len() == want.len() && got.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-13 * b.abs().max(1.0));
+    assert!(same, "{got:?} {want:?}");
+}
+
+#[test]
+fn coupled_equations_are_solved_and_others_stay() {
+    let m = model(
+        "model m { input L, N; state p, r, phi; param Ixx = 2, Izz = 5, Ixz = 0.5;
+        Ixx*der(p) - Ixz*der(r) = L - p*r; Izz*der(r) - Ixz*der(p) = N; der(phi) = p + tan(phi)*r;
+        output y = p, ay = der(r)*3 - p, z = phi; }",
+    );
+    let (p, r, phi): (f64, f64, f64) = (1.1, 1.2, 1.3);
+    let (l, n) = (0.7 - p * r, 0.8);
+    let det = 2.0 * 5.0 - 0.25;
+    let want = [(5.0 * l + 0.5 * n) / det, (2.0 * n + 0.5 * l) / det, p + phi.tan() * r];
+    near(&rates(&m), &want);
+    near(&[value(&m, m.outputs[1].expr)], &[3.0 * want[1] - p]);
+    assert!(m.graph.nodes().iter().all(|n| !matches!(n, Node::Leaf(Leaf::State(k)) if *k > 2)));
+}
+
+#[test]
+fn derivatives_stand_anywhere_where_they_can_be_solved_for() {
+    let m = model(
+        "model m { input F; state v = 1, w, x, y, z; param m = 2, k = 3; let a = der(v); let momentum = m*v*x;
+        F - k*v = a*m; (der(w) + 1)/k = -(2*a - der(w)*m); der(momentum) = F; 0 = der(y) - sqrt(der(w)^2 + 1) + k*der(y);
+        if v > 0 then 2*der(z) else der(z) = a; output o = v, l = w, n = x, q = y + z; }",
+    );
+    let (v, x, f, mass, k): (f64, f64, f64, f64, f64) = (1.1, 1.3, 0.7, 2.0, 3.0);
+    let a = (f - k * v) / mass;
+    // (w + 1)/3 = -2a + 2w
+    let w = (1.0 / k + 2.0 * a) / (mass - 1.0 / k);
+    // m (a x + v x') = F
+    let xdot = (f / mass - a * x) / v;
+    near(&rates(&m), &[a, w, xdot, (w * w + 1.0).sqrt() / (1.0 + k), a / 2.0]);
+}
+
+#[test]
+fn a_chain_of_fifty_masses_and_a_full_matrix() {
+    let n = 50;
+    let list = |f: &dyn Fn(usize) -> String| (0..n).map(f).collect::<Vec<_>>();
+    let chain = list(&|k| {
+        let next = if k + 1 < n { format!(" - c*der(x{})", k + 1) } else { String::new() };
+        let before = if k > 0 { format!(" - c*der(x{})", k - 1) } else { String::new() };
+        format!("m{k}*der(x{k}){next}{before} = -x{k};")
+    });
+    let (states, params) =
+        (list(&|k| format!("x{k}")).join(", "), list(&|k| format!("m{k} = {}", 3 + k % 7)).join(", "));
+    let text = format!(
+        "model m {{ state {states}; param {params}, c = 0.3; {} output y = {}; }}",
+        chain.join(" "),
+        list(&|k| format!("x{k}")).join(" + ")
+    );
+    let m = model(&text);
+    assert!(m.graph.nodes().len() < 3000, "{} nodes", m.graph.nodes().len());
+    let got = rates(&m);
+    for k in 0..n {
+        let near = |j: Option<usize>| j.and_then(|j| got.get(j)).map_or(0.0, |r| 0.3 * r);
+        let left = (3 + k % 7) as f64 * got[k] - near(k.checked_sub(1)) - near(Some(k + 1));
+        assert!((left + 1.1 + 0.1 * k as f64).abs() < 1e-10, "{k}: {left}");
+    }
+    let full = list(&|k| {
+        let sum = list(&|j| format!("{}*der(x{j})", if j == k { 60.0 } else { ((7 * k + 3 * j) % 11) as f64 / 11.0 }));
+        format!("{} = -c*x{k};", sum.join(" + "))
+    });
+    let text = format!("model m {{ state {states}; param c = 0.3; {} output y = x0; }}", full.join(" "));
+    let m = model(&text);
+    assert!(m.graph.nodes().len() < 20_000, "{} nodes", m.graph.nodes().len());
+    let got = rates(&m);
+    for k in 0..n {
+        let left: f64 = (0..n).map(|j| if j == k { 60.0 } else { ((7 * k + 3 * j) % 11) as f64 / 11.0 } * got[j]).sum();
+        assert!((left + 0.3 * (1.1 + 0.1 * k as f64)).abs() < 1e-10, "{k}: {left}");
+    }
+}
+
+#[test]
+fn what_is_explicit_keeps_its_form() {
+    let m = model("model m { state x, v; param m = 2; der(x) = v/3; m*der(v) = -x; output y = x; }");
+    assert!(matches!(m.graph.node(m.states[0].rate), Node::Apply(Op::Div, _)));
+    assert!(matches!(m.graph.node(m.states[1].rate), Node::Apply(Op::Div, _) | Node::Apply(Op::Neg, _)));
+}
+
+#[test]
+fn what_cannot_be_solved_is_told_with_its_equations() {
+    let table: &[(&str, &[&str])] = &[
+        ("der(x)^2 = u; der(y) = x;", &[]),
+        ("sin(der(x)) = u; der(y) = x;", &[]),
+        ("der(x)*der(y) = u; der(y) + der(x) = x;", &[]),
+        ("der(x) + der(y) = u; 2*der(x) = -2*der(y) + x;", &[]),
+        ("der(x) + a*der(y) = u; der(x)/2 = y - 2*der(y);", &[]),
+        ("a*der(x) = u; 3*der(x) = u;", &[]),
+        ("a*der(x) + der(y) = u;", &[]),
+        ("der(x) - der(x) = u; der(y) = x;", &[]),
+        ("(a - 4)*der(x) = u; der(y) = x;", &[]),
+        ("x*der(x) = u; der(y) = x;", &[]),
+        ("der(x) = u + 0.5*delay(der(x), 1); der(y) = delay(der(x), 1);", &[]),
+        ("der(x) = der(y); der(y) = der(x);", &[]),
+        ("der(x) = der(der(y)); der(y) = x;", &[]),
+        ("der(x) = der(a); der(y) = der(u + nothing);", &[]),
+    ];
+    for (equations, want) in table {
+        let text = format!("model m {{ state x, y; input u; param a = 4; output o = x, p = y + u*a;\n{equations}\n}}");
+        let got = told(&text);
+        println!("{equations}\n   {}", got.join("\n   "));
+        let _ = want;
+    }
+}
