@@ -173,6 +173,7 @@ impl Judge<'_, '_> {
                 }
                 fact
             }
+            Expr::Vector(_) | Expr::Element(..) => BROKEN,
         }
     }
 
