@@ -232,7 +232,7 @@ struct Found {
 fn found(model: &fdm_grammar::Model, theta: &[f64]) -> Result<Found, TrimError> {
     let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
     let states = (0..model.states.len() as u32).map(Signal::State).filter(|s| !given(s)).collect::<Vec<_>>();
-    let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].measured.is_none());
+    let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].is_declared());
     let inputs = declared.map(Signal::Input).filter(|s| !given(s));
     let both: Vec<Signal> = states.iter().copied().chain(inputs).collect();
     let known = Linearisation::new(model, &[]);

@@ -3,6 +3,7 @@
 //! Between samples a recorded input is linear, so that its derivative is held: an integrator that sees these slopes integrates them back to
 //! the input exactly, and their Fourier integral is `j w U` with the input's own end terms. At a sample the derivative is the mean of both sides.
 
+use super::run::Run;
 use fdm_grammar::model::Slope;
 
 /// Fills input `k` of `width` with the slopes of another; zero for a single sample.
@@ -20,6 +21,14 @@ pub(super) fn fill(time: &[f64], inputs: &mut [f64], width: usize, k: usize, slo
             (None, None) => 0.0,
         };
         before = after;
+    }
+}
+
+impl Run {
+    /// The derivative of an input at a sample, where input `k` holds its slopes: the mean of both sides.
+    pub(crate) fn slope_at(&self, k: usize, sample: usize) -> f64 {
+        let at = |s: usize| self.inputs[s * self.held.len() + k];
+        0.5 * (at(sample.saturating_sub(1)) + at(sample))
     }
 }
 

@@ -36,6 +36,8 @@ pub struct Spectrum {
     pub input_samples: Vec<f64>,
     /// Whether each input is held between samples (m).
     pub input_held: Vec<bool>,
+    /// What each input is before the record (m): the first of its samples, or zero less the mean that was taken off. Nothing where that is not known.
+    pub input_before: Vec<f64>,
     /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
     pub outputs: Vec<Complex64>,
     /// Values of the inputs half an interval before the first transformed sample, and half an interval behind the last (m each).
@@ -53,6 +55,8 @@ pub struct SpectrumOptions {
     pub ends: Ends,
     /// Coefficients of an output that was never measured are NaN, and no error.
     pub allow_unmeasured: bool,
+    /// Inputs (by index) that are zero outside the record.
+    pub vanishing: Vec<u32>,
     /// Names of the inputs, for messages; numbers where there are none.
     pub inputs: Vec<String>,
     /// Names of the outputs.
@@ -90,11 +94,14 @@ impl Spectrum {
             }
         }
         let courses: Vec<Course> = (0..even.width).map(|c| options.course(c, m, &run.held)).collect();
+        let first: Vec<f64> = even.rows[..m].to_vec();
         let sides: Vec<Sides> =
             courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer)).collect();
         let inner = outer * even.width..(outer + samples) * even.width;
         let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
         let input_samples = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+        let before = |c: usize| even.rows[c] - if options.vanishing.contains(&(c as u32)) { first[c] } else { 0.0 };
+        let input_before = (0..m).map(before).collect();
         let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
             |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
@@ -131,6 +138,7 @@ impl Spectrum {
             sampled_inputs,
             input_samples,
             input_held,
+            input_before,
             outputs,
             input_ends: pick(0..m),
             output_ends: pick(m..even.width),

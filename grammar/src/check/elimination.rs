@@ -26,10 +26,10 @@ pub(super) struct Entry {
 /// Why equations do not determine their derivatives.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Singular {
-    /// Whatever the parameters: rows that are left, and states.
-    Always(Vec<usize>, Vec<usize>),
+    /// Whatever the parameters; the rows that are left.
+    Always(Vec<usize>),
     /// At the start values.
-    AtStart(Vec<usize>, Vec<usize>),
+    AtStart(Vec<usize>),
     /// More terms would be written than a model should have.
     TooLong,
 }
@@ -133,9 +133,7 @@ fn pivot(graph: &Graph, rows: &[Row], left: &[usize], start: &Start<'_>) -> Resu
             }
         }
     }
-    best.map(|(_, place)| place).ok_or_else(|| {
-        let states: Vec<usize> = columns.keys().copied().collect();
-        let structural = columns.is_empty();
-        if structural { Singular::Always(left.to_vec(), states) } else { Singular::AtStart(left.to_vec(), states) }
-    })
+    let left = || left.to_vec();
+    best.map(|(_, place)| place)
+        .ok_or_else(|| if columns.is_empty() { Singular::Always(left()) } else { Singular::AtStart(left()) })
 }

@@ -291,9 +291,9 @@ impl Solver<'_, '_> {
                 let limit = format!("solving them needs more than {MOST_PRODUCTS} products");
                 Err(Box::new(self.too_large(&group, &unknown, &limit)))
             }
-            Err(Singular::Always(rows, _)) => Err(Box::new(self.singular(&group, &rows, &unknown, ""))),
-            Err(Singular::AtStart(rows, states)) => {
-                Err(Box::new(self.singular(&group, &rows, &states, " at the start values")))
+            Err(Singular::Always(rows)) => Err(Box::new(self.singular(&group, &rows, &unknown, ""))),
+            Err(Singular::AtStart(rows)) => {
+                Err(Box::new(self.singular(&group, &rows, &unknown, " at the start values")))
             }
         }
     }
@@ -334,7 +334,11 @@ impl Solver<'_, '_> {
             ),
         };
         let finding = self.labelled(Diagnostic::new(Code::SingularRates, span, message), group, span);
-        finding.hint(if when.is_empty() { "an equation is a multiple of others" } else { "choose other start values" })
+        finding.hint(if when.is_empty() {
+            "an equation is a multiple of others"
+        } else {
+            "choose other start values of params and states"
+        })
     }
 
     /// Where an equation begins.

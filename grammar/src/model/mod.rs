@@ -170,6 +170,12 @@ impl Model {
         self.params.iter().position(|p| p.quantity.name == name)
     }
 
+    /// Inputs (by index) that are zero outside the record.
+    pub fn vanishing(&self) -> impl Iterator<Item = u32> + '_ {
+        let slope = |i: &Input| i.slope.is_some_and(|s| !s.shown);
+        self.inputs.iter().enumerate().filter(move |(_, i)| slope(i)).map(|(k, _)| k as u32)
+    }
+
     /// Start values of all parameters.
     pub fn start(&self) -> Vec<f64> {
         self.params.iter().map(|p| p.value).collect()

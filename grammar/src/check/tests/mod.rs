@@ -25,7 +25,8 @@ fn told(text: &str) -> Vec<String> {
             findings
         }
     };
-    let line = |f: &Diagnostic| f.line(&source).replace("m:", "").replace(": error[", " ").replace(": warning[", " ");
+    let line =
+        |f: &Diagnostic| f.line(&source).replacen("m:", "", 1).replace(": error[", " ").replace(": warning[", " ");
     findings.iter().map(|f| line(f).replacen("]: ", " ", 1)).collect()
 }
 
