@@ -95,13 +95,17 @@ impl Spectrum {
         }
         let courses: Vec<Course> = (0..even.width).map(|c| options.course(c, m, &run.held)).collect();
         let first: Vec<f64> = even.rows[..m].to_vec();
+        let vanishes = |c: usize| c < m && options.vanishing.contains(&(c as u32));
         let sides: Vec<Sides> =
-            courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer)).collect();
+            courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer, vanishes(c))).collect();
         let inner = outer * even.width..(outer + samples) * even.width;
         let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
-        let input_samples = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
-        let before = |c: usize| even.rows[c] - if options.vanishing.contains(&(c as u32)) { first[c] } else { 0.0 };
-        let input_before = (0..m).map(before).collect();
+        let mut input_samples: Vec<f64> = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+        let before = |c: usize| even.rows[c] - if vanishes(c) { first[c] } else { 0.0 };
+        let input_before: Vec<f64> = (0..m).map(before).collect();
+        if outer == 0 {
+            input_samples.chunks_mut(samples + 1).zip(&input_before).for_each(|(row, before)| row[0] = *before);
+        }
         let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
             |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
@@ -215,18 +219,20 @@ fn constant(w: f64, dt: f64, samples: usize) -> Complex64 {
     (Complex64::cis(0.5 * w * dt) - Complex64::cis(w * (0.5 * dt - duration))) / Complex64::new(0.0, w * duration)
 }
 
-/// Takes off a channel's mean over the record; gives the samples at both ends.
-fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize) -> Sides {
+/// Takes off a channel's mean over the record; gives the samples at both ends. One that vanishes does so before its first sample.
+fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize, vanishing: bool) -> Sides {
     let (width, places) = (even.width, even.places);
     let inner = places - 2 * outer;
     let at = |rows: &[f64], k: usize| rows[k * width + channel];
+    let begin = at(&even.rows, 0);
     let sides = |rows: &[f64]| {
         let (first, last) = (at(rows, outer), at(rows, outer + inner - 1));
         if outer == 1 {
             return [[at(rows, 0), first], [last, at(rows, places - 1)]];
         }
         let line = |near: f64, next: f64| if course == Course::Held { near } else { 2.0 * near - next };
-        [[line(first, at(rows, 1)), first], [last, line(last, at(rows, places - 2))]]
+        let before = if vanishing { first - begin } else { line(first, at(rows, 1)) };
+        [[before, first], [last, line(last, at(rows, places - 2))]]
     };
     // the mean in two steps, so that a large offset leaves no rounding behind
     for _ in 0..2 {

@@ -64,17 +64,24 @@ impl Matching {
         }
     }
 
-    /// The equations that have too few derivatives among them because of one that has none left, and these derivatives
-    /// (Dulmage and Mendelsohn 1958).
+    /// The equations that have too few derivatives among them because some have none left, of which one is given, and these
+    /// derivatives (Dulmage and Mendelsohn 1958).
     pub(super) fn too_many(&self, incidence: &[Vec<usize>], equation: usize) -> (Vec<usize>, Vec<usize>) {
+        let mut idle: Vec<Vec<usize>> = vec![Vec::new(); self.of_rate.len()];
+        for k in (0..incidence.len()).filter(|k| self.of_equation[*k].is_none()) {
+            incidence[k].iter().for_each(|rate| idle[*rate].push(k));
+        }
         let (mut equations, mut rates) = (vec![equation], Vec::new());
         let mut seen = vec![false; self.of_rate.len()];
+        let mut listed = vec![false; incidence.len()];
+        listed[equation] = true;
         let mut next = 0;
         while next < equations.len() {
             for rate in &incidence[equations[next]] {
                 if !std::mem::replace(&mut seen[*rate], true) {
                     rates.push(*rate);
-                    equations.extend(self.of_rate[*rate]);
+                    let others = self.of_rate[*rate].iter().chain(&idle[*rate]);
+                    equations.extend(others.filter(|k| !std::mem::replace(&mut listed[**k], true)));
                 }
             }
             next += 1;
@@ -84,19 +91,24 @@ impl Matching {
         (equations, rates)
     }
 
-    /// The derivatives that have too few equations because of one that has none, and these equations.
+    /// The derivatives that have too few equations because some have none, of which one is given, and these equations.
     pub(super) fn too_few(&self, incidence: &[Vec<usize>], rate: usize) -> (Vec<usize>, Vec<usize>) {
         let mut users: Vec<Vec<usize>> = vec![Vec::new(); self.of_rate.len()];
         incidence.iter().enumerate().for_each(|(k, own)| own.iter().for_each(|r| users[*r].push(k)));
         let (mut equations, mut rates) = (Vec::new(), vec![rate]);
         let mut seen = vec![false; incidence.len()];
+        let mut listed = vec![false; self.of_rate.len()];
+        listed[rate] = true;
         let mut next = 0;
         while next < rates.len() {
             for k in &users[rates[next]] {
-                if !std::mem::replace(&mut seen[*k], true) {
-                    equations.push(*k);
-                    rates.extend(self.of_equation[*k]);
+                if std::mem::replace(&mut seen[*k], true) {
+                    continue;
                 }
+                equations.push(*k);
+                let idle = incidence[*k].iter().filter(|r| self.of_rate[**r].is_none());
+                let others = idle.chain(&self.of_equation[*k]);
+                rates.extend(others.filter(|r| !std::mem::replace(&mut listed[**r], true)));
             }
             next += 1;
         }

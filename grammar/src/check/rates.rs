@@ -193,19 +193,23 @@ impl Solver<'_, '_> {
         let before = self.findings.len();
         let mut told = vec![false; self.equations.len()];
         for k in (0..self.equations.len()).filter(|k| pairs.of_equation[*k].is_none()) {
-            let (equations, rates) = pairs.too_many(incidence, k);
-            if !equations.iter().any(|k| std::mem::replace(&mut told[*k], true)) {
-                let finding = self.too_many(k, &equations, &rates);
-                self.findings.push(finding);
+            if told[k] {
+                continue;
             }
+            let (equations, rates) = pairs.too_many(incidence, k);
+            equations.iter().for_each(|k| told[*k] = true);
+            let finding = self.too_many(k, &equations, &rates);
+            self.findings.push(finding);
         }
         let mut told = vec![false; self.states.len()];
         for rate in (0..self.states.len()).filter(|r| pairs.of_rate[*r].is_none()) {
-            let (equations, rates) = pairs.too_few(incidence, rate);
-            if !rates.iter().any(|r| std::mem::replace(&mut told[*r], true)) {
-                let finding = self.too_few(rate, &equations, &rates);
-                self.findings.push(finding);
+            if told[rate] {
+                continue;
             }
+            let (equations, rates) = pairs.too_few(incidence, rate);
+            rates.iter().for_each(|r| told[*r] = true);
+            let finding = self.too_few(rate, &equations, &rates);
+            self.findings.push(finding);
         }
         self.findings.len() == before
     }

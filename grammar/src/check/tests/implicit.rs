@@ -139,13 +139,13 @@ fn what_cannot_be_solved_is_told_with_its_equations() {
         (
             "a*der(x) = u; 3*der(x) = u;",
             &[
-                "1:20 E0401 the state `y` has no equation; `der(y) = ...;`".into(),
+                "1:22 E0401 the state `y` has no equation; `der(y) = ...;`".into(),
                 format!("2:15 E0402 2 equations determine `der(x)`; {FEWER}"),
             ],
         ),
         (
             "a*der(x) + der(y) = u;",
-            &["1:20 E0408 1 equation determines 2 derivatives: `der(x)`, `der(y)`; one equation is needed for each state"
+            &["1:22 E0408 1 equation determines 2 derivatives: `der(x)`, `der(y)`; one equation is needed for each state"
                 .into()],
         ),
         (
