@@ -2,7 +2,7 @@
 //! before parameters before what varies. Equal parts are one node, so that the result grows with the work and no faster.
 
 use super::start::Start;
-use crate::graph::Graph;
+use crate::graph::{Graph, Node};
 use crate::op::{Build, ExprId, Op};
 use std::collections::BTreeMap;
 
@@ -30,12 +30,14 @@ pub(super) enum Singular {
     Always(Vec<usize>),
     /// At the start values.
     AtStart(Vec<usize>),
-    /// More terms would be written than a model should have.
-    TooLong,
+    /// More would be written than a model should have: the leaves below the equations.
+    TooLong(usize),
 }
 
-/// Most products that one set of coupled equations may need.
-pub(super) const MOST_PRODUCTS: usize = 100_000;
+/// Most products that one set of coupled equations may need, times the leaves by which each may have a derivative.
+pub(super) const MOST_WORK: usize = 4_000_000;
+/// Fewer products are always possible.
+const FEW: usize = 1000;
 
 /// What is lost to rounding, relative to what was subtracted.
 const ROUNDING: f64 = 1e-12;
@@ -51,15 +53,18 @@ pub(super) fn solve(
 ) -> Result<Vec<(usize, ExprId)>, Singular> {
     let mut left: Vec<usize> = (0..rows.len()).collect();
     let mut pivots: Vec<(usize, usize)> = Vec::with_capacity(rows.len());
-    let mut products = 0;
+    let (mut products, mut leaves) = (0, None);
     while !left.is_empty() {
         start.look(graph);
         let (row, state) = pivot(graph, &rows, &left, start)?;
         left.retain(|k| *k != row);
         let users: Vec<usize> = left.iter().copied().filter(|k| rows[*k].terms.contains_key(&state)).collect();
         products += users.len() * rows[row].terms.len();
-        if products > MOST_PRODUCTS {
-            return Err(Singular::TooLong);
+        if products > FEW {
+            let leaves = *leaves.get_or_insert_with(|| leaves_below(graph, &rows));
+            if products * leaves > MOST_WORK {
+                return Err(Singular::TooLong(leaves));
+            }
         }
         for k in users {
             eliminate(graph, &mut rows, (row, state), k, start);
@@ -79,6 +84,12 @@ pub(super) fn solve(
         solved.insert(state, rate);
     }
     Ok(solved.into_iter().collect())
+}
+
+/// How many leaves equations depend on.
+fn leaves_below(graph: &Graph, rows: &[Row]) -> usize {
+    let roots = rows.iter().flat_map(|row| row.terms.values().map(|e| e.expr).chain([row.rest]));
+    graph.reachable(roots).into_iter().filter(|e| matches!(graph.node(*e), Node::Leaf(_))).count()
 }
 
 /// Subtracts a multiple of the pivot's row from row k.

@@ -30,6 +30,7 @@ mod start;
 mod substitution;
 mod unchecked;
 mod units;
+mod unsolved;
 
 #[cfg(test)]
 mod tests;

@@ -209,17 +209,29 @@ fn coupled_sets_and_their_work_have_limits() {
     let text = format!("model why {{ state {}; {} output y = x0; }}", names.join(", "), ring.join(" "));
     let found = told(&text);
     assert!(found[0].contains("E0103 300 equations are coupled by `der(x0)`, `der(x1)`"), "{found:?}");
-    // a full matrix of a hundred params times states each
-    let n = 100;
-    let full: Vec<String> = (0..n)
-        .map(|k| {
-            let sum: Vec<String> =
-                (0..n).map(|j| format!("(p + {})*der(x{j})", 1 + (7 * k + 3 * j * j) % 31)).collect();
-            format!("{} = 1;", sum.join(" + "))
-        })
-        .collect();
-    let text =
-        format!("model why {{ state {}; param p = 1; {} output y = x0; }}", names[..n].join(", "), full.join(" "));
-    let found = told(&text);
-    assert!(found[0].contains("and solving them needs more than"), "{found:?}");
+    let found = told(&full(64));
+    assert!(
+        found[0].contains("solving them takes more than 62500 products, each with derivatives by 64 names"),
+        "{found:?}"
+    );
+}
+
+/// A full matrix with a param in every column.
+fn full(n: usize) -> String {
+    let list = |f: &dyn Fn(usize) -> String| (0..n).map(f).collect::<Vec<_>>();
+    let rows = list(&|k| {
+        let sum = list(&|j| format!("(p{j} + {})*der(x{j})", if j == k { 99 } else { 1 + (7 * k + 3 * j) % 13 }));
+        format!("{} = 1;", sum.join(" + "))
+    });
+    let (states, params) = (list(&|k| format!("x{k}")).join(", "), list(&|k| format!("p{k} = 1")).join(", "));
+    format!("model why {{ state {states}; param {params}; {} output y = x0; }}", rows.join(" "))
+}
+
+#[test]
+fn the_largest_set_has_its_derivatives_in_time() {
+    for n in [20, 40] {
+        let (m, took) = crate::stopwatch::timed(|| crate::compile(&crate::Source::new("m", full(n))).unwrap());
+        println!("{n}: {} nodes, {took:?}", m.model.graph.nodes().len());
+        assert!(took < std::time::Duration::from_secs(20), "{n}: {took:?}");
+    }
 }
