@@ -7,6 +7,7 @@ pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
+pub mod expand;
 pub mod graph;
 pub mod linearise;
 pub mod math;
@@ -46,6 +47,8 @@ pub struct Compiled {
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, mut findings) = syntax::parse_recovering(source);
     let Some(tree) = tree else { return Err(findings) };
+    let (tree, more) = expand::expand(tree);
+    findings.extend(more);
     match check::check(&tree) {
         Ok((mut model, warnings)) if findings.is_empty() => {
             let schedule = Schedule::new(&mut model);
