@@ -69,7 +69,7 @@ impl Subject {
         let mut linear = LinearModel::new(model).ok()?;
         let mut values = Values::default();
         linear.evaluate(theta, &mut values).ok()?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let response = FrequencyResponse::new(&structure, &values, spectrum, ends, &Arc::new(Plans::default())).ok()?;
         let y = vec![0.0; 2 * COUNT * structure.outputs];
         Some(Self { params: structure.params, linear, values, response, y })

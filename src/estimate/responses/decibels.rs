@@ -153,7 +153,7 @@ impl Decibels {
     ) -> Result<Self, Unanswered> {
         let (mut linear, mut values) = (linear.clone(), Values::default());
         linear.evaluate(theta, &mut values).map_err(Unanswered::Trim)?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let (omega, mut responses) = (&measured.estimate.omega, Vec::new());
         for input in (0..structure.inputs).filter(|k| measured.slopes[*k].is_none()) {
             let wanted: Vec<usize> = (0..pairs.len()).filter(|p| pairs[*p].input == input).collect();
