@@ -120,7 +120,9 @@ impl<'a> Scope<'a> {
 
     /// Whether mistakes with this name are consequences of one that has been told.
     pub(super) fn is_suspended(&self, name: &str) -> bool {
-        self.suspended.contains(name)
+        // names of a submodel, elements of a vector
+        let whole = name.split(['.', '[']).next().unwrap_or(name);
+        self.suspended.contains(name) || self.suspended.contains(whole)
     }
 
     /// Whether statements are missing because they could not be read.

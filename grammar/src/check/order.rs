@@ -4,7 +4,8 @@ use super::equations::Equation;
 use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Expr, ExprRef, Role, Value};
+pub(super) use crate::syntax::operands as each_operand;
+use crate::syntax::{ExprRef, Role, Value};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::ops::Range;
 
@@ -85,18 +86,6 @@ impl Blocks {
         }
         self.nodes[start..].sort_unstable();
         self.list.push(Block { owner, root, range: start..self.nodes.len() });
-    }
-}
-
-/// Visits the operands of a node.
-pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
-    match expr {
-        Expr::Number(_) | Expr::Name(_) => {}
-        Expr::Unary(_, a) => visit(*a),
-        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
-        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Element(..) => {}
-        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
     }
 }
 
