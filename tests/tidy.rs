@@ -18,6 +18,7 @@ const GRAMMAR: &[&str] = &[
     "check",
     "derive",
     "schedule",
+    "emit",
     "linearise",
     "carried",
     "lib",

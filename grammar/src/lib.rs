@@ -7,6 +7,7 @@ pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
+pub mod emit;
 pub mod graph;
 pub mod linearise;
 pub mod math;
