@@ -9,7 +9,7 @@ pub(super) fn plain(name: &str) -> String {
         plain.pop();
     }
     if !plain.starts_with(|c: char| c.is_ascii_alphabetic()) {
-        plain.insert_str(0, "m_");
+        plain.insert(0, 'm');
     }
     plain
 }
