@@ -11,6 +11,7 @@ const GRAMMAR: &[&str] = &[
     "diagnostic",
     "unit",
     "syntax",
+    "expand",
     "op",
     "graph",
     "model",

@@ -8,6 +8,7 @@ pub mod check;
 pub mod derive;
 pub mod diagnostic;
 pub mod emit;
+pub mod expand;
 pub mod graph;
 pub mod linearise;
 pub mod math;
@@ -47,6 +48,8 @@ pub struct Compiled {
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, mut findings) = syntax::parse_recovering(source);
     let Some(tree) = tree else { return Err(findings) };
+    let (tree, more) = expand::expand(tree);
+    findings.extend(more);
     match check::check(&tree) {
         Ok((mut model, warnings)) if findings.is_empty() => {
             let schedule = Schedule::new(&mut model);

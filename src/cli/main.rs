@@ -3,6 +3,7 @@
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
 mod check;
+mod codegen;
 mod delivery;
 mod failure;
 mod fit;
@@ -52,6 +53,8 @@ enum Verb {
     Regress(regress::Arguments),
     /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
     Spectra(spectra::Arguments),
+    /// Write the model as stand-alone C or Rust: rates, outputs, their partials and sensitivities, the same bits
+    Codegen(codegen::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
+        Verb::Codegen(a) => codegen::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

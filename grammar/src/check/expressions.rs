@@ -173,6 +173,7 @@ impl Expressions {
                 }
                 _ => self.of(e),
             },
+            Expr::Vector(_) | Expr::Element(..) => self.of(e),
         })
     }
 

@@ -170,6 +170,7 @@ impl Judge<'_, '_> {
                 }
                 fact
             }
+            Expr::Vector(_) | Expr::Element(..) => BROKEN,
         }
     }
 

@@ -99,7 +99,12 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
+                StatementKind::Tie(_) | StatementKind::Table(_) => {
+                    let message = "this version does not compile this statement yet";
+                    findings.push(Diagnostic::new(Code::Unsupported, statement.span, message));
+                }
                 StatementKind::Equation(..)
+                | StatementKind::Use(_)
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
                 | StatementKind::Trim(_) => {}
@@ -225,6 +230,8 @@ pub(super) fn resolve(scope: &Scope<'_>, blocks: &Blocks, findings: &mut Vec<Dia
                 }
                 meaning
             }
+            // made scalars before; what could not be has been told
+            Expr::Vector(_) | Expr::Element(..) => Meaning::Broken,
             _ => Meaning::None,
         };
     }

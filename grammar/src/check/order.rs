@@ -90,7 +90,8 @@ pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
         Expr::Unary(_, a) => visit(*a),
         Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
         Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Call(_, arguments) => arguments.iter().copied().for_each(visit),
+        Expr::Element(..) => {}
+        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
     }
 }
 

@@ -105,6 +105,7 @@ impl Pass<'_, '_, '_> {
                 Meaning::Record(output) => self.record(output),
                 _ => Measure::Broken,
             },
+            Expr::Vector(_) | Expr::Element(..) => Measure::Broken,
         }
     }
 

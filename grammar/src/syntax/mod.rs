@@ -3,19 +3,21 @@
 //! **In** a [`crate::Source`]. **Out** a [`SyntaxTree`], exactly as written. **Never** meaning: names are not looked up.
 //! **Start** at [`parse`] in `recover.rs`: `scan.rs` makes tokens, `outline.rs` finds the statements in them, `parse.rs`,
 //! the only file that sees the grammar's rules, reads each statement, `slips.rs` says what cannot be read,
-//! `expected.rs` and `hints.rs` what should stand there and what was meant.
+//! `expected.rs` and `hints.rs` what should stand there and what was meant; `print.rs` leads back to text.
 
 mod expected;
 mod expression;
 mod hints;
 mod outline;
 mod parse;
+mod print;
 mod recover;
 mod scan;
 mod slips;
 mod tree;
 mod words;
 
+pub use print::Printer;
 pub use recover::{parse, parse_recovering};
 pub use tree::*;
 pub use words::{WORDS, WordUse, word_use, words_for};

@@ -111,6 +111,11 @@ impl<'a> Scanner<'a> {
         let start = self.at;
         if starts_name(c) {
             self.skip(continues_name);
+            // parts of submodels: `act.y`
+            while self.rest().strip_prefix('.').is_some_and(|part| part.starts_with(starts_name)) {
+                self.at += 1;
+                self.skip(continues_name);
+            }
             return Some(if is_keyword(&self.text[start..self.at]) { Kind::Keyword } else { Kind::Name });
         }
         let next = self.rest()[c.len_utf8()..].chars().next();
@@ -196,11 +201,14 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Length of the `[unit]` here; brackets behind `in` hold bounds, and a unit ends on its line.
+    /// Length of the `[unit]` or `[index]` here; brackets behind `in` hold bounds, behind signs and brackets vectors,
+    /// and a unit ends on its line.
     fn unit(&self) -> Option<usize> {
-        let previous = self.tokens.last();
-        if previous.is_some_and(|p| p.kind == Kind::Keyword && p.text(self.text) == "in") {
-            return None;
+        let previous = self.tokens.last()?;
+        match previous.kind {
+            Kind::Keyword if previous.text(self.text) == "in" => return None,
+            Kind::Sign | Kind::Open | Kind::Semicolon => return None,
+            _ => {}
         }
         let inside = &self.rest()[1..];
         let end = inside.find([']', '[', '{', '}', ';', '"', '\n', '\r'])?;

@@ -75,6 +75,21 @@ pub enum Expr {
     Call(Name, Vec<ExprRef>),
     /// `if condition then a else b`
     If(ExprRef, ExprRef, ExprRef),
+    /// `[a, b, c]`: a vector; of vectors, the rows of a matrix
+    Vector(Vec<ExprRef>),
+    /// `x[2]`, `A[1, :]`: elements or parts of a declared vector or matrix, counted from 1
+    Element(Name, Vec<Slice>),
+}
+
+/// One index: `2`, `1:3`, `:`; both ends belong to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slice {
+    /// One element.
+    At(u32),
+    /// From one to another.
+    Range(u32, u32),
+    /// All.
+    All,
 }
 
 /// The kinds of declarations.
@@ -131,11 +146,24 @@ pub struct Bounds {
     pub span: Span,
 }
 
+/// The size of a declared vector (one column) or matrix.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Length of a vector, rows of a matrix.
+    pub rows: u32,
+    /// `None` for a vector.
+    pub columns: Option<u32>,
+    /// The brackets.
+    pub span: Span,
+}
+
 /// One declared name with what was written about it, in whatever order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Declaration {
     /// The name.
     pub name: Name,
+    /// `[3]`, `[2, 3]` behind the name: rows, or rows and columns.
+    pub shape: Option<Shape>,
     /// `"doc string"`
     pub doc: Option<Name>,
     /// `[unit]`, as text between the brackets.
@@ -155,8 +183,38 @@ pub struct Declaration {
 impl Declaration {
     /// A name about which nothing else is written.
     pub fn new(name: Name, span: Span) -> Self {
-        Self { name, doc: None, unit: None, value: None, bounds: None, fixed: None, per_run: None, span }
+        Self { name, shape: None, doc: None, unit: None, value: None, bounds: None, fixed: None, per_run: None, span }
     }
+}
+
+/// `table CL(alpha [rad]) "lift" [1] = linear { -0.2: -0.9, 0: CL0, 0.3: 1.6 };`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// The name by which it is called.
+    pub name: Name,
+    /// The name of its argument, for readers only.
+    pub argument: Name,
+    /// The unit of its argument.
+    pub argument_unit: Option<Name>,
+    /// `"doc string"`
+    pub doc: Option<Name>,
+    /// The unit of its values.
+    pub unit: Option<Name>,
+    /// The word behind `=`: how values between points are found.
+    pub method: Name,
+    /// Abscissa and ordinate.
+    pub points: Vec<(ExprRef, ExprRef)>,
+}
+
+/// `use "actuator.fdm" as act(x = dlon, T = T_act);`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Use {
+    /// The file of the submodel, as written between quotes.
+    pub path: Name,
+    /// Its name here: what it declares is `act.y`.
+    pub alias: Name,
+    /// What stands for its inputs and params.
+    pub connections: Vec<(Name, ExprRef)>,
 }
 
 /// One statement.
@@ -174,6 +232,12 @@ pub enum StatementKind {
     Noise(Vec<(Name, ExprRef)>),
     /// `trim { u = value; ... }`
     Trim(Vec<(Name, ExprRef)>),
+    /// `tie Lq = Mp, a = 2*b;`: equalities between declared params that a study may switch off
+    Tie(Vec<(Name, ExprRef)>),
+    /// `table NAME(x) = method { x1: y1, ... };`
+    Table(Table),
+    /// `use "file" as name(a = b);`
+    Use(Use),
 }
 
 /// A statement and its place, the semicolon included.
