@@ -18,6 +18,7 @@ mod reading;
 mod records;
 mod regress;
 mod responses;
+mod show;
 mod simulate;
 mod spectra;
 mod spectral;
@@ -53,6 +54,8 @@ enum Verb {
     Regress(regress::Arguments),
     /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
     Spectra(spectra::Arguments),
+    /// Show what becomes of a model's text: syntax, model, graph, derivatives, schedule, code, linear
+    Show(show::Arguments),
     /// Write the model as stand-alone C or Rust: rates, outputs, their partials and sensitivities, the same bits
     Codegen(codegen::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
@@ -72,6 +75,7 @@ fn main() -> ExitCode {
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
+        Verb::Show(a) => show::run(a),
         Verb::Codegen(a) => codegen::run(a),
         Verb::Validate(a) => validate::run(a),
     };

@@ -2,8 +2,8 @@
 
 use super::identifier::comment;
 use crate::Pattern;
-use crate::graph::{Names, Signal, show};
-use crate::model::{Model, Quantity};
+use crate::graph::{Leaf, Names, Node, Signal, show};
+use crate::model::{Model, Origin, Quantity};
 use crate::schedule::Layout;
 
 /// Sizes and positions: constant, value, what it counts.
@@ -101,9 +101,11 @@ pub(super) fn title(model: &Model) -> Vec<String> {
     lines.push(String::new());
     let equation = |left: String, e| comment(&format!("  {left} = {}", show(&model.graph, e, model)));
     lines.extend(model.states.iter().map(|s| equation(format!("der({})", s.quantity.name), s.rate)));
-    lines.extend(model.states.iter().map(|s| equation(format!("{}(0)", s.quantity.name), s.initial)));
+    let free = |e| matches!(model.graph.node(e), Node::Leaf(Leaf::Param(k)) if model.params[k as usize].origin != Origin::Declared);
+    let initial = model.states.iter().filter(|s| !free(s.initial));
+    lines.extend(initial.map(|s| equation(format!("{}(0)", s.quantity.name), s.initial)));
     lines.extend(model.outputs.iter().map(|o| equation(o.quantity.name.clone(), o.expr)));
-    let delayed = |k: usize| comment(&model.leaf(crate::graph::Leaf::Delayed(k as u32)));
+    let delayed = |k: usize| comment(&model.leaf(Leaf::Delayed(k as u32)));
     let signals: Vec<String> = (0..model.graph.delayed().len()).map(delayed).collect();
     if !signals.is_empty() {
         lines.push(String::new());

@@ -172,7 +172,8 @@ impl Jit {
             ("outputs", &schedule.outputs),
             ("outputs_and_partials", &schedule.outputs_and_partials),
         ];
-        let write = |on: Option<String>| self.module.lock().ok().and_then(|mut m| std::mem::replace(&mut m.written, on));
+        let write =
+            |on: Option<String>| self.module.lock().ok().and_then(|mut m| std::mem::replace(&mut m.written, on));
         let listed = programs.map(|(name, program)| {
             write(Some(String::new()));
             let compiled = self.compile(program).is_some();
