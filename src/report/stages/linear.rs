@@ -10,7 +10,7 @@ use fdm_grammar::graph::{Leaf, Names, show};
 use serde_json::{Value, json};
 
 /// Wider matrices are listed entry by entry only.
-const MOST_COLUMNS: usize = 10;
+const MOST_COLUMNS: usize = 12;
 
 /// A coefficient that is not zero everywhere.
 struct Entry {

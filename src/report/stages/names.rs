@@ -5,14 +5,17 @@ use crate::Model;
 use crate::report::table::{aligned_right, plain, trimmed};
 use fdm_grammar::graph::{Leaf, Names, Signal, show};
 use fdm_grammar::model::{Input, Origin, Param, Quantity};
+use fdm_grammar::syntax::{Printer, Role, StatementKind, parse_recovering};
 use serde_json::{Value, json};
 
-/// What is said of a declaration beside its name.
-struct Declared<'a> {
+/// What is said of a declaration.
+struct Declared {
+    name: String,
     role: &'static str,
-    quantity: &'a Quantity,
+    unit: Option<String>,
     value: String,
     more: String,
+    doc: String,
 }
 
 pub(super) fn names(model: &Model) -> Shown {
@@ -20,8 +23,8 @@ pub(super) fn names(model: &Model) -> Shown {
     let definition = model.definition();
     let mut table = plain(&["name", "is a", "unit", "value", "", "meaning"]);
     for d in &declared {
-        let unit = d.quantity.unit.as_ref().map(ToString::to_string).unwrap_or_default();
-        table.add_row([&d.quantity.name, d.role, &unit, &d.value, &d.more, &d.quantity.doc]);
+        let unit = d.unit.as_deref().unwrap_or_default();
+        table.add_row([&d.name, d.role, unit, &d.value, &d.more, &d.doc]);
     }
     aligned_right(&mut table, 3);
     let doc = if definition.doc.is_empty() { String::new() } else { format!(": {}", definition.doc) };
@@ -33,11 +36,10 @@ pub(super) fn names(model: &Model) -> Shown {
     Shown { text, json: as_json(model, &declared, &equations) }
 }
 
-fn as_json(model: &Model, declared: &[Declared<'_>], equations: &[(String, String)]) -> Value {
-    let name = |d: &Declared<'_>| {
+fn as_json(model: &Model, declared: &[Declared], equations: &[(String, String)]) -> Value {
+    let name = |d: &Declared| {
         json!({
-            "name": d.quantity.name, "role": d.role, "unit": d.quantity.unit.as_ref().map(ToString::to_string),
-            "value": d.value, "attributes": d.more, "doc": d.quantity.doc,
+            "name": d.name, "role": d.role, "unit": d.unit, "value": d.value, "attributes": d.more, "doc": d.doc,
         })
     };
     json!({
@@ -48,9 +50,12 @@ fn as_json(model: &Model, declared: &[Declared<'_>], equations: &[(String, Strin
     })
 }
 
-fn declared(model: &Model) -> Vec<Declared<'_>> {
+fn declared(model: &Model) -> Vec<Declared> {
     let m = model.definition();
-    let row = |role, quantity, value, more| Declared { role, quantity, value, more };
+    let row = |role, q: &Quantity, value, more| {
+        let unit = q.unit.as_ref().map(ToString::to_string);
+        Declared { name: q.name.clone(), role, unit, value, more, doc: q.doc.clone() }
+    };
     let from = |input: &Input| match (input.measured, &input.computed) {
         (Some(o), _) => format!("the record of {}", m.outputs[o as usize].quantity.name),
         (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
@@ -65,7 +70,26 @@ fn declared(model: &Model) -> Vec<Declared<'_>> {
     let derived = m.derived.iter().map(|d| row("derived param", &d.quantity, String::new(), String::new()));
     let noise = |noise: Option<f64>| noise.map(|n| format!("noise {n}")).unwrap_or_default();
     let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, String::new(), noise(o.noise)));
-    inputs.chain(states).chain(params).chain(derived).chain(outputs).collect()
+    let written = definitions(model);
+    inputs.chain(states).chain(params).chain(derived).chain(written).chain(outputs).collect()
+}
+
+/// Names for numbers and expressions: they are put in their places, and only the text knows them.
+fn definitions(model: &Model) -> Vec<Declared> {
+    let (Some(tree), _) = parse_recovering(model.source()) else { return Vec::new() };
+    let printer = Printer::with_source(&tree, model.source());
+    let text = |name: &Option<fdm_grammar::syntax::Name>| name.as_ref().map(|n| n.text.clone());
+    let mut found = Vec::new();
+    for statement in &tree.statements {
+        let StatementKind::Declare(role @ (Role::Const | Role::Let), declarations) = &statement.kind else { continue };
+        for d in declarations {
+            let Some(fdm_grammar::syntax::Value::Expr(e)) = d.value else { continue };
+            let (name, doc) = (d.name.text.clone(), text(&d.doc).unwrap_or_default());
+            let more = format!("= {}", printer.expression(e));
+            found.push(Declared { name, role: role.keyword(), unit: text(&d.unit), value: String::new(), more, doc });
+        }
+    }
+    found
 }
 
 fn attributes(p: &Param) -> String {
