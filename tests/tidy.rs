@@ -9,6 +9,7 @@ const GRAMMAR: &[&str] = &[
     "math",
     "source",
     "diagnostic",
+    "explain",
     "unit",
     "syntax",
     "expand",

@@ -9,6 +9,7 @@ pub mod derive;
 pub mod diagnostic;
 pub mod emit;
 pub mod expand;
+pub mod explain;
 pub mod graph;
 pub mod linearise;
 pub mod math;

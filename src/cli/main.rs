@@ -5,6 +5,7 @@
 mod check;
 mod codegen;
 mod delivery;
+mod explain;
 mod failure;
 mod fit;
 mod histories;
@@ -12,6 +13,7 @@ mod integrator;
 mod iteration;
 mod keeping;
 mod modes;
+mod new;
 mod noise;
 mod progress;
 mod reading;
@@ -56,6 +58,10 @@ enum Verb {
     Spectra(spectra::Arguments),
     /// Show what becomes of a model's text: syntax, model, graph, derivatives, schedule, code, linear
     Show(show::Arguments),
+    /// Explain the code of a message: what it means, an example, and the example mended
+    Explain(explain::Arguments),
+    /// Write a first model with comments, ready to be checked, simulated and fitted
+    New(new::Arguments),
     /// Write the model as stand-alone C or Rust: rates, outputs, their partials and sensitivities, the same bits
     Codegen(codegen::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
@@ -76,6 +82,8 @@ fn main() -> ExitCode {
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
         Verb::Show(a) => show::run(a),
+        Verb::Explain(a) => explain::run(a),
+        Verb::New(a) => new::run(a),
         Verb::Codegen(a) => codegen::run(a),
         Verb::Validate(a) => validate::run(a),
     };
