@@ -108,6 +108,20 @@ fn records() -> (Model, Model) {
     }
 }
 
+fn derivatives() -> (Model, Model) {
+    twice! {
+        model coupled {
+            input u, w;
+            state p = 0.1, r, v = free;
+            param ixx = 2.1, izz = 3.4, ixz = 0.3, k = 0.7, tau = 0.2 in [0, 1];
+            ixx*der(p) - ixz*der(r) = delay(u + k*der(u), tau) - p*r;
+            izz*der(r) - ixz*der(p) = sin(w) - r*abs(r);
+            der(v*(1 + k*p^2)) = der(u*w) - v + der(measured(speed));
+            output speed = v, ay = der(v) + k*der(r) - der(w), q = p;
+        }
+    }
+}
+
 fn stateless() -> (Model, Model) {
     twice! {
         model curve {
@@ -255,6 +269,17 @@ fn records_and_priors_have_the_same_bits() {
         let priors: Vec<_> = definition.params.iter().map(|p| p.prior.map(|p| (p.mean, p.deviation))).collect();
         assert_eq!(priors, [Some((0.0, 1.0)), Some((1.2, 0.05)), None, None]);
     }
+    agree((read, written));
+}
+
+#[test]
+fn derivatives_in_equations_have_the_same_bits() {
+    let (read, written) = derivatives();
+    let found = fdm::code::verify(read.definition(), read.schedule(), &fdm::code::Nominal::start(read.definition()));
+    assert!(found.passed(), "{found:?}");
+    let names: Vec<_> = read.definition().inputs.iter().map(|i| i.quantity.name.as_str()).collect();
+    let hidden = ["measured(speed)", "der(u)", "der(w)", "der(measured(speed))"];
+    assert!(hidden.iter().all(|name| names.contains(name)), "{names:?}");
     agree((read, written));
 }
 

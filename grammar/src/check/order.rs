@@ -18,6 +18,8 @@ pub(super) enum Owner {
     Lower(SymbolId),
     /// The upper bound.
     Upper(SymbolId),
+    /// The left side of an equation that is solved for derivatives, by index.
+    Left(usize),
     /// The right side of an equation, by index.
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
@@ -59,6 +61,9 @@ impl Blocks {
             }
         }
         for (k, equation) in equations.iter().enumerate() {
+            if equation.implicit {
+                add(Owner::Left(k), equation.left);
+            }
             add(Owner::Right(k), equation.right);
         }
         known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
@@ -128,7 +133,7 @@ pub(super) fn sort(
 }
 
 /// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).
-fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
+pub(super) fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
     const NEW: usize = usize::MAX;
     let mut index = vec![NEW; needs.len()];
     let mut low = vec![0; needs.len()];
