@@ -184,42 +184,44 @@ pub(super) const WANTED_NUMBER: Page = Page {
 };
 
 pub(super) const SINGULAR_RATES: Page = Page {
-    meaning: "Several derivatives stand in several equations, and these do not determine them: one follows from the others, or one
-equation is missing.",
+    meaning: "Several equations hold the derivatives of several states, and do not determine them: one of the equations says
+what the others say, or a derivative stands in none that is left for it.",
     broken: Example::Text(
-        "model coupled {
-  state p = 1, r;
-  param k = 2, c = 1;
-  der(p) + der(r) = -k*p;
-  der(p) + der(r) = -c*r;
-  output y = p + r;
+        "model pair {
+  state p = 1, q = 0;
+  param a = 0.5;
+  der(p) + der(q) = -a*p;
+  2*der(p) + 2*der(q) = -a*q;
+  output p_m = p, q_m = q;
 }",
     ),
-    corrected: "model coupled {
-  state p = 1, r;
-  param k = 2, c = 1;
-  der(p) + der(r) = -k*p;
-  der(p) - der(r) = -c*r;
-  output y = p + r;
+    corrected: "model pair {
+  state p = 1, q = 0;
+  param a = 0.5;
+  der(p) + der(q) = -a*p;
+  der(p) - der(q) = -a*q;
+  output p_m = p, q_m = q;
 }",
-    why: "every derivative must have one value at every time.",
+    why: "equations with several derivatives are solved for them symbolically, once; that needs as many independent equations as
+derivatives.",
 };
 
 pub(super) const NONLINEAR_RATE: Page = Page {
-    meaning: "A derivative that is sought stands in a square, in a function, or in a product with another one.",
+    meaning: "A derivative stands inside a function, a power, a choice or a product with another derivative, so that the equation
+cannot be solved for it.",
     broken: Example::Text(
-        "model drag {
-  state v = 1;
-  param k = 2;
-  der(v)^2 = k*v;
-  output y = v;
+        "model fall {
+  state v = 0;
+  param g = 9.81;
+  der(v)^2 = g^2;
+  output v_m = v;
 }",
     ),
-    corrected: "model drag {
-  state v = 1;
-  param k = 2;
-  der(v) = sqrt(k*v);
-  output y = v;
+    corrected: "model fall {
+  state v = 0;
+  param g = 9.81;
+  der(v) = g;
+  output v_m = v;
 }",
-    why: "linear equations are solved exactly, with one solution; others can have several, and the text must say which is meant.",
+    why: "a nonlinear equation may have several solutions or none; which of them is meant only its author can say.",
 };

@@ -3,10 +3,10 @@
 //! **In** a [`Code`]. **Out** its [`Page`]. **Never** a code without a page: [`page`] names every one, and the tests compile
 //! every example. **Start** at [`page`].
 
-mod composition;
 mod declarations;
 mod equations;
 mod names;
+mod parts;
 mod text;
 mod units;
 mod warnings;
@@ -71,10 +71,10 @@ pub fn page(code: Code) -> Page {
         Code::NotFinite => equations::NOT_FINITE,
         Code::SingularRates => equations::SINGULAR_RATES,
         Code::NonlinearRate => equations::NONLINEAR_RATE,
-        Code::NoFile => composition::NO_FILE,
-        Code::NotConnected => composition::NOT_CONNECTED,
-        Code::WrongShape => composition::WRONG_SHAPE,
-        Code::OutsideShape => composition::OUTSIDE_SHAPE,
+        Code::NoFile => parts::NO_FILE,
+        Code::NotConnected => parts::NOT_CONNECTED,
+        Code::WrongShape => parts::WRONG_SHAPE,
+        Code::OutsideShape => parts::OUTSIDE_SHAPE,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,
@@ -101,8 +101,11 @@ impl Page {
             Example::Text(text) => indented(text.trim_end()),
             Example::Made { told, .. } => format!("    {told}\n"),
         };
+        let (file, lag) = parts::LAG_FILE;
+        let used = self.corrected.contains(file);
+        let used = if used { format!("The file {file}:\n\n{}\n", indented(lag)) } else { String::new() };
         format!(
-            "{}: {}\n\n{}\n\nA model with it:\n\n{broken}\nThe same without:\n\n{}\n{}\n",
+            "{}: {}\n\n{}\n\nA model with it:\n\n{broken}\nThe same without:\n\n{}\n{used}{}\n",
             code.text(),
             code.title(),
             wrapped(self.meaning),
@@ -131,13 +134,14 @@ fn wrapped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Diagnostic, Source, compile, gather};
+    use crate::expand::gather;
+    use crate::{Diagnostic, Source, compile};
 
     fn findings(text: &str) -> Vec<Diagnostic> {
         let mut source = Source::new("page.fdm", text);
-        gather(&mut source, &mut |name| match name {
-            "actuator.fdm" => Ok(composition::ACTUATOR.into()),
-            _ => Err("there is no such file".into()),
+        gather(&mut source, &mut |name| {
+            let (file, lag) = parts::LAG_FILE;
+            if name == file { Ok(lag.into()) } else { Err("there is no such file".into()) }
         });
         match compile(&source) {
             Ok(compiled) => compiled.warnings,
