@@ -11,6 +11,7 @@ const GRAMMAR: &[&str] = &[
     "diagnostic",
     "unit",
     "syntax",
+    "format",
     "expand",
     "op",
     "graph",
@@ -37,6 +38,7 @@ const FDM: &[&str] = &[
     "estimate",
     "store",
     "report",
+    "lsp",
     "cli",
 ];
 

@@ -8,6 +8,7 @@ pub mod check;
 pub mod derive;
 pub mod diagnostic;
 pub mod expand;
+pub mod format;
 pub mod graph;
 pub mod linearise;
 pub mod math;
@@ -45,15 +46,22 @@ pub struct Compiled {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
+    let (mut model, warnings) = examine(source)?;
+    let schedule = Schedule::new(&mut model);
+    Ok(Compiled { model, schedule, warnings })
+}
+
+/// Text to a checked model and its warnings: what editors ask for at every key.
+///
+/// # Errors
+/// As [`compile`].
+pub fn examine(source: &Source) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
     let (tree, mut findings) = syntax::parse_recovering(source);
     let Some(tree) = tree else { return Err(findings) };
     let (tree, more) = expand::expand(tree);
     findings.extend(more);
     match check::check(&tree) {
-        Ok((mut model, warnings)) if findings.is_empty() => {
-            let schedule = Schedule::new(&mut model);
-            return Ok(Compiled { model, schedule, warnings });
-        }
+        Ok(checked) if findings.is_empty() => return Ok(checked),
         // Whether something is unused or without influence can not be said while statements are missing.
         Ok(_) => {}
         Err(more) if findings.is_empty() => findings = more,
