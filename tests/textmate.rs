@@ -122,9 +122,9 @@ impl Grammar {
         let mut rules = Vec::new();
         self.flat(stack.last().map_or(&self.top, |r| &r.patterns), &mut rules);
         let find = |r: &Regex| r.captures_from_pos(line, at).expect("the search ends");
-        let begin = |c: &Captures<'_>| c.get(0).map_or(usize::MAX, |m| m.start());
+        let begin = |c: &Captures<'_, str>| c.get(0).map_or(usize::MAX, |m| m.start());
         let end = stack.last().and_then(|r| find(r.end.as_ref()?));
-        let mut best: Option<(&Rule, Captures<'_>)> = None;
+        let mut best: Option<(&Rule, Captures<'_, str>)> = None;
         for rule in rules {
             if let Some(found) = rule.start.as_ref().and_then(find)
                 && best.as_ref().is_none_or(|(_, b)| begin(&found) < begin(b))

@@ -70,6 +70,23 @@ impl<'a> Declared<'a> {
     }
 }
 
+/// What is wrong in a file that is used is told where it is used.
+fn at_the_use(finding: &mut Diagnostic, whole: &Source) {
+    let told = |span: Span, message: &str| {
+        let text = whole.text_at(span.start);
+        let place = text.used_at().filter(|place| place.end as usize <= whole.text().len());
+        let at = whole.position(span.start);
+        (place.unwrap_or_default(), format!("{}:{}:{}: {message}", text.name(), at.line, at.column))
+    };
+    let elsewhere = |span: Span| whole.text_at(span.start).used_at().is_some();
+    if elsewhere(finding.span) {
+        (finding.span, finding.message) = told(finding.span, &finding.message);
+    }
+    for label in finding.labels.iter_mut().filter(|l| elsewhere(l.span)) {
+        (label.span, label.text) = told(label.span, &label.text);
+    }
+}
+
 impl Document {
     pub(super) fn new(name: &str, text: String, version: i32) -> Self {
         let source = Source::new(name, text);
@@ -98,10 +115,13 @@ impl Document {
 
     /// Finds every mistake of the text.
     pub(super) fn check(&mut self) {
-        (self.model, self.findings) = match fdm_grammar::examine(&self.source) {
+        let mut whole = self.source.clone();
+        crate::Model::gather_files(&mut whole);
+        (self.model, self.findings) = match fdm_grammar::examine(&whole) {
             Ok((model, warnings)) => (Some(model), warnings),
             Err(findings) => (None, findings),
         };
+        self.findings.iter_mut().for_each(|f| at_the_use(f, &whole));
         self.is_checked = true;
     }
 

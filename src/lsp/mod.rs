@@ -1,8 +1,8 @@
 //! Models in an editor: mistakes as one types, what a name is, where it stands, what can be typed, the layout.
 //!
 //! **In** messages of the Language Server Protocol with the texts of open files. **Out** answers and notices. **Never** runs a
-//! model, reads or writes a file, and never ends because a text is broken. **Start** at [`serve`] in `server.rs`: a text is
-//! a [`document::Document`]; everything else answers one kind of question about it.
+//! model, never reads a file but those that a model uses, and never ends because a text is broken. **Start** at [`serve`] in `server.rs`: a text is
+//! a `Document`; everything else answers one kind of question about it.
 
 mod completion;
 mod document;

@@ -89,6 +89,41 @@ fn the_corpus_holds() {
     assert!(count >= 5, "{count} cases");
 }
 
+/// The text of every `STRING` and `PATTERN` below a rule.
+fn literals(rule: &serde_json::Value, found: &mut Vec<String>) {
+    if matches!(rule["type"].as_str(), Some("STRING" | "PATTERN")) {
+        found.extend(rule["value"].as_str().map(String::from));
+    }
+    match rule {
+        serde_json::Value::Object(parts) => parts.values().for_each(|p| literals(p, found)),
+        serde_json::Value::Array(parts) => parts.iter().for_each(|p| literals(p, found)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_grammar_that_is_built_is_the_one_that_is_written() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let written = fs::read_to_string(folder.join("grammar.js")).expect("the grammar");
+    let built = fs::read_to_string(folder.join("src/grammar.json")).expect("what is built from it");
+    let built: serde_json::Value = serde_json::from_str(&built).expect("JSON");
+    let rules = built["rules"].as_object().expect("rules");
+    let (_, body) = written.split_once("  rules: {").expect("the rules");
+    // a rule begins with its name, four spaces in
+    let names = body.lines().filter_map(|l| l.strip_prefix("    ")?.split_once(": ("));
+    let names: Vec<&str> = names.map(|(name, _)| name).filter(|n| !n.contains(|c: char| !c.is_alphanumeric() && c != '_')).collect();
+    assert_eq!(names.len(), rules.len(), "run `tree-sitter generate --no-parser`");
+    for (name, rule) in rules {
+        assert!(names.contains(&name.as_str()), "{name}: run `tree-sitter generate --no-parser`");
+        let mut found = Vec::new();
+        literals(rule, &mut found);
+        for text in found {
+            let quoted = [format!("'{text}'"), format!("/{text}/")];
+            assert!(quoted.iter().any(|q| body.contains(q)), "{name}: `{text}` is not in grammar.js");
+        }
+    }
+}
+
 #[test]
 fn what_editors_colour_exists() {
     let query = Query::new(&tree_sitter_fdm::LANGUAGE.into(), tree_sitter_fdm::HIGHLIGHTS).expect("a query of this grammar");

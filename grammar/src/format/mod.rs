@@ -2,7 +2,7 @@
 //!
 //! **In** a [`Source`] that fits the grammar. **Out** the same words and comments in the same order, laid out; or why not.
 //! **Never** looks at a syntax tree, so that comments and new statements come free, and never changes a word: the result is
-//! read again and compared. **Start** at [`format`]: `pieces.rs` makes words and comments of the text, `lines.rs` cuts them
+//! read again and compared. **Start** at [`format()`]: `pieces.rs` makes words and comments of the text, `lines.rs` cuts them
 //! into statements and lines, `wrap.rs` breaks lines that are too long, `columns.rs` lines up neighbours.
 
 mod cells;
@@ -37,15 +37,16 @@ pub enum Refusal {
 /// # Errors
 /// What of the text cannot be read; then nothing is laid out.
 pub fn format(source: &Source) -> Result<String, Refusal> {
-    let before = syntax::parse(source).map_err(Refusal::Mistakes)?;
-    let text = layout(source.text());
-    let laid_out = Source::new(source.name(), text);
-    let after = syntax::parse(&laid_out).map_err(|_| Refusal::Meaning)?;
-    let same = Printer::with_source(&before, source).model() == Printer::with_source(&after, &laid_out).model();
-    if !same || !same_words(source.text(), laid_out.text()) {
-        return Err(Refusal::Meaning);
-    }
-    Ok(laid_out.text().into())
+    let before = meaning(source).map_err(Refusal::Mistakes)?;
+    let laid_out = Source::new(source.name(), layout(source.text()));
+    let same = meaning(&laid_out).is_ok_and(|after| after == before) && same_words(source.text(), laid_out.text());
+    if same { Ok(laid_out.text().into()) } else { Err(Refusal::Meaning) }
+}
+
+/// What a text says, apart from its places.
+fn meaning(source: &Source) -> Result<String, Vec<Diagnostic>> {
+    let tree = syntax::parse(source)?;
+    Ok(Printer::with_source(&tree, source).model())
 }
 
 /// Lays out any text; of one that does not fit the grammar nothing is promised but that its words stay.

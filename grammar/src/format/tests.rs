@@ -155,6 +155,25 @@ fn neighbours_are_lined_up() {
 }
 
 #[test]
+fn effects_have_the_same_layout() {
+    let text = "effect sensor(y:output,z:state|input)unless depends(der(y),z) \"lag of {y}\" {param T=0 in[0,duration/4]try step,2.5*step;
+      replace y with T ;add der(x)+=c*z; noise der(x)=s;}
+effect short(i: input) \"s\" { param c = 0; replace i with c*i; }
+effect v(i:input){nuisance v0 in scale(i,0.02); const long_name=2*step \"time\";const T=1;}";
+    let wanted = "effect sensor(y: output, z: state | input) unless depends(der(y), z) \"lag of {y}\" {
+  param T = 0 in [0, duration/4] try step, 2.5*step;
+  replace y with T;
+  add der(x) += c*z;
+  noise der(x) = s;
+}
+effect short(i: input) \"s\" { param c = 0; replace i with c*i; }
+effect v(i: input) { nuisance v0 in scale(i, 0.02); const long_name = 2*step \"time\"; const T = 1; }
+";
+    assert_eq!(layout(text), wanted, "\n{}", layout(text));
+    assert_eq!(layout(wanted), wanted);
+}
+
+#[test]
 fn mistakes_are_told_and_nothing_is_laid_out() {
     let refused = format(&Source::new("t.fdm", "model m { param a = ; output y = a; }"));
     assert!(matches!(refused, Err(Refusal::Mistakes(findings)) if findings.len() == 1));
