@@ -1,8 +1,8 @@
 //! Grammar to parser to machine code.
 
 use std::path::Path;
-use tree_sitter_generate::{OptLevel, PARSER_HEADER, generate_parser_for_grammar};
 use std::{env, fs};
+use tree_sitter_generate::{OptLevel, PARSER_HEADER, generate_parser_for_grammar};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=src/grammar.json");
@@ -13,6 +13,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     fs::create_dir_all(folder.join("tree_sitter"))?;
     fs::write(folder.join("tree_sitter/parser.h"), PARSER_HEADER)?;
     fs::write(folder.join("parser.c"), parser)?;
-    cc::Build::new().include(folder).file(folder.join("parser.c")).warnings(false).std("c11").try_compile("tree-sitter-fdm")?;
+    cc::Build::new()
+        .include(folder)
+        .file(folder.join("parser.c"))
+        .warnings(false)
+        .std("c11")
+        .try_compile("tree-sitter-fdm")?;
     Ok(())
 }

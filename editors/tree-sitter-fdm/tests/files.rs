@@ -111,7 +111,8 @@ fn the_grammar_that_is_built_is_the_one_that_is_written() {
     let (_, body) = written.split_once("  rules: {").expect("the rules");
     // a rule begins with its name, four spaces in
     let names = body.lines().filter_map(|l| l.strip_prefix("    ")?.split_once(": ("));
-    let names: Vec<&str> = names.map(|(name, _)| name).filter(|n| !n.contains(|c: char| !c.is_alphanumeric() && c != '_')).collect();
+    let names: Vec<&str> =
+        names.map(|(name, _)| name).filter(|n| !n.contains(|c: char| !c.is_alphanumeric() && c != '_')).collect();
     assert_eq!(names.len(), rules.len(), "run `tree-sitter generate --no-parser`");
     for (name, rule) in rules {
         assert!(names.contains(&name.as_str()), "{name}: run `tree-sitter generate --no-parser`");
@@ -126,7 +127,8 @@ fn the_grammar_that_is_built_is_the_one_that_is_written() {
 
 #[test]
 fn what_editors_colour_exists() {
-    let query = Query::new(&tree_sitter_fdm::LANGUAGE.into(), tree_sitter_fdm::HIGHLIGHTS).expect("a query of this grammar");
+    let query =
+        Query::new(&tree_sitter_fdm::LANGUAGE.into(), tree_sitter_fdm::HIGHLIGHTS).expect("a query of this grammar");
     assert!(query.capture_names().contains(&"variable.definition"));
     // every function of the language is a builtin, every word a keyword
     let words: Vec<&str> = tree_sitter_fdm::HIGHLIGHTS.split('"').skip(1).step_by(2).collect();

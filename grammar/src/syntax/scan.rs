@@ -223,7 +223,11 @@ impl<'a> Scanner<'a> {
     fn unit(&self) -> Option<usize> {
         let previous = self.tokens.last()?;
         match previous.kind {
-            Kind::Keyword if previous.text(self.text) == "in" => return None,
+            Kind::Keyword
+                if matches!(previous.text(self.text), "in" | "if" | "then" | "else" | "and" | "or" | "not") =>
+            {
+                return None;
+            }
             Kind::Sign | Kind::Open | Kind::Semicolon => return None,
             _ => {}
         }
@@ -252,6 +256,8 @@ mod tests {
     #[test]
     fn brackets_behind_in_hold_bounds_and_others_units() {
         let units: Vec<_> = kinds("a [m/s^2] in [0, 1] [in] [1").into_iter().filter(|t| t.1.contains('[')).collect();
+        let vector: Vec<_> = kinds("else [1] [m]").into_iter().map(|t| t.0).collect();
+        assert_eq!(vector, [Kind::Keyword, Kind::Open, Kind::Number, Kind::Close, Kind::Unit]);
         assert_eq!(units, [(Kind::Unit, "[m/s^2]"), (Kind::Open, "["), (Kind::Unit, "[in]"), (Kind::Open, "[")]);
     }
 
