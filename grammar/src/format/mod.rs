@@ -3,11 +3,12 @@
 //! **In** a [`Source`] that fits the grammar. **Out** the same words and comments in the same order, laid out; or why not.
 //! **Never** looks at a syntax tree, so that comments and new statements come free, and never changes a word: the result is
 //! read again and compared. **Start** at [`format()`]: `pieces.rs` makes words and comments of the text, `lines.rs` cuts them
-//! into statements and lines, `wrap.rs` breaks lines that are too long, `columns.rs` lines up neighbours.
+//! into statements and lines, `wrap.rs` breaks lines that are too long, `columns.rs` and `matrices.rs` line up neighbours.
 
 mod cells;
 mod columns;
 mod lines;
+mod matrices;
 mod pieces;
 #[cfg(test)]
 mod tests;
@@ -54,6 +55,7 @@ fn layout(text: &str) -> String {
     let pieces = pieces::pieces(text);
     let mut lines = lines::lines(&pieces);
     columns::align(&mut lines);
+    matrices::align(&mut lines);
     let body = lines::print(&lines);
     let mark = if text.starts_with('\u{feff}') { "\u{feff}" } else { "" };
     // the line ends that the first line has

@@ -155,6 +155,26 @@ fn neighbours_are_lined_up() {
 }
 
 #[test]
+fn rows_of_a_matrix_are_lined_up() {
+    let text = "model m { param A[3,2] = [
+      [-0.5,a],
+      [12 , -0.25*b], // two
+      [f(1,2),0]
+    ]; param B[1,2]=[[1,2]]; }";
+    let wanted = "model m {
+  param A[3,2] = [
+    [   -0.5,       a],
+    [     12, -0.25*b],  // two
+    [f(1, 2),       0]
+  ];
+  param B[1,2] = [[1, 2]];
+}
+";
+    assert_eq!(formatted(text), wanted, "\n{}", formatted(text));
+    assert_eq!(formatted(wanted), wanted);
+}
+
+#[test]
 fn effects_have_the_same_layout() {
     let text = "effect sensor(y:output,z:state|input)unless depends(der(y),z) \"lag of {y}\" {param T=0 in[0,duration/4]try step,2.5*step;
       replace y with T ;add der(x)+=c*z; noise der(x)=s;}
