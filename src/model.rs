@@ -57,17 +57,11 @@ impl Model {
     /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
     /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
-        let path = path.as_ref();
-        let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
-        let name = path.display().to_string();
-        match String::from_utf8(bytes) {
-            Ok(text) => {
-                let mut source = Source::new(name, text.strip_prefix('\u{feff}').unwrap_or(&text));
-                Self::gather_files(&mut source);
-                Self::from_source(source)
-            }
-            Err(error) => Err(not_text(name, error)),
-        }
+        let whole = read_source(path.as_ref())?;
+        let text = whole.text().strip_prefix('\u{feff}').unwrap_or(whole.text());
+        let mut source = Source::new(whole.name(), text);
+        Self::gather_files(&mut source);
+        Self::from_source(source)
     }
 
     /// Reads the files that a model uses from disk; names are relative to the folder of the file that says `use`.
@@ -226,6 +220,16 @@ impl std::fmt::Debug for Model {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Model").field("name", &self.name()).field("source", &self.source.name()).finish_non_exhaustive()
     }
+}
+
+/// Reads the text of a model, with the byte order mark that it may begin with.
+///
+/// # Errors
+/// [`ModelError::Unreadable`] as [`Model::from_file`]; [`ModelError::Invalid`] when it is not UTF-8 text.
+pub fn read_source(path: &Path) -> Result<Source, ModelError> {
+    let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
+    let name = path.display().to_string();
+    String::from_utf8(bytes).map(|text| Source::new(&name, text)).map_err(|error| not_text(name, error))
 }
 
 /// Adds texts in the order in which they are asked for, which is always the same.

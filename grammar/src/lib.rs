@@ -10,6 +10,7 @@ pub mod diagnostic;
 pub mod emit;
 pub mod expand;
 pub mod explain;
+pub mod format;
 pub mod graph;
 pub mod linearise;
 pub mod math;
@@ -48,18 +49,27 @@ pub struct Compiled {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
+    let (mut model, warnings) = examine(source)?;
+    let schedule = Schedule::new(&mut model);
+    Ok(Compiled { model, schedule, warnings })
+}
+
+/// Text to a checked model and its warnings: what editors ask for at every key.
+///
+/// # Errors
+/// As [`compile`].
+pub fn examine(source: &Source) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
     let (tree, mut findings) = syntax::parse_recovering(source);
     let Some(tree) = tree else { return Err(findings) };
     let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
     findings.extend(expanded.findings);
     let elements = expanded.elements;
     match check::check(&expanded.tree) {
-        Ok((mut model, warnings)) if findings.is_empty() => {
+        Ok((model, warnings)) if findings.is_empty() => {
             let mut warnings = elements.told(warnings);
             // not everything that a submodel offers is used
             warnings.retain(|w| w.code != Code::Unused || source.text_at(w.span.start).used_at().is_none());
-            let schedule = Schedule::new(&mut model);
-            return Ok(Compiled { model, schedule, warnings });
+            return Ok((model, warnings));
         }
         // Whether something is unused or without influence can not be said while statements are missing.
         Ok(_) => {}

@@ -103,6 +103,11 @@ impl Function {
     }
 }
 
+/// Every function that users can call, and how the call is written: `("atan2", "atan2(y, x)")`.
+pub fn function_forms() -> impl Iterator<Item = (&'static str, String)> {
+    Function::names().filter_map(|name| Some((name, Function::find(name)?.form(name))))
+}
+
 /// Whether the language describes this function and the compiler does not have it yet.
 pub(super) fn is_planned(name: &str) -> bool {
     PLANNED.contains(&name)

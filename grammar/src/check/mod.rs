@@ -35,6 +35,9 @@ mod unsolved;
 #[cfg(test)]
 mod tests;
 
+pub use functions::function_forms;
+pub use names::reserved;
+
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::syntax::{Role, SyntaxTree};

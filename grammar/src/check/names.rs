@@ -185,8 +185,8 @@ fn declared_twice(role: Role, name: &Name, first: &Symbol<'_>) -> Diagnostic {
     }
 }
 
-/// Why a name cannot be declared.
-fn reserved(name: &str) -> Option<&'static str> {
+/// Why a name cannot be declared, when it belongs to the language.
+pub fn reserved(name: &str) -> Option<&'static str> {
     match (name, word_use(name)) {
         ("t", _) => Some("is the time since the run began"),
         ("pi", _) => Some("is the number 3.14159..."),
