@@ -40,6 +40,18 @@ pub struct Compiled {
     pub warnings: Vec<Diagnostic>,
 }
 
+/// Most operations of a model and its derivatives; their programs take about a hundred bytes for each.
+const MOST_NODES: usize = 4_000_000;
+
+fn swollen(name: &syntax::Name) -> Diagnostic {
+    let model = &name.text;
+    let message = format!(
+        "the derivatives of `{model}` by its states, inputs and parameters take more than {MOST_NODES} operations"
+    );
+    Diagnostic::new(Code::TooLarge, name.span, message)
+        .hint("`fixed` parameters have no derivatives; long chains of `if`, `min` and `max` have one for each of them and each link")
+}
+
 /// Text to programs.
 ///
 /// # Errors
@@ -50,10 +62,10 @@ pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, more) = expand::expand(tree);
     findings.extend(more);
     match check::check(&tree) {
-        Ok((mut model, warnings)) if findings.is_empty() => {
-            let schedule = Schedule::new(&mut model);
-            return Ok(Compiled { model, schedule, warnings });
-        }
+        Ok((mut model, warnings)) if findings.is_empty() => match Schedule::within(&mut model, MOST_NODES) {
+            Ok(schedule) => return Ok(Compiled { model, schedule, warnings }),
+            Err(derive::Swollen) => findings.push(swollen(&tree.name)),
+        },
         // Whether something is unused or without influence can not be said while statements are missing.
         Ok(_) => {}
         Err(more) if findings.is_empty() => findings = more,
