@@ -1,4 +1,5 @@
 //! Nothing swells: what a model becomes grows with its text, counted in nodes and instructions, not in seconds.
+#![allow(clippy::print_stdout, reason = "a study prints its figures")]
 
 mod models;
 
