@@ -42,7 +42,7 @@ codes! {
     // text
     Unexpected      "E0101" "text that does not fit the grammar";
     TooDeep         "E0102" "nested deeper than the limit";
-    TooLarge        "E0103" "text larger than the limit";
+    TooLarge        "E0103" "a text, or its derivatives, larger than the limit";
     Unterminated    "E0104" "a string or bracket that is not closed";
     BadNumber       "E0105" "a number that cannot be represented";
     NotText         "E0106" "a file that is not UTF-8 text";

@@ -44,14 +44,28 @@ pub struct Compiled {
     pub warnings: Vec<Diagnostic>,
 }
 
+/// Most operations of a model and its derivatives; their programs take about a hundred bytes for each.
+const MOST_NODES: usize = 4_000_000;
+
+fn swollen(model: &Model) -> Diagnostic {
+    let name = &model.name;
+    let message = format!(
+        "the derivatives of `{name}` by its states, inputs and parameters take more than {MOST_NODES} operations"
+    );
+    Diagnostic::new(Code::TooLarge, Span::default(), message)
+        .hint("`fixed` parameters have no derivatives; long chains of `if`, `min` and `max` have one for each of them and each link")
+}
+
 /// Text to programs; a text that uses files is completed by [`gather`] before.
 ///
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (mut model, warnings) = examine(source)?;
-    let schedule = Schedule::new(&mut model);
-    Ok(Compiled { model, schedule, warnings })
+    match Schedule::within(&mut model, MOST_NODES) {
+        Ok(schedule) => Ok(Compiled { model, schedule, warnings }),
+        Err(derive::Swollen) => Err(vec![swollen(&model)]),
+    }
 }
 
 /// Text to a checked model and its warnings: what editors ask for at every key.
