@@ -3,9 +3,10 @@
 use super::delays::{Delays, MOST_DELAYED};
 use super::functions::Function;
 use super::kinds::Kinds;
-use super::names::{Meaning, Scope};
+use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use super::records;
+use super::tables::{Method, Tables};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf};
 use crate::op::{Build, ExprId, Op};
@@ -38,7 +39,7 @@ impl Indices {
                 Role::Param if kinds.derived[s] => next(&mut derived),
                 Role::Param => next(&mut params),
                 Role::Output => next(&mut outputs),
-                Role::Const | Role::Let => 0,
+                Role::Const | Role::Let | Role::Table => 0,
             };
             if symbol.role == Role::State && matches!(symbol.declaration.value, Some(Value::Free(_))) {
                 indices.initial[s] = Some(next(&mut params));
@@ -69,6 +70,7 @@ pub(super) struct Expressions {
     /// Every delay.
     pub(super) delays: Vec<DelayCall>,
     pushed: Delays,
+    tables: Tables,
 }
 
 impl Expressions {
@@ -89,6 +91,7 @@ impl Expressions {
             singular: Vec::new(),
             delays: Vec::new(),
             pushed: Delays::default(),
+            tables: Tables::default(),
             graph,
         };
         for (s, symbol) in scope.valid().filter(|(s, _)| !kinds.derived[*s]) {
@@ -166,6 +169,7 @@ impl Expressions {
                     Some(k) => self.graph.leaf(Leaf::Input(k)),
                     None => self.of(e),
                 },
+                Meaning::Table(s) => self.look_up(scope, s, arguments[0], e)?,
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
                 Meaning::Function(function) => {
                     let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
@@ -175,6 +179,23 @@ impl Expressions {
             },
             Expr::Vector(_) | Expr::Element(..) => self.of(e),
         })
+    }
+
+    /// A table's value; what is wrong with its points is told elsewhere.
+    fn look_up(
+        &mut self,
+        scope: &Scope<'_>,
+        s: SymbolId,
+        argument: ExprRef,
+        call: ExprRef,
+    ) -> Result<ExprId, Diagnostic> {
+        let points = scope.symbols[s].table.map_or(&[][..], |t| &t.points);
+        let nodes = &self.nodes;
+        let points = || points.iter().map(|(x, y)| (nodes[x.0 as usize], nodes[y.0 as usize])).collect();
+        let method = scope.symbols[s].table.and_then(|t| Method::find(&t.method.text));
+        let (graph, argument) = (&mut self.graph, self.nodes[argument.0 as usize]);
+        let value = self.tables.value(graph, s, method, points, argument);
+        value.map_err(|error| error.told(scope, s, scope.tree.span(call)))
     }
 
     fn delay(

@@ -34,11 +34,11 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
     let mut used = vec![false; scope.symbols.len()];
     for block in &blocks.list {
         let own = match block.owner {
-            Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) => Some(s),
+            Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) | Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
             Owner::Right(_) | Owner::Known(_) => None,
         };
         for e in blocks.nodes(block) {
-            if let Meaning::Symbol(s) = meanings[e.0 as usize] {
+            if let Meaning::Symbol(s) | Meaning::Table(s) = meanings[e.0 as usize] {
                 used[s] |= own != Some(s);
             }
         }

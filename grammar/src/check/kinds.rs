@@ -57,6 +57,7 @@ impl Kinds {
             match symbol.role {
                 Role::Input | Role::State => Fact { level: Level::Varying, ..NUMBER },
                 Role::Param => Fact { level: Level::Param, broken, ..NUMBER },
+                Role::Table => Fact { broken, ..NUMBER },
                 _ => Fact { broken: broken || !matches!(symbol.declaration.value, Some(Value::Expr(_))), ..NUMBER },
             }
         });
@@ -96,19 +97,24 @@ impl Kinds {
                 _ => Level::Varying,
             },
             Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
-            Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
+            Owner::Ordinate(_) => Level::Param,
+            Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Right(_) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
         let root = self.nodes[block.root.0 as usize];
+        if let Owner::Abscissa(s) | Owner::Ordinate(s) = block.owner {
+            let table = &mut self.symbols[s];
+            (table.level, table.broken) = (table.level.max(root.level), table.broken || root.broken);
+        }
         if let Owner::Value(s) = block.owner {
             match scope.symbols[s].role {
                 Role::Param => self.derived[s] = !root.broken && root.level == Level::Param,
                 Role::Let | Role::Output | Role::Const => {
                     self.symbols[s] = Fact { broken: self.symbols[s].broken || root.broken, ..root };
                 }
-                Role::State | Role::Input => {}
+                Role::State | Role::Input | Role::Table => {}
             }
         }
         exceeded.then_some(most)
@@ -117,7 +123,7 @@ impl Kinds {
     /// The level of a name or of `t`.
     fn level(&self, meaning: Meaning) -> Level {
         match meaning {
-            Meaning::Symbol(s) => self.symbols[s].level,
+            Meaning::Symbol(s) | Meaning::Table(s) => self.symbols[s].level,
             Meaning::Time | Meaning::Record(_) => Level::Varying,
             _ => Level::Constant,
         }
@@ -164,7 +170,11 @@ impl Judge<'_, '_> {
             Expr::Call(_, arguments) => {
                 let mut fact = self.joined(arguments, false, false, Hint::Number);
                 fact.level = fact.level.max(self.kinds.level(meaning));
-                fact.broken |= meaning == Meaning::Broken;
+                fact.broken |= match meaning {
+                    Meaning::Broken => true,
+                    Meaning::Table(s) => self.kinds.symbols[s].broken,
+                    _ => false,
+                };
                 if meaning == Meaning::Function(Function::Delay) && !fact.broken {
                     fact.broken = !self.steady_delay(arguments[1]);
                 }
@@ -259,6 +269,16 @@ fn too_variable(
                 ),
             };
             let message = format!("{subject} `{}` cannot depend on {what}", symbol.name());
+            Diagnostic::new(Code::NotConstant, span, message).hint(hint)
+        }
+        Owner::Abscissa(s) | Owner::Ordinate(s) => {
+            let ordinate = matches!(block.owner, Owner::Ordinate(_));
+            let name = scope.symbols[s].name();
+            let (part, hint) = match ordinate {
+                true => ("ordinates", "they are made of numbers, consts and params"),
+                false => ("abscissae", "they are made of numbers and consts; ordinates may be params"),
+            };
+            let message = format!("the {part} of the table `{name}` cannot depend on {what}");
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
         Owner::Known(k) => {

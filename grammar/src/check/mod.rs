@@ -13,6 +13,7 @@ mod equations;
 mod expressions;
 mod functions;
 mod influence;
+mod interpolation;
 mod kinds;
 mod knowledge;
 mod measures;
@@ -22,6 +23,7 @@ mod order;
 mod records;
 mod remedies;
 mod start;
+mod tables;
 mod unchecked;
 mod units;
 
@@ -53,7 +55,8 @@ pub fn check(tree: &SyntaxTree) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnost
 }
 
 fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
-    let mut scope = Scope::new(tree, findings);
+    let tables = tables::declarations(tree);
+    let mut scope = Scope::new(tree, &tables, findings);
     let equations = equations::read(&mut scope, findings);
     let scope = &scope;
     declarations::attributes(scope, findings);
@@ -68,6 +71,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
 
     let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    tables::check(scope, &kinds, &expressions, findings);
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();

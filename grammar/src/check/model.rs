@@ -109,7 +109,7 @@ pub(super) fn assemble(
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr }),
             Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
-            Role::Param | Role::Const | Role::Let => {}
+            Role::Param | Role::Const | Role::Let | Role::Table => {}
         }
     }
     for (s, symbol) in scope.valid().filter(|(s, _)| indices.record[*s].is_some()) {

@@ -17,6 +17,10 @@ pub(super) enum Owner {
     Lower(SymbolId),
     /// The upper bound.
     Upper(SymbolId),
+    /// The abscissa of a point of a table.
+    Abscissa(SymbolId),
+    /// The ordinate of a point of a table.
+    Ordinate(SymbolId),
     /// The right side of an equation, by index.
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
@@ -55,6 +59,10 @@ impl Blocks {
             if let Some(bounds) = symbol.declaration.bounds {
                 add(Owner::Lower(s), bounds.lower);
                 add(Owner::Upper(s), bounds.upper);
+            }
+            for (x, y) in symbol.table.iter().flat_map(|t| &t.points) {
+                add(Owner::Abscissa(s), *x);
+                add(Owner::Ordinate(s), *y);
             }
         }
         for (k, equation) in equations.iter().enumerate() {
@@ -104,20 +112,15 @@ pub(super) fn sort(
     findings: &mut Vec<Diagnostic>,
 ) -> Vec<bool> {
     let count = scope.symbols.len();
-    let mut value: Vec<Option<usize>> = vec![None; count];
-    let defines = |s: SymbolId| !matches!(scope.symbols[s].role, Role::State | Role::Input);
+    let mut defined_by: Vec<Vec<usize>> = vec![Vec::new(); count];
     for (k, block) in blocks.list.iter().enumerate() {
-        if let Owner::Value(s) = block.owner
-            && defines(s)
-        {
-            value[s] = Some(k);
-        }
+        defines(scope, block.owner).into_iter().for_each(|s| defined_by[s].push(k));
     }
     let needs: Vec<Vec<SymbolId>> = (0..count)
         .map(|s| {
-            let nodes = value[s].map_or(&[][..], |k| blocks.nodes(&blocks.list[k]));
-            let mentioned = nodes.iter().filter_map(|e| match meanings[e.0 as usize] {
-                Meaning::Symbol(d) if value[d].is_some() => Some(d),
+            let nodes = defined_by[s].iter().flat_map(|k| blocks.nodes(&blocks.list[*k]));
+            let mentioned = nodes.filter_map(|e| match meanings[e.0 as usize] {
+                Meaning::Symbol(d) | Meaning::Table(d) if !defined_by[d].is_empty() => Some(d),
                 _ => None,
             });
             mentioned.collect()
@@ -130,12 +133,20 @@ pub(super) fn sort(
             group.iter().for_each(|s| circular[*s] = true);
             findings.push(circle(scope, &needs, &group));
         }
-        order.extend(group.iter().filter_map(|s| value[*s]));
+        order.extend(group.iter().flat_map(|s| &defined_by[*s]));
     }
-    let rest = |b: &Block| !matches!(b.owner, Owner::Value(s) if defines(s));
-    order.extend((0..blocks.list.len()).filter(|k| rest(&blocks.list[*k])));
+    order.extend((0..blocks.list.len()).filter(|k| defines(scope, blocks.list[*k].owner).is_none()));
     blocks.list = order.iter().map(|k| blocks.list[*k].clone()).collect();
     circular
+}
+
+/// The name that stands for a block wherever it is mentioned.
+fn defines(scope: &Scope<'_>, owner: Owner) -> Option<SymbolId> {
+    match owner {
+        Owner::Value(s) if !matches!(scope.symbols[s].role, Role::State | Role::Input) => Some(s),
+        Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
+        _ => None,
+    }
 }
 
 /// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).

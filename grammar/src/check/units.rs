@@ -12,6 +12,7 @@ use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use super::records;
 use super::remedies;
+use super::tables;
 use super::unchecked::{Ledger, Survey};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::op::Op;
@@ -37,13 +38,14 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
     let time = if scope.has_units { Some(measures.known(scope.time.clone())) } else { None };
     let nodes = vec![Measure::Broken; scope.tree.expressions.len()];
     let ledger = Ledger::new(scope);
-    let mut pass = Pass { checked, measures, symbols, time, nodes, ledger, findings };
+    let arguments = tables::argument_units(scope, &mut measures, findings);
+    let mut pass = Pass { checked, measures, symbols, arguments, time, nodes, ledger, findings };
     for block in &checked.blocks.list {
         let mut survey = pass.ledger.survey();
         for e in checked.blocks.nodes(block) {
             let measure = pass.node(*e);
             pass.nodes[e.0 as usize] = measure;
-            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_) | Meaning::Record(_)) {
+            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_) | Meaning::Record(_) | Meaning::Table(_)) {
                 pass.ledger.see(&mut survey, scope.tree.span(*e), measure);
             }
         }
@@ -68,6 +70,8 @@ struct Pass<'a, 'b, 'c> {
     checked: &'c Checked<'a, 'b>,
     measures: Measures,
     symbols: Vec<Measure>,
+    /// By symbol: what a table takes.
+    arguments: Vec<Measure>,
     /// Unit of time; `None` in a model without any unit.
     time: Option<Measure>,
     nodes: Vec<Measure>,
@@ -103,6 +107,7 @@ impl Pass<'_, '_, '_> {
             Expr::Call(name, arguments) => match meaning {
                 Meaning::Function(function) => self.call(function, &name.text, arguments, e),
                 Meaning::Record(output) => self.record(output),
+                Meaning::Table(s) => self.look_up(s, arguments[0]),
                 _ => Measure::Broken,
             },
             Expr::Vector(_) | Expr::Element(..) => Measure::Broken,
@@ -297,6 +302,57 @@ impl Pass<'_, '_, '_> {
         }
     }
 
+    /// The argument of a table is in the unit that it declares, or in that of its first use.
+    fn look_up(&mut self, s: SymbolId, argument: ExprRef) -> Measure {
+        let symbol = &self.checked.scope.symbols[s];
+        match self.measures.agreed(self.arguments[s], self.of(argument)) {
+            Ok(measure) => self.arguments[s] = measure,
+            Err((x, y)) => {
+                let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+                let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+                let message = format!("the table `{}` takes {own}, this is in {other}{factor}", symbol.name());
+                let mut finding = Diagnostic::new(Code::UnitMismatch, self.span(argument), message);
+                if let Some(unit) = symbol.table.and_then(|t| t.argument_unit.as_ref()) {
+                    finding = finding.label(unit.span, "the unit of its argument");
+                }
+                self.findings.push(self.conversion(finding, x, y));
+            }
+        }
+        self.symbols[s]
+    }
+
+    fn abscissa(&mut self, s: SymbolId, value: Measure, root: ExprRef) {
+        match self.measures.agreed(self.arguments[s], value) {
+            Ok(measure) => self.arguments[s] = measure,
+            Err((x, y)) => {
+                let name = self.checked.scope.symbols[s].name();
+                let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+                let message = format!("the abscissae of the table `{name}` are in {own}, this is in {other}");
+                let finding = Diagnostic::new(Code::UnitMismatch, self.span(root), message);
+                self.findings.push(self.conversion(finding, x, y));
+            }
+        }
+    }
+
+    fn ordinate(&mut self, s: SymbolId, value: Measure, root: ExprRef) {
+        let symbol = &self.checked.scope.symbols[s];
+        if symbol.declaration.unit.is_some() {
+            return self.compare(s, value, root, "this ordinate");
+        }
+        let known = if let Measure::Unknown(_) = self.symbols[s] { Measure::Number } else { self.symbols[s] };
+        match self.measures.agreed(known, value) {
+            Ok(Measure::Number) => {}
+            Ok(measure) => self.symbols[s] = measure,
+            Err((x, y)) => {
+                let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+                let message =
+                    format!("the ordinates of the table `{}` are in {own}, this is in {other}", symbol.name());
+                let finding = Diagnostic::new(Code::UnitMismatch, self.span(root), message);
+                self.findings.push(self.conversion(finding, x, y));
+            }
+        }
+    }
+
     fn out_of_range(&mut self, e: ExprRef) -> Measure {
         let message = "the exponents of the unit of this expression are too large";
         self.findings.push(Diagnostic::new(Code::UnitExponent, self.span(e), message));
@@ -325,6 +381,8 @@ impl Pass<'_, '_, '_> {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));
             }
+            Owner::Abscissa(s) => self.abscissa(s, value, block.root),
+            Owner::Ordinate(s) => self.ordinate(s, value, block.root),
             Owner::Right(k) => self.equation(k, value, survey),
         }
     }

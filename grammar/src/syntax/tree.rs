@@ -107,10 +107,12 @@ pub enum Role {
     Let,
     /// `output`
     Output,
+    /// `table`: a function of one argument, declared by a statement of its own
+    Table,
 }
 
 impl Role {
-    /// Every kind.
+    /// The kinds that stand before a list of declarations.
     pub const ALL: [Role; 6] = [Self::Input, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
 
     /// The keyword.
@@ -122,6 +124,7 @@ impl Role {
             Self::Const => "const",
             Self::Let => "let",
             Self::Output => "output",
+            Self::Table => "table",
         }
     }
 }
