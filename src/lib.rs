@@ -36,7 +36,7 @@ pub use fdm_grammar::math;
 /// assert_eq!(roll.layout().states, 2);
 /// ```
 pub use fdm_macros::model;
-pub use model::{Model, ModelError};
+pub use model::{Model, ModelError, NotTied};
 
 /// The README, whose Rust code is run by the tests.
 #[cfg(doctest)]

@@ -70,6 +70,7 @@ codes! {
     BadDelay        "E0406" "a delay that is negative or changes during the run";
     NotFinite       "E0407" "a value that is not finite";
     BadTable        "E0408" "a table whose points are too few or not in order";
+    BadBlock        "E0409" "a block that cannot be built of states";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";

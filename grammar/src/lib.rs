@@ -32,8 +32,10 @@ pub use unit::Unit;
 /// A model that passed every check, its programs, and the warnings that it left.
 #[derive(Debug, Clone)]
 pub struct Compiled {
-    /// The checked model.
+    /// The checked model, its ties on.
     pub model: Model,
+    /// The same with its ties open; none when it has no ties.
+    pub loose: Option<Box<Model>>,
     /// Its programs.
     pub schedule: Schedule,
     /// Findings that do not stop the compilation.
@@ -50,9 +52,11 @@ pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, more) = expand::expand(tree);
     findings.extend(more);
     match check::check(&tree) {
-        Ok((mut model, warnings)) if findings.is_empty() => {
+        Ok((loose, warnings)) if findings.is_empty() => {
+            let mut model = loose.tied(&[]);
             let schedule = Schedule::new(&mut model);
-            return Ok(Compiled { model, schedule, warnings });
+            let loose = (!loose.ties.is_empty()).then(|| Box::new(loose));
+            return Ok(Compiled { model, loose, schedule, warnings });
         }
         // Whether something is unused or without influence can not be said while statements are missing.
         Ok(_) => {}

@@ -231,7 +231,9 @@ impl ResultFolder {
     /// # Errors
     /// [`ModelError`] when this version of the program no longer reads it.
     pub fn model(&self) -> Result<Model, ModelError> {
-        Model::from_text(self.folder.join(MODEL).display().to_string(), &self.model)
+        let model = Model::from_text(self.folder.join(MODEL).display().to_string(), &self.model)?;
+        // the names were taken from this text
+        Ok(model.untied(&self.manifest.untied).unwrap_or(model))
     }
 
     /// The runs that were fitted.

@@ -1,7 +1,9 @@
 //! Builds the graph: the nodes of the text in order of definition, each name replaced by what it stands for.
 
+use super::beginnings::Builder;
 use super::delays::{Delays, MOST_DELAYED};
 use super::functions::Function;
+use super::initials::Initials;
 use super::kinds::Kinds;
 use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
@@ -20,13 +22,15 @@ pub(super) struct Indices {
     pub(super) initial: Vec<Option<u32>>,
     /// By symbol: the hidden input that is the record of an output.
     pub(super) record: Vec<Option<u32>>,
+    /// How many params there are.
+    pub(super) params: u32,
 }
 
 impl Indices {
     /// Counts in the order of the text.
     pub(super) fn new(scope: &Scope<'_>, meanings: &[Meaning], kinds: &Kinds) -> Self {
         let count = scope.symbols.len();
-        let mut indices = Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count] };
+        let mut indices = Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count], params: 0 };
         let (mut inputs, mut states, mut params, mut derived, mut outputs) = (0, 0, 0, 0, 0);
         let next = |count: &mut u32| {
             *count += 1;
@@ -45,6 +49,7 @@ impl Indices {
                 indices.initial[s] = Some(next(&mut params));
             }
         }
+        indices.params = params;
         // hidden inputs stand behind the declared ones
         records::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
         indices
@@ -62,7 +67,7 @@ pub(super) struct Expressions {
     /// All expressions.
     pub(super) graph: Graph,
     /// By node of the text; meaningless for broken ones.
-    nodes: Vec<ExprId>,
+    pub(super) nodes: Vec<ExprId>,
     /// By symbol: what its name stands for.
     symbols: Vec<ExprId>,
     /// Constants that are not finite although their operands are, with the roots that contain them.
@@ -71,6 +76,10 @@ pub(super) struct Expressions {
     pub(super) delays: Vec<DelayCall>,
     pushed: Delays,
     tables: Tables,
+    /// Expressions at the beginning of a run.
+    pub(super) initials: Initials,
+    /// By state: its initial value, as far as it is known.
+    pub(super) beginnings: Vec<Option<ExprId>>,
 }
 
 impl Expressions {
@@ -92,6 +101,8 @@ impl Expressions {
             delays: Vec::new(),
             pushed: Delays::default(),
             tables: Tables::default(),
+            initials: Initials::new(indices.params),
+            beginnings: Vec::new(),
             graph,
         };
         for (s, symbol) in scope.valid().filter(|(s, _)| !kinds.derived[*s]) {
@@ -103,28 +114,31 @@ impl Expressions {
             };
             expressions.symbols[s] = expressions.graph.leaf(leaf);
         }
-        let mut too_many = false;
-        for block in &blocks.list {
-            for e in blocks.nodes(block).iter().filter(|e| !kinds.of(**e).broken) {
-                let built = match expressions.node(scope, *e, meanings, indices, findings) {
-                    Ok(built) => built,
-                    Err(finding) if !too_many => {
-                        too_many = true;
-                        findings.push(finding);
-                        nothing
-                    }
-                    Err(_) => nothing,
-                };
-                expressions.nodes[e.0 as usize] = built;
-                expressions.watch(scope, block, *e);
-            }
+        expressions.known_beginnings(scope, indices);
+        let mut builder = Builder { scope, blocks, meanings, kinds, indices, too_many: false, findings };
+        let (later, now): (Vec<&Block>, Vec<&Block>) = blocks.list.iter().partition(|b| builder.needs_beginnings(b));
+        for block in now {
+            builder.block(&mut expressions, block);
             if let Owner::Value(s) = block.owner
                 && (matches!(scope.symbols[s].role, Role::Let | Role::Const | Role::Output) || kinds.derived[s])
             {
                 expressions.symbols[s] = expressions.nodes[block.root.0 as usize];
             }
         }
+        builder.beginnings(&mut expressions, &later);
         expressions
+    }
+
+    /// Initial values that no expression gives.
+    fn known_beginnings(&mut self, scope: &Scope<'_>, indices: &Indices) {
+        for (s, symbol) in scope.valid().filter(|(_, symbol)| symbol.role == Role::State) {
+            let value = match (indices.initial[s], symbol.declaration.value) {
+                (Some(k), _) => Some(self.graph.leaf(Leaf::Param(k))),
+                (None, Some(Value::Expr(_))) => None,
+                (None, _) => Some(self.graph.number(0.0)),
+            };
+            self.beginnings.push(value);
+        }
     }
 
     /// The expression of a node.
@@ -137,7 +151,7 @@ impl Expressions {
         self.graph.constant(self.of(e))
     }
 
-    fn node(
+    pub(super) fn node(
         &mut self,
         scope: &Scope<'_>,
         e: ExprRef,
@@ -171,6 +185,10 @@ impl Expressions {
                 },
                 Meaning::Table(s) => self.look_up(scope, s, arguments[0], e)?,
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
+                Meaning::Function(Function::Initial) => {
+                    let argument = self.of(arguments[0]);
+                    self.initials.of(&mut self.graph, argument, &self.beginnings)
+                }
                 Meaning::Function(function) => {
                     let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
                     call(&mut self.graph, function, &args)
@@ -223,8 +241,8 @@ impl Expressions {
     }
 
     /// Notes constants that stop being finite here.
-    fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
-        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_)) {
+    pub(super) fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
+        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_) | Owner::Like(_)) {
             return;
         }
         let expr = scope.tree.expr(e);
@@ -303,6 +321,6 @@ fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
             graph.apply(Op::Mul, &[k, args[0]])
         }
         // delays and records are leaves of the graph, derivatives stand on left sides
-        Function::Delay | Function::Der | Function::Measured => args[0],
+        Function::Delay | Function::Der | Function::Measured | Function::Initial => args[0],
     }
 }

@@ -67,7 +67,7 @@ impl Kinds {
             derived: vec![false; scope.symbols.len()],
         };
         for block in &blocks.list {
-            let mut judge = Judge { scope, meanings, kinds: &mut kinds, findings };
+            let mut judge = Judge { scope, owner: block.owner, meanings, kinds: &mut kinds, findings };
             for e in blocks.nodes(block) {
                 let fact = judge.node(*e);
                 judge.kinds.nodes[e.0 as usize] = fact;
@@ -97,9 +97,9 @@ impl Kinds {
                 _ => Level::Varying,
             },
             Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
-            Owner::Ordinate(_) => Level::Param,
+            Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
             Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
-            Owner::Right(_) => Level::Varying,
+            Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
@@ -140,6 +140,7 @@ enum Hint {
 
 struct Judge<'a, 'b> {
     scope: &'b Scope<'a>,
+    owner: Owner,
     meanings: &'b [Meaning],
     kinds: &'b mut Kinds,
     findings: &'b mut Vec<Diagnostic>,
@@ -175,6 +176,10 @@ impl Judge<'_, '_> {
                     Meaning::Table(s) => self.kinds.symbols[s].broken,
                     _ => false,
                 };
+                if meaning == Meaning::Function(Function::Initial) {
+                    fact.level = fact.level.min(Level::Param);
+                    fact.broken |= !self.begins_a_state(e);
+                }
                 if meaning == Meaning::Function(Function::Delay) && !fact.broken {
                     fact.broken = !self.steady_delay(arguments[1]);
                 }
@@ -217,6 +222,17 @@ impl Judge<'_, '_> {
                 .hint("`if condition then 1 else 0` makes it a number"),
         });
         false
+    }
+
+    /// `initial(x)` is known when a run begins, which is where states need it.
+    fn begins_a_state(&mut self, e: ExprRef) -> bool {
+        let fits = matches!(self.owner, Owner::Value(s) if self.scope.symbols[s].role == Role::State);
+        if !fits {
+            let message = "`initial(...)` stands in the initial value of a state only";
+            let finding = Diagnostic::new(Code::Unsupported, self.scope.tree.span(e), message);
+            self.findings.push(finding.hint("hold it in a state: `state x0 = initial(x); der(x0) = 0;`"));
+        }
+        fits
     }
 
     fn steady_delay(&mut self, tau: ExprRef) -> bool {
@@ -271,6 +287,10 @@ fn too_variable(
             let message = format!("{subject} `{}` cannot depend on {what}", symbol.name());
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
+        Owner::Tie(s) => {
+            let message = format!("what the param `{}` is tied to cannot depend on {what}", scope.symbols[s].name());
+            Diagnostic::new(Code::NotConstant, span, message).hint("a tie is made of params, consts and numbers")
+        }
         Owner::Abscissa(s) | Owner::Ordinate(s) => {
             let ordinate = matches!(block.owner, Owner::Ordinate(_));
             let name = scope.symbols[s].name();
@@ -289,6 +309,8 @@ fn too_variable(
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
-        Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
+        Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => {
+            Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}"))
+        }
     }
 }

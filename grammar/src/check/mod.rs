@@ -7,12 +7,15 @@
 //! operands come first, and blocks of them are sorted so that every name is defined before it is used.
 //! **Start** at [`check`]; it is the list of passes.
 
+mod argument_units;
+mod beginnings;
 mod declarations;
 mod delays;
 mod equations;
 mod expressions;
 mod functions;
 mod influence;
+mod initials;
 mod interpolation;
 mod kinds;
 mod knowledge;
@@ -24,6 +27,7 @@ mod records;
 mod remedies;
 mod start;
 mod tables;
+mod ties;
 mod unchecked;
 mod units;
 
@@ -63,7 +67,8 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     outputs(scope, findings);
 
     let known = knowledge::read(scope, findings);
-    let mut blocks = Blocks::new(scope, &equations, &known);
+    let bonds = ties::read(scope, findings);
+    let mut blocks = Blocks::new(scope, &equations, &bonds, &known);
     let meanings = names::resolve(scope, &blocks, findings);
     let circular = order::sort(scope, &mut blocks, &meanings, findings);
     let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
@@ -71,10 +76,12 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
 
     let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    ties::check(scope, &kinds, &bonds, &known, findings);
     tables::check(scope, &kinds, &expressions, findings);
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
-    let params = model::params(scope, &kinds, &indices, &ranges);
-    let start: Vec<f64> = params.iter().map(|p| p.value).collect();
+    let mut params = model::params(scope, &kinds, &indices, &ranges);
+    model::first_samples(scope, &indices, &expressions, &mut params);
+    let start = model::start(&params);
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
         scope,
@@ -95,10 +102,12 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, knowledge);
+    let ties = model::ties(&blocks, &indices, &expressions);
+    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, ties, knowledge);
     records::circular(scope, &model, findings);
-    influence::without_influence(scope, &blocks, &meanings, &model, findings);
-    Some(model)
+    let tied = ties::tied(scope, &model, &bonds, findings);
+    influence::without_influence(scope, &blocks, &meanings, &tied, findings);
+    (!findings.iter().any(Diagnostic::is_error)).then_some(model)
 }
 
 /// Mistakes behind which anything may be meant, so that what nothing uses may well be used there.

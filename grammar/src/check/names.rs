@@ -110,11 +110,8 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
-                StatementKind::Tie(_) => {
-                    let message = "this version does not compile this statement yet";
-                    findings.push(Diagnostic::new(Code::Unsupported, statement.span, message));
-                }
                 StatementKind::Equation(..)
+                | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
@@ -361,12 +358,12 @@ fn name_of_derivative(state: &str) -> String {
 
 fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     let text = &name.text;
-    if functions::is_planned(text) {
-        let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
-        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
-    }
     let message = format!("`{text}` is not a function");
     let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);
+    if functions::BLOCKS.contains(&text.as_str()) {
+        // made states everywhere but here
+        return finding.hint("a block stands in an expression of a model");
+    }
     if scope.find(text).is_some() {
         return finding.hint(format!("a product is written with a sign: `{text}*(...)`"));
     }
@@ -374,7 +371,7 @@ fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
         return finding.hint(format!("write `{own}`"));
     }
     let short = text.chars().count() <= LONGEST_GUESS;
-    let mut names: Vec<&str> = Function::names().collect();
+    let mut names: Vec<&str> = Function::names().chain(functions::BLOCKS.iter().copied()).collect();
     names.extend(scope.symbols.iter().filter(|s| s.role == Role::Table).map(Symbol::name));
     match short.then(|| crate::diagnostic::nearest(text, names)).flatten() {
         Some(near) => finding.hint(format!("did you mean `{near}`?")),

@@ -3,6 +3,7 @@
 use super::equations::Equation;
 use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
+use super::ties::Bond;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{Expr, ExprRef, Role, Value};
 use std::collections::{HashMap, HashSet, VecDeque};
@@ -17,6 +18,12 @@ pub(super) enum Owner {
     Lower(SymbolId),
     /// The upper bound.
     Upper(SymbolId),
+    /// An expression in the unit of a block's state.
+    Like(SymbolId),
+    /// An argument of a block, by its number among those of the name.
+    Want(SymbolId, usize),
+    /// What a param is tied to.
+    Tie(SymbolId),
     /// The abscissa of a point of a table.
     Abscissa(SymbolId),
     /// The ordinate of a point of a table.
@@ -48,7 +55,7 @@ pub(super) struct Blocks {
 
 impl Blocks {
     /// Collects declarations, equations, and what is known.
-    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation], known: &[Known]) -> Self {
+    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation], bonds: &[Bond], known: &[Known]) -> Self {
         let mut blocks = Self::default();
         let mut seen = vec![false; scope.tree.expressions.len()];
         let mut add = |owner, root| blocks.add(scope, &mut seen, owner, root);
@@ -60,11 +67,16 @@ impl Blocks {
                 add(Owner::Lower(s), bounds.lower);
                 add(Owner::Upper(s), bounds.upper);
             }
+            if let Some(made) = &symbol.declaration.made {
+                made.like.iter().for_each(|like| add(Owner::Like(s), *like));
+                made.wants.iter().enumerate().for_each(|(k, want)| add(Owner::Want(s, k), want.argument));
+            }
             for (x, y) in symbol.table.iter().flat_map(|t| &t.points) {
                 add(Owner::Abscissa(s), *x);
                 add(Owner::Ordinate(s), *y);
             }
         }
+        bonds.iter().for_each(|b| add(Owner::Tie(b.symbol), b.root));
         for (k, equation) in equations.iter().enumerate() {
             add(Owner::Right(k), equation.right);
         }
@@ -92,15 +104,8 @@ impl Blocks {
 }
 
 /// Visits the operands of a node.
-pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
-    match expr {
-        Expr::Number(_) | Expr::Name(_) => {}
-        Expr::Unary(_, a) => visit(*a),
-        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
-        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Element(..) => {}
-        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
-    }
+pub(super) fn each_operand(expr: &Expr, visit: impl FnMut(ExprRef)) {
+    expr.each_operand(visit);
 }
 
 /// Brings the blocks into the order of definition and tells of circles; the result says for each symbol whether it
@@ -131,7 +136,7 @@ pub(super) fn sort(
     for group in components(&needs) {
         if group.len() > 1 || needs[group[0]].contains(&group[0]) {
             group.iter().for_each(|s| circular[*s] = true);
-            findings.push(circle(scope, &needs, &group));
+            findings.push(circle(scope, &needs, &group, &defined_by));
         }
         order.extend(group.iter().flat_map(|s| &defined_by[*s]));
     }
@@ -144,7 +149,7 @@ pub(super) fn sort(
 fn defines(scope: &Scope<'_>, owner: Owner) -> Option<SymbolId> {
     match owner {
         Owner::Value(s) if !matches!(scope.symbols[s].role, Role::State | Role::Input) => Some(s),
-        Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
+        Owner::Tie(s) | Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
         _ => None,
     }
 }
@@ -218,7 +223,7 @@ fn shortest_circle(needs: &[Vec<SymbolId>], group: &[SymbolId], first: SymbolId)
 const LONGEST_CIRCLE: usize = 12;
 
 /// Describes the shortest circle through the member that is declared first.
-fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Diagnostic {
+fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId], defined_by: &[Vec<usize>]) -> Diagnostic {
     let first = group.iter().copied().min().unwrap_or_default();
     let names = shortest_circle(needs, group, first);
     let name = |s: &SymbolId| format!("`{}`", scope.symbols[*s].name());
@@ -239,7 +244,10 @@ fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Dia
         finding = finding.label(scope.symbols[*s].declaration.name.span, "part of the circle");
     }
     let all = |role: Role| names.iter().all(|s| scope.symbols[*s].role == role);
-    finding.hint(if all(Role::Param) || all(Role::Const) {
+    let tied = names.iter().any(|s| defined_by[*s].len() > 1 && scope.symbols[*s].role == Role::Param);
+    finding.hint(if tied {
+        "remove one of the ties"
+    } else if all(Role::Param) || all(Role::Const) {
         "give one of them a number"
     } else if length == 1 {
         "a definition holds at all times: give the new value a name of its own; what changes with time is a `state`"

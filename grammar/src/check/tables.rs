@@ -2,8 +2,7 @@
 
 use super::expressions::Expressions;
 use super::kinds::Kinds;
-use super::measures::{Measure, Measures};
-use super::names::{Scope, Symbol, SymbolId, read_unit};
+use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::graph::Graph;
 use crate::op::ExprId;
@@ -32,19 +31,6 @@ pub(super) fn declarations(tree: &SyntaxTree) -> Vec<Declaration> {
         Declaration { doc, unit, ..Declaration::new(table.name.clone(), span) }
     };
     tables.map(declaration).collect()
-}
-
-/// What the tables take, by symbol; numbers where no unit is declared.
-pub(super) fn argument_units(
-    scope: &Scope<'_>,
-    measures: &mut Measures,
-    findings: &mut Vec<Diagnostic>,
-) -> Vec<Measure> {
-    let mut unit = |symbol: &Symbol<'_>| match symbol.table.and_then(|t| t.argument_unit.as_ref()) {
-        None => Measure::Number,
-        Some(text) => read_unit(text, findings).map_or(Measure::Broken, |unit| measures.known(unit)),
-    };
-    scope.symbols.iter().map(|symbol| unit(symbol)).collect()
 }
 
 /// How a table is called.

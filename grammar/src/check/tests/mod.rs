@@ -1,9 +1,12 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod blocks;
 mod limits;
 mod mistakes;
 mod models;
 mod random;
+mod tables;
+mod ties;
 
 mod units;
 
