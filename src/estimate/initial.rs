@@ -139,6 +139,7 @@ mod tests {
             params: 4,
             outputs: 3,
             first: Vec::new(),
+            vanishing: Vec::new(),
             delayed: vec![Signal::State(1)],
             known: 0,
             initial: 0..0,

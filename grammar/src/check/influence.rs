@@ -36,7 +36,7 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
         let own = match block.owner {
             Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) | Owner::Tie(s) => Some(s),
             Owner::Abscissa(s) | Owner::Ordinate(s) | Owner::Like(s) | Owner::Want(s, _) => Some(s),
-            Owner::Right(_) | Owner::Known(_) => None,
+            Owner::Left(_) | Owner::Right(_) | Owner::Known(_) => None,
         };
         for e in blocks.nodes(block) {
             if let Meaning::Symbol(s) | Meaning::Table(s) = meanings[e.0 as usize] {

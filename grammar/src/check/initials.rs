@@ -13,6 +13,8 @@ pub(super) struct Initials {
     pub(super) first: Vec<u32>,
     /// Index of the first param that holds such a sample.
     from: u32,
+    /// Inputs; what has a greater index is a derivative.
+    inputs: u32,
 }
 
 /// What a node needs of the state whose value it is, or is made of.
@@ -27,8 +29,8 @@ fn signal(graph: &Graph, leaf: Leaf) -> Option<Signal> {
 
 impl Initials {
     /// Nothing yet; `from` is the first index that no param has.
-    pub(super) fn new(from: u32) -> Self {
-        Self { from, ..Self::default() }
+    pub(super) fn new(from: u32, inputs: u32) -> Self {
+        Self { from, inputs, ..Self::default() }
     }
 
     /// The nodes below `e` that have not been looked at, operands first.
@@ -48,7 +50,7 @@ impl Initials {
     pub(super) fn missing(&self, graph: &Graph, e: ExprId, states: &[Option<ExprId>]) -> Vec<u32> {
         let state = |k: &ExprId| match graph.node(*k) {
             Node::Leaf(leaf) => match signal(graph, leaf) {
-                Some(Signal::State(k)) if states[k as usize].is_none() => Some(k),
+                Some(Signal::State(k)) if states.get(k as usize) == Some(&None) => Some(k),
                 _ => None,
             },
             _ => None,
@@ -62,9 +64,12 @@ impl Initials {
             let value = match graph.node(k) {
                 Node::Constant(_) | Node::Leaf(Leaf::Param(_)) => k,
                 Node::Leaf(leaf) => match signal(graph, leaf) {
-                    Some(Signal::State(state)) => states[state as usize].unwrap_or(k),
-                    Some(Signal::Input(input)) => self.sample(graph, input),
-                    None => graph.number(0.0),
+                    Some(Signal::State(state)) if (state as usize) < states.len() => {
+                        states[state as usize].unwrap_or(k)
+                    }
+                    Some(Signal::Input(input)) if input < self.inputs => self.sample(graph, input),
+                    // time, and derivatives at rest
+                    _ => graph.number(0.0),
                 },
                 Node::Apply(op, args) => self.applied(graph, op, &args[..op.row().arity]),
             };

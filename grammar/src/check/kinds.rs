@@ -99,7 +99,7 @@ impl Kinds {
             Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
             Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
             Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
-            Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
+            Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
@@ -176,6 +176,9 @@ impl Judge<'_, '_> {
                     Meaning::Table(s) => self.kinds.symbols[s].broken,
                     _ => false,
                 };
+                if meaning == Meaning::Function(Function::Der) {
+                    fact.level = Level::Varying;
+                }
                 if meaning == Meaning::Function(Function::Initial) {
                     fact.level = fact.level.min(Level::Param);
                     fact.broken |= !self.begins_a_state(e);
@@ -309,7 +312,7 @@ fn too_variable(
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
-        Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => {
+        Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => {
             Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}"))
         }
     }

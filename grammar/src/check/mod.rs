@@ -11,6 +11,8 @@ mod argument_units;
 mod beginnings;
 mod declarations;
 mod delays;
+mod derivatives;
+mod elimination;
 mod equations;
 mod expressions;
 mod functions;
@@ -19,17 +21,22 @@ mod initials;
 mod interpolation;
 mod kinds;
 mod knowledge;
+mod matching;
 mod measures;
 mod model;
 mod names;
 mod order;
+mod rates;
+mod reach;
 mod records;
 mod remedies;
 mod start;
+mod substitution;
 mod tables;
 mod ties;
 mod unchecked;
 mod units;
+mod unsolved;
 
 #[cfg(test)]
 mod tests;
@@ -74,14 +81,15 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
     let indices = Indices::new(scope, &meanings, &kinds);
 
-    let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
     ties::check(scope, &kinds, &bonds, &known, findings);
     tables::check(scope, &kinds, &expressions, findings);
-    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let mut params = model::params(scope, &kinds, &indices, &ranges);
     model::first_samples(scope, &indices, &expressions, &mut params);
     let start = model::start(&params);
+    let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, &params, findings);
+    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
         scope,
@@ -103,7 +111,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
         return None;
     }
     let ties = model::ties(&blocks, &indices, &expressions);
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, ties, knowledge);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, params, ties, knowledge);
     records::circular(scope, &model, findings);
     let tied = ties::tied(scope, &model, &bonds, findings);
     influence::without_influence(scope, &blocks, &meanings, &tied, findings);

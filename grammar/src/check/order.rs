@@ -5,7 +5,8 @@ use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
 use super::ties::Bond;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Expr, ExprRef, Role, Value};
+pub(super) use crate::syntax::operands as each_operand;
+use crate::syntax::{ExprRef, Role, Value};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::ops::Range;
 
@@ -28,6 +29,8 @@ pub(super) enum Owner {
     Abscissa(SymbolId),
     /// The ordinate of a point of a table.
     Ordinate(SymbolId),
+    /// The left side of an equation that is solved for derivatives, by index.
+    Left(usize),
     /// The right side of an equation, by index.
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
@@ -78,6 +81,9 @@ impl Blocks {
         }
         bonds.iter().for_each(|b| add(Owner::Tie(b.symbol), b.root));
         for (k, equation) in equations.iter().enumerate() {
+            if equation.implicit {
+                add(Owner::Left(k), equation.left);
+            }
             add(Owner::Right(k), equation.right);
         }
         known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
@@ -101,11 +107,6 @@ impl Blocks {
         self.nodes[start..].sort_unstable();
         self.list.push(Block { owner, root, range: start..self.nodes.len() });
     }
-}
-
-/// Visits the operands of a node.
-pub(super) fn each_operand(expr: &Expr, visit: impl FnMut(ExprRef)) {
-    expr.each_operand(visit);
 }
 
 /// Brings the blocks into the order of definition and tells of circles; the result says for each symbol whether it
@@ -155,7 +156,7 @@ fn defines(scope: &Scope<'_>, owner: Owner) -> Option<SymbolId> {
 }
 
 /// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).
-fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
+pub(super) fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
     const NEW: usize = usize::MAX;
     let mut index = vec![NEW; needs.len()];
     let mut low = vec![0; needs.len()];

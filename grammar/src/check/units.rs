@@ -47,6 +47,7 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
         time,
         nodes: vec![Measure::Broken; scope.tree.expressions.len()],
         ledger: Ledger::new(scope),
+        left: None,
         findings: &mut found,
     };
     for round in 1..=ROUNDS {
@@ -98,6 +99,8 @@ pub(super) struct Pass<'a, 'b, 'c> {
     pub(super) time: Option<Measure>,
     nodes: Vec<Measure>,
     ledger: Ledger,
+    /// What was seen on the left of an equation whose right side comes next.
+    left: Option<Survey>,
     pub(super) findings: &'c mut Vec<Diagnostic>,
 }
 
@@ -249,7 +252,11 @@ impl Pass<'_, '_, '_> {
                 first
             }
             Function::Initial => first,
-            Function::Der | Function::Measured => self.of(e),
+            Function::Der => match self.time {
+                Some(time) => self.measures.joined(first, time, true).unwrap_or_else(|OutOfRange| self.out_of_range(e)),
+                None => first,
+            },
+            Function::Measured => self.of(e),
         }
     }
 
@@ -394,6 +401,8 @@ impl Pass<'_, '_, '_> {
             Owner::Tie(s) => self.compare(s, value, block.root, "what it is tied to"),
             Owner::Abscissa(s) => self.abscissa(s, value, block.root),
             Owner::Ordinate(s) => self.ordinate(s, value, block.root),
+            Owner::Left(_) => self.left = Some(survey),
+            Owner::Right(k) if self.checked.equations[k].implicit => self.implicit(k, value, survey),
             Owner::Right(k) => self.equation(k, value, survey),
         }
     }
@@ -435,6 +444,27 @@ impl Pass<'_, '_, '_> {
         if let Some(unit) = &symbol.declaration.unit {
             finding = finding.label(unit.span, "the unit of the state");
         }
+        self.findings.push(self.conversion(finding, x, y));
+    }
+
+    /// Both sides of an equation that is solved for derivatives.
+    fn implicit(&mut self, k: usize, right: Measure, mut survey: Survey) {
+        let equation = &self.checked.equations[k];
+        let left = self.of(equation.left);
+        if let Some(seen) = self.left.take() {
+            survey.join(seen);
+        }
+        let Err((x, y)) = self.measures.agreed(left, right) else {
+            if left != Measure::Broken && right != Measure::Broken {
+                self.ledger.enter(survey, || "an equation".to_string());
+            }
+            return;
+        };
+        let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+        let message = format!("the left side is in {own}, the right side in {other}{factor}");
+        let finding = Diagnostic::new(Code::UnitMismatch, self.span(equation.right), message);
+        let finding = finding.label(self.span(equation.left), format!("this is in {own}"));
         self.findings.push(self.conversion(finding, x, y));
     }
 

@@ -23,6 +23,8 @@ pub struct Layout {
     pub first: Vec<(u32, u32)>,
     /// Number of outputs q.
     pub outputs: usize,
+    /// Inputs that are zero outside the record: derivatives of inputs, which keep their values there.
+    pub vanishing: Vec<u32>,
     /// Delayed signals; they follow the inputs in the drive.
     pub delayed: Vec<Signal>,
     /// Length of the array that `prepare` fills.

@@ -139,6 +139,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         params: model.params.len(),
         outputs: model.outputs.len(),
         first: first_samples(model),
+        vanishing: model.vanishing().collect(),
         delayed: graph.delayed().iter().map(|s| s.signal).collect(),
         known: known.len(),
         initial,
