@@ -197,5 +197,5 @@ fn an_equality_is_tested_by_switching_its_tie_off() {
     let c = both.estimate.parameter("c", None).unwrap();
     assert!((c.value - 1.3).abs() < 4.0 * c.error().unwrap() && c.status == Status::Estimated);
     let wrong = model.untied(&["M".into()]).unwrap_err().to_string();
-    assert_eq!(wrong, "`M` is not tied; did you mean `N`?");
+    assert_eq!(wrong, "`M` is not tied; tied are `N`, `c`");
 }

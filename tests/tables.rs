@@ -37,7 +37,7 @@ fn aeroplane(method: &str) -> Model {
 fn flight(model: &Model, part: f64, seed: u64) -> Run {
     let (n, dt, q) = (1500, 0.02, 3);
     let time: Vec<f64> = (0..n).map(|k| dt * k as f64).collect();
-    let elevator = |t: f64| -0.09 - 0.13 * (0.5 * t + 0.3).sin() - 0.08 * (1.7 * t).sin() - 0.04 * (4.1 * t).cos();
+    let elevator = |t: f64| -0.055 - 0.13 * (0.5 * t + 0.3).sin() - 0.08 * (1.7 * t).sin() - 0.04 * (4.1 * t).cos();
     let mut run = Run {
         name: "flight".into(),
         inputs: time.iter().map(|t| elevator(*t)).collect(),
