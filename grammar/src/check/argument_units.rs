@@ -12,7 +12,7 @@ pub(super) fn declared(scope: &Scope<'_>, measures: &mut Measures, findings: &mu
         None => Measure::Number,
         Some(text) => read_unit(text, findings).map_or(Measure::Broken, |unit| measures.known(unit)),
     };
-    scope.symbols.iter().map(|symbol| unit(symbol)).collect()
+    scope.symbols.iter().map(&mut unit).collect()
 }
 
 /// Whether a block of the language has made a name; its unit is that of what the block reads.

@@ -111,7 +111,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
         return None;
     }
     let ties = model::ties(&blocks, &indices, &expressions);
-    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, params, ties, knowledge);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge);
     records::circular(scope, &model, findings);
     let tied = ties::tied(scope, &model, &bonds, findings);
     influence::without_influence(scope, &blocks, &meanings, &tied, findings);

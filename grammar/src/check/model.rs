@@ -106,8 +106,7 @@ pub(super) fn assemble(
     kinds: &Kinds,
     indices: &Indices,
     expressions: Expressions,
-    params: Vec<Param>,
-    ties: Vec<Tie>,
+    (params, ties): (Vec<Param>, Vec<Tie>),
     knowledge: Knowledge,
 ) -> Model {
     let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
