@@ -37,7 +37,7 @@ pub use fdm_grammar::math;
 /// assert_eq!(roll.layout().states, 2);
 /// ```
 pub use fdm_macros::model;
-pub use model::{Model, ModelError, read_source};
+pub use model::{Model, ModelError, NotTied, read_source};
 
 /// The README, whose Rust code is run by the tests.
 #[cfg(doctest)]

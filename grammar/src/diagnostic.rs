@@ -71,6 +71,8 @@ codes! {
     NotFinite       "E0407" "a value that is not finite";
     SingularRates   "E0408" "equations that do not determine the derivatives in them";
     NonlinearRate   "E0409" "an equation that is not linear in a derivative";
+    BadTable        "E0410" "a table whose points are too few or not in order";
+    BadBlock        "E0411" "a block that cannot be built of states";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";

@@ -36,8 +36,10 @@ pub use unit::Unit;
 /// A model that passed every check, its programs, and the warnings that it left.
 #[derive(Debug, Clone)]
 pub struct Compiled {
-    /// The checked model.
+    /// The checked model, its ties on.
     pub model: Model,
+    /// The same with its ties open; none when it has no ties.
+    pub loose: Option<Box<Model>>,
     /// Its programs.
     pub schedule: Schedule,
     /// Findings that do not stop the compilation.
@@ -61,14 +63,16 @@ fn swollen(model: &Model) -> Diagnostic {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
-    let (mut model, warnings) = examine(source)?;
+    let (loose, warnings) = examine(source)?;
+    let mut model = loose.tied(&[]);
+    let loose = (!loose.ties.is_empty()).then(|| Box::new(loose));
     match Schedule::within(&mut model, MOST_NODES) {
-        Ok(schedule) => Ok(Compiled { model, schedule, warnings }),
+        Ok(schedule) => Ok(Compiled { model, loose, schedule, warnings }),
         Err(derive::Swollen) => Err(vec![swollen(&model)]),
     }
 }
 
-/// Text to a checked model and its warnings: what editors ask for at every key.
+/// Text to a checked model, its ties open, and its warnings: what editors ask for at every key.
 ///
 /// # Errors
 /// As [`compile`].

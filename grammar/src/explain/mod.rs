@@ -5,6 +5,7 @@
 
 mod declarations;
 mod equations;
+mod made;
 mod names;
 mod parts;
 mod text;
@@ -75,6 +76,8 @@ pub fn page(code: Code) -> Page {
         Code::NotConnected => parts::NOT_CONNECTED,
         Code::WrongShape => parts::WRONG_SHAPE,
         Code::OutsideShape => parts::OUTSIDE_SHAPE,
+        Code::BadTable => made::BAD_TABLE,
+        Code::BadBlock => made::BAD_BLOCK,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,

@@ -17,7 +17,7 @@ pub use program::{Instruction, Operand, Placed, Program};
 
 use crate::derive::{Derivatives, Jacobian, Swollen, differentiate, differentiate_within};
 use crate::graph::{Graph, Leaf, Node};
-use crate::model::Model;
+use crate::model::{Model, Origin};
 use crate::op::ExprId;
 pub(crate) use program::straight_line;
 
@@ -151,6 +151,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         inputs: model.inputs.len(),
         params: model.params.len(),
         outputs: model.outputs.len(),
+        first: first_samples(model),
         vanishing: model.vanishing().collect(),
         delayed: graph.delayed().iter().map(|s| s.signal).collect(),
         known: known.len(),
@@ -176,6 +177,15 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         },
     };
     (known, layout)
+}
+
+fn first_samples(model: &Model) -> Vec<(u32, u32)> {
+    let params = model.params.iter().enumerate();
+    let sample = |(k, p): (usize, &crate::model::Param)| match p.origin {
+        Origin::FirstSample(input) => Some((k as u32, input)),
+        _ => None,
+    };
+    params.filter_map(sample).collect()
 }
 
 fn observed(graph: &Graph, e: ExprId) -> Option<u32> {
