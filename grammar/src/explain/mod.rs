@@ -123,6 +123,7 @@ fn wrapped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::code as named;
     use super::*;
     use crate::{Diagnostic, Source, compile};
 
@@ -167,6 +168,6 @@ mod tests {
             let longest = printed.lines().map(|l| l.chars().count()).max().unwrap_or(0);
             assert!(longest <= 100, "{}: a line of {longest} characters", code.text());
         }
-        assert_eq!((super::code("e0201"), super::code("F012")), (Some(Code::UnknownName), None));
+        assert_eq!((named("e0201"), named("F012")), (Some(Code::UnknownName), None));
     }
 }
