@@ -6,6 +6,7 @@ use fdm_grammar::schedule::Operand;
 use fdm_grammar::{Layout, Program, Schedule};
 use proc_macro2::{Literal, TokenStream};
 use quote::{format_ident, quote};
+use std::path::Path;
 
 /// rustc needs about a second for every 5,000 instructions, and the machine code of the file door is as good.
 pub(crate) const MOST_INSTRUCTIONS: usize = 20_000;
@@ -24,12 +25,17 @@ pub(crate) fn instructions(schedule: &Schedule) -> usize {
         .sum()
 }
 
-/// An expression of type `fdm::Model`.
-pub(crate) fn model(schedule: &Schedule, text: &str) -> TokenStream {
+/// An expression of type `fdm::Model`. The files that the model uses are named from the folder of `Cargo.toml`; the program
+/// holds their texts, and is built anew when they change.
+pub(crate) fn model(schedule: &Schedule, text: &str, used: &[&str]) -> TokenStream {
     let sizes = Sizes::of(&schedule.layout);
     let programs = programs(schedule, &sizes);
     let dynamics = dynamics(&sizes);
     let build = build(&sizes);
+    let used = used.iter().map(|name| match Path::new(name).is_absolute() {
+        true => quote!(#name),
+        false => quote!(::core::concat!(::core::env!("CARGO_MANIFEST_DIR"), "/", #name)),
+    });
     // a module of its own: nothing in the scope of the user can be mistaken for a name of the generated code
     quote! {{
         #[allow(unused_variables, clippy::all, clippy::pedantic, clippy::nursery)]
@@ -41,6 +47,7 @@ pub(crate) fn model(schedule: &Schedule, text: &str) -> TokenStream {
         ::fdm::Model::with_code(
             ::core::concat!("model! at ", ::core::file!(), ":", ::core::line!()),
             #text,
+            &[#(::core::include_str!(#used)),*],
             generated::build,
         )
     }}

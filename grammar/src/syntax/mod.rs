@@ -14,11 +14,12 @@ mod print;
 mod recover;
 mod scan;
 mod slips;
+mod spans;
 mod tree;
 mod words;
 
 pub use print::Printer;
-pub use recover::{parse, parse_recovering};
+pub use recover::{parse, parse_recovering, parse_used};
 pub use tree::*;
 pub use words::{WORDS, WordUse, word_use, words_for};
 
