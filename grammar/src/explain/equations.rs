@@ -182,3 +182,46 @@ pub(super) const WANTED_NUMBER: Page = Page {
 }",
     why: "a choice says what both cases are, and is differentiated case by case.",
 };
+
+pub(super) const SINGULAR_RATES: Page = Page {
+    meaning: "Several equations hold the derivatives of several states, and do not determine them: one of the equations says
+what the others say, or a derivative stands in none that is left for it.",
+    broken: Example::Text(
+        "model pair {
+  state p = 1, q = 0;
+  param a = 0.5;
+  der(p) + der(q) = -a*p;
+  2*der(p) + 2*der(q) = -a*q;
+  output p_m = p, q_m = q;
+}",
+    ),
+    corrected: "model pair {
+  state p = 1, q = 0;
+  param a = 0.5;
+  der(p) + der(q) = -a*p;
+  der(p) - der(q) = -a*q;
+  output p_m = p, q_m = q;
+}",
+    why: "equations with several derivatives are solved for them symbolically, once; that needs as many independent equations as
+derivatives.",
+};
+
+pub(super) const NONLINEAR_RATE: Page = Page {
+    meaning: "A derivative stands inside a function, a power, a choice or a product with another derivative, so that the equation
+cannot be solved for it.",
+    broken: Example::Text(
+        "model fall {
+  state v = 0;
+  param g = 9.81;
+  der(v)^2 = g^2;
+  output v_m = v;
+}",
+    ),
+    corrected: "model fall {
+  state v = 0;
+  param g = 9.81;
+  der(v) = g;
+  output v_m = v;
+}",
+    why: "a nonlinear equation may have several solutions or none; which of them is meant only its author can say.",
+};

@@ -6,6 +6,7 @@
 mod declarations;
 mod equations;
 mod names;
+mod parts;
 mod text;
 mod units;
 mod warnings;
@@ -68,6 +69,12 @@ pub fn page(code: Code) -> Page {
         Code::Unsupported => equations::UNSUPPORTED,
         Code::BadDelay => equations::BAD_DELAY,
         Code::NotFinite => equations::NOT_FINITE,
+        Code::SingularRates => equations::SINGULAR_RATES,
+        Code::NonlinearRate => equations::NONLINEAR_RATE,
+        Code::NoFile => parts::NO_FILE,
+        Code::NotConnected => parts::NOT_CONNECTED,
+        Code::WrongShape => parts::WRONG_SHAPE,
+        Code::OutsideShape => parts::OUTSIDE_SHAPE,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,
@@ -94,8 +101,11 @@ impl Page {
             Example::Text(text) => indented(text.trim_end()),
             Example::Made { told, .. } => format!("    {told}\n"),
         };
+        let (file, lag) = parts::LAG_FILE;
+        let used = self.corrected.contains(file);
+        let used = if used { format!("The file {file}:\n\n{}\n", indented(lag)) } else { String::new() };
         format!(
-            "{}: {}\n\n{}\n\nA model with it:\n\n{broken}\nThe same without:\n\n{}\n{}\n",
+            "{}: {}\n\n{}\n\nA model with it:\n\n{broken}\nThe same without:\n\n{}\n{used}{}\n",
             code.text(),
             code.title(),
             wrapped(self.meaning),
@@ -125,10 +135,16 @@ fn wrapped(text: &str) -> String {
 mod tests {
     use super::code as named;
     use super::*;
+    use crate::expand::gather;
     use crate::{Diagnostic, Source, compile};
 
     fn findings(text: &str) -> Vec<Diagnostic> {
-        match compile(&Source::new("page.fdm", text)) {
+        let mut source = Source::new("page.fdm", text);
+        gather(&mut source, &mut |name| {
+            let (file, lag) = parts::LAG_FILE;
+            if name == file { Ok(lag.into()) } else { Err("there is no such file".into()) }
+        });
+        match compile(&source) {
             Ok(compiled) => compiled.warnings,
             Err(findings) => findings,
         }
