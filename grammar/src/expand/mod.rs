@@ -13,8 +13,6 @@ mod elements;
 mod files;
 mod maker;
 mod submodels;
-#[cfg(test)]
-mod tests;
 mod transfer;
 
 pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};

@@ -136,6 +136,7 @@ fn wrapped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::code as named;
     use super::*;
     use crate::expand::gather;
     use crate::{Diagnostic, Source, compile};
@@ -186,6 +187,6 @@ mod tests {
             let longest = printed.lines().map(|l| l.chars().count()).max().unwrap_or(0);
             assert!(longest <= 100, "{}: a line of {longest} characters", code.text());
         }
-        assert_eq!((super::code("e0201"), super::code("F012")), (Some(Code::UnknownName), None));
+        assert_eq!((named("e0201"), named("F012")), (Some(Code::UnknownName), None));
     }
 }
