@@ -21,6 +21,7 @@ const GRAMMAR: &[&str] = &[
     "schedule",
     "linearise",
     "carried",
+    "effect",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -77,6 +77,11 @@ codes! {
     UnitMismatch    "E0602" "quantities of different units added, compared or equated";
     UnitArgument    "E0603" "a function applied to a quantity of the wrong unit";
     UnitExponent    "E0604" "an exponent that has a unit, or varies over a base that has one";
+    // effects
+    NullMissing     "E0801" "a param of an effect without a null value, or nothing to try";
+    NotVanishing    "E0802" "an effect that does not vanish at its null values";
+    NoRewrite       "E0803" "an effect that changes nothing, or the same thing twice";
+    Misfit          "E0804" "an effect that cannot be applied";
     // warnings
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";

@@ -7,6 +7,7 @@ pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
+pub mod effect;
 pub mod expand;
 pub mod graph;
 pub mod linearise;
@@ -45,8 +46,18 @@ pub struct Compiled {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
-    let (tree, mut findings) = syntax::parse_recovering(source);
-    let Some(tree) = tree else { return Err(findings) };
+    let (tree, findings) = syntax::parse_recovering(source);
+    match tree {
+        Some(tree) => compile_tree(tree, findings),
+        None => Err(findings),
+    }
+}
+
+/// A tree to programs; `findings` is what was wrong with the text that it comes from.
+///
+/// # Errors
+/// As [`compile`].
+pub fn compile_tree(tree: syntax::SyntaxTree, mut findings: Vec<Diagnostic>) -> Result<Compiled, Vec<Diagnostic>> {
     let (tree, more) = expand::expand(tree);
     findings.extend(more);
     match check::check(&tree) {

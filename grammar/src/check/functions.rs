@@ -103,6 +103,18 @@ impl Function {
     }
 }
 
+/// Least number of arguments of a function, whether more are allowed, and how a call is written.
+pub fn function_form(name: &str) -> Option<(usize, bool, String)> {
+    let function = Function::find(name)?;
+    let (least, more) = function.arity();
+    Some((least, more, function.form(name)))
+}
+
+/// The names of all functions.
+pub fn function_names() -> impl Iterator<Item = &'static str> {
+    Function::names()
+}
+
 /// Whether the language describes this function and the compiler does not have it yet.
 pub(super) fn is_planned(name: &str) -> bool {
     PLANNED.contains(&name)

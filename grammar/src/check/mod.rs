@@ -28,6 +28,8 @@ mod units;
 #[cfg(test)]
 mod tests;
 
+pub use functions::{function_form, function_names};
+
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
 use crate::syntax::{Role, SyntaxTree};
