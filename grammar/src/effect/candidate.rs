@@ -6,7 +6,7 @@ use super::rewrite;
 use super::scales::Scales;
 use super::subject::Subject;
 use crate::diagnostic::Diagnostic;
-use crate::syntax::SlotKind;
+use crate::syntax::{EffectLine, SlotKind};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -80,6 +80,14 @@ impl Candidate {
         slots
             .zip(&self.targets)
             .fold(self.effect.doc().to_string(), |doc, (slot, target)| doc.replace(&format!("{{{slot}}}"), target))
+    }
+
+    /// The state into whose equation a noise enters (`noise der(x) = q;`); `None` for an effect that is an equation.
+    pub fn noise(&self) -> Option<&str> {
+        self.effect.tree().lines.iter().find_map(|(line, _)| match line {
+            EffectLine::Noise(place, _) => self.targets.get(self.effect.slot(&place.name.text)?).map(String::as_str),
+            _ => None,
+        })
     }
 
     /// The model with this effect in it, as text and tree.

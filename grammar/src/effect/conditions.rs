@@ -3,7 +3,7 @@
 use super::definition::Effect;
 use super::subject::{Subject, Target};
 use crate::graph::Leaf;
-use crate::syntax::{BinarySign, Expr, ExprRef, UnarySign};
+use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
 
 /// What a node of a test is.
 #[derive(Debug, Clone, Copy)]
@@ -20,6 +20,19 @@ enum Part {
 /// Whether all conditions of an effect are met by these targets, one for each slot.
 pub(super) fn fits(effect: &Effect, subject: &Subject, targets: &[&Target]) -> bool {
     let tree = effect.tree();
+    let used = |slot: usize| {
+        let name = &targets[slot].name;
+        let own = (targets[slot].kind == SlotKind::State).then_some(name.as_str());
+        targets[slot].kind == SlotKind::Output || !subject.uses(name, own).is_empty()
+    };
+    let replaced = tree.lines.iter().filter_map(|(line, _)| match line {
+        EffectLine::Replace(name, _) => effect.slot(&name.text),
+        _ => None,
+    });
+    // what nothing uses cannot be replaced
+    if !replaced.into_iter().all(used) {
+        return false;
+    }
     tree.conditions.iter().all(|condition| {
         let mut parts: Vec<Part> = Vec::with_capacity(condition.test.0 as usize + 1);
         for k in 0..=condition.test.0 {

@@ -67,6 +67,10 @@ struct Point {
     seed: u64,
     /// What is set.
     set: HashMap<String, f64>,
+    /// How long ago: delayed signals are those of a point before this one.
+    ago: f64,
+    /// Whether the effect's own states are at rest there, too.
+    limit: bool,
 }
 
 impl Comparison<'_> {
@@ -74,7 +78,7 @@ impl Comparison<'_> {
     fn at_null(&self, limit: bool) -> Null {
         let mut finite = 0;
         for seed in 0..POINTS {
-            let mut point = Point { seed, set: HashMap::new() };
+            let mut point = Point { seed, set: HashMap::new(), ago: 0.0, limit };
             for p in self.params.iter().filter(|p| !p.nuisance) {
                 let away = if p.start == p.null || !p.null.is_finite() { 1.0 } else { p.start - p.null };
                 point.set.insert(p.name.clone(), if limit { p.null + 1e-7 * away } else { p.null });
@@ -97,8 +101,10 @@ impl Comparison<'_> {
     /// Compares all values; `Ok(false)` when the base model has none here.
     fn difference(&self, point: &Point, tolerance: f64) -> Result<bool, Null> {
         let pairs = self.pairs();
-        let values: Vec<(f64, f64)> =
-            pairs.iter().map(|(_, b, e)| (value(self.base, *b, point), value(self.extended, *e, point))).collect();
+        let values: Vec<(f64, f64)> = pairs
+            .iter()
+            .map(|(_, b, e)| (self.value(self.base, *b, point), self.value(self.extended, *e, point)))
+            .collect();
         if values.iter().any(|(b, _)| !b.is_finite()) {
             return Ok(false);
         }
@@ -134,7 +140,7 @@ impl Comparison<'_> {
         let mut seen = 0;
         for seed in 0..2 * POINTS {
             for size in [1.0, 30.0] {
-                let mut point = Point { seed, set: HashMap::new() };
+                let mut point = Point { seed, set: HashMap::new(), ago: 0.0, limit: false };
                 for p in self.params {
                     let away = if p.nuisance || p.start != p.null { p.start } else { p.null + size };
                     // what acts beyond a threshold acts once the threshold is small
@@ -153,18 +159,18 @@ impl Comparison<'_> {
     /// Brings the effect's own states to where their rates vanish, by Newton's method; whether they get there and are fast
     /// enough to stay.
     fn rest(&self, point: &mut Point) -> bool {
-        let known = |name: &str| self.base.states.iter().any(|s| s.quantity.name == name);
         let own: Vec<(String, ExprId)> = self
             .extended
             .states
             .iter()
-            .filter(|s| !known(&s.quantity.name))
+            .filter(|s| self.is_own(&s.quantity.name))
             .map(|s| (s.quantity.name.clone(), s.rate))
             .collect();
         if own.is_empty() {
             return true;
         }
-        let rates = |point: &Point| -> Vec<f64> { own.iter().map(|(_, e)| value(self.extended, *e, point)).collect() };
+        let rates =
+            |point: &Point| -> Vec<f64> { own.iter().map(|(_, e)| self.value(self.extended, *e, point)).collect() };
         for (name, _) in &own {
             let start = signal(name, point);
             point.set.insert(name.clone(), start);
@@ -197,6 +203,46 @@ impl Comparison<'_> {
     }
 }
 
+impl Comparison<'_> {
+    /// Whether a state is the effect's.
+    fn is_own(&self, state: &str) -> bool {
+        self.base.states.iter().all(|s| s.quantity.name != state)
+    }
+
+    /// An expression at a point; a delayed signal is the signal at a point before it.
+    fn value(&self, model: &Model, e: ExprId, point: &Point) -> f64 {
+        let graph = &model.graph;
+        graph.evaluate(e, |leaf| match leaf {
+            Leaf::Delayed(k) => {
+                let delayed = graph.delayed()[k as usize];
+                let tau = graph.evaluate(delayed.tau, |leaf| plain(model, leaf, point));
+                let name = match delayed.signal {
+                    Signal::State(k) => &model.states[k as usize].quantity.name,
+                    Signal::Input(k) => &model.inputs[k as usize].quantity.name,
+                };
+                if tau == 0.0 { signal(name, point) } else { self.before(name, tau, point) }
+            }
+            leaf => plain(model, leaf, point),
+        })
+    }
+
+    /// A signal some time before a point.
+    fn before(&self, name: &str, tau: f64, point: &Point) -> f64 {
+        let own = |name: &String| self.is_own(name) && self.extended.states.iter().any(|s| s.quantity.name == *name);
+        let mut set = point.set.clone();
+        set.retain(|name, _| !own(name));
+        let mut before = Point { set, ago: point.ago + tau, ..*point };
+        // an own state that looks back at itself is left alone
+        if point.limit && own(&name.to_string()) {
+            before.limit = false;
+            if !self.rest(&mut before) {
+                return f64::NAN;
+            }
+        }
+        signal(name, &before)
+    }
+}
+
 /// Solves a small system by elimination with the largest pivot; `None` when it is singular.
 fn solved(mut a: Vec<Vec<f64>>, b: &[f64]) -> Option<Vec<f64>> {
     let n = b.len();
@@ -223,24 +269,6 @@ fn solved(mut a: Vec<Vec<f64>>, b: &[f64]) -> Option<Vec<f64>> {
     x.iter().all(|v| v.is_finite()).then_some(x)
 }
 
-/// An expression at a point. A delayed signal is the signal itself and something that grows with the delay.
-fn value(model: &Model, e: ExprId, point: &Point) -> f64 {
-    let graph = &model.graph;
-    let name = |signal: Signal| match signal {
-        Signal::State(k) => &model.states[k as usize].quantity.name,
-        Signal::Input(k) => &model.inputs[k as usize].quantity.name,
-    };
-    graph.evaluate(e, |leaf| match leaf {
-        Leaf::Delayed(k) => {
-            let delayed = graph.delayed()[k as usize];
-            let tau = graph.evaluate(delayed.tau, |leaf| plain(model, leaf, point));
-            let now = signal(name(delayed.signal), point);
-            now + tau * signal(&format!("rate of {}", name(delayed.signal)), point)
-        }
-        leaf => plain(model, leaf, point),
-    })
-}
-
 /// A leaf that is not delayed.
 fn plain(model: &Model, leaf: Leaf, point: &Point) -> f64 {
     match leaf {
@@ -264,7 +292,8 @@ fn signal(name: &str, point: &Point) -> f64 {
     }
     let size = [1.0, 0.1, 20.0][(point.seed / 2 % 3) as usize];
     let value = random(name, point.seed);
-    size * if point.seed.is_multiple_of(2) { 0.05 + value.abs() } else { value }
+    let now = size * if point.seed.is_multiple_of(2) { 0.05 + value.abs() } else { value };
+    now + point.ago * random(name, !point.seed)
 }
 
 /// A number in [-1, 1] that a name has at a point (splitmix64 over FNV-1a).

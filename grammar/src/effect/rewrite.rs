@@ -97,16 +97,31 @@ impl<'a> Rewrite<'a> {
                 }
                 EffectLine::Own(role, list) => {
                     for d in list {
-                        let (local, first) = (&d.name.text, targets.first().map_or("", |t| t));
-                        let wanted =
-                            if *role == Role::Const { format!("{local}_{first}") } else { format!("{first}_{local}") };
-                        let name = self.taken.give(&wanted);
+                        let (local, of) = (&d.name.text, self.followed(d));
+                        let const_ = *role == Role::Const;
+                        let name =
+                            self.taken.give(&if const_ { format!("{local}_{of}") } else { format!("{of}_{local}") });
                         self.new_name(local, name);
                     }
                 }
                 _ => {}
             }
         }
+    }
+
+    /// The name of the model after which something of the effect's own is called: what a state begins as, or else the first.
+    fn followed(&self, d: &Declaration) -> String {
+        let begins = match d.value {
+            Some(Value::Expr(e)) => match self.pool().expr(e) {
+                Expr::Call(call, arguments) if call.text == "start" => match self.pool().expr(arguments[0]) {
+                    Expr::Name(slot) => self.bound.get(slot),
+                    _ => None,
+                },
+                _ => None,
+            },
+            _ => None,
+        };
+        begins.or(self.candidate.targets().first()).cloned().unwrap_or_default()
     }
 
     fn new_name(&mut self, local: &str, name: String) {
@@ -520,7 +535,7 @@ impl<'a> Rewrite<'a> {
                     let range = self.editor.value(statement, e);
                     format!(" = {}", &self.subject.source.text()[range])
                 }
-                Some(Value::Free(_)) => " = free".into(),
+                Some(Value::Free(_)) => self.free_beginning(&target, local),
                 None => String::new(),
             };
         }
@@ -531,20 +546,19 @@ impl<'a> Rewrite<'a> {
         }
     }
 
-    /// A param for the first value of a state, which differs from run to run.
-    fn own_beginning(&mut self, signal: &str, local: &str, value: f64) -> String {
-        let name = self.taken.give(&format!("{}_0", self.names[local]));
-        self.declared.push(name.clone());
-        let unit = self.units.get(local).cloned();
-        let doc = format!("{signal} at the beginning of a run");
-        let shown = unit.as_ref().map_or(String::new(), |u| format!(" [{}]", u.text()));
-        let text = format!("param {name} = {}{shown} per run \"{doc}\";", number(value));
-        self.lines.push((Line::Declare(Role::Param), text));
-        self.params.push(NewParam {
-            name: name.clone(),
+    /// The start of a state that follows one whose own start is estimated is estimated, too.
+    fn free_beginning(&mut self, signal: &str, local: &str) -> String {
+        let name = format!("{}(0)", self.names[local]);
+        self.params.push(self.beginning_param(name, signal, local, 0.0));
+        " = free".into()
+    }
+
+    fn beginning_param(&self, name: String, signal: &str, local: &str, value: f64) -> NewParam {
+        NewParam {
             local: name.clone(),
-            doc,
-            unit,
+            name,
+            doc: format!("{signal} at the beginning of a run"),
+            unit: self.units.get(local).cloned(),
             null: value,
             start: value,
             lower: f64::NEG_INFINITY,
@@ -554,7 +568,18 @@ impl<'a> Rewrite<'a> {
             fixed: false,
             per_run: true,
             begins_as: Some(signal.into()),
-        });
+        }
+    }
+
+    /// A param for the first value of a state, which differs from run to run.
+    fn own_beginning(&mut self, signal: &str, local: &str, value: f64) -> String {
+        let name = self.taken.give(&format!("{}_0", self.names[local]));
+        self.declared.push(name.clone());
+        let new = self.beginning_param(name.clone(), signal, local, value);
+        let unit = new.unit.as_ref().map_or(String::new(), |u| format!(" [{}]", u.text()));
+        let text = format!("param {name} = {}{unit} per run \"{}\";", number(value), new.doc);
+        self.lines.push((Line::Declare(Role::Param), text));
+        self.params.push(new);
         format!(" = {name}")
     }
 

@@ -78,12 +78,16 @@ impl Subject {
         found
     }
 
-    /// A declared param with one value for all runs, on which a rate or an output depends.
+    /// A declared param with one value for all runs, on which a rate or an output depends, and no delay: a delay cannot
+    /// change during a run.
     fn is_shared_param(&self, name: &str) -> bool {
         let Some(k) = self.model.param(name) else { return false };
         let param = &self.model.params[k];
         let used = self.reached.values().any(|leaves| leaves.contains(&Leaf::Param(k as u32)));
-        used && param.origin == Origin::Declared && !param.per_run
+        let graph = &self.model.graph;
+        let delays = graph.reachable(graph.delayed().iter().map(|d| d.tau));
+        let delays = delays.into_iter().any(|e| graph.node(e) == Node::Leaf(Leaf::Param(k as u32)));
+        used && !delays && param.origin == Origin::Declared && !param.per_run
     }
 
     /// Left and right side, and the place of the statement, of `der(name) = ...;`.
