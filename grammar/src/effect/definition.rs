@@ -1,12 +1,13 @@
 //! An effect that passed its checks: every name known, every param with a null value, every line possible.
 
 use super::names::is_reserved;
-use super::scales::{NAMED_REQUESTS, REQUESTS};
+use super::scales::{Answers, NAMED_REQUESTS, Nominal, REQUESTS};
 use crate::check::{function_form, function_names};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
-use crate::syntax::{EffectLine, EffectTree, Expr, ExprRef, Name, Place, Role, SlotKind, Tunable, Value};
-use std::collections::BTreeMap;
+use crate::syntax::{Declaration, EffectLine, EffectTree, Expr, ExprRef, Name, Place, Role, SlotKind, Tunable, Value};
+use crate::unit::Unit;
+use std::collections::{BTreeMap, HashMap};
 
 /// What a search can do with an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,6 +133,7 @@ impl<'a> Check<'a> {
         if is_reserved(&name.text) || REQUESTS.iter().any(|(n, ..)| *n == name.text) {
             let message = format!("`{}` is a word or a function of the language and cannot be declared", name.text);
             self.tell(Code::ReservedName, name.span, message, "choose another name");
+            self.names.insert(&name.text, (what, name.span));
         } else if let Some((_, first)) = self.names.get(name.text.as_str()) {
             let message = format!("`{}` is declared a second time", name.text);
             let found = Diagnostic::new(Code::DeclaredTwice, name.span, message).label(*first, "first declared here");
@@ -157,6 +159,10 @@ impl<'a> Check<'a> {
                                 let message = format!("the {} `{}` has no value", role.keyword(), d.name.text);
                                 self.tell(Code::MissingValue, d.name.span, message, "write `= ...`");
                             }
+                        }
+                        self.unit(d);
+                        if let (Role::Const, Some(Value::Expr(e))) = (role, d.value) {
+                            self.number(e);
                         }
                         if let Some(shape) = d.shape {
                             let message = "an effect has no vectors".to_string();
@@ -231,9 +237,33 @@ impl<'a> Check<'a> {
             let message = format!("nothing is said that `{}` should be tried at", name.text);
             self.tell(Code::NullMissing, name.span, message, format!("`nuisance {} try 0.1, 1, 10;`", name.text));
         }
+        self.unit(d);
         let limits = d.bounds.iter().flat_map(|b| [b.lower, b.upper]);
         for e in limits.chain(tunable.trials.iter().copied()) {
             self.expression(e, true);
+            self.number(e);
+        }
+    }
+
+    /// What is said about values must be numbers once the data have answered.
+    fn number(&mut self, e: ExprRef) {
+        let bound: HashMap<String, String> =
+            self.tree.slots.iter().map(|s| (s.name.text.clone(), s.name.text.clone())).collect();
+        let own = self.names.iter().filter(|(_, (what, _))| matches!(what, What::Tunable | What::Own(Role::Const)));
+        let known: HashMap<String, f64> = own.map(|(name, _)| (name.to_string(), 1.0)).collect();
+        let answers = Answers { pool: &self.tree.pool, bound: &bound, known: &known, scales: &Nominal };
+        if answers.list(&[e]).is_empty() && self.findings.is_empty() {
+            let message = "this is no number that the data could give".to_string();
+            let hint = "numbers, `inf`, consts, `size(x)`, `scale(x, 0.1)`, `quantile(x, q)`, `speed(x, q)`, `step`, `duration`";
+            self.tell(Code::NotConstant, self.tree.pool.span(e), message, hint);
+        }
+    }
+
+    fn unit(&mut self, d: &Declaration) {
+        let Some(unit) = &d.unit else { return };
+        if let Err(error) = Unit::parse(&unit.text) {
+            let hint = error.nearest.map_or(String::new(), |near| format!("did you mean `{near}`?"));
+            self.tell(Code::UnknownUnit, unit.span, error.message, hint);
         }
     }
 
@@ -408,7 +438,8 @@ impl<'a> Check<'a> {
                         ("depends", 2) | ("known" | "der", 1) => open.extend(arguments),
                         (word @ ("depends" | "known" | "der"), n) => {
                             let form = if word == "depends" { "depends(der(x), z)" } else { "known(der(x))" };
-                            let message = format!("`{word}` does not take {n} arguments");
+                            let plural = if n == 1 { "" } else { "s" };
+                            let message = format!("`{word}` does not take {n} argument{plural}");
                             self.tell(Code::ArgumentCount, span, message, format!("`{form}`"));
                         }
                         (word, _) => {

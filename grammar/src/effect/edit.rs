@@ -112,14 +112,18 @@ impl<'a> Editor<'a> {
     /// The end of the line of a statement with its comment; where something else follows, its semicolon.
     fn behind(&self, statement: Span) -> usize {
         let end = statement.end as usize;
-        let rest = self.text[end..].lines().next().unwrap_or("");
-        let trimmed = rest.trim();
-        if trimmed.is_empty() {
-            end
-        } else if trimmed.starts_with("//") {
-            end + rest.trim_end().len()
-        } else {
-            end
+        let line = self.text[end..].lines().next().unwrap_or("");
+        let mut rest = line.trim_start();
+        while let Some(comment) = rest.strip_prefix("/*") {
+            match comment.split_once("*/") {
+                Some((_, behind)) => rest = behind.trim_start(),
+                None => return end,
+            }
+        }
+        match rest {
+            _ if line.trim().is_empty() => end,
+            _ if rest.is_empty() || rest.starts_with("//") => end + line.trim_end().len(),
+            _ => end,
         }
     }
 

@@ -148,8 +148,9 @@ impl<'a> Rewrite<'a> {
                         let factor = self.factor(d)?;
                         let value = self.answer(e, value * factor);
                         self.known.insert(d.name.text.clone(), value);
+                        let doc = d.doc.as_ref().map_or(String::new(), |_| self.doc(d));
                         let text =
-                            format!("const {} = {}{}", self.names[&d.name.text], number(value), self.suffix(d, ""));
+                            format!("const {} = {}{}", self.names[&d.name.text], number(value), self.suffix(d, &doc));
                         self.lines.push((Line::Declare(Role::Const), text + ";"));
                     }
                 }
