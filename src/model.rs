@@ -52,7 +52,7 @@ fn lines(source: &Source, diagnostics: &[Diagnostic]) -> String {
 }
 
 impl Model {
-    /// Reads and compiles a `.fdm` file.
+    /// Reads and compiles a `.fdm` file and the files that it uses.
     ///
     /// # Errors
     /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
@@ -62,17 +62,46 @@ impl Model {
         let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
         let name = path.display().to_string();
         match String::from_utf8(bytes) {
-            Ok(text) => Self::from_text(name, text.strip_prefix('\u{feff}').unwrap_or(&text)),
+            Ok(text) => {
+                let mut source = Source::new(name, text.strip_prefix('\u{feff}').unwrap_or(&text));
+                Self::gather_files(&mut source);
+                Self::from_source(source)
+            }
             Err(error) => Err(not_text(name, error)),
         }
     }
 
-    /// Compiles the text of a model; `name` is what messages call it.
+    /// Reads the files that a model uses from disk; names are relative to the folder of the file that says `use`.
+    pub fn gather_files(source: &mut Source) {
+        fdm_grammar::gather(source, &mut |name| {
+            let bytes = read(Path::new(name)).map_err(|e| reason(&e))?;
+            let text = String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text")?;
+            Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), String::from))
+        });
+    }
+
+    /// Compiles the text of a model that uses no files; `name` is what messages call it.
     ///
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the text.
     pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ModelError> {
-        let source = Source::new(name, text);
+        Self::from_source(Source::new(name, text))
+    }
+
+    /// Compiles the text of a model with the texts of the files that it uses, in the order in which
+    /// [`Source::texts`] has them behind the model's own.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the texts.
+    pub fn from_texts(name: impl Into<String>, text: impl Into<String>, used: &[String]) -> Result<Self, ModelError> {
+        Self::from_source(with_used(Source::new(name, text), used))
+    }
+
+    /// Compiles a source with the files that it uses ([`Self::gather_files`]).
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the texts.
+    pub fn from_source(source: Source) -> Result<Self, ModelError> {
         match fdm_grammar::compile(&source) {
             Ok(compiled) => {
                 let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
@@ -87,8 +116,8 @@ impl Model {
     /// # Panics
     /// When the text does not compile. `model!` has compiled the same text, so this is a fault of fdm.
     #[doc(hidden)]
-    pub fn with_code(name: &str, text: &str, build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
-        let source = Source::new(name, text);
+    pub fn with_code(name: &str, text: &str, used: &[&str], build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
+        let source = with_used(Source::new(name, text), used);
         let compiled = match fdm_grammar::compile(&source) {
             Ok(compiled) => compiled,
             Err(diagnostics) => panic!(
@@ -216,6 +245,15 @@ impl std::fmt::Debug for Model {
     }
 }
 
+/// Adds texts in the order in which they are asked for, which is always the same.
+fn with_used(mut source: Source, used: &[impl AsRef<str>]) -> Source {
+    let mut used = used.iter();
+    fdm_grammar::gather(&mut source, &mut |_| {
+        used.next().map(|text| text.as_ref().to_string()).ok_or_else(|| "its text was not kept".into())
+    });
+    source
+}
+
 fn reason(error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".into(),
@@ -272,6 +310,30 @@ mod tests {
         assert!(said.starts_with("/a.fdm:2:9: error[E0106]: this is not UTF-8 text: byte 0xe4"), "{said}");
         assert!(refused(b"\xff\xfem\0o\0").contains("UTF-16"));
         assert!(refused(b"\x7fELF\x02\0\xff").contains("binary"));
+    }
+
+    #[test]
+    fn used_files_are_read_from_the_folder_of_the_file_that_uses_them() {
+        let folder = tempfile::tempdir().expect("folder");
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("file");
+        std::fs::create_dir(folder.path().join("parts")).expect("folder");
+        write("m.fdm", "model m { use \"parts/a.fdm\" as a; use \"parts/none.fdm\" as n; output y = a.y; }");
+        write("parts/a.fdm", "\u{feff}model a { use \"../b.fdm\" as b; let y = 2*b.y; }");
+        write("b.fdm", "model b { param k = 1; let y = k; }");
+        let path = folder.path().join("m.fdm");
+        let said = Model::from_file(&path).expect_err("a file is missing").to_string();
+        assert!(
+            said.contains("m.fdm:1:43: error[E0801]") && said.ends_with("relative to the file that says `use`"),
+            "{said}"
+        );
+        write("parts/none.fdm", "model n { let z = 1; }");
+        let model = Model::from_file(&path).expect("a model");
+        assert_eq!(model.definition().params[0].quantity.name, "a.b.k");
+        let texts: Vec<String> = model.source().texts()[1..].iter().map(|t| t.text().to_string()).collect();
+        let again = Model::from_texts("other/m.fdm", model.source().text(), &texts).expect("the same model");
+        assert!(again.source().same_texts(model.source()));
+        write("b.fdm", "model b { param k = 2; let y = k; }");
+        assert!(!Model::from_file(&path).expect("a model").source().same_texts(model.source()));
     }
 
     #[test]

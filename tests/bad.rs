@@ -5,7 +5,7 @@
 //! message shows. `FDM_BLESS=1 cargo test --test bad` writes them anew: read the difference before committing it.
 
 use fdm_grammar::effect::Catalogue;
-use fdm_grammar::{Code, Diagnostic, Source, Span, compile};
+use fdm_grammar::{Code, Diagnostic, Source, Span, compile, gather};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -32,12 +32,22 @@ fn holds_effects(file: &Path) -> bool {
     file.parent().is_some_and(|folder| folder.ends_with("bad_effects"))
 }
 
+/// The text with the files of `tests/bad/parts` that it uses.
+fn source(text: &str) -> Source {
+    let mut source = Source::new("bad.fdm", text);
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/bad");
+    gather(&mut source, &mut |name| {
+        fs::read_to_string(folder.join(name)).map_err(|_| "there is no such file".to_string())
+    });
+    source
+}
+
 /// Every finding about a text, warnings too.
 fn findings(text: &str, effects: bool) -> Vec<Diagnostic> {
     if effects {
         return Catalogue::read(&Source::new("bad.fdm", text)).1;
     }
-    match compile(&Source::new("bad.fdm", text)) {
+    match compile(&source(text)) {
         Ok(compiled) => compiled.warnings,
         Err(findings) => findings,
     }
@@ -67,7 +77,7 @@ fn marked(source: &Source, span: Span, sign: &str) -> (usize, String) {
 
 /// The text with every finding as comments under its line.
 fn annotated(text: &str, effects: bool) -> String {
-    let source = Source::new("bad.fdm", text);
+    let source = source(text);
     let mut below: BTreeMap<usize, String> = BTreeMap::new();
     for finding in findings(text, effects) {
         let code = finding.code.text();
@@ -79,7 +89,8 @@ fn annotated(text: &str, effects: bool) -> String {
             let pad: String = mark[2..].chars().map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
             comments.push_str(&format!("//{pad} help: {hint}\n"));
         }
-        for label in &finding.labels {
+        // what stands in another file cannot be shown in this one
+        for label in finding.labels.iter().filter(|l| source.text_at(l.span.start).used_at().is_none()) {
             let (line, mark) = marked(&source, label.span, "-");
             below.entry(line).or_default().push_str(&format!("{mark} {code}: {}\n", label.text));
         }

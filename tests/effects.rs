@@ -173,3 +173,95 @@ fn vanishes_in_a_simulation(run: &Run, extended: &Model, made: &Extension, base:
         assert!(same, "{what}sample {k}: {a} without it, {b} at its null");
     }
 }
+
+/// The blocks of docs/effects.md between "```LANGUAGE" and "```".
+fn blocks(language: &str) -> Vec<String> {
+    let page =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/effects.md")).expect("the page");
+    let mut blocks = Vec::new();
+    let mut open = false;
+    for line in page.lines() {
+        if line.starts_with("```") {
+            open = line == format!("```{language}");
+            blocks.extend(open.then(String::new));
+        } else if let Some(block) = blocks.last_mut().filter(|_| open) {
+            block.push_str(line);
+            block.push('\n');
+        }
+    }
+    blocks
+}
+
+#[test]
+fn the_examples_of_the_page_are_read_and_applied() {
+    let base = model("pendulum_free_swing/driven.fdm");
+    let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
+    let blocks = blocks("fdm-effects");
+    assert_eq!(blocks.len(), 2);
+    for block in blocks {
+        let source = fdm_grammar::Source::new("docs/effects.md", block);
+        let (catalogue, findings) = Catalogue::read(&source);
+        let told: Vec<String> = findings.iter().map(|f| f.line(&source)).collect();
+        assert!(told.is_empty(), "{}", told.join("\n"));
+        let places = catalogue.places(&subject).candidates;
+        for effect in catalogue.effects() {
+            assert!(places.iter().any(|c| c.effect().name() == effect.name()), "{}", effect.name());
+        }
+        for candidate in places {
+            base.extended(&extension(&candidate, &subject)).unwrap_or_else(|e| panic!("{candidate}: {e}"));
+        }
+    }
+}
+
+#[test]
+fn the_difference_of_the_page_is_what_is_written() {
+    let base = model("ship_roll_decay/linear.fdm");
+    let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
+    let places = Catalogue::standard().places(&subject);
+    let made = extension(places.find("quadratic_damping(p)").expect("a place"), &subject);
+    let shown = blocks("diff").remove(0);
+    for line in shown.lines() {
+        let (sign, text) = line.split_at(1);
+        let (old, new) = (base.source().text(), made.text());
+        let (before, after) = (old.lines().any(|l| l == text), new.lines().any(|l| l == text));
+        assert_eq!((before, after), (sign != "+", sign != "-"), "{line}");
+    }
+}
+
+#[test]
+fn a_model_compiled_with_the_program_is_extended_too() {
+    let base = fdm::model! {
+        model tank "a tank with an outlet" {
+            input inflow [m^3/s];
+            state h "level" [m] = 1;
+            param area = 2 [m^2], outlet = 0.3 [m^2/s];
+            der(h) = (inflow - outlet*h)/area;
+            output h_m [m] = h;
+        }
+    };
+    let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
+    for candidate in Catalogue::standard().places(&subject).candidates {
+        if candidate.kind() != Kind::Variance {
+            let extended =
+                base.extended(&extension(&candidate, &subject)).unwrap_or_else(|e| panic!("{candidate}: {e}"));
+            assert!(extended.layout().params > base.layout().params);
+        }
+    }
+}
+
+#[test]
+fn inputs_of_submodels_are_replaced_where_they_are_connected() {
+    let text = "model a { input u [m]; use \"lag.fdm\" as act(x = u, T = T_act); state z [m]; param T_act = 0.3 [s], k = 2 [1/s]; \
+                der(z) = k*(act.y - z); output z_m [m] = z; }";
+    let lag = "model lag { input x [m]; param T = 0.1 [s]; state y [m]; der(y) = (x - y)/T; output y_m [m] = y; }";
+    let mut source = fdm_grammar::Source::new("a.fdm", text);
+    fdm_grammar::gather(&mut source, &mut |_| Ok(lag.to_string()));
+    let base = Model::from_source(source).unwrap_or_else(|e| panic!("{e}"));
+    let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
+    let places = Catalogue::standard().places(&subject);
+    let made = extension(places.find("input_delay(u)").expect("a place"), &subject);
+    assert!(made.text().contains("act(x = u_delayed, T = T_act)"), "{}", made.text());
+    let extended = base.extended(&made).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(made.null(extended.definition()), Null::Identity);
+    assert!(places.find("missing_coupling(z, act.y)").is_none());
+}

@@ -69,6 +69,8 @@ codes! {
     Unsupported     "E0405" "something the language describes and this version does not compile yet";
     BadDelay        "E0406" "a delay that is negative or changes during the run";
     NotFinite       "E0407" "a value that is not finite";
+    SingularRates   "E0408" "equations that do not determine the derivatives in them";
+    NonlinearRate   "E0409" "an equation that is not linear in a derivative";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";
@@ -77,11 +79,16 @@ codes! {
     UnitMismatch    "E0602" "quantities of different units added, compared or equated";
     UnitArgument    "E0603" "a function applied to a quantity of the wrong unit";
     UnitExponent    "E0604" "an exponent that has a unit, or varies over a base that has one";
+    // submodels, vectors and matrices
+    NoFile          "E0801" "a submodel whose file cannot be read";
+    NotConnected    "E0802" "an input of a submodel that nothing is connected to";
+    WrongShape      "E0803" "vectors and matrices whose shapes do not fit";
+    OutsideShape    "E0804" "an index outside a vector or matrix";
     // effects
-    NullMissing     "E0801" "a param of an effect without a null value, or nothing to try";
-    NotVanishing    "E0802" "an effect that does not vanish at its null values";
-    NoRewrite       "E0803" "an effect that changes nothing, or the same thing twice";
-    Misfit          "E0804" "an effect that cannot be applied";
+    NullMissing     "E0901" "a param of an effect without a null value, or nothing to try";
+    NotVanishing    "E0902" "an effect that does not vanish at its null values";
+    NoRewrite       "E0903" "an effect that changes nothing, or the same thing twice";
+    Misfit          "E0904" "an effect that cannot be applied";
     // warnings
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";
@@ -140,6 +147,14 @@ impl Diagnostic {
         self
     }
 
+    /// The finding as it is told where everything stands `by` bytes later.
+    #[must_use]
+    pub fn moved(mut self, by: u32) -> Self {
+        self.span = self.span.moved(by);
+        self.labels.iter_mut().for_each(|l| l.span = l.span.moved(by));
+        self
+    }
+
     /// Errors stop the compilation, warnings do not.
     pub fn is_error(&self) -> bool {
         self.code.severity() == Severity::Error
@@ -151,7 +166,8 @@ impl Diagnostic {
         let kind = if self.is_error() { "error" } else { "warning" };
         let hint = self.hint.as_ref().map_or(String::new(), |h| format!("; {h}"));
         let code = self.code.text();
-        format!("{}:{}:{}: {kind}[{code}]: {}{hint}", source.name(), at.line, at.column, self.message)
+        let name = source.text_at(self.span.start).name();
+        format!("{name}:{}:{}: {kind}[{code}]: {}{hint}", at.line, at.column, self.message)
     }
 }
 

@@ -3,8 +3,10 @@
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
 mod check;
+mod codegen;
 mod delivery;
 mod effects;
+mod explain;
 mod extend;
 mod failure;
 mod fit;
@@ -13,12 +15,14 @@ mod integrator;
 mod iteration;
 mod keeping;
 mod modes;
+mod new;
 mod noise;
 mod progress;
 mod reading;
 mod records;
 mod regress;
 mod responses;
+mod show;
 mod simulate;
 mod spectra;
 mod spectral;
@@ -58,6 +62,14 @@ enum Verb {
     Regress(regress::Arguments),
     /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
     Spectra(spectra::Arguments),
+    /// Show what becomes of a model's text: syntax, model, graph, derivatives, schedule, code, linear
+    Show(show::Arguments),
+    /// Explain the code of a message: what it means, an example, and the example mended
+    Explain(explain::Arguments),
+    /// Write a first model with comments, ready to be checked, simulated and fitted
+    New(new::Arguments),
+    /// Write the model as stand-alone C or Rust: rates, outputs, their partials and sensitivities, the same bits
+    Codegen(codegen::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -77,6 +89,10 @@ fn main() -> ExitCode {
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
+        Verb::Show(a) => show::run(a),
+        Verb::Explain(a) => explain::run(a),
+        Verb::New(a) => new::run(a),
+        Verb::Codegen(a) => codegen::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

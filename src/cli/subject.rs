@@ -1,10 +1,9 @@
 //! The model that a verb works on, with the changes that were typed.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, tell};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Changes;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 /// A model and what is to be different about its parameters.
@@ -31,13 +30,9 @@ impl Subject {
 }
 
 /// Reads and compiles a model; warnings go to standard error.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     let model = Model::from_file(file)?;
-    if !model.warnings().is_empty() {
-        let colour = std::io::stderr().is_terminal();
-        eprintln!("{}", fdm::report::render(model.source(), model.warnings(), colour));
-    }
+    tell(model.source(), model.warnings());
     Ok(model)
 }
 

@@ -64,7 +64,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         doc: String::new(),
         time: Unit::second(),
         inputs: (0..inputs)
-            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None })
+            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None, slope: None })
             .collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),

@@ -88,7 +88,11 @@ fn declarations(model: &Model) -> String {
         table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
     };
     for i in &definition.inputs {
-        let role = if i.is_declared() { "input" } else { "record" };
+        let role = match (i.is_declared(), i.slope) {
+            (true, _) => "input",
+            (_, Some(_)) => "derivative",
+            _ => "record",
+        };
         add(role, &i.quantity, String::new(), String::new());
     }
     definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));

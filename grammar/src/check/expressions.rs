@@ -1,13 +1,15 @@
 //! Builds the graph: the nodes of the text in order of definition, each name replaced by what it stands for.
 
 use super::delays::{Delays, MOST_DELAYED};
+use super::derivatives::{Derivatives, Twice};
 use super::functions::Function;
 use super::kinds::Kinds;
 use super::names::{Meaning, Scope};
 use super::order::{Block, Blocks, Owner};
 use super::records;
+use super::substitution::{Obstacle, Substitution};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Graph, Leaf};
+use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::{Build, ExprId, Op};
 use crate::syntax::{BinarySign, Expr, ExprRef, Role, UnarySign, Value};
 
@@ -19,13 +21,18 @@ pub(super) struct Indices {
     pub(super) initial: Vec<Option<u32>>,
     /// By symbol: the hidden input that is the record of an output.
     pub(super) record: Vec<Option<u32>>,
+    /// Number of states.
+    states: u32,
+    /// Number of inputs, records included.
+    pub(super) inputs: u32,
 }
 
 impl Indices {
     /// Counts in the order of the text.
     pub(super) fn new(scope: &Scope<'_>, meanings: &[Meaning], kinds: &Kinds) -> Self {
         let count = scope.symbols.len();
-        let mut indices = Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count] };
+        let mut indices =
+            Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count], states: 0, inputs: 0 };
         let (mut inputs, mut states, mut params, mut derived, mut outputs) = (0, 0, 0, 0, 0);
         let next = |count: &mut u32| {
             *count += 1;
@@ -46,6 +53,7 @@ impl Indices {
         }
         // hidden inputs stand behind the declared ones
         records::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
+        (indices.states, indices.inputs) = (states, inputs);
         indices
     }
 }
@@ -68,6 +76,10 @@ pub(super) struct Expressions {
     pub(super) singular: Vec<(ExprRef, ExprRef)>,
     /// Every delay.
     pub(super) delays: Vec<DelayCall>,
+    /// Derivatives that were taken.
+    pub(super) derivatives: Derivatives,
+    /// The number 0.
+    pub(super) nothing: ExprId,
     pushed: Delays,
 }
 
@@ -88,6 +100,8 @@ impl Expressions {
             symbols: vec![nothing; scope.symbols.len()],
             singular: Vec::new(),
             delays: Vec::new(),
+            derivatives: Derivatives::new(indices.states, indices.inputs),
+            nothing,
             pushed: Delays::default(),
             graph,
         };
@@ -167,6 +181,7 @@ impl Expressions {
                     None => self.of(e),
                 },
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
+                Meaning::Function(Function::Der) => self.derivative(scope, e, arguments[0], findings),
                 Meaning::Function(function) => {
                     let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
                     call(&mut self.graph, function, &args)
@@ -175,6 +190,39 @@ impl Expressions {
             },
             Expr::Vector(_) | Expr::Element(..) => self.of(e),
         })
+    }
+
+    fn derivative(
+        &mut self,
+        scope: &Scope<'_>,
+        call: ExprRef,
+        argument: ExprRef,
+        findings: &mut Vec<Diagnostic>,
+    ) -> ExprId {
+        let e = self.of(argument);
+        self.derivatives.of(&mut self.graph, e).unwrap_or_else(|Twice| {
+            let message = "this is the derivative of something that contains a derivative already";
+            let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(call), message);
+            findings.push(finding.hint("make the first derivative a `state` of its own"));
+            e
+        })
+    }
+
+    /// Whether a derivative of a state is in the graph.
+    pub(super) fn holds_derivatives(&self) -> bool {
+        let rate = |signal| matches!(signal, Signal::State(k) if k >= self.derivatives.states());
+        let nodes = self.graph.nodes().iter();
+        let mut leaves = nodes.filter_map(|n| if let Node::Leaf(leaf) = n { Some(*leaf) } else { None });
+        leaves.any(|leaf| self.derivatives.rate(leaf).is_some()) || self.graph.delayed().iter().any(|d| rate(d.signal))
+    }
+
+    /// Brings every node of the text into the new graph, in which all derivatives are known.
+    pub(super) fn transfer(&mut self, into: &mut Substitution<'_>) -> Result<(), Obstacle> {
+        let all = || self.nodes.iter().chain(&self.symbols).chain([&self.nothing]);
+        let moved: Vec<ExprId> = all().map(|e| into.moved(*e)).collect::<Result<_, _>>()?;
+        let all = self.nodes.iter_mut().chain(&mut self.symbols).chain([&mut self.nothing]);
+        all.zip(moved).for_each(|(e, new)| *e = new);
+        Ok(())
     }
 
     fn delay(

@@ -35,7 +35,7 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
     for block in &blocks.list {
         let own = match block.owner {
             Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) => Some(s),
-            Owner::Right(_) | Owner::Known(_) => None,
+            Owner::Left(_) | Owner::Right(_) | Owner::Known(_) => None,
         };
         for e in blocks.nodes(block) {
             if let Meaning::Symbol(s) = meanings[e.0 as usize] {

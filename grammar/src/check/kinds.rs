@@ -97,7 +97,7 @@ impl Kinds {
             },
             Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
             Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
-            Owner::Right(_) => Level::Varying,
+            Owner::Left(_) | Owner::Right(_) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
@@ -165,6 +165,9 @@ impl Judge<'_, '_> {
                 let mut fact = self.joined(arguments, false, false, Hint::Number);
                 fact.level = fact.level.max(self.kinds.level(meaning));
                 fact.broken |= meaning == Meaning::Broken;
+                if meaning == Meaning::Function(Function::Der) {
+                    fact.level = Level::Varying;
+                }
                 if meaning == Meaning::Function(Function::Delay) && !fact.broken {
                     fact.broken = !self.steady_delay(arguments[1]);
                 }
@@ -269,6 +272,8 @@ fn too_variable(
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
-        Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
+        Owner::Left(_) | Owner::Right(_) => {
+            Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}"))
+        }
     }
 }

@@ -9,21 +9,28 @@
 
 mod declarations;
 mod delays;
+mod derivatives;
+mod elimination;
 mod equations;
 mod expressions;
 mod functions;
 mod influence;
 mod kinds;
 mod knowledge;
+mod matching;
 mod measures;
 mod model;
 mod names;
 mod order;
+mod rates;
+mod reach;
 mod records;
 mod remedies;
 mod start;
+mod substitution;
 mod unchecked;
 mod units;
+mod unsolved;
 
 #[cfg(test)]
 mod tests;
@@ -68,10 +75,11 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
     let indices = Indices::new(scope, &meanings, &kinds);
 
-    let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
-    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let params = model::params(scope, &kinds, &indices, &ranges);
+    let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, &params, findings);
+    let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     let start: Vec<f64> = params.iter().map(|p| p.value).collect();
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
@@ -93,7 +101,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, knowledge);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, params, knowledge);
     records::circular(scope, &model, findings);
     influence::without_influence(scope, &blocks, &meanings, &model, findings);
     Some(model)

@@ -120,7 +120,9 @@ impl<'a> Scope<'a> {
 
     /// Whether mistakes with this name are consequences of one that has been told.
     pub(super) fn is_suspended(&self, name: &str) -> bool {
-        self.suspended.contains(name)
+        // names of a submodel, elements of a vector
+        let whole = name.split(['.', '[']).next().unwrap_or(name);
+        self.suspended.contains(name) || self.suspended.contains(whole)
     }
 
     /// Whether statements are missing because they could not be read.
@@ -272,7 +274,7 @@ impl<'a> Resolver<'a, '_> {
             (Some(function), _) => Some(format!("`{name}` is a function: `{}`", function.form(name))),
             (None, "e" | "E") => Some("Euler's number is `exp(1)`, its powers are `exp(x)`".into()),
             (None, _) => match self.scope.derivative(name) {
-                Some(s) => Some(name_of_derivative(self.scope.symbols[s].name())),
+                Some(s) => Some(format!("write `der({})`", self.scope.symbols[s].name())),
                 None => self.scope.nearest(name, self.unknown.len(), |_| true),
             },
         };
@@ -295,8 +297,10 @@ impl<'a> Resolver<'a, '_> {
             self.findings.push(argument_count(function, name, given, span));
             return Meaning::Broken;
         }
-        if function == Function::Der {
-            self.findings.push(derivative_elsewhere(self.scope, arguments[0], span));
+        if function == Function::Der
+            && let Some(finding) = steady(self.scope, arguments[0], span)
+        {
+            self.findings.push(finding);
             return Meaning::Broken;
         }
         if function == Function::Measured {
@@ -320,10 +324,6 @@ fn another_place(finding: &mut Diagnostic, span: Span) {
     if finding.labels.len() < MOST_PLACES {
         finding.labels.push(Label { span: later, text: "and here".into() });
     }
-}
-
-fn name_of_derivative(state: &str) -> String {
-    format!("name the right side of its equation: `let {state}_dot = ...; der({state}) = {state}_dot;`")
 }
 
 fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
@@ -359,25 +359,16 @@ pub(super) fn argument_count(function: Function, name: &Name, given: usize, span
     Diagnostic::new(Code::ArgumentCount, span, message).hint(format!("`{}`", function.form(&name.text)))
 }
 
-fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Diagnostic {
-    let declared = match scope.tree.expr(argument) {
-        Expr::Name(name) => scope.find(name).map(|s| &scope.symbols[s]),
-        _ => None,
-    };
-    let message = match declared {
-        Some(s) if s.role == Role::Input => {
-            format!("the derivative of the input `{}` is not compiled yet", s.name())
-        }
-        _ => "`der(...)` stands on the left side of an equation only".to_string(),
-    };
-    let finding = Diagnostic::new(Code::Unsupported, span, message);
-    match declared {
-        Some(s) if s.role == Role::Input => {
-            finding.hint("record the derivative as an input of its own, or filter the input with a state")
-        }
-        Some(s) if s.role == Role::State => finding.hint(name_of_derivative(s.name())),
-        _ => finding.hint("write a derivative as a state of its own"),
+/// A derivative is taken of what changes.
+fn steady(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Option<Diagnostic> {
+    let Expr::Name(name) = scope.tree.expr(argument) else { return None };
+    let symbol = &scope.symbols[scope.find(name)?];
+    if !matches!(symbol.role, Role::Param | Role::Const) {
+        return None;
     }
+    let message =
+        format!("`{name}` is a {}: it does not change, so that its derivative is zero", symbol.role.keyword());
+    Some(Diagnostic::new(Code::WrongName, span, message).label(symbol.declaration.name.span, "declared here"))
 }
 
 /// Longer names are not compared with others, and only so many comparisons are made: guessing must stay cheap.

@@ -4,7 +4,8 @@ use super::equations::Equation;
 use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Expr, ExprRef, Role, Value};
+pub(super) use crate::syntax::operands as each_operand;
+use crate::syntax::{ExprRef, Role, Value};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::ops::Range;
 
@@ -17,6 +18,8 @@ pub(super) enum Owner {
     Lower(SymbolId),
     /// The upper bound.
     Upper(SymbolId),
+    /// The left side of an equation that is solved for derivatives, by index.
+    Left(usize),
     /// The right side of an equation, by index.
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
@@ -58,6 +61,9 @@ impl Blocks {
             }
         }
         for (k, equation) in equations.iter().enumerate() {
+            if equation.implicit {
+                add(Owner::Left(k), equation.left);
+            }
             add(Owner::Right(k), equation.right);
         }
         known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
@@ -80,18 +86,6 @@ impl Blocks {
         }
         self.nodes[start..].sort_unstable();
         self.list.push(Block { owner, root, range: start..self.nodes.len() });
-    }
-}
-
-/// Visits the operands of a node.
-pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
-    match expr {
-        Expr::Number(_) | Expr::Name(_) => {}
-        Expr::Unary(_, a) => visit(*a),
-        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
-        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Element(..) => {}
-        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
     }
 }
 
@@ -139,7 +133,7 @@ pub(super) fn sort(
 }
 
 /// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).
-fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
+pub(super) fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
     const NEW: usize = usize::MAX;
     let mut index = vec![NEW; needs.len()];
     let mut low = vec![0; needs.len()];

@@ -6,7 +6,8 @@ use super::kinds::{Kinds, Level};
 use super::knowledge::Known;
 use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Graph, Leaf, Node};
+use crate::graph::{Graph, Leaf, Node, Signal};
+use crate::op::ExprId;
 use crate::syntax::{Role, Value};
 
 /// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
@@ -86,6 +87,63 @@ fn at_start(
             let finding = Diagnostic::new(Code::BadDelay, scope.tree.span(call.tau), message);
             findings.push(finding.hint("a delay is 0 or more"));
         }
+    }
+}
+
+/// Values of a graph that grows, where a run begins: parameters at their start values, states at their initial ones. NaN for
+/// what is not known there: inputs, free initial values.
+pub(super) struct Start<'a> {
+    params: &'a [f64],
+    /// Initial values of the states.
+    states: Vec<f64>,
+    values: Vec<f64>,
+    varies: Vec<bool>,
+}
+
+impl<'a> Start<'a> {
+    /// Initial values are not known yet.
+    pub(super) fn new(params: &'a [f64], states: usize) -> Self {
+        Self { params, states: vec![f64::NAN; states], values: Vec::new(), varies: Vec::new() }
+    }
+
+    /// Says what the states are at the beginning of a run, before expressions of them are looked at.
+    pub(super) fn begin(&mut self, states: Vec<f64>) {
+        self.states = states;
+    }
+
+    /// Learns about the nodes that have joined the graph.
+    pub(super) fn look(&mut self, graph: &Graph) {
+        for k in self.values.len()..graph.nodes().len() {
+            let state = |k: u32| self.states.get(k as usize).copied().unwrap_or(f64::NAN);
+            let (value, varies) = match &graph.nodes()[k] {
+                Node::Constant(bits) => (f64::from_bits(*bits), false),
+                Node::Leaf(Leaf::Param(k)) => (self.params[*k as usize], false),
+                Node::Leaf(Leaf::State(k)) => (state(*k), true),
+                Node::Leaf(Leaf::Time) => (0.0, true),
+                Node::Leaf(Leaf::Input(_)) => (f64::NAN, true),
+                Node::Leaf(Leaf::Delayed(d)) => match graph.delayed()[*d as usize].signal {
+                    Signal::State(k) => (state(k), true),
+                    Signal::Input(_) => (f64::NAN, true),
+                },
+                Node::Apply(op, args) => {
+                    let at = |i: usize| self.values.get(args[i].index()).copied().unwrap_or(f64::NAN);
+                    let varies = args[..op.row().arity].iter().any(|a| self.varies[a.index()]);
+                    ((op.row().value)(at(0), at(1), at(2)), varies)
+                }
+            };
+            self.values.push(value);
+            self.varies.push(varies);
+        }
+    }
+
+    /// The value of a node that was looked at.
+    pub(super) fn value(&self, e: ExprId) -> f64 {
+        self.values.get(e.index()).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Whether a node depends on more than parameters.
+    pub(super) fn varies(&self, e: ExprId) -> bool {
+        self.varies.get(e.index()).copied().unwrap_or(true)
     }
 }
 

@@ -37,7 +37,7 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
     let time = if scope.has_units { Some(measures.known(scope.time.clone())) } else { None };
     let nodes = vec![Measure::Broken; scope.tree.expressions.len()];
     let ledger = Ledger::new(scope);
-    let mut pass = Pass { checked, measures, symbols, time, nodes, ledger, findings };
+    let mut pass = Pass { checked, measures, symbols, time, nodes, ledger, left: None, findings };
     for block in &checked.blocks.list {
         let mut survey = pass.ledger.survey();
         for e in checked.blocks.nodes(block) {
@@ -72,6 +72,8 @@ struct Pass<'a, 'b, 'c> {
     time: Option<Measure>,
     nodes: Vec<Measure>,
     ledger: Ledger,
+    /// What was seen on the left of an equation whose right side comes next.
+    left: Option<Survey>,
     findings: &'c mut Vec<Diagnostic>,
 }
 
@@ -191,7 +193,11 @@ impl Pass<'_, '_, '_> {
                 self.delay(arguments[1]);
                 first
             }
-            Function::Der | Function::Measured => self.of(e),
+            Function::Der => match self.time {
+                Some(time) => self.measures.joined(first, time, true).unwrap_or_else(|OutOfRange| self.out_of_range(e)),
+                None => first,
+            },
+            Function::Measured => self.of(e),
         }
     }
 
@@ -325,6 +331,8 @@ impl Pass<'_, '_, '_> {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));
             }
+            Owner::Left(_) => self.left = Some(survey),
+            Owner::Right(k) if self.checked.equations[k].implicit => self.implicit(k, value, survey),
             Owner::Right(k) => self.equation(k, value, survey),
         }
     }
@@ -366,6 +374,27 @@ impl Pass<'_, '_, '_> {
         if let Some(unit) = &symbol.declaration.unit {
             finding = finding.label(unit.span, "the unit of the state");
         }
+        self.findings.push(self.conversion(finding, x, y));
+    }
+
+    /// Both sides of an equation that is solved for derivatives.
+    fn implicit(&mut self, k: usize, right: Measure, mut survey: Survey) {
+        let equation = &self.checked.equations[k];
+        let left = self.of(equation.left);
+        if let Some(seen) = self.left.take() {
+            survey.join(seen);
+        }
+        let Err((x, y)) = self.measures.agreed(left, right) else {
+            if left != Measure::Broken && right != Measure::Broken {
+                self.ledger.enter(survey, || "an equation".to_string());
+            }
+            return;
+        };
+        let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+        let message = format!("the left side is in {own}, the right side in {other}{factor}");
+        let finding = Diagnostic::new(Code::UnitMismatch, self.span(equation.right), message);
+        let finding = finding.label(self.span(equation.left), format!("this is in {own}"));
         self.findings.push(self.conversion(finding, x, y));
     }
 

@@ -84,7 +84,7 @@ impl Extension {
     /// # Errors
     /// Why the effect does not fit this model, with places in [`Extension::source`].
     pub fn compile(&self) -> Result<Compiled, Vec<Diagnostic>> {
-        compile_tree(self.tree()?, Vec::new())
+        compile_tree(&self.source, self.tree()?, Vec::new())
     }
 
     /// How the effect vanishes at its null values: the extended model compared with the base model, at random points.

@@ -9,6 +9,7 @@ use super::names::Taken;
 use super::scales::{Answers, Beginning, NAMED_REQUESTS, REQUESTS, Scales, rounded};
 use super::subject::{Subject, operands};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::gather;
 use crate::source::Source;
 use crate::syntax::{
     BinarySign, Declaration, EffectLine, Expr, ExprRef, Printer, Role, SlotKind, SyntaxTree, Tunable, Value,
@@ -590,7 +591,13 @@ impl<'a> Rewrite<'a> {
             let texts: Vec<String> = self.lines.iter().filter(|(l, _)| *l == line).map(|(_, t)| t.clone()).collect();
             self.editor.insert(line, &texts);
         }
-        let source = Source::new(self.subject.source.name(), self.editor.finish());
+        let base = &self.subject.source;
+        let mut source = Source::new(base.name(), self.editor.finish());
+        // the files that the model uses are those that it was compiled with
+        gather(&mut source, &mut |name| {
+            let text = base.find(name).map(|k| base.texts()[k].text().to_string());
+            text.ok_or_else(|| "it was not there before".to_string())
+        });
         Extension { source, params: self.params, declared: self.declared, base: self.subject.model.clone() }
     }
 }

@@ -35,13 +35,26 @@ pub struct Input {
     pub measured: Option<u32>,
     /// Made by [`Model::carried`]: a hidden input, computed from what the inputs in front of it recorded.
     pub computed: Option<Computed>,
+    /// Made from `der(u)`: a hidden input, the derivative of an input in front of it.
+    pub slope: Option<Slope>,
 }
 
 impl Input {
     /// Whether it was declared, so that a record has a column of it; hidden inputs follow from other columns.
     pub fn is_declared(&self) -> bool {
-        self.measured.is_none() && self.computed.is_none()
+        self.measured.is_none() && self.computed.is_none() && self.slope.is_none()
     }
+}
+
+/// The derivative of an input, as its record is interpolated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slope {
+    /// The input, by index.
+    pub of: u32,
+    /// Whether outputs show it: its value at a sample is then the mean of the slopes on both sides, and linear between samples. Otherwise
+    /// it drives rates: each slope holds from its sample to the next, so that its integral is the input itself, and is zero outside
+    /// the record.
+    pub shown: bool,
 }
 
 /// What a hidden input is computed from: an expression in a graph of its own, so that neither derivatives nor delays of the
@@ -155,6 +168,12 @@ impl Model {
     /// Index of a parameter by name.
     pub fn param(&self, name: &str) -> Option<usize> {
         self.params.iter().position(|p| p.quantity.name == name)
+    }
+
+    /// Inputs (by index) that are zero outside the record.
+    pub fn vanishing(&self) -> impl Iterator<Item = u32> + '_ {
+        let slope = |i: &Input| i.slope.is_some_and(|s| !s.shown);
+        self.inputs.iter().enumerate().filter(move |(_, i)| slope(i)).map(|(k, _)| k as u32)
     }
 
     /// Start values of all parameters.

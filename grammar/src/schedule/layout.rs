@@ -21,6 +21,8 @@ pub struct Layout {
     pub params: usize,
     /// Number of outputs q.
     pub outputs: usize,
+    /// Inputs that are zero outside the record: derivatives of inputs, which keep their values there.
+    pub vanishing: Vec<u32>,
     /// Delayed signals; they follow the inputs in the drive.
     pub delayed: Vec<Signal>,
     /// Length of the array that `prepare` fills.

@@ -138,6 +138,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         inputs: model.inputs.len(),
         params: model.params.len(),
         outputs: model.outputs.len(),
+        vanishing: model.vanishing().collect(),
         delayed: graph.delayed().iter().map(|s| s.signal).collect(),
         known: known.len(),
         initial,

@@ -19,6 +19,7 @@ mod print_effect;
 mod recover;
 mod scan;
 mod slips;
+mod spans;
 mod tree;
 mod words;
 
@@ -27,7 +28,7 @@ pub use effects::*;
 pub(crate) use extent::value_extent;
 pub use print::Printer;
 pub use print_effect::print_effect;
-pub use recover::{parse, parse_recovering};
+pub use recover::{parse, parse_recovering, parse_used};
 pub use tree::*;
 pub use words::{WORDS, WordUse, word_use, words_for};
 

@@ -275,3 +275,14 @@ impl SyntaxTree {
         self.expressions[e.0 as usize].1
     }
 }
+
+/// Visits the operands of an expression.
+pub fn operands(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
+    match expr {
+        Expr::Number(_) | Expr::Name(_) | Expr::Element(..) => {}
+        Expr::Unary(_, a) => visit(*a),
+        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
+        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
+        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
+    }
+}

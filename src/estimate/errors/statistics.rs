@@ -164,6 +164,9 @@ impl Statistics {
     ) -> Vec<ParameterEstimate> {
         let mut table = Vec::new();
         let names = problem.derived.names.clone();
+        if names.is_empty() {
+            return table;
+        }
         let rows: Vec<_> = (0..unknowns.runs).map(|run| self.derived_in(problem, unknowns, values, run)).collect();
         for (i, derived) in names.iter().enumerate() {
             let copies = if derived.per_run { problem.runs.len() } else { 1 };

@@ -1,5 +1,6 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod implicit;
 mod limits;
 mod mistakes;
 mod models;
@@ -24,7 +25,8 @@ fn told(text: &str) -> Vec<String> {
             findings
         }
     };
-    let line = |f: &Diagnostic| f.line(&source).replace("m:", "").replace(": error[", " ").replace(": warning[", " ");
+    let line =
+        |f: &Diagnostic| f.line(&source).replacen("m:", "", 1).replace(": error[", " ").replace(": warning[", " ");
     findings.iter().map(|f| line(f).replacen("]: ", " ", 1)).collect()
 }
 
