@@ -109,7 +109,8 @@ impl Comparison<'_> {
             return Ok(false);
         }
         for ((place, ..), (b, e)) in pairs.into_iter().zip(values) {
-            if !((b - e).abs() <= tolerance * (1.0 + b.abs() + e.abs())) {
+            let near = (b - e).abs() <= tolerance * (1.0 + b.abs() + e.abs());
+            if !near {
                 return Err(Null::Differs { place, base: b, extended: e });
             }
         }
@@ -251,14 +252,13 @@ fn solved(mut a: Vec<Vec<f64>>, b: &[f64]) -> Option<Vec<f64>> {
         let pivot = (k..n).max_by(|i, j| a[*i][k].abs().total_cmp(&a[*j][k].abs()))?;
         a.swap(k, pivot);
         x.swap(k, pivot);
-        if !(a[k][k].abs() > 0.0) || !a[k][k].is_finite() {
+        if a[k][k] == 0.0 || !a[k][k].is_finite() {
             return None;
         }
+        let row = a[k].clone();
         for i in k + 1..n {
-            let factor = a[i][k] / a[k][k];
-            for j in k..n {
-                a[i][j] -= factor * a[k][j];
-            }
+            let factor = a[i][k] / row[k];
+            a[i].iter_mut().zip(&row).skip(k).for_each(|(a, r)| *a -= factor * r);
             x[i] -= factor * x[k];
         }
     }

@@ -3,7 +3,7 @@
 use super::candidate::{Candidate, Choice};
 use super::definition::{Effect, Kind};
 use super::null::Null;
-use super::scales::Nominal;
+use super::scales::{Nominal, rounded};
 use super::subject::Subject;
 use crate::compile;
 use crate::diagnostic::{Code, Diagnostic};
@@ -55,6 +55,12 @@ fn on(effect: &Effect, kinds: Vec<SlotKind>) -> Result<(), Diagnostic> {
                 .hint("a null may be infinite, such as that of a limit: `param L = inf try ...;`"))
         }
         Null::Differs { place, base, extended } => {
+            // the plain model's own names mean nothing to a reader
+            let place = match place.strip_prefix("of_") {
+                Some(slot) => format!("what is computed from `{slot}`"),
+                None => format!("`{place}`"),
+            };
+            let (base, extended) = (rounded(base), rounded(extended));
             let nulls: Vec<String> = extension
                 .params()
                 .iter()
@@ -63,7 +69,7 @@ fn on(effect: &Effect, kinds: Vec<SlotKind>) -> Result<(), Diagnostic> {
                 .collect();
             let nulls = nulls.join(", ");
             let message = format!(
-                "the effect `{name}` does not vanish at {nulls}: `{place}` is {extended} there, and {base} without it"
+                "the effect `{name}` does not vanish at {nulls}: {place} is {extended} there, and {base} without it"
             );
             Err(fault(Code::NotVanishing, message)
                 .hint("give the value at which it leaves the model as it is, or multiply what is added by a param that is null"))

@@ -216,7 +216,7 @@ impl<'a> Rewrite<'a> {
             Some((Some(lower), Some(upper))) => (lower, upper),
             _ => (f64::NEG_INFINITY, f64::INFINITY),
         };
-        if !(lower < upper) {
+        if lower.partial_cmp(&upper) != Some(std::cmp::Ordering::Less) {
             return Err(self.misfit(format!("the bounds [{lower}, {upper}] of `{local}` leave no room")));
         }
         if trials.is_empty() && lower.is_finite() && upper.is_finite() && !t.nuisance {

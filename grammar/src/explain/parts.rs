@@ -3,7 +3,7 @@
 use super::{Example, Page};
 
 /// The file that examples with submodels use.
-pub const LAG_FILE: (&str, &str) = (
+pub(super) const LAG_FILE: (&str, &str) = (
     "lag.fdm",
     "model lag {
   input x;
