@@ -15,7 +15,7 @@ pub mod simulate;
 pub mod spectrum;
 pub mod store;
 
-pub use fdm_grammar::math;
+pub use fdm_grammar::{effect, math};
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].
 ///
 /// What stands between the braces is a model exactly as in a `.fdm` file. It is checked when the program is compiled:

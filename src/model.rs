@@ -8,6 +8,7 @@ use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
@@ -208,6 +209,22 @@ impl Model {
         let dynamics = crate::code::compile(&schedule, Engine::default()).into();
         let compiled = Arc::new(Compiled { model: definition, loose: None, schedule, warnings: Vec::new() });
         Self { source: self.source.clone(), compiled, dynamics }
+    }
+
+    /// This model with an effect in it (see [`fdm_grammar::effect`]): the parameters and states of this one keep their
+    /// numbers, the new ones stand behind them; the text is the extended one.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with places in the extended text, when the effect does not fit.
+    pub fn extended(&self, extension: &Extension) -> Result<Self, ModelError> {
+        let source = extension.source().clone();
+        match extension.compile() {
+            Ok(compiled) => {
+                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
+                Ok(Self { source, compiled: Arc::new(compiled), dynamics })
+            }
+            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
+        }
     }
 
     /// The model with measured records in the place of the chosen states (by index) on the right sides of its equations

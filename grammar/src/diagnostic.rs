@@ -86,6 +86,11 @@ codes! {
     NotConnected    "E0802" "an input of a submodel that nothing is connected to";
     WrongShape      "E0803" "vectors and matrices whose shapes do not fit";
     OutsideShape    "E0804" "an index outside a vector or matrix";
+    // effects
+    NullMissing     "E0901" "a param of an effect without a null value, or nothing to try";
+    NotVanishing    "E0902" "an effect that does not vanish at its null values";
+    NoRewrite       "E0903" "an effect that changes nothing, or the same thing twice";
+    Misfit          "E0904" "an effect that cannot be applied";
     // warnings
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";

@@ -7,6 +7,7 @@ pub mod carried;
 pub mod check;
 pub mod derive;
 pub mod diagnostic;
+pub mod effect;
 pub mod emit;
 pub mod expand;
 pub mod explain;
@@ -63,7 +64,22 @@ fn swollen(model: &Model) -> Diagnostic {
 /// # Errors
 /// Every mistake of the text that can be found, in the order of the text; at least one of them is an error.
 pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
-    let (loose, warnings) = examine(source)?;
+    programs(examine(source)?)
+}
+
+/// A tree of a source's own text to programs; `findings` is what was wrong with that text.
+///
+/// # Errors
+/// As [`compile`].
+pub fn compile_tree(
+    source: &Source,
+    tree: syntax::SyntaxTree,
+    findings: Vec<Diagnostic>,
+) -> Result<Compiled, Vec<Diagnostic>> {
+    programs(examine_tree(source, tree, findings)?)
+}
+
+fn programs((loose, warnings): (Model, Vec<Diagnostic>)) -> Result<Compiled, Vec<Diagnostic>> {
     let mut model = loose.tied(&[]);
     let loose = (!loose.ties.is_empty()).then(|| Box::new(loose));
     match Schedule::within(&mut model, MOST_NODES) {
@@ -77,8 +93,18 @@ pub fn compile(source: &Source) -> Result<Compiled, Vec<Diagnostic>> {
 /// # Errors
 /// As [`compile`].
 pub fn examine(source: &Source) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
-    let (tree, mut findings) = syntax::parse_recovering(source);
-    let Some(tree) = tree else { return Err(findings) };
+    let (tree, findings) = syntax::parse_recovering(source);
+    match tree {
+        Some(tree) => examine_tree(source, tree, findings),
+        None => Err(findings),
+    }
+}
+
+fn examine_tree(
+    source: &Source,
+    tree: syntax::SyntaxTree,
+    mut findings: Vec<Diagnostic>,
+) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnostic>> {
     let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
     findings.extend(expanded.findings);
     let elements = expanded.elements;

@@ -116,6 +116,18 @@ pub fn function_forms() -> impl Iterator<Item = (&'static str, String)> {
     Function::names().filter_map(|name| Some((name, Function::find(name)?.form(name))))
 }
 
+/// Least number of arguments of a function, whether more are allowed, and how a call is written.
+pub fn function_form(name: &str) -> Option<(usize, bool, String)> {
+    let function = Function::find(name)?;
+    let (least, more) = function.arity();
+    Some((least, more, function.form(name)))
+}
+
+/// The names of all functions.
+pub fn function_names() -> impl Iterator<Item = &'static str> {
+    Function::names()
+}
+
 /// How this language writes what others call `name`.
 pub(super) fn translation(name: &str) -> Option<&'static str> {
     let lower = name.to_lowercase();

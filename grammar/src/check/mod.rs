@@ -41,7 +41,7 @@ mod unsolved;
 #[cfg(test)]
 mod tests;
 
-pub use functions::function_forms;
+pub use functions::{function_form, function_forms, function_names};
 pub use names::reserved;
 
 use crate::diagnostic::{Code, Diagnostic};

@@ -4,6 +4,7 @@
 //! every example. **Start** at [`page`].
 
 mod declarations;
+mod effects;
 mod equations;
 mod made;
 mod names;
@@ -84,6 +85,10 @@ pub fn page(code: Code) -> Page {
         Code::UnitMismatch => units::UNIT_MISMATCH,
         Code::UnitArgument => units::UNIT_ARGUMENT,
         Code::UnitExponent => units::UNIT_EXPONENT,
+        Code::NullMissing => effects::NULL_MISSING,
+        Code::NotVanishing => effects::NOT_VANISHING,
+        Code::NoRewrite => effects::NO_REWRITE,
+        Code::Misfit => effects::MISFIT,
         Code::UnitUnknown => warnings::UNIT_UNKNOWN,
         Code::Unused => warnings::UNUSED,
         Code::NoInfluence => warnings::NO_INFLUENCE,
@@ -138,10 +143,14 @@ fn wrapped(text: &str) -> String {
 mod tests {
     use super::code as named;
     use super::*;
+    use crate::effect::Catalogue;
     use crate::expand::gather;
     use crate::{Diagnostic, Source, compile};
 
     fn findings(text: &str) -> Vec<Diagnostic> {
+        if text.starts_with("effect") {
+            return Catalogue::read(&Source::new("page.fdm", text)).1;
+        }
         let mut source = Source::new("page.fdm", text);
         gather(&mut source, &mut |name| {
             let (file, lag) = parts::LAG_FILE;
