@@ -155,38 +155,6 @@ fn splines_are_smooth_and_give_back_cubics() {
 }
 
 #[test]
-fn derivatives_by_argument_and_ordinates_are_those_of_the_curve() {
-    let mut numbers = Numbers(11);
-    for method in ["linear", "cubic", "pchip"] {
-        let p = points(&mut numbers, 7);
-        let mut model = model(method, &p);
-        let derivatives = crate::derive::differentiate(&mut model);
-        let partials = &derivatives.outputs;
-        let at = |model: &Model, e, x: f64, moved: Option<(u32, f64)>| {
-            model.graph.evaluate(e, |leaf| match leaf {
-                Leaf::Input(_) => x,
-                Leaf::Param(k) => model.params[k as usize].value + moved.filter(|m| m.0 == k).map_or(0.0, |m| m.1),
-                _ => f64::NAN,
-            })
-        };
-        let y = model.outputs[0].expr;
-        for k in 0..40 {
-            let x = p[0].0 - 0.3 + (p[6].0 - p[0].0 + 0.6) * (f64::from(k) + 0.37) / 40.0;
-            let h = 1e-6;
-            let slope = (at(&model, y, x + h, None) - at(&model, y, x - h, None)) / (2.0 * h);
-            let own = at(&model, partials.input.entries[0], x, None);
-            assert!((slope - own).abs() < 1e-6 * slope.abs().max(1.0), "{method} at {x}: {own} {slope}");
-            for (place, j) in partials.param.pattern.row(0) {
-                let h = 1e-6;
-                let difference = at(&model, y, x, Some((j as u32, h))) - at(&model, y, x, Some((j as u32, -h)));
-                let own = at(&model, partials.param.entries[place], x, None);
-                assert!((difference / (2.0 * h) - own).abs() < 1e-7, "{method} by y{j} at {x}");
-            }
-        }
-    }
-}
-
-#[test]
 fn equal_calls_are_one_expression_and_constants_fold() {
     let m = good("input u; table C(a) = cubic { 0: 1, 1: 2, 2: 0, 3: 1 }; output y = C(2*u) - C(2*u), z = C(1.5);");
     assert!(m.graph.constant(m.outputs[1].expr).is_some());
