@@ -183,6 +183,6 @@ mod tests {
             let longest = printed.lines().map(|l| l.chars().count()).max().unwrap_or(0);
             assert!(longest <= 100, "{}: a line of {longest} characters", code.text());
         }
-        assert_eq!((super::code("e0201"), super::code("F012")), (Some(Code::UnknownName), None));
+        assert_eq!((code("e0201"), code("F012")), (Some(Code::UnknownName), None));
     }
 }
