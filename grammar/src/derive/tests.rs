@@ -45,7 +45,7 @@ fn funnels_and_sweeps_give_the_same_derivatives() {
     for seed in 0..400 {
         let (mut g, roots) = random(seed);
         let sweep = Sweep::new(&g, &roots);
-        let [forward, back] = [false, true].map(|funnels| sweep.by(&mut g, |_| true, funnels));
+        let [forward, back] = [false, true].map(|funnels| sweep.by(&mut g, |_| true, funnels, usize::MAX).unwrap());
         for at in 0..4 {
             let leaf = |leaf: Leaf| match leaf {
                 Leaf::Param(k) => 0.3 + 0.4 * f64::from((k + at) % 4),
@@ -81,7 +81,7 @@ fn a_branch_that_is_not_taken_counts_nothing_however_infinite() {
     }
     let sweep = Sweep::new(&g, &[e]);
     for funnels in [false, true] {
-        let columns = sweep.by(&mut g, |_| true, funnels);
+        let columns = sweep.by(&mut g, |_| true, funnels, usize::MAX).unwrap();
         let slope = g.evaluate(columns[&Leaf::Param(0)][0].1, |l| if l == Leaf::Param(0) { 0.0 } else { 2.0 });
         assert_eq!(slope, 16.0, "{funnels}");
     }

@@ -20,6 +20,7 @@ mod words;
 
 pub use print::Printer;
 pub use recover::{parse, parse_recovering, parse_used};
+pub use scan::{Kind as TokenKind, Token, tokens};
 pub use tree::*;
 pub use words::{WORDS, WordUse, word_use, words_for};
 
