@@ -64,11 +64,15 @@ fn declared(model: &Model) -> Vec<Declared> {
     };
     let inputs = m.inputs.iter().map(|i| row("input", &i.quantity, None, from(i)));
     let states = m.states.iter().map(|s| row("state", &s.quantity, None, String::new()));
-    let params = m.params.iter().map(|p| {
-        let role = if p.origin == Origin::Declared { "param" } else { "free initial value" };
-        row(role, &p.quantity, Some(p.value), attributes(p))
+    let params = m.params.iter().map(|p| match p.origin {
+        Origin::Declared => row("param", &p.quantity, Some(p.value), attributes(p)),
+        Origin::FreeInitial(_) => row("free initial value", &p.quantity, Some(p.value), attributes(p)),
+        Origin::FirstSample(_) => row("first sample", &p.quantity, None, String::new()),
     });
-    let derived = m.derived.iter().map(|d| row("derived param", &d.quantity, None, String::new()));
+    let derived = m.derived.iter().map(|d| match d.tied {
+        true => row("tied param", &d.quantity, None, format!("= {}", show(&m.graph, d.expr, m))),
+        false => row("derived param", &d.quantity, None, String::new()),
+    });
     let noise = |noise: Option<f64>| noise.map(|n| format!("noise {n}")).unwrap_or_default();
     let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, None, noise(o.noise)));
     let written = definitions(model);
@@ -82,6 +86,14 @@ fn definitions(model: &Model) -> Vec<Declared> {
     let text = |name: &Option<fdm_grammar::syntax::Name>| name.as_ref().map(|n| n.text.clone());
     let mut found = Vec::new();
     for statement in &tree.statements {
+        if let StatementKind::Table(table) = &statement.kind {
+            let (name, doc, unit) = (table.name.text.clone(), text(&table.doc).unwrap_or_default(), text(&table.unit));
+            let written = printer.statement(statement);
+            let more = written.split_once(" = ").map_or(String::new(), |(_, curve)| format!("= {curve}"));
+            let more = more.trim_end_matches(';').to_string();
+            found.push(Declared { name, role: Role::Table.keyword(), unit, value: None, more, doc });
+            continue;
+        }
         let StatementKind::Declare(role @ (Role::Const | Role::Let), declarations) = &statement.kind else { continue };
         for d in declarations {
             let Some(fdm_grammar::syntax::Value::Expr(e)) = d.value else { continue };
