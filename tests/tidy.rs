@@ -24,6 +24,7 @@ const GRAMMAR: &[&str] = &[
     "emit",
     "linearise",
     "carried",
+    "effect",
     "lib",
 ];
 const FDM: &[&str] = &[

@@ -5,7 +5,9 @@
 mod check;
 mod codegen;
 mod delivery;
+mod effects;
 mod explain;
+mod extend;
 mod failure;
 mod fit;
 mod fmt;
@@ -48,6 +50,10 @@ struct Arguments {
 enum Verb {
     /// Check a model: every mistake of its text, then every derivative against a complex step
     Check(check::Arguments),
+    /// List what may be missing from a model: the effects of the catalogue and the places where they fit
+    Effects(effects::Arguments),
+    /// Write effects into a model's own text, and print what changes
+    Extend(extend::Arguments),
     /// Simulate a model over recorded inputs
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
@@ -82,6 +88,8 @@ fn main() -> ExitCode {
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),
+        Verb::Effects(a) => effects::run(a),
+        Verb::Extend(a) => extend::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
         Verb::Fmt(a) => fmt::run(a),
