@@ -202,7 +202,8 @@ impl<'a> Statement<'a> {
             Some(WordUse::Statement) if matches!(&*first.text, "model" | "time" | "trim" | "table" | "use") => None,
             Some(WordUse::Statement) => Some(&*first.text),
             Some(WordUse::Planned) => None,
-            _ => pieces.iter().any(|p| p.is("=") || p.is("+=")).then_some(""),
+            // one name or derivative on the left; longer left sides would move their neighbours far apart
+            _ => pieces.iter().filter(|p| !p.is_comment()).take(LEFT_SIDE).any(|p| p.is("=")).then_some(""),
         };
         // a keyword that stands alone on its line has its items below it, moved in
         let alone = pieces.get(1).is_none_or(|p| p.line_ends > 0);
@@ -293,6 +294,9 @@ impl<'a> Statement<'a> {
         }
     }
 }
+
+/// Pieces up to the sign of `der(x[1]) = ...`.
+const LEFT_SIDE: usize = 6;
 
 /// Whether nothing can stand behind these comments on their line.
 fn is_full(comments: &[&str]) -> bool {

@@ -46,6 +46,11 @@ pub fn format(source: &Source) -> Result<String, Refusal> {
 
 /// What a text says, apart from its places.
 fn meaning(source: &Source) -> Result<String, Vec<Diagnostic>> {
+    if pieces::pieces(source.text()).iter().find(|p| !p.is_comment()).is_some_and(|p| p.is("effect")) {
+        let (effects, findings) = syntax::parse_effects(source);
+        let printed: Vec<String> = effects.iter().map(syntax::print_effect).collect();
+        return if findings.is_empty() { Ok(printed.concat()) } else { Err(findings) };
+    }
     let tree = syntax::parse(source)?;
     Ok(Printer::with_source(&tree, source).model())
 }

@@ -46,8 +46,10 @@ pub(super) fn wrap(pieces: &[&Piece<'_>], indent: usize, mut depth: usize) -> us
 fn cost(before: &Piece<'_>, after: &Piece<'_>, depth: usize) -> Option<usize> {
     let (comma, sum, product, attribute, value) = (0, 2, 3, 4, 9);
     let joint = match &*after.text {
+        // at the beginning of a line it would be a comment of its own
+        _ if after.is_comment() => return None,
         _ if before.is(",") => comma,
-        _ if before.is_comment() || after.is_comment() || !after.space && !after.is("*") && !after.is("/") => {
+        _ if before.is_comment() || !after.space && !after.is("*") && !after.is("/") => {
             return None;
         }
         "and" | "or" | "then" | "else" => 1,
