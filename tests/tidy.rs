@@ -12,6 +12,7 @@ const GRAMMAR: &[&str] = &[
     "explain",
     "unit",
     "syntax",
+    "format",
     "expand",
     "op",
     "graph",
@@ -23,6 +24,7 @@ const GRAMMAR: &[&str] = &[
     "emit",
     "linearise",
     "carried",
+    "effect",
     "lib",
 ];
 const FDM: &[&str] = &[
@@ -39,6 +41,7 @@ const FDM: &[&str] = &[
     "estimate",
     "store",
     "report",
+    "lsp",
     "cli",
 ];
 

@@ -42,7 +42,7 @@ codes! {
     // text
     Unexpected      "E0101" "text that does not fit the grammar";
     TooDeep         "E0102" "nested deeper than the limit";
-    TooLarge        "E0103" "text larger than the limit";
+    TooLarge        "E0103" "a text, or its derivatives, larger than the limit";
     Unterminated    "E0104" "a string or bracket that is not closed";
     BadNumber       "E0105" "a number that cannot be represented";
     NotText         "E0106" "a file that is not UTF-8 text";
@@ -71,6 +71,8 @@ codes! {
     NotFinite       "E0407" "a value that is not finite";
     SingularRates   "E0408" "equations that do not determine the derivatives in them";
     NonlinearRate   "E0409" "an equation that is not linear in a derivative";
+    BadTable        "E0410" "a table whose points are too few or not in order";
+    BadBlock        "E0411" "a block that cannot be built of states";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";
@@ -84,6 +86,11 @@ codes! {
     NotConnected    "E0802" "an input of a submodel that nothing is connected to";
     WrongShape      "E0803" "vectors and matrices whose shapes do not fit";
     OutsideShape    "E0804" "an index outside a vector or matrix";
+    // effects
+    NullMissing     "E0901" "a param of an effect without a null value, or nothing to try";
+    NotVanishing    "E0902" "an effect that does not vanish at its null values";
+    NoRewrite       "E0903" "an effect that changes nothing, or the same thing twice";
+    Misfit          "E0904" "an effect that cannot be applied";
     // warnings
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";

@@ -5,13 +5,17 @@
 mod check;
 mod codegen;
 mod delivery;
+mod effects;
 mod explain;
+mod extend;
 mod failure;
 mod fit;
+mod fmt;
 mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod lsp;
 mod modes;
 mod new;
 mod noise;
@@ -46,10 +50,18 @@ struct Arguments {
 enum Verb {
     /// Check a model: every mistake of its text, then every derivative against a complex step
     Check(check::Arguments),
+    /// List what may be missing from a model: the effects of the catalogue and the places where they fit
+    Effects(effects::Arguments),
+    /// Write effects into a model's own text, and print what changes
+    Extend(extend::Arguments),
     /// Simulate a model over recorded inputs
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(Box<fit::Arguments>),
+    /// Lay models out: indents, spaces and columns; nothing but those changes, and comments stay
+    Fmt(fmt::Arguments),
+    /// Serve an editor over standard input and output (Language Server Protocol)
+    Lsp(lsp::Arguments),
     /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
@@ -76,8 +88,12 @@ fn main() -> ExitCode {
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),
+        Verb::Effects(a) => effects::run(a),
+        Verb::Extend(a) => extend::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Fmt(a) => fmt::run(a),
+        Verb::Lsp(a) => lsp::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),

@@ -4,7 +4,9 @@
 //! every example. **Start** at [`page`].
 
 mod declarations;
+mod effects;
 mod equations;
+mod made;
 mod names;
 mod parts;
 mod text;
@@ -75,12 +77,18 @@ pub fn page(code: Code) -> Page {
         Code::NotConnected => parts::NOT_CONNECTED,
         Code::WrongShape => parts::WRONG_SHAPE,
         Code::OutsideShape => parts::OUTSIDE_SHAPE,
+        Code::BadTable => made::BAD_TABLE,
+        Code::BadBlock => made::BAD_BLOCK,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,
         Code::UnitMismatch => units::UNIT_MISMATCH,
         Code::UnitArgument => units::UNIT_ARGUMENT,
         Code::UnitExponent => units::UNIT_EXPONENT,
+        Code::NullMissing => effects::NULL_MISSING,
+        Code::NotVanishing => effects::NOT_VANISHING,
+        Code::NoRewrite => effects::NO_REWRITE,
+        Code::Misfit => effects::MISFIT,
         Code::UnitUnknown => warnings::UNIT_UNKNOWN,
         Code::Unused => warnings::UNUSED,
         Code::NoInfluence => warnings::NO_INFLUENCE,
@@ -135,10 +143,14 @@ fn wrapped(text: &str) -> String {
 mod tests {
     use super::code as named;
     use super::*;
+    use crate::effect::Catalogue;
     use crate::expand::gather;
     use crate::{Diagnostic, Source, compile};
 
     fn findings(text: &str) -> Vec<Diagnostic> {
+        if text.starts_with("effect") {
+            return Catalogue::read(&Source::new("page.fdm", text)).1;
+        }
         let mut source = Source::new("page.fdm", text);
         gather(&mut source, &mut |name| {
             let (file, lag) = parts::LAG_FILE;

@@ -92,7 +92,7 @@ impl<'a> Declared<'a> {
             return;
         }
         let zeros = match d.value {
-            Some(Value::Expr(root)) if matches!(role, Role::Param | Role::Const) => zeros(tree, root, dims),
+            Some(Value::Expr(root)) if matches!(role, Role::Param | Role::Const | Role::Let) => zeros(tree, root, dims),
             _ => Vec::new(),
         };
         self.arrays.insert(name, Array { dims, zeros, role, span: d.name.span });

@@ -75,6 +75,8 @@ impl<'a, 'w> Evaluator<'a, 'w> {
             Expr::Binary(sign, a, b, place) => self.binary(*sign, *a, *b, Place { sign: *place, whole: span }),
             Expr::Call(name, arguments) => self.call(name, arguments, span),
             Expr::If(c, a, b) => self.choice(*c, *a, *b, span),
+            // where a mistake has been told
+            Expr::Vector(elements) if elements.is_empty() => Val::Broken,
             Expr::Vector(elements) => self.literal(elements, span),
         }
     }

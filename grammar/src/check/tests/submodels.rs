@@ -190,3 +190,70 @@ fn levels_and_sizes_are_limited() {
         "{large:#?}"
     );
 }
+
+const PLANT: &str = "model plant {
+  input u[2];
+  state x[2] = x0;
+  param A[2, 2] = [[-1, 0], [0.5, -2]] in [-9, 9], gain[2] = 1, x0[2] = 0 per run;
+  prior A[1,1] ~ normal(-1, 0.1);
+  trim  { x = [1, 2]; u[1] = 0; }
+  der(x) = A*x + [gain[1]*u[1], gain[2]*u[2]];
+  output y[2] = x;
+}";
+
+#[test]
+fn vectors_are_connected_whole() {
+    let whole = compiled(
+        "model m { input d; param k = 2; use \"p.fdm\" as one(u = [d, 2*d], gain = [k, 3]);
+         use \"p.fdm\" as two(u = one.y - one.x[1]*one.x, A = [[k, 0], [0, -1]]); output y[2] = two.y, z = one.y[2]; }",
+        &[("p.fdm", PLANT)],
+    );
+    let model = &whole.model;
+    let params: Vec<String> = model
+        .params
+        .iter()
+        .map(|p| {
+            format!(
+                "{} = {}{}{}",
+                p.quantity.name,
+                p.value,
+                if p.fixed { " fixed" } else { "" },
+                if p.prior.is_some() { " prior" } else { "" }
+            )
+        })
+        .collect();
+    let expected = [
+        "k = 2",
+        "one.A[1,1] = -1 prior",
+        "one.A[2,1] = 0.5",
+        "one.A[2,2] = -2",
+        "one.gain[2] = 3 fixed",
+        "one.x0[1] = 0",
+        "one.x0[2] = 0",
+        "two.A[2,2] = -1 fixed",
+        "two.gain[1] = 1",
+        "two.gain[2] = 1",
+        "two.x0[1] = 0",
+        "two.x0[2] = 0",
+    ];
+    assert_eq!(params, expected);
+    assert_eq!((model.states.len(), model.trim.len()), (4, 4));
+    let shown = crate::graph::show(&model.graph, model.states[0].rate, model);
+    assert_eq!(shown, "one.x[1]*one.A[1,1] + d*k");
+}
+
+#[test]
+fn shapes_are_checked_across_files() {
+    let said = |connections: &str| {
+        let text = format!("model m {{ input d; use \"p.fdm\" as p{connections}; output y[2] = p.y; }}");
+        told(&text, &[("p.fdm", PLANT)])
+    };
+    let one = |connections: &str, part: &str| {
+        let said = said(connections);
+        assert!(said.len() == 1 && said[0].contains(part), "{said:#?}");
+    };
+    one("(u = [d, d, d])", "error[E0803]: `p.u` is [2], its value is [3]");
+    one("(gain = 2)", "error[E0802]: nothing is connected to the input `u` of `p`");
+    one("(u = d, A = [[1, 2], [3]])", "error[E0803]: the rows of a matrix are of one length");
+    assert_eq!(said("(u = d)"), Vec::<String>::new());
+}
