@@ -7,6 +7,7 @@
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
+use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
@@ -51,6 +52,30 @@ fn lines(source: &Source, diagnostics: &[Diagnostic]) -> String {
     diagnostics.iter().map(|d| d.line(source)).collect::<Vec<_>>().join("\n")
 }
 
+/// A param whose tie was to be switched off has none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` is not tied{}", self.hint())]
+pub struct NotTied {
+    /// As typed.
+    pub name: String,
+    /// The tied param that may be meant.
+    pub nearest: Option<String>,
+    /// All that are tied.
+    pub tied: Vec<String>,
+}
+
+impl NotTied {
+    fn hint(&self) -> String {
+        match (&self.nearest, &self.tied[..]) {
+            (Some(near), _) => format!("; did you mean `{near}`?"),
+            (None, []) => ": the model has no ties".into(),
+            (None, tied) => {
+                format!("; tied are {}", tied.iter().map(|t| format!("`{t}`")).collect::<Vec<_>>().join(", "))
+            }
+        }
+    }
+}
+
 impl Model {
     /// Reads and compiles a `.fdm` file and the files that it uses.
     ///
@@ -58,17 +83,11 @@ impl Model {
     /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
     /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
-        let path = path.as_ref();
-        let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
-        let name = path.display().to_string();
-        match String::from_utf8(bytes) {
-            Ok(text) => {
-                let mut source = Source::new(name, text.strip_prefix('\u{feff}').unwrap_or(&text));
-                Self::gather_files(&mut source);
-                Self::from_source(source)
-            }
-            Err(error) => Err(not_text(name, error)),
-        }
+        let whole = read_source(path.as_ref())?;
+        let text = whole.text().strip_prefix('\u{feff}').unwrap_or(whole.text());
+        let mut source = Source::new(whole.name(), text);
+        Self::gather_files(&mut source);
+        Self::from_source(source)
     }
 
     /// Reads the files that a model uses from disk; names are relative to the folder of the file that says `use`.
@@ -156,11 +175,39 @@ impl Model {
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
+    /// The same model with ties switched off: the named params, or all that are tied where a name is `all`, are estimated by themselves
+    /// from their declared values. Compiled anew (as machine code, for `model!` too), from the parameters as they were declared.
+    ///
+    /// # Errors
+    /// [`NotTied`] with the first name that is not that of a tied param.
+    pub fn untied(&self, names: &[String]) -> Result<Self, NotTied> {
+        let tied: Vec<&str> = self.compiled.loose.iter().flat_map(|m| m.tied_names()).collect();
+        let all = names.iter().any(|name| name == "all");
+        if let Some(name) = names.iter().find(|name| *name != "all" && !tied.contains(&name.as_str())) {
+            let nearest = nearest(name, tied.iter().copied()).map(String::from);
+            return Err(NotTied { name: name.clone(), nearest, tied: tied.into_iter().map(String::from).collect() });
+        }
+        let Some(loose) = self.compiled.loose.as_ref().filter(|_| !names.is_empty()) else { return Ok(self.clone()) };
+        let open: Vec<&str> = if all { tied } else { names.iter().map(String::as_str).collect() };
+        let mut altered = self.altered(loose.tied(&open));
+        let warnings = self.compiled.warnings.clone();
+        if let Some(compiled) = Arc::get_mut(&mut altered.compiled) {
+            (compiled.loose, compiled.warnings) = (Some(loose.clone()), warnings);
+        }
+        Ok(altered)
+    }
+
+    /// Names of the params whose ties are switched off.
+    pub fn open_ties(&self) -> Vec<String> {
+        let names = self.compiled.loose.iter().flat_map(|m| m.tied_names());
+        names.filter(|name| self.definition().param(name).is_some()).map(String::from).collect()
+    }
+
     /// A model of other equations under this one's text, compiled anew: what a strategy fits on the way to this model.
     pub(crate) fn altered(&self, mut definition: fdm_grammar::Model) -> Self {
         let schedule = Schedule::new(&mut definition);
         let dynamics = crate::code::compile(&schedule, Engine::default()).into();
-        let compiled = Arc::new(Compiled { model: definition, schedule, warnings: Vec::new() });
+        let compiled = Arc::new(Compiled { model: definition, loose: None, schedule, warnings: Vec::new() });
         Self { source: self.source.clone(), compiled, dynamics }
     }
 
@@ -243,6 +290,16 @@ impl std::fmt::Debug for Model {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Model").field("name", &self.name()).field("source", &self.source.name()).finish_non_exhaustive()
     }
+}
+
+/// Reads the text of a model, with the byte order mark that it may begin with.
+///
+/// # Errors
+/// [`ModelError::Unreadable`] as [`Model::from_file`]; [`ModelError::Invalid`] when it is not UTF-8 text.
+pub fn read_source(path: &Path) -> Result<Source, ModelError> {
+    let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
+    let name = path.display().to_string();
+    String::from_utf8(bytes).map(|text| Source::new(&name, text)).map_err(|error| not_text(name, error))
 }
 
 /// Adds texts in the order in which they are asked for, which is always the same.

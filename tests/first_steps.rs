@@ -96,7 +96,7 @@ fn every_stage_is_shown_to_people_and_to_programs() {
     );
     shown("graph", &["der(angle) = n", "tau of delay(push, tau) = n"]);
     shown("derivatives", &["der(angle)\n  by rate  1\n", "by length", "tau of delay(push, tau)\n  by tau  1\n"]);
-    shown("schedule", &["rates_and_partials: ", "known[0], angle(0), = 10", "der(rate) by length = "]);
+    shown("schedule", &["rates_and_partials: ", "known[0] = 10   angle(0)\n", "der(rate) by length = "]);
     shown(
         "linear",
         &[" A ", "-9.81", "A_delayed[der(rate), delay(push, tau)] = 1", "linearised where the model's `trim` says"],

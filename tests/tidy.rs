@@ -12,6 +12,7 @@ const GRAMMAR: &[&str] = &[
     "explain",
     "unit",
     "syntax",
+    "format",
     "expand",
     "op",
     "graph",
@@ -40,6 +41,7 @@ const FDM: &[&str] = &[
     "estimate",
     "store",
     "report",
+    "lsp",
     "cli",
 ];
 

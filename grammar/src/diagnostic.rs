@@ -42,7 +42,7 @@ codes! {
     // text
     Unexpected      "E0101" "text that does not fit the grammar";
     TooDeep         "E0102" "nested deeper than the limit";
-    TooLarge        "E0103" "text larger than the limit";
+    TooLarge        "E0103" "a text, or its derivatives, larger than the limit";
     Unterminated    "E0104" "a string or bracket that is not closed";
     BadNumber       "E0105" "a number that cannot be represented";
     NotText         "E0106" "a file that is not UTF-8 text";
@@ -71,6 +71,8 @@ codes! {
     NotFinite       "E0407" "a value that is not finite";
     SingularRates   "E0408" "equations that do not determine the derivatives in them";
     NonlinearRate   "E0409" "an equation that is not linear in a derivative";
+    BadTable        "E0410" "a table whose points are too few or not in order";
+    BadBlock        "E0411" "a block that cannot be built of states";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";

@@ -10,10 +10,12 @@ mod explain;
 mod extend;
 mod failure;
 mod fit;
+mod fmt;
 mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod lsp;
 mod modes;
 mod new;
 mod noise;
@@ -56,6 +58,10 @@ enum Verb {
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(Box<fit::Arguments>),
+    /// Lay models out: indents, spaces and columns; nothing but those changes, and comments stay
+    Fmt(fmt::Arguments),
+    /// Serve an editor over standard input and output (Language Server Protocol)
+    Lsp(lsp::Arguments),
     /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
@@ -86,6 +92,8 @@ fn main() -> ExitCode {
         Verb::Extend(a) => extend::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Fmt(a) => fmt::run(a),
+        Verb::Lsp(a) => lsp::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),

@@ -15,12 +15,15 @@ pub(crate) struct Subject {
     /// Other start value of a parameter (free initial values are called `x(0)`)
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment, help_heading = "Parameters")]
     pub(crate) set: Vec<(String, f64)>,
+    /// Switch off the tie of a parameter, so that it is estimated by itself; `all` for every tie
+    #[arg(long, value_name = "NAME,...|all", value_delimiter = ',', help_heading = "Parameters")]
+    pub(crate) untie: Vec<String>,
 }
 
 impl Subject {
     /// Reads and compiles the model; warnings go to standard error.
     pub(crate) fn load(&self) -> Result<Model, Failure> {
-        load_model(&self.model)
+        load_model(&self.model)?.untied(&self.untie).map_err(|e| Failure::input([e]))
     }
 
     /// The changes of start values, together with names to fix and to free.

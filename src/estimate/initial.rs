@@ -138,6 +138,7 @@ mod tests {
             inputs: 1,
             params: 4,
             outputs: 3,
+            first: Vec::new(),
             vanishing: Vec::new(),
             delayed: vec![Signal::State(1)],
             known: 0,

@@ -371,6 +371,7 @@ fn a_model_says_what_it_wants() {
         states: Vec::new(),
         params: Vec::new(),
         derived: Vec::new(),
+        ties: Vec::new(),
         outputs: vec![Output { quantity: quantity("y", ""), expr: x, noise: None }],
         trim: Vec::new(),
         graph,

@@ -31,6 +31,10 @@ impl Identity {
             ("model".into(), fingerprint(&texts(model))),
             ("number of runs".into(), runs.len().to_string()),
         ];
+        let untied = model.open_ties();
+        if !untied.is_empty() {
+            parts.push(("params without their ties".into(), untied.join(", ")));
+        }
         parts.extend(runs.iter().map(|run| (format!("data of run `{}`", run.name), contents(run))));
         parts.extend(lines(options));
         Self { parts }

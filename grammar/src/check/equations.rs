@@ -209,6 +209,7 @@ fn role_text(role: Role) -> &'static str {
         Role::Let => "is a let",
         Role::Const => "is a const",
         Role::Input => "is an input",
+        Role::Table => "is a table",
         _ => "is a param",
     }
 }

@@ -5,8 +5,9 @@ use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::knowledge::Knowledge;
 use super::names::{Scope, Symbol, SymbolId};
+use super::order::{Block, Blocks, Owner};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
-use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State};
+use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Tie};
 use crate::op::{Build, ExprId};
 use crate::syntax::{Name, Role, Value};
 
@@ -37,6 +38,35 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
     }
 }
 
+/// Adds the params that hold first samples of inputs.
+pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &Expressions, params: &mut Vec<Param>) {
+    for input in &expressions.initials.first {
+        let declared = scope.valid().find(|(s, symbol)| symbol.role == Role::Input && indices.of[*s] == *input);
+        let record = || scope.valid().find(|(s, _)| indices.record[*s] == Some(*input));
+        let (name, unit) = match (declared, record()) {
+            (Some((_, symbol)), _) => (symbol.name().to_string(), symbol.unit.clone()),
+            (None, Some((_, symbol))) => (format!("measured({})", symbol.name()), symbol.unit.clone()),
+            (None, None) => (String::new(), None),
+        };
+        params.push(Param {
+            quantity: Quantity { name: format!("initial({name})"), doc: String::new(), unit },
+            origin: Origin::FirstSample(*input),
+            value: 0.0,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            fixed: true,
+            per_run: false,
+            prior: None,
+        });
+    }
+}
+
+/// Start values; NaN for what the records say.
+pub(super) fn start(params: &[Param]) -> Vec<f64> {
+    let value = |p: &Param| if let Origin::FirstSample(_) = p.origin { f64::NAN } else { p.value };
+    params.iter().map(value).collect()
+}
+
 fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
     let own = quantity(symbol);
     let doc = if own.doc.is_empty() { String::new() } else { format!("initial value of {}", own.doc) };
@@ -60,6 +90,15 @@ fn text(doc: &Option<Name>) -> String {
     doc.as_ref().map_or(String::new(), |d| d.text.clone())
 }
 
+/// Ties in the order of definition.
+pub(super) fn ties(blocks: &Blocks, indices: &Indices, expressions: &Expressions) -> Vec<Tie> {
+    let tie = |block: &Block| match block.owner {
+        Owner::Tie(s) => Some(Tie { param: indices.of[s], expr: expressions.of(block.root) }),
+        _ => None,
+    };
+    blocks.list.iter().filter_map(tie).collect()
+}
+
 /// Puts the parts together; the model has passed every check.
 pub(super) fn assemble(
     scope: &Scope<'_>,
@@ -67,7 +106,7 @@ pub(super) fn assemble(
     kinds: &Kinds,
     indices: &Indices,
     expressions: Expressions,
-    params: Vec<Param>,
+    (params, ties): (Vec<Param>, Vec<Tie>),
     knowledge: Knowledge,
 ) -> Model {
     let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
@@ -88,6 +127,7 @@ pub(super) fn assemble(
         states: Vec::new(),
         params,
         derived: Vec::new(),
+        ties,
         outputs: Vec::new(),
         trim: Vec::new(),
         graph: Default::default(),
@@ -100,9 +140,9 @@ pub(super) fn assemble(
                 let initial = initial(&mut graph, s, symbol);
                 model.states.push(State { quantity, rate: rates[indices.of[s] as usize].unwrap_or(zero), initial });
             }
-            Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr }),
+            Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
             Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
-            Role::Param | Role::Const | Role::Let => {}
+            Role::Param | Role::Const | Role::Let | Role::Table => {}
         }
     }
     for (s, symbol) in scope.valid().filter(|(s, _)| indices.record[*s].is_some()) {
@@ -200,7 +240,8 @@ fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
     let outputs = model.outputs.iter().map(|o| o.expr);
     let trim = model.trim.iter().map(|(_, e)| *e);
-    let roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).chain(trim).collect();
+    let params = model.derived.iter().map(|d| d.expr).chain(model.ties.iter().map(|t| t.expr));
+    let roots: Vec<ExprId> = states.chain(outputs).chain(params).chain(trim).collect();
     if model.graph.delays_of(&roots).len() == model.graph.delayed().len() {
         return;
     }
@@ -209,6 +250,7 @@ fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
     let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    let expressions = expressions.chain(model.ties.iter_mut().map(|t| &mut t.expr));
     let expressions = expressions.chain(model.trim.iter_mut().map(|(_, e)| e));
     expressions.zip(&mut moved).for_each(|(e, new)| *e = new);
     model.graph = graph;

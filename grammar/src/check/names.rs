@@ -3,9 +3,10 @@
 use super::functions::{self, Function};
 use super::order::Blocks;
 use super::records;
+use super::tables;
 use crate::diagnostic::{Code, Diagnostic, Label};
 use crate::source::Span;
-use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
+use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, Table, word_use};
 use crate::unit::Unit;
 use std::collections::{HashMap, HashSet};
 
@@ -24,6 +25,8 @@ pub(super) struct Symbol<'a> {
     pub(super) contested: bool,
     /// The declared unit, when it could be read.
     pub(super) unit: Option<Unit>,
+    /// Its argument and its points, when it is a table.
+    pub(super) table: Option<&'a Table>,
 }
 
 impl Symbol<'_> {
@@ -56,6 +59,8 @@ pub(super) enum Meaning {
     None,
     /// A declared name.
     Symbol(SymbolId),
+    /// `CL(x)`: a table's value
+    Table(SymbolId),
     /// `measured(y)`: the record of this output.
     Record(SymbolId),
     /// A name that is only referred to: what it stands for does not enter.
@@ -74,7 +79,9 @@ pub(super) enum Meaning {
 
 impl<'a> Scope<'a> {
     /// Collects the declarations and the unit of time.
-    pub(super) fn new(tree: &'a SyntaxTree, findings: &mut Vec<Diagnostic>) -> Self {
+    ///
+    /// `tables` are the declarations behind the table statements, in their order.
+    pub(super) fn new(tree: &'a SyntaxTree, tables: &'a [Declaration], findings: &mut Vec<Diagnostic>) -> Self {
         let mut scope = Scope {
             tree,
             symbols: Vec::new(),
@@ -85,9 +92,13 @@ impl<'a> Scope<'a> {
             misused: HashSet::new(),
         };
         let mut time: Option<Span> = None;
+        let mut tables = tables.iter();
         for statement in &tree.statements {
             match &statement.kind {
-                StatementKind::Declare(role, list) => list.iter().for_each(|d| scope.declare(*role, d, findings)),
+                StatementKind::Declare(role, list) => list.iter().for_each(|d| scope.declare(*role, d, None, findings)),
+                StatementKind::Table(table) => {
+                    tables.next().into_iter().for_each(|d| scope.declare(Role::Table, d, Some(table), findings));
+                }
                 StatementKind::Time(unit) => match time {
                     Some(first) => {
                         let message = "the unit of time is given a second time";
@@ -99,11 +110,8 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
-                StatementKind::Tie(_) | StatementKind::Table(_) => {
-                    let message = "this version does not compile this statement yet";
-                    findings.push(Diagnostic::new(Code::Unsupported, statement.span, message));
-                }
                 StatementKind::Equation(..)
+                | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
@@ -153,10 +161,16 @@ impl<'a> Scope<'a> {
         }
     }
 
-    fn declare(&mut self, role: Role, declaration: &'a Declaration, findings: &mut Vec<Diagnostic>) {
+    fn declare(
+        &mut self,
+        role: Role,
+        declaration: &'a Declaration,
+        table: Option<&'a Table>,
+        findings: &mut Vec<Diagnostic>,
+    ) {
         let name = &declaration.name;
         let unit = declaration.unit.as_ref().and_then(|u| read_unit(u, findings));
-        self.has_units |= declaration.unit.is_some();
+        self.has_units |= declaration.unit.is_some() || table.is_some_and(|t| t.argument_unit.is_some());
         let mut valid = false;
         if let Some(use_) = reserved(&name.text) {
             let message = format!("`{}` {use_} and cannot be declared", name.text);
@@ -170,7 +184,7 @@ impl<'a> Scope<'a> {
             valid = true;
             self.names.insert(&name.text, self.symbols.len());
         }
-        self.symbols.push(Symbol { role, declaration, valid, contested: false, unit });
+        self.symbols.push(Symbol { role, declaration, valid, contested: false, unit, table });
     }
 }
 
@@ -185,8 +199,8 @@ fn declared_twice(role: Role, name: &Name, first: &Symbol<'_>) -> Diagnostic {
     }
 }
 
-/// Why a name cannot be declared.
-fn reserved(name: &str) -> Option<&'static str> {
+/// Why a name cannot be declared, when it belongs to the language.
+pub fn reserved(name: &str) -> Option<&'static str> {
     match (name, word_use(name)) {
         ("t", _) => Some("is the time since the run began"),
         ("pi", _) => Some("is the number 3.14159..."),
@@ -198,7 +212,7 @@ fn reserved(name: &str) -> Option<&'static str> {
 }
 
 /// Reads a unit; a mistake is shown at its place inside the brackets.
-fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<Unit> {
+pub(super) fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<Unit> {
     let error = match Unit::parse(&text.text) {
         Ok(unit) => return Some(unit),
         Err(error) => error,
@@ -253,7 +267,13 @@ const MOST_PLACES: usize = 8;
 impl<'a> Resolver<'a, '_> {
     fn name(&mut self, name: &'a str, span: Span) -> Meaning {
         match name {
-            _ if self.scope.find(name).is_some() => self.scope.find(name).map_or(Meaning::Broken, Meaning::Symbol),
+            _ if self.scope.find(name).is_some() => match self.scope.find(name) {
+                Some(s) if self.scope.symbols[s].role == Role::Table => {
+                    self.findings.push(tables::without_argument(&self.scope.symbols[s], span));
+                    Meaning::Broken
+                }
+                found => found.map_or(Meaning::Broken, Meaning::Symbol),
+            },
             _ if self.scope.misused.contains(name) => Meaning::Broken,
             "t" => Meaning::Time,
             "pi" => Meaning::Pi,
@@ -287,7 +307,17 @@ impl<'a> Resolver<'a, '_> {
     }
 
     fn call(&mut self, name: &Name, arguments: &[ExprRef], span: Span) -> Meaning {
+        if let Some(s) = self.scope.find(&name.text).filter(|s| self.scope.symbols[*s].role == Role::Table) {
+            if arguments.len() == 1 {
+                return Meaning::Table(s);
+            }
+            self.findings.push(tables::argument_count(&self.scope.symbols[s], arguments.len(), span));
+            return Meaning::Broken;
+        }
         let Some(function) = Function::find(&name.text) else {
+            if self.scope.is_suspended(&name.text) {
+                return Meaning::Broken;
+            }
             self.findings.push(unknown_function(self.scope, name));
             return Meaning::Broken;
         };
@@ -328,12 +358,12 @@ fn another_place(finding: &mut Diagnostic, span: Span) {
 
 fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     let text = &name.text;
-    if functions::is_planned(text) {
-        let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
-        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
-    }
     let message = format!("`{text}` is not a function");
     let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);
+    if functions::BLOCKS.contains(&text.as_str()) {
+        // made states everywhere but here
+        return finding.hint("a block stands in an expression of a model");
+    }
     if scope.find(text).is_some() {
         return finding.hint(format!("a product is written with a sign: `{text}*(...)`"));
     }
@@ -341,7 +371,9 @@ fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
         return finding.hint(format!("write `{own}`"));
     }
     let short = text.chars().count() <= LONGEST_GUESS;
-    match short.then(|| crate::diagnostic::nearest(text, Function::names())).flatten() {
+    let mut names: Vec<&str> = Function::names().chain(functions::BLOCKS.iter().copied()).collect();
+    names.extend(scope.symbols.iter().filter(|s| s.role == Role::Table).map(Symbol::name));
+    match short.then(|| crate::diagnostic::nearest(text, names)).flatten() {
         Some(near) => finding.hint(format!("did you mean `{near}`?")),
         None => finding,
     }

@@ -8,7 +8,7 @@ use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::ExprId;
-use crate::syntax::{Role, Value};
+use crate::syntax::{Role, Size, Value};
 
 /// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
 pub(super) fn check(
@@ -79,6 +79,7 @@ fn at_start(
             findings.push(finding.hint("choose other start values"));
         }
     }
+    sizes(scope, kinds, expressions, &values, findings);
     for call in &expressions.delays {
         let e = expressions.of(call.tau);
         let single = matches!(graph.node(e), Node::Leaf(Leaf::Param(_)));
@@ -87,6 +88,30 @@ fn at_start(
             let finding = Diagnostic::new(Code::BadDelay, scope.tree.span(call.tau), message);
             findings.push(finding.hint("a delay is 0 or more"));
         }
+    }
+}
+
+/// Arguments of blocks that are too small to begin with.
+fn sizes(scope: &Scope<'_>, kinds: &Kinds, expressions: &Expressions, values: &[f64], findings: &mut Vec<Diagnostic>) {
+    let wants = scope.symbols.iter().filter_map(|s| s.declaration.made.as_ref()).flat_map(|m| &m.wants);
+    for want in wants {
+        let (fact, value) = (kinds.of(want.argument), values[expressions.of(want.argument).index()]);
+        let fits = match want.size {
+            Size::Any => true,
+            Size::Positive => value > 0.0,
+            Size::NotZero => value != 0.0,
+        };
+        if fits || fact.broken || fact.level == Level::Varying || value.is_nan() {
+            continue;
+        }
+        let least = if want.size == Size::Positive { "above 0" } else { "other than 0" };
+        let start = if fact.level == Level::Param { " at the start values of the params" } else { "" };
+        let message = format!("{} is {value}{start}, and must be {least}", want.what);
+        let finding = Diagnostic::new(Code::BadBlock, scope.tree.span(want.argument), message);
+        findings.push(match want.size {
+            Size::Positive => finding.hint("start above 0, and bound it from below: `param T = 0.1 in [0.01, 1];`"),
+            _ => finding.hint("leave the highest power out, or start elsewhere"),
+        });
     }
 }
 
@@ -148,7 +173,7 @@ impl<'a> Start<'a> {
 }
 
 /// The values of all nodes at the start values of the parameters; NaN for what varies.
-fn values(graph: &Graph, start: &[f64]) -> Vec<f64> {
+pub(super) fn values(graph: &Graph, start: &[f64]) -> Vec<f64> {
     let mut values: Vec<f64> = Vec::with_capacity(graph.nodes().len());
     for node in graph.nodes() {
         values.push(match node {

@@ -87,8 +87,20 @@ pub struct Derivatives {
     pub tau: Jacobian,
 }
 
+/// The graph of a model's derivatives has more nodes than were allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Swollen;
+
 /// Differentiates every equation of the model by every leaf it depends on; new nodes join the model's graph.
 pub fn differentiate(model: &mut Model) -> Derivatives {
+    differentiate_within(model, u32::MAX as usize).unwrap_or_default()
+}
+
+/// The same, as long as the graph does not have more nodes than `most` by then.
+///
+/// # Errors
+/// [`Swollen`]; what joined the graph by then is still there.
+pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivatives, Swollen> {
     let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
     let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
     let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
@@ -96,11 +108,12 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
     let roots = [&rates[..], &outputs[..], &initial[..], &tau[..]].concat();
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
-    let columns = sweep.tangents(&mut model.graph, |leaf| match leaf {
+    let wanted = |leaf| match leaf {
         Leaf::Time => false,
         Leaf::Param(k) => free[k as usize],
         _ => true,
-    });
+    };
+    let columns = sweep.tangents(&mut model.graph, wanted, most)?;
     let block = |from: usize, len: usize, kind: fn(Leaf) -> Option<u32>| gather(&columns, from, len, kind);
     let partials = |from: usize, len: usize| Partials {
         state: block(from, len, |l| if let Leaf::State(k) = l { Some(k) } else { None }),
@@ -109,12 +122,12 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
         param: block(from, len, by_param),
     };
     let (n, q) = (rates.len(), outputs.len());
-    Derivatives {
+    Ok(Derivatives {
         rates: partials(0, n),
         outputs: partials(n, q),
         initial: block(n + q, n, by_param),
         tau: block(n + q + n, tau.len(), by_param),
-    }
+    })
 }
 
 /// The derivatives of expressions by the leaves that `wanted` accepts: for each leaf (root, derivative), structural zeros
@@ -124,7 +137,7 @@ pub(crate) fn tangents(
     roots: &[ExprId],
     wanted: impl Fn(Leaf) -> bool,
 ) -> BTreeMap<Leaf, Vec<(u32, ExprId)>> {
-    Sweep::new(graph, roots).tangents(graph, wanted)
+    Sweep::new(graph, roots).tangents(graph, wanted, u32::MAX as usize).unwrap_or_default()
 }
 
 fn by_param(leaf: Leaf) -> Option<u32> {

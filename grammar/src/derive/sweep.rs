@@ -1,5 +1,6 @@
 //! Tangents forward through the graph: from one node to what depends on it.
 
+use super::Swollen;
 use super::funnels::Funnels;
 use crate::graph::{Graph, Leaf, Node};
 use crate::op::{Build, ExprId, Op, Tangents};
@@ -67,24 +68,41 @@ impl Sweep {
     }
 
     /// The derivatives of all roots by the leaves that `wanted` accepts; new nodes join the graph.
-    pub(super) fn tangents(&self, graph: &mut Graph, wanted: impl Fn(Leaf) -> bool) -> BTreeMap<Leaf, Column> {
+    ///
+    /// # Errors
+    /// [`Swollen`] when the graph then has more nodes than `most`.
+    pub(super) fn tangents(
+        &self,
+        graph: &mut Graph,
+        wanted: impl Fn(Leaf) -> bool,
+        most: usize,
+    ) -> Result<BTreeMap<Leaf, Column>, Swollen> {
         let (mut forward, mut leaves) = (Forward::new(self), self.leaves.iter().filter(|(_, leaf)| wanted(*leaf)));
-        let (mut visits, most) = (0, FEW_VISITS + MOST_VISITS * self.users.items.len());
+        let (mut visits, few) = (0, FEW_VISITS + MOST_VISITS * self.users.items.len());
         let short = leaves.all(|(e, _)| {
             visits += forward.dependents(*e, None).len();
-            visits <= most
+            visits <= few
         });
-        self.by(graph, wanted, !short)
+        self.by(graph, wanted, !short, most)
     }
 
     /// The same in one of both ways.
-    pub(super) fn by(&self, graph: &mut Graph, wanted: impl Fn(Leaf) -> bool, funnels: bool) -> BTreeMap<Leaf, Column> {
+    pub(super) fn by(
+        &self,
+        graph: &mut Graph,
+        wanted: impl Fn(Leaf) -> bool,
+        funnels: bool,
+        most: usize,
+    ) -> Result<BTreeMap<Leaf, Column>, Swollen> {
         let leaves = self.leaves.iter().filter(|(_, leaf)| wanted(*leaf));
         let mut forward = Forward::new(self);
         let mut funnels = funnels.then(|| Funnels::new(&mut forward, graph, &wanted));
-        let column = |(e, leaf): &(ExprId, Leaf)| match &mut funnels {
-            Some(funnels) => (*leaf, funnels.column(graph, &mut forward, *e)),
-            None => (*leaf, forward.column(graph, *e)),
+        let column = |(e, leaf): &(ExprId, Leaf)| {
+            let column = match &mut funnels {
+                Some(funnels) => funnels.column(graph, &mut forward, *e),
+                None => forward.column(graph, *e),
+            };
+            if graph.nodes().len() <= most { Ok((*leaf, column)) } else { Err(Swollen) }
         };
         leaves.map(column).collect()
     }

@@ -45,7 +45,7 @@ fn funnels_and_sweeps_give_the_same_derivatives() {
     for seed in 0..400 {
         let (mut g, roots) = random(seed);
         let sweep = Sweep::new(&g, &roots);
-        let [forward, back] = [false, true].map(|funnels| sweep.by(&mut g, |_| true, funnels));
+        let [forward, back] = [false, true].map(|funnels| sweep.by(&mut g, |_| true, funnels, usize::MAX).unwrap());
         for at in 0..4 {
             let leaf = |leaf: Leaf| match leaf {
                 Leaf::Param(k) => 0.3 + 0.4 * f64::from((k + at) % 4),
@@ -81,8 +81,42 @@ fn a_branch_that_is_not_taken_counts_nothing_however_infinite() {
     }
     let sweep = Sweep::new(&g, &[e]);
     for funnels in [false, true] {
-        let columns = sweep.by(&mut g, |_| true, funnels);
+        let columns = sweep.by(&mut g, |_| true, funnels, usize::MAX).unwrap();
         let slope = g.evaluate(columns[&Leaf::Param(0)][0].1, |l| if l == Leaf::Param(0) { 0.0 } else { 2.0 });
         assert_eq!(slope, 16.0, "{funnels}");
+    }
+}
+
+#[test]
+fn tables_have_the_derivatives_of_their_curves() {
+    use super::differentiate;
+    use crate::{Model, Source, check::check, syntax::parse};
+    for method in ["linear", "cubic", "pchip"] {
+        let text = format!(
+            "model m {{ input u; param a = 1, b = -0.5, c = 0.3, d = 2;
+             table C(x) = {method} {{ -1: a, -0.2: b, 0.5: c, 0.6: d, 2: 1, 3.5: a*b }}; output y = C(u); }}"
+        );
+        let tree = parse(&Source::new("m", text)).expect("a text");
+        let (mut model, _) = check(&tree).expect("a model");
+        let partials = differentiate(&mut model).outputs;
+        let at = |model: &Model, e: ExprId, x: f64, moved: Option<(u32, f64)>| {
+            model.graph.evaluate(e, |leaf| match leaf {
+                Leaf::Input(_) => x,
+                Leaf::Param(k) => model.params[k as usize].value + moved.filter(|m| m.0 == k).map_or(0.0, |m| m.1),
+                _ => f64::NAN,
+            })
+        };
+        let (y, h) = (model.outputs[0].expr, 1e-6);
+        for k in 0..60 {
+            let x = -1.4 + 5.3 * (f64::from(k) + 0.37) / 60.0;
+            let slope = (at(&model, y, x + h, None) - at(&model, y, x - h, None)) / (2.0 * h);
+            let own = at(&model, partials.input.entries[0], x, None);
+            assert!((slope - own).abs() < 1e-6 * slope.abs().max(1.0), "{method} at {x}: {own} {slope}");
+            for (place, j) in partials.param.pattern.row(0) {
+                let difference = at(&model, y, x, Some((j as u32, h))) - at(&model, y, x, Some((j as u32, -h)));
+                let own = at(&model, partials.param.entries[place], x, None);
+                assert!((difference / (2.0 * h) - own).abs() < 1e-7, "{method} by param {j} at {x}");
+            }
+        }
     }
 }

@@ -10,7 +10,7 @@ use crate::schedule::Schedule;
 
 const USAGE: &str = "\
 //
-// A module without dependencies but for the elementary functions. Every function reads and writes plain arrays:
+// A module without dependencies but for the elementary functions: #[allow(dead_code)] #[rustfmt::skip] mod model; Every function reads and writes plain arrays:
 //   t        time since the run began
 //   x        states
 //   drive    inputs, then delayed signals: values of their states or inputs at t - tau

@@ -36,6 +36,8 @@ impl Elements {
                     Code::Unused if !all => continue,
                     Code::NoInfluence if !all => {}
                     _ if !first => continue,
+                    // one unit is declared for all
+                    Code::UnitUnknown => of_all(&mut finding, name),
                     _ if all => of_all(&mut finding, name),
                     _ => {}
                 }

@@ -3,15 +3,17 @@
 //! **In** a [`SyntaxTree`] as written, and the texts of the files that it uses. **Out** one without submodels, vectors and
 //! blocks, in which every expression keeps the place where the user wrote it, so that messages of later rooms point
 //! there; and what is wrong with them. **Never** looks at values, and never makes more than its limits allow.
-//! **Start** at [`expand`]: submodels first, since vectors may be connected to them, then vectors.
+//! **Start** at [`expand`]: submodels first, since vectors may be connected to them, then vectors, then
+//! blocks, which read scalars.
 
 mod arrays;
+mod blocks;
 mod budget;
 mod elements;
 mod files;
+mod maker;
 mod submodels;
-#[cfg(test)]
-mod tests;
+mod transfer;
 
 pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;
@@ -55,7 +57,9 @@ pub fn expand(source: &Source, tree: SyntaxTree, check: &dyn Fn(&SyntaxTree) -> 
 
 /// What can be said of one file, without the others.
 fn core(tree: SyntaxTree, budget: &mut Budget) -> Expanded {
-    arrays::flatten(tree, budget)
+    let mut expanded = arrays::flatten(tree, budget);
+    blocks::blocks(&mut expanded.tree, &mut expanded.findings);
+    expanded
 }
 
 /// Stands where a mistake has been told: later rooms are silent about it.

@@ -6,6 +6,7 @@
 mod declarations;
 mod effects;
 mod equations;
+mod made;
 mod names;
 mod parts;
 mod text;
@@ -76,6 +77,8 @@ pub fn page(code: Code) -> Page {
         Code::NotConnected => parts::NOT_CONNECTED,
         Code::WrongShape => parts::WRONG_SHAPE,
         Code::OutsideShape => parts::OUTSIDE_SHAPE,
+        Code::BadTable => made::BAD_TABLE,
+        Code::BadBlock => made::BAD_BLOCK,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,
@@ -138,6 +141,7 @@ fn wrapped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::code as named;
     use super::*;
     use crate::effect::Catalogue;
     use crate::expand::gather;
@@ -192,6 +196,6 @@ mod tests {
             let longest = printed.lines().map(|l| l.chars().count()).max().unwrap_or(0);
             assert!(longest <= 100, "{}: a line of {longest} characters", code.text());
         }
-        assert_eq!((super::code("e0201"), super::code("F012")), (Some(Code::UnknownName), None));
+        assert_eq!((named("e0201"), named("F012")), (Some(Code::UnknownName), None));
     }
 }

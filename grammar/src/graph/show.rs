@@ -126,7 +126,7 @@ fn apply(graph: &Graph, e: ExprId, op: Op, parts: &mut Vec<Part>) {
     }
 }
 
-/// The factors of a product in their order, each once with its number; products in it are part of it.
+/// The factors of a product, each once with its number: numbers first, then in their order; products in it are part of it.
 fn factors(graph: &Graph, e: ExprId) -> Vec<(ExprId, usize)> {
     let mut found: Vec<(ExprId, usize)> = Vec::new();
     let (mut waiting, mut count) = (vec![e], 0);
@@ -142,6 +142,7 @@ fn factors(graph: &Graph, e: ExprId) -> Vec<(ExprId, usize)> {
             }
         }
     }
+    found.sort_by_key(|(factor, _)| graph.constant(*factor).is_none());
     found
 }
 

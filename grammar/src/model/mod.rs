@@ -7,8 +7,10 @@ pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
+mod ties;
 
 pub use substitution::Unshown;
+pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Signal};
 use crate::op::ExprId;
@@ -86,6 +88,8 @@ pub enum Origin {
     Declared,
     /// Made from `state x = free`: the initial value of that state, first guessed from the data.
     FreeInitial(u32),
+    /// Made from `initial(.)`: the first sample of that input in every run, filled in by whoever simulates one.
+    FirstSample(u32),
 }
 
 /// What was known about a parameter before these data: a normal distribution (the field's a-priori weighting).
@@ -118,13 +122,22 @@ pub struct Param {
     pub prior: Option<Prior>,
 }
 
-/// A parameter that is defined by others (`param b = 2*a`): reported, not estimated.
+impl Param {
+    /// Whether it is the first sample of an input: neither estimated nor given, and no user declared it.
+    pub fn is_recorded(&self) -> bool {
+        matches!(self.origin, Origin::FirstSample(_))
+    }
+}
+
+/// A parameter that is defined by others (`param b = 2*a`) or tied to them (`tie b = 2*a`): reported, not estimated.
 #[derive(Debug, Clone)]
 pub struct Derived {
     /// Name, doc, unit.
     pub quantity: Quantity,
     /// Its definition, an expression of parameters.
     pub expr: ExprId,
+    /// Declared with a value of its own, which it has while its tie is off.
+    pub tied: bool,
 }
 
 /// What the model says a recorded channel should be.
@@ -155,6 +168,8 @@ pub struct Model {
     pub params: Vec<Param>,
     /// Derived parameters.
     pub derived: Vec<Derived>,
+    /// Ties that are open: their params are estimated by themselves. None refers to a later one.
+    pub ties: Vec<Tie>,
     /// Outputs in the order of declaration.
     pub outputs: Vec<Output>,
     /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not

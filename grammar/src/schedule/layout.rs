@@ -19,6 +19,8 @@ pub struct Layout {
     pub inputs: usize,
     /// Number of parameters p, fixed ones included.
     pub params: usize,
+    /// Parameters (by index) that are the first sample of an input (by index) in every run.
+    pub first: Vec<(u32, u32)>,
     /// Number of outputs q.
     pub outputs: usize,
     /// Inputs that are zero outside the record: derivatives of inputs, which keep their values there.

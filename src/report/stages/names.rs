@@ -13,7 +13,7 @@ struct Declared {
     name: String,
     role: &'static str,
     unit: Option<String>,
-    value: String,
+    value: Option<f64>,
     more: String,
     doc: String,
 }
@@ -24,7 +24,8 @@ pub(super) fn names(model: &Model) -> Shown {
     let mut table = plain(&["name", "is a", "unit", "value", "", "meaning"]);
     for d in &declared {
         let unit = d.unit.as_deref().unwrap_or_default();
-        table.add_row([&d.name, d.role, unit, &d.value, &d.more, &d.doc]);
+        let value = d.value.map(|v| v.to_string()).unwrap_or_default();
+        table.add_row([&d.name, d.role, unit, &value, &d.more, &d.doc]);
     }
     aligned_right(&mut table, 3);
     let doc = if definition.doc.is_empty() { String::new() } else { format!(": {}", definition.doc) };
@@ -61,15 +62,15 @@ fn declared(model: &Model) -> Vec<Declared> {
         (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
         (None, None) => String::new(),
     };
-    let inputs = m.inputs.iter().map(|i| row("input", &i.quantity, String::new(), from(i)));
-    let states = m.states.iter().map(|s| row("state", &s.quantity, String::new(), String::new()));
+    let inputs = m.inputs.iter().map(|i| row("input", &i.quantity, None, from(i)));
+    let states = m.states.iter().map(|s| row("state", &s.quantity, None, String::new()));
     let params = m.params.iter().map(|p| {
         let role = if p.origin == Origin::Declared { "param" } else { "free initial value" };
-        row(role, &p.quantity, p.value.to_string(), attributes(p))
+        row(role, &p.quantity, Some(p.value), attributes(p))
     });
-    let derived = m.derived.iter().map(|d| row("derived param", &d.quantity, String::new(), String::new()));
+    let derived = m.derived.iter().map(|d| row("derived param", &d.quantity, None, String::new()));
     let noise = |noise: Option<f64>| noise.map(|n| format!("noise {n}")).unwrap_or_default();
-    let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, String::new(), noise(o.noise)));
+    let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, None, noise(o.noise)));
     let written = definitions(model);
     inputs.chain(states).chain(params).chain(derived).chain(written).chain(outputs).collect()
 }
@@ -86,7 +87,7 @@ fn definitions(model: &Model) -> Vec<Declared> {
             let Some(fdm_grammar::syntax::Value::Expr(e)) = d.value else { continue };
             let (name, doc) = (d.name.text.clone(), text(&d.doc).unwrap_or_default());
             let more = format!("= {}", printer.expression(e));
-            found.push(Declared { name, role: role.keyword(), unit: text(&d.unit), value: String::new(), more, doc });
+            found.push(Declared { name, role: role.keyword(), unit: text(&d.unit), value: None, more, doc });
         }
     }
     found

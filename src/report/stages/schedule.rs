@@ -72,8 +72,11 @@ fn lines(model: &Model, prepare: bool, program: &Program, slots: &[String]) -> (
         Operand::Known(k) => format!("known[{k}]"),
     };
     let operations = statements(&Own, program, 0..program.instructions.len(), &place);
-    let label = |slot: u32| slots.get(slot as usize).map_or("", String::as_str);
-    let results = program.results.iter().map(|r| format!("{} = {}", label(r.slot), place(r.operand)));
+    let results = program.results.iter().map(|r| match (slots.get(r.slot as usize), prepare) {
+        (Some(name), true) => format!("known[{}] = {}   {name}", r.slot, place(r.operand)),
+        (Some(name), false) => format!("{name} = {}", place(r.operand)),
+        (None, _) => format!("known[{}] = {}", r.slot, place(r.operand)),
+    });
     (operations, results.collect())
 }
 
@@ -99,6 +102,7 @@ impl Labels<'_> {
         pattern.entries().map(name).collect()
     }
 
+    /// What the first results of `prepare` are called; behind them stand parts of expressions.
     fn known(&self) -> Vec<String> {
         let (m, p) = (self.model.definition(), &self.layout.patterns);
         let initial: Vec<String> = m.states.iter().map(|s| format!("{}(0)", s.quantity.name)).collect();
@@ -109,11 +113,7 @@ impl Labels<'_> {
         let derived = m.derived.iter().map(|d| d.quantity.name.clone());
         let named: Vec<String> =
             initial.into_iter().chain(tau).chain(by_param).chain(tau_by_param).chain(derived).collect();
-        let described = (0..self.layout.known).map(|k| match named.get(k) {
-            Some(name) => format!("known[{k}], {name},"),
-            None => format!("known[{k}]"),
-        });
-        described.collect()
+        named
     }
 
     fn stage(&self) -> Vec<String> {

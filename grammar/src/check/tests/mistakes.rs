@@ -26,12 +26,6 @@ fn names_and_functions() {
         ("output w = sinn(x);", &["2:12 E0204 `sinn` is not a function; did you mean `sin`?"]),
         ("output w = sin(x, u);", &["2:12 E0205 `sin` takes 1 argument, 2 given; `sin(x)`"]),
         ("output w = clip(x);", &["2:12 E0205 `clip` takes 3 arguments, 1 given; `clip(x, lower, upper)`"]),
-        (
-            "output w = lag(x, 1);",
-            &[
-                "2:12 E0405 `lag` belongs to the language, but this version does not compile it yet; write its equations with a `state`",
-            ],
-        ),
         ("output w = a(x);", &["2:12 E0204 `a` is not a function; a product is written with a sign: `a*(...)`"]),
         (
             "let p = q; let q = r + 1; let r = p; output w = p;",

@@ -1,12 +1,17 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod arrays;
+mod blocks;
 mod implicit;
 mod limits;
 mod mistakes;
 mod models;
 mod random;
-
+mod submodels;
+mod tables;
+mod ties;
 mod units;
+mod written_out;
 
 use crate::{Diagnostic, Model, Source, check::check, syntax::parse};
 

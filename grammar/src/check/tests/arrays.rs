@@ -35,7 +35,7 @@ fn a_matrix_equation_is_one_for_each_element_and_zeros_are_no_terms() {
     let expected = [
         "der(x[1]) = x[1]*a + x[2]*A[1,2]",
         "der(x[2]) = x[2]*A[2,2] + u*b[2]",
-        "der(x[3]) = x[1]*A[3,1] + x[3]*(2*a)",
+        "der(x[3]) = x[1]*A[3,1] + 2*x[3]*a",
         "y[1] = x[1]",
         "y[2] = x[3]",
     ];

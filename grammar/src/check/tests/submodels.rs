@@ -63,7 +63,7 @@ fn a_submodel_is_its_equations_under_another_name() {
     assert_eq!(states, [("act.z", "position"), ("second.z", "position")]);
     assert_eq!((model.inputs.len(), model.outputs.len(), model.trim.len(), model.derived.len()), (1, 1, 2, 1));
     let shown = crate::graph::show(&model.graph, model.states[0].rate, model);
-    assert_eq!(shown, "(act.gain*(2*dlon) - act.z)/(2*T_act)");
+    assert_eq!(shown, "(2*act.gain*dlon - act.z)/(2*T_act)");
 }
 
 #[test]
