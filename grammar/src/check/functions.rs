@@ -118,14 +118,22 @@ pub fn function_forms() -> impl Iterator<Item = (&'static str, String)> {
 
 /// Least number of arguments of a function, whether more are allowed, and how a call is written.
 pub fn function_form(name: &str) -> Option<(usize, bool, String)> {
-    let function = Function::find(name)?;
+    let Some(function) = Function::find(name) else {
+        let arguments = match name {
+            "lag" | "washout" => "x, T",
+            "leadlag" => "x, T1, T2",
+            "second_order" => "x, omega, zeta",
+            _ => return None,
+        };
+        return Some((arguments.split(',').count(), false, format!("{name}({arguments})")));
+    };
     let (least, more) = function.arity();
     Some((least, more, function.form(name)))
 }
 
 /// The names of all functions.
 pub fn function_names() -> impl Iterator<Item = &'static str> {
-    Function::names()
+    Function::names().chain(BLOCKS.iter().copied())
 }
 
 /// How this language writes what others call `name`.

@@ -178,3 +178,16 @@ fn no_text_makes_the_reader_panic_or_slow() {
     let (trees, findings) = parse_effects(&Source::new("many.fdm", many));
     assert!(trees.len() == 1000 && findings.len() == 1, "{} {findings:?}", trees.len());
 }
+
+#[test]
+fn blocks_of_the_language_serve_in_effects() {
+    let own = catalogue(
+        "effect lagging(y: output) \"lag of {y}\" { param T = 0 [s] in [0, 1] try 0.1; replace y with lag(y, T); }",
+    );
+    let subject =
+        subject("model a { input u [m]; state x [m] = 1; param k = 1 [1/s]; der(x) = k*(u - x); output y [m] = 2*x; }");
+    let made = own.places(&subject).candidates[0].apply(&subject, &Nominal, &Choice::new()).unwrap();
+    assert!(made.text().contains("output y [m] = lag(2*x, T_y);"), "{}", made.text());
+    let compiled = made.compile().unwrap_or_else(|f| panic!("{f:?}"));
+    assert_eq!(made.null(&compiled.model), Null::Limit);
+}
