@@ -5,6 +5,7 @@ use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
 use super::frequencies::Frequencies;
 use super::interpolant::{Correction, Course, Interpolant, Sides};
+use super::overlap::independent;
 use super::transform::Transform;
 use crate::record::Run;
 use num_complex::Complex64;
@@ -53,6 +54,8 @@ pub struct SpectrumOptions {
     pub ends: Ends,
     /// Coefficients of an output that was never measured are NaN, and no error.
     pub allow_unmeasured: bool,
+    /// Inputs that are smooth between samples, as outputs are (m; none where it is shorter).
+    pub smooth: Vec<bool>,
     /// Names of the inputs, for messages; numbers where there are none.
     pub inputs: Vec<String>,
     /// Names of the outputs.
@@ -146,8 +149,7 @@ impl Spectrum {
     /// How many independent frequencies the chosen ones are worth: closer than `1/T` to each other they are interpolated, and their noise is
     /// correlated.
     pub fn independent(&self) -> f64 {
-        let span = |pair: &[f64]| ((pair[1] - pair[0]) * self.duration() / TAU).min(1.0);
-        self.omega.first().map_or(0.0, |_| 1.0) + self.omega.windows(2).map(span).sum::<f64>()
+        independent(&self.omega, self.duration())
     }
 
     /// The inputs that do not move in the band: their coefficients hold less than 1e-12 of their power.
@@ -194,7 +196,7 @@ impl SpectrumOptions {
         match self.interpolant {
             Interpolant::Samples => Course::Sampled,
             Interpolant::Linear => Course::Linear,
-            Interpolant::AsIntegrated if channel >= inputs => Course::Smooth,
+            Interpolant::AsIntegrated if channel >= inputs || self.smooth.get(channel) == Some(&true) => Course::Smooth,
             Interpolant::AsIntegrated if held.get(channel) == Some(&true) => Course::Held,
             Interpolant::AsIntegrated => Course::Linear,
         }

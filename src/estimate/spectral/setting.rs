@@ -17,7 +17,7 @@ use crate::record::Run;
 use crate::spectrum::{Ends, Frequencies, Spectrum, SpectrumError, SpectrumOptions};
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::{Leaf, Signal};
-use fdm_grammar::model::{Origin, Param, Quantity};
+use fdm_grammar::model::{Input, Origin, Param, Quantity};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -124,7 +124,7 @@ impl Setting {
     /// Whether there are more numbers than unknowns.
     fn enough(&self) -> Result<(), SpectralError> {
         let outputs = self.linear.structure().outputs;
-        let frequencies = self.spectra.iter().map(|s| s.omega.len()).sum::<usize>();
+        let frequencies = self.spectra.iter().map(Spectrum::independent).sum::<f64>().round() as usize;
         let ends = (self.params.len() - self.own()) * self.spectra.len();
         let own = self.params[..self.own()].iter().filter(|p| !p.fixed);
         let unknowns = ends + own.map(|p| if p.per_run { self.spectra.len() } else { 1 }).sum::<usize>();
@@ -315,6 +315,7 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
     let how = SpectrumOptions {
         ends,
         allow_unmeasured: true,
+        smooth: definition.inputs.iter().map(|i| is_smooth(definition, i)).collect(),
         inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
         outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
         ..SpectrumOptions::default()
@@ -334,6 +335,16 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
         }
         _ => of(choice),
     }
+}
+
+/// Whether an input is computed from records of outputs alone: these are smooth between samples, and nothing integrates them as straight lines.
+fn is_smooth(definition: &fdm_grammar::Model, input: &Input) -> bool {
+    let Some(computed) = &input.computed else { return false };
+    let from = |record: bool| {
+        let is = |k: usize| definition.inputs.get(k).is_some_and(|i| i.measured.is_some() == record);
+        computed.graph.depends(|leaf| matches!(leaf, Leaf::Input(k) if is(k as usize)))[computed.expr.index()]
+    };
+    from(true) && !from(false)
 }
 
 /// The frequency (in cycles) up to which inputs hold their power; outputs, where there are no inputs.

@@ -190,3 +190,31 @@ fn delayed_states_that_move_at_both_ends_of_a_record_give_the_parameters() {
         assert!(all[8] < 4e-3 && all[15] < 2e-2, "{all:?}");
     }
 }
+
+/// Frequencies closer than one cycle in the record repeat each other: errors and the weight of a prior stay those of the record's own.
+#[test]
+fn frequencies_that_repeat_each_other_add_nothing() {
+    let text =
+        TWO.replace("output x_m", "prior b ~ normal(2.02, 0.01); output x_m").replace("c = 0.5 per run", "c = 0.5");
+    let model = Model::from_text("two.fdm", &text).expect("a model");
+    let runs = [run(&model, &model.definition().start(), "one", (1203, 0.3))];
+    let fit = |frequencies: Frequencies| {
+        let options =
+            SpectralOptions { frequencies, ends: EndTerms::Unknown, finish: false, ..SpectralOptions::default() };
+        fit_spectra(&model, &runs, &options, &mut ()).expect("a fit")
+    };
+    let own = fit(Frequencies::Grid { lowest: Some(0.2), highest: Some(2.0) });
+    let spacing = 1.0 / (5.0 * 1203.0 * 0.025);
+    let fine = fit(Frequencies::Band { lowest: 0.2, highest: 2.0, spacing: Some(spacing) });
+    let count = |fit: &super::fit::SpectralFit| fit.spectra[0].omega.len() as f64;
+    assert_eq!(own.independent, count(&own));
+    assert!((fine.independent / own.independent - 1.0).abs() < 0.03 && count(&fine) > 4.8 * count(&own));
+    for name in ["a", "w", "b", "c", "d", "tau"] {
+        let [a, b] = [&own, &fine].map(|fit| fit.estimate.parameter(name, None).expect("shared"));
+        let [wide, narrow] = [a, b].map(|p| p.standard_error.expect("determined"));
+        println!("{name}: {:.5} ± {wide:.5}, {:.5} ± {narrow:.5} ± {:?}", a.value, b.value, b.corrected_error);
+        assert!((narrow / wide - 1.0).abs() < 0.15, "{name}: {wide} {narrow}");
+        assert!((b.corrected_error.expect("determined") / narrow - 1.0).abs() < 0.25, "{name}");
+        assert!((a.value - b.value).abs() < 0.6 * wide, "{name}: {} {} ± {wide}", a.value, b.value);
+    }
+}
