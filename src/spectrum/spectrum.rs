@@ -54,8 +54,6 @@ pub struct SpectrumOptions {
     pub ends: Ends,
     /// Coefficients of an output that was never measured are NaN, and no error.
     pub allow_unmeasured: bool,
-    /// Inputs that are smooth between samples, as outputs are (m; none where it is shorter).
-    pub smooth: Vec<bool>,
     /// Names of the inputs, for messages; numbers where there are none.
     pub inputs: Vec<String>,
     /// Names of the outputs.
@@ -196,7 +194,7 @@ impl SpectrumOptions {
         match self.interpolant {
             Interpolant::Samples => Course::Sampled,
             Interpolant::Linear => Course::Linear,
-            Interpolant::AsIntegrated if channel >= inputs || self.smooth.get(channel) == Some(&true) => Course::Smooth,
+            Interpolant::AsIntegrated if channel >= inputs => Course::Smooth,
             Interpolant::AsIntegrated if held.get(channel) == Some(&true) => Course::Held,
             Interpolant::AsIntegrated => Course::Linear,
         }

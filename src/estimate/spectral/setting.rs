@@ -2,6 +2,7 @@
 
 use super::fault::SpectralError;
 use super::hidden::longest;
+use super::known_inputs::with_areas;
 use super::options::{Nonlinear, SpectralOptions};
 use super::response::{Reason, SpectralResponse};
 use super::unanswered::Unanswered;
@@ -17,7 +18,7 @@ use crate::record::Run;
 use crate::spectrum::{Ends, Frequencies, Spectrum, SpectrumError, SpectrumOptions};
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::{Leaf, Signal};
-use fdm_grammar::model::{Input, Origin, Param, Quantity};
+use fdm_grammar::model::{Origin, Param, Quantity};
 use nalgebra::DMatrix;
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -315,15 +316,20 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
     let how = SpectrumOptions {
         ends,
         allow_unmeasured: true,
-        smooth: definition.inputs.iter().map(|i| is_smooth(definition, i)).collect(),
         inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
         outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
         ..SpectrumOptions::default()
     };
     let of = |choice: &Frequencies| -> Result<Vec<Spectrum>, SpectralError> {
         let one = |run: &Run| {
-            let wrong = |reason| SpectralError::Spectrum { run: run.name.clone(), reason };
-            Spectrum::of(run, choice, &how).map_err(wrong)
+            let of = |run: &Run| {
+                let wrong = |reason| SpectralError::Spectrum { run: run.name.clone(), reason };
+                Spectrum::of(run, choice, &how).map_err(wrong)
+            };
+            let spectrum = of(run)?;
+            let Some(areas) = with_areas(run, definition) else { return Ok(spectrum) };
+            // outputs see samples, states what lies between them
+            Ok(Spectrum { sampled_inputs: spectrum.sampled_inputs, ..of(&areas)? })
         };
         runs.iter().map(one).collect()
     };
@@ -335,16 +341,6 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
         }
         _ => of(choice),
     }
-}
-
-/// Whether an input is computed from records of outputs alone: these are smooth between samples, and nothing integrates them as straight lines.
-fn is_smooth(definition: &fdm_grammar::Model, input: &Input) -> bool {
-    let Some(computed) = &input.computed else { return false };
-    let from = |record: bool| {
-        let is = |k: usize| definition.inputs.get(k).is_some_and(|i| i.measured.is_some() == record);
-        computed.graph.depends(|leaf| matches!(leaf, Leaf::Input(k) if is(k as usize)))[computed.expr.index()]
-    };
-    from(true) && !from(false)
 }
 
 /// The frequency (in cycles) up to which inputs hold their power; outputs, where there are no inputs.
