@@ -84,16 +84,8 @@ mod tests {
         let carried = model.definition().carried().expect("carried").model;
         let (dt, n) = (0.1, 200);
         let x = |t: f64| 2.0 + (1.1 * t).sin();
-        // a ramp with kinks at samples
-        let u = |t: f64| {
-            if t < 5.0 {
-                0.0
-            } else if t < 8.0 {
-                t - 5.0
-            } else {
-                3.0
-            }
-        };
+        // up and down with kinks at samples
+        let u = |t: f64| (3.0 - (t - 8.0).abs()).max(0.0);
         let time: Vec<f64> = (0..n).map(|k| k as f64 * dt).collect();
         let run = Run {
             name: "r".into(),
