@@ -346,3 +346,24 @@ fn ends_free_known_from_noisy_records_and_left_out() {
         println!();
     }
 }
+
+#[test]
+#[ignore = "a study"]
+fn corrections_from_far_away_one_by_one() {
+    let runs = noisy(&first_flight(), 1);
+    let seed = std::env::var("SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(0);
+    let regressed = std::env::var("REGRESSED").is_ok();
+    let model = if seed == 0 { away(0.25) } else { scattered(0.25, seed) };
+    let options = SpectralOptions { regressed, ..options(&GRID, EndTerms::Unknown) };
+    let fit = fit_spectra(&model, &runs, &options, &mut ()).unwrap();
+    for i in &fit.estimate.history {
+        println!(
+            "{:3} {:14.3} {:12.3} damping {:8.1e} step {:9.2e} refused {}",
+            i.number, i.cost, i.change, i.damping, i.step, i.refused
+        );
+    }
+    println!("{} {:?}", fit.estimate.termination, fit.estimate.aids);
+    for f in &fit.first {
+        println!("{} {} {:?}", f.parameter, f.value, f.equations);
+    }
+}
