@@ -182,17 +182,20 @@ fn scattered(part: f64, seed: u64) -> Model {
     changed(&model, &Changes { set, ..Changes::default() }).unwrap()
 }
 
-/// Corrections from 20 starts off by 25 %, signs by chance, with first values from equation error and without.
+/// Corrections from 21 starts off by 25 %, the first up and down in turn, the others by chance; with first values from equation error and without.
 fn starts_far_away(what: &str, frequencies: &Frequencies) {
     let (truth, runs) = (truth(&open_loop()), noisy(&first_flight(), 1));
-    println!("\n{what}: from 20 starts off by 25 %, by the signs' seed");
-    for regressed in [false, true] {
+    println!("\n{what}: from starts off by 25 %, the first up and down in turn, the others with signs by chance");
+    for regressed in [true, false] {
         let options = SpectralOptions { regressed, ..options(frequencies, EndTerms::Unknown) };
-        let one = |seed: u64| fit_spectra(&scattered(0.25, seed), &runs, &options, &mut ()).unwrap();
+        let start = |seed: u64| if seed == 0 { away(0.25) } else { scattered(0.25, seed) };
+        let one = |seed: u64| fit_spectra(&start(seed), &runs, &options, &mut ()).unwrap();
         let begin = std::time::Instant::now();
-        let fits: Vec<SpectralFit> = (1..=count(20)).into_par_iter().map(one).collect();
+        let fits: Vec<SpectralFit> = (0..=count(20)).into_par_iter().map(one).collect();
         let least = fits.iter().map(|f| f.estimate.history.last().unwrap().cost).fold(f64::INFINITY, f64::min);
         println!("first values from equation error: {regressed}; {:.1} s", begin.elapsed().as_secs_f64());
+        let lost = fits.iter().filter(|f| !f.is_good() || f.estimate.history.last().unwrap().cost > least + 1e-3);
+        println!("{} of {} do not end at the least cost", lost.count(), fits.len());
         for (k, fit) in fits.iter().enumerate() {
             let e = &fit.estimate;
             let off = own(fit, &truth)
@@ -202,7 +205,7 @@ fn starts_far_away(what: &str, frequencies: &Frequencies) {
                 .fold(0.0, f64::max);
             println!(
                 "  {:2} {:3} corrections, {:?} evaluations, cost {:+.3} above the least, {:.2} % off, {} {:?}",
-                k + 1,
+                k,
                 e.iterations,
                 e.evaluations,
                 e.history.last().unwrap().cost - least,
@@ -344,26 +347,5 @@ fn ends_free_known_from_noisy_records_and_left_out() {
             print!(" | {:6.2} {:6.2} {corrected:6.2}", bias * scatter / unit, scatter / unit);
         }
         println!();
-    }
-}
-
-#[test]
-#[ignore = "a study"]
-fn corrections_from_far_away_one_by_one() {
-    let runs = noisy(&first_flight(), 1);
-    let seed = std::env::var("SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(0);
-    let regressed = std::env::var("REGRESSED").is_ok();
-    let model = if seed == 0 { away(0.25) } else { scattered(0.25, seed) };
-    let options = SpectralOptions { regressed, ..options(&GRID, EndTerms::Unknown) };
-    let fit = fit_spectra(&model, &runs, &options, &mut ()).unwrap();
-    for i in &fit.estimate.history {
-        println!(
-            "{:3} {:14.3} {:12.3} damping {:8.1e} step {:9.2e} refused {}",
-            i.number, i.cost, i.change, i.damping, i.step, i.refused
-        );
-    }
-    println!("{} {:?}", fit.estimate.termination, fit.estimate.aids);
-    for f in &fit.first {
-        println!("{} {} {:?}", f.parameter, f.value, f.equations);
     }
 }
