@@ -78,29 +78,31 @@ pub(super) struct Ends {
 
 impl Ends {
     pub(super) fn new(structure: &Structure, values: &Values, spectrum: &Spectrum, terms: &EndTerms) -> Self {
-        let factors = (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
-        let (first, last): (Vec<Complex64>, Vec<Complex64>) = factors.map(|[before, behind]| (-before, behind)).unzip();
         let delayed = matches!(terms, EndTerms::Known | EndTerms::Unknown) && !structure.delayed.is_empty();
         let mut ends = Self { delayed, ..Self::default() };
+        let states = 0..structure.states;
+        if let EndTerms::Omitted = terms {
+            return ends;
+        }
+        if let EndTerms::Given(given) = terms {
+            let rows = given.chunks(spectrum.omega.len().max(1)).map(<[Complex64]>::to_vec);
+            ends.known = states.zip(rows).collect();
+            return ends;
+        }
+        let factors = (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
+        let (first, last): (Vec<Complex64>, Vec<Complex64>) = factors.map(|[before, behind]| (-before, behind)).unzip();
         let term = |[x0, x1]: [f64; 2]| first.iter().zip(&last).map(|(f, l)| x0 * f + x1 * l).collect();
         if delayed && structure.delayed.iter().any(|signal| matches!(signal, Signal::State(_))) {
             let value = |end: usize, j: usize| spectrum.input_ends[end].get(j).copied().unwrap_or(0.0);
             ends.inputs = (0..structure.inputs).map(|j| term([value(0, j), value(1, j)])).collect();
         }
-        let states = 0..structure.states;
         let unknown: Vec<usize> = match terms {
-            EndTerms::Omitted => return ends,
-            EndTerms::Given(given) => {
-                let rows = given.chunks(spectrum.omega.len().max(1)).map(<[Complex64]>::to_vec);
-                ends.known = states.zip(rows).collect();
-                return ends;
-            }
-            EndTerms::Unknown => states.collect(),
             EndTerms::Known => {
                 let shown = |state: &usize| shown(structure, values, spectrum, *state);
                 ends.known = states.clone().filter_map(|s| shown(&s).map(|x| (s, term(x)))).collect();
                 states.filter(|s| shown(s).is_none()).collect()
             }
+            _ => states.collect(),
         };
         let points: &[EndPoint] = match on_grid(spectrum) {
             true => &[EndPoint::Difference],

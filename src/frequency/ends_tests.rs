@@ -142,7 +142,7 @@ fn off(
     let spectrum = Spectrum::of(&run, choice, &options).expect("even");
     let (mut linear, mut values) = (LinearModel::new(&model).expect("linear"), Values::default());
     linear.evaluate(&theta, &mut values).expect("finite");
-    let structure = Arc::new(linear.structure().clone());
+    let structure = linear.structure().clone();
     let mut response = FrequencyResponse::new(&structure, &values, &spectrum, ends.0, &Arc::new(Plans::default()))?;
     let unknown = vec![0.0; response.end_columns().len()];
     let (count, q) = (response.frequencies(), response.outputs());

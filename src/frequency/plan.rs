@@ -18,8 +18,12 @@ pub(super) fn plan(wiring: &Wiring, units: &[Option<i8>]) -> Option<Program> {
     if changes(wiring) > MOST_CHANGES {
         return None;
     }
-    let by_columns = Planner::new(wiring, units.to_vec()).program(true);
-    let by_rows = Planner::new(wiring, units.to_vec()).program(false);
+    let planner = Planner::new(wiring, units.to_vec());
+    if wiring.asked.is_empty() {
+        return Some(planner.program(true));
+    }
+    let by_columns = planner.clone().program(true);
+    let by_rows = planner.program(false);
     Some(if by_rows.ops.len() < by_columns.ops.len() { by_rows } else { by_columns })
 }
 
@@ -51,6 +55,7 @@ fn changes(wiring: &Wiring) -> usize {
     count
 }
 
+#[derive(Clone)]
 struct Planner<'w> {
     wiring: &'w Wiring,
     g: Expressions,

@@ -5,7 +5,7 @@ use super::tree::{BinarySign, Expr, ExprRef, Name, UnarySign};
 use crate::source::Span;
 
 /// How strongly a sign binds; unary minus stands between `*` and `^`, so that `-x^2` is `-(x^2)`.
-fn strength_of(sign: BinarySign) -> u8 {
+pub(super) fn strength_of(sign: BinarySign) -> u8 {
     use BinarySign::*;
     match sign {
         Or => 1,
@@ -18,6 +18,11 @@ fn strength_of(sign: BinarySign) -> u8 {
 }
 
 const COMPARISON: u8 = 4;
+
+/// How strongly a sign before an operand binds.
+pub(super) fn strength_of_sign(sign: UnarySign) -> u8 {
+    if sign == UnarySign::Not { 3 } else { 7 }
+}
 
 /// A sign that waits for its right operand.
 #[derive(Debug, Clone, Copy)]
@@ -32,18 +37,18 @@ impl Waiting {
     fn strength(self) -> u8 {
         match self {
             Self::Begin => 0,
-            Self::Unary(UnarySign::Not, _) => 3,
-            Self::Unary(..) => 7,
+            Self::Unary(sign, _) => strength_of_sign(sign),
             Self::Binary(sign, _) => strength_of(sign),
         }
     }
 }
 
-/// A call or an `if` whose operands are being read.
+/// A call, an `if` or a vector whose operands are being read.
 #[derive(Debug)]
 enum Frame {
     Call { function: Name, first_operand: usize },
     Choice { ifs: Vec<usize>, first_operand: usize },
+    Vector { start: usize, first_operand: usize },
 }
 
 /// An expression and the text it covers, brackets included.
@@ -87,7 +92,7 @@ impl Builder {
         self.waiting.pop();
     }
 
-    /// A number or a name.
+    /// A number, a name or an element of a vector.
     pub(super) fn operand(&mut self, expr: Expr, span: Span) {
         self.push(expr, span);
     }
@@ -136,6 +141,11 @@ impl Builder {
         self.frames.push(Frame::Choice { ifs: Vec::new(), first_operand: self.operands.len() });
     }
 
+    /// The bracket of a vector, at a place.
+    pub(super) fn begin_vector(&mut self, start: usize) {
+        self.frames.push(Frame::Vector { start, first_operand: self.operands.len() });
+    }
+
     /// The word `if`, first or behind `else`, at a place.
     pub(super) fn word_if(&mut self, start: usize) {
         if let Some(Frame::Choice { ifs, .. }) = self.frames.last_mut() {
@@ -143,7 +153,7 @@ impl Builder {
         }
     }
 
-    /// The call or the `if` that began last ends at `end`.
+    /// The call, the `if` or the vector that began last ends at `end`.
     pub(super) fn end_frame(&mut self, end: usize) {
         match self.frames.pop() {
             Some(Frame::Call { function, first_operand }) => {
@@ -154,6 +164,10 @@ impl Builder {
             Some(Frame::Choice { ifs, first_operand }) => {
                 let parts: Vec<_> = self.operands.drain(first_operand..).map(|o| o.0).collect();
                 self.choice(&ifs, &parts, end);
+            }
+            Some(Frame::Vector { start, first_operand }) => {
+                let elements = self.operands.drain(first_operand..).map(|o| o.0).collect();
+                self.push(Expr::Vector(elements), Span::new(start, end));
             }
             None => {}
         }

@@ -68,9 +68,8 @@ impl Expected<'_> {
             "end" | "endif" if self.wants(Want::Infix) => "a choice ends by itself: `if c then a else b`",
             _ if before == "der" => "a derivative is written `der(x)`",
             "=" if self.wants(Want::Then) || self.wants(Want::Close) => "a comparison is written with `==`",
-            "." => "parts of submodels are not compiled by this version",
+            "." => "a part of a submodel is written without spaces: `act.y`",
             "time" => "the time since the run began is `t`",
-            "[" if before == "[" || self.wants(Want::Expression) => "this version compiles no vectors and matrices",
             "{" if self.wants(Want::Expression) => "expressions are grouped with `(` and `)`",
             _ => return None,
         })
@@ -109,6 +108,10 @@ impl Expected<'_> {
         let (wanted, form) = match self.word(self.statement.start) {
             "prior" => (Want::Tilde, "a prior is written `prior a ~ normal(mean, deviation)`"),
             "noise" => (Want::Equals, "known noise is written `noise y = deviation`"),
+            "tie" => (Want::Equals, "a tie is written `tie a = b`"),
+            "table" if self.wants(Want::Colon) => (Want::Colon, "a point is written `x: y`"),
+            "table" => (Want::Open, "a table is written `table NAME(x) = linear { x1: y1, x2: y2 }`"),
+            "use" => (Want::As, "a submodel is used by `use \"file.fdm\" as name(input = expression)`"),
             "trim" if self.wants(Want::Equals) => (Want::Equals, "a trim is written `trim { x = value; u = value; }`"),
             "trim" => (Want::Brace, "a trim is written `trim { x = value; u = value; }`"),
             _ => return None,
@@ -120,7 +123,7 @@ impl Expected<'_> {
     fn unfinished(&self, word: &str) -> Option<String> {
         let hint = if self.wants(Want::Then) || self.wants(Want::Else) {
             "a choice is written `if c then a else b`"
-        } else if self.wants(Want::Bracket)
+        } else if self.wants(Want::Bracket) && !self.wants(Want::Expression)
             || self.wants(Want::CloseBracket)
             || self.wants == [Want::Infix, Want::Comma]
         {
@@ -186,7 +189,7 @@ impl Expected<'_> {
     fn unit_in_expression(&self, unit: &str) -> String {
         let first = self.statement.start;
         if unit.bytes().all(|b| b.is_ascii_digit() || b"[], ".contains(&b)) {
-            return "this version compiles no vectors and matrices".into();
+            return "an index stands directly behind a name: `x[2]`".into();
         }
         if self.word(first + 1) == "=" {
             return format!("`param {} = ...;` or `const` declares a quantity with a unit", shown(self.word(first)));

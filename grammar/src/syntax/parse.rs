@@ -7,7 +7,10 @@ use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
 use pest::Parser;
 use pest::error::{ErrorVariant, InputLocation};
-use pest::iterators::Pair;
+use pest::iterators::{Pair, Pairs};
+
+mod effect;
+pub(super) use effect::{EffectHeader, effect_header, effect_statement};
 
 #[allow(missing_docs, unreachable_pub)]
 mod grammar {
@@ -94,9 +97,15 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::expression | Rule::number | Rule::sign | Rule::choice | Rule::group | Rule::value | Rule::belief => {
             Want::Expression
         }
-        Rule::name | Rule::declaration | Rule::deviation | Rule::setting => Want::Name,
+        Rule::vector | Rule::element | Rule::reference => Want::Expression,
+        Rule::point | Rule::points => Want::Point,
+        Rule::name | Rule::declaration | Rule::deviation | Rule::setting | Rule::bond | Rule::target => Want::Name,
+        Rule::connection | Rule::method => Want::Name,
         Rule::infix | Rule::arguments => Want::Infix,
         Rule::doc => Want::Doc,
+        Rule::word_as => Want::As,
+        Rule::colon => Want::Colon,
+        Rule::open | Rule::connections => Want::Open,
         Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per => Want::Attribute,
         Rule::unit => Want::Unit,
         Rule::word_run => Want::Run,
@@ -114,7 +123,13 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
-        Rule::prior | Rule::noise | Rule::trim => Want::Statement,
+        Rule::prior | Rule::noise | Rule::trim | Rule::tie | Rule::table | Rule::use_model => Want::Statement,
+        Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
+        Rule::slot => Want::Slot,
+        Rule::slot_kind => Want::Kind,
+        Rule::place => Want::Place,
+        Rule::word_with => Want::With,
+        Rule::plus_equals => Want::PlusEquals,
         _ => return None,
     })
 }
@@ -153,6 +168,12 @@ impl Build<'_> {
                 let settings = parts.filter(|p| p.as_rule() == Rule::setting);
                 StatementKind::Trim(settings.filter_map(|p| self.named(p)).collect())
             }
+            Rule::tie => {
+                let bonds = parts.filter(|p| p.as_rule() == Rule::bond);
+                StatementKind::Tie(bonds.filter_map(|p| self.named(p)).collect())
+            }
+            Rule::table => StatementKind::Table(self.table(parts)?),
+            Rule::use_model => StatementKind::Use(self.submodel(parts)?),
             _ => {
                 let left = self.expression(parts.next()?)?;
                 StatementKind::Equation(left, self.expression(parts.nth(1)?)?)
@@ -160,18 +181,76 @@ impl Build<'_> {
         })
     }
 
-    /// `a ~ normal(mean, deviation)`
+    /// `a ~ normal(mean, deviation)`, `x: y`
     fn belief(&mut self, pair: Pair<Rule>) -> Option<(ExprRef, ExprRef)> {
         let mut parts = pair.into_inner();
         let subject = self.expression(parts.next()?)?;
         Some((subject, self.expression(parts.nth(1)?)?))
     }
 
-    /// `y = deviation`, `u = value`
+    /// `y = deviation`, `u = value`; an index is written without spaces.
     fn named(&mut self, pair: Pair<Rule>) -> Option<(Name, ExprRef)> {
         let mut parts = pair.into_inner();
-        let name = word(&parts.next()?, self.offset, 0);
+        let mut name = word(&parts.next()?, self.offset, 0);
+        name.text.retain(|c| !c.is_whitespace());
         Some((name, self.expression(parts.nth(1)?)?))
+    }
+
+    /// What follows the word `table`.
+    fn table(&mut self, parts: Pairs<Rule>) -> Option<Table> {
+        let mut names = Vec::new();
+        let (mut argument_unit, mut doc, mut unit, mut method) = (None, None, None, None);
+        let mut points = Vec::new();
+        let mut in_argument = true;
+        for part in parts {
+            let place = span(&part, self.offset);
+            match part.as_rule() {
+                Rule::name => names.push(word(&part, self.offset, 0)),
+                Rule::close => in_argument = false,
+                Rule::unit if in_argument => argument_unit = Some(word(&part, self.offset, 1)),
+                Rule::unit => self.once(&mut unit, word(&part, self.offset, 1), (Rule::unit, place), &names),
+                Rule::doc => self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names),
+                Rule::method => method = Some(word(&part, self.offset, 0)),
+                Rule::points => {
+                    let pairs = part.into_inner().filter(|p| p.as_rule() == Rule::point);
+                    points = pairs.filter_map(|p| self.belief(p)).collect();
+                }
+                _ => {}
+            }
+        }
+        let mut names = names.into_iter();
+        let (name, argument) = (names.next()?, names.next()?);
+        Some(Table { name, argument, argument_unit, doc, unit, method: method?, points })
+    }
+
+    /// Takes an attribute of a table, or tells that it stands there twice.
+    fn once(&mut self, place: &mut Option<Name>, new: Name, (rule, second): (Rule, Span), names: &[Name]) {
+        match place {
+            Some(first) => {
+                let name = names.first().map_or("", |n| &n.text);
+                self.findings.push(repeated(rule, name, second, first.span));
+            }
+            None => *place = Some(new),
+        }
+    }
+
+    /// What follows the word `use`.
+    fn submodel(&mut self, parts: Pairs<Rule>) -> Option<Use> {
+        let (mut path, mut alias) = (None, None);
+        let mut connections = Vec::new();
+        for part in parts {
+            match part.as_rule() {
+                Rule::doc => path = Some(word(&part, self.offset, 1)),
+                Rule::name if path.is_none() => path = Some(word(&part, self.offset, 0)),
+                Rule::name => alias = Some(word(&part, self.offset, 0)),
+                Rule::connections => {
+                    let pairs = part.into_inner().filter(|p| p.as_rule() == Rule::connection);
+                    connections = pairs.filter_map(|p| self.named(p)).collect();
+                }
+                _ => {}
+            }
+        }
+        Some(Use { path: path?, alias: alias?, connections })
     }
 
     fn declaration(&mut self, pair: Pair<Rule>) -> Option<Declaration> {
@@ -181,6 +260,10 @@ impl Build<'_> {
         let mut seen: Vec<(Rule, Span)> = Vec::new();
         for part in parts {
             let (rule, place) = (part.as_rule(), span(&part, self.offset));
+            if rule == Rule::unit && shape(&word(&part, self.offset, 1)).is_some() {
+                self.unit_or_shape(&part, &mut d);
+                continue;
+            }
             if let Some((_, first)) = seen.iter().find(|(r, _)| *r == rule) {
                 self.findings.push(repeated(rule, &d.name.text, place, *first));
                 continue;
@@ -188,7 +271,7 @@ impl Build<'_> {
             seen.push((rule, place));
             match rule {
                 Rule::doc => d.doc = Some(word(&part, self.offset, 1)),
-                Rule::unit => d.unit = self.unit(&part, d.value.is_some()),
+                Rule::unit => self.unit_or_shape(&part, &mut d),
                 Rule::value => d.value = self.value(part),
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
@@ -198,25 +281,28 @@ impl Build<'_> {
         Some(d)
     }
 
-    /// `a = 1 [0, 5]` looks like a unit and lacks the word `in`; `x[3]`, `A[2, 2]` are the vectors and matrices of
-    /// later versions.
-    fn unit(&mut self, pair: &Pair<Rule>, has_value: bool) -> Option<Name> {
+    /// `[m]` is a unit, `[3]` and `[2, 2]` are shapes, `[1]` says that the quantity is a pure number; `a = 1 [0, 5]`
+    /// lacks the word `in`.
+    fn unit_or_shape(&mut self, pair: &Pair<Rule>, d: &mut Declaration) {
         let unit = word(pair, self.offset, 1);
-        if has_value && is_pair_of_numbers(&unit.text) {
+        if d.value.is_some() && is_pair_of_numbers(&unit.text) {
             let message = "this looks like bounds without the word `in`";
             let hint = format!("bounds are written `in [{}]`, units `[m/s]`", unit.text.trim());
             self.findings.push(Diagnostic::new(Code::WrongAttribute, unit.span, message).hint(hint));
-            return None;
+            return;
         }
-        let size = |part: &str| !part.trim().is_empty() && part.trim().bytes().all(|b| b.is_ascii_digit());
-        if unit.text.trim() == "1" || !unit.text.split(',').all(size) {
-            return Some(unit);
+        let Some(shape) = shape(&unit) else {
+            d.unit = Some(unit);
+            return;
+        };
+        if d.value.is_some() || d.unit.is_some() || d.shape.is_some() {
+            let message = format!("the size of `{}` does not stand behind its name", d.name.text);
+            let hint = format!("`{}[{}]`; a pure number has the unit `[1]`", d.name.text, unit.text.trim());
+            self.findings.push(Diagnostic::new(Code::WrongAttribute, unit.span, message).hint(hint));
+            self.sound = false;
+        } else {
+            d.shape = Some(shape);
         }
-        let message = "this version compiles no vectors and matrices";
-        let hint = "declare each element by a name of its own; a pure number has the unit `[1]`";
-        self.findings.push(Diagnostic::new(Code::Unsupported, unit.span, message).hint(hint));
-        self.sound = false;
-        None
     }
 
     fn value(&mut self, pair: Pair<Rule>) -> Option<Value> {
@@ -245,6 +331,7 @@ impl Build<'_> {
                         Rule::expression => self.builder.begin(),
                         Rule::arguments => self.builder.begin_call(),
                         Rule::choice => self.builder.begin_choice(),
+                        Rule::vector => self.builder.begin_vector(self.offset + pos.pos()),
                         _ => {}
                     }
                 }
@@ -273,14 +360,39 @@ impl Build<'_> {
                 let value = self.number(text, span);
                 self.builder.operand(Expr::Number(value), span);
             }
-            Rule::name => self.builder.operand(Expr::Name(text.into()), span),
+            Rule::reference => self.builder.operand(Expr::Name(text.into()), span),
+            Rule::element => {
+                let element = self.element(text, span);
+                self.builder.operand(element, span);
+            }
             Rule::sign => self.builder.sign(unary(text), span),
             Rule::infix => self.builder.infix(binary(text), span),
             Rule::group => self.builder.group(span),
             Rule::word_if => self.builder.word_if(span.start as usize),
-            Rule::arguments | Rule::choice => self.builder.end_frame(span.end as usize),
+            Rule::arguments | Rule::choice | Rule::vector => self.builder.end_frame(span.end as usize),
             _ => {}
         }
+    }
+
+    /// `x[2]`, `A[1, 2:3]`
+    fn element(&mut self, text: &str, span: Span) -> Expr {
+        let (name, index) = text.split_once('[').unwrap_or((text, "]"));
+        let mut count = |digits: &str| {
+            digits.trim().parse::<u32>().unwrap_or_else(|_| {
+                let message = format!("the index {} is too large", super::expected::shown(digits.trim()));
+                self.findings.push(Diagnostic::new(Code::BadNumber, span, message));
+                self.sound = false;
+                0
+            })
+        };
+        let slices = index.trim_end_matches(']').split(',').map(|part| match part.split_once(':') {
+            None => Slice::At(count(part)),
+            Some((first, last)) if first.trim().is_empty() && last.trim().is_empty() => Slice::All,
+            Some((first, last)) => Slice::Range(count(first), count(last)),
+        });
+        let slices = slices.collect();
+        let start = span.start as usize;
+        Expr::Element(Name { text: name.into(), span: Span::new(start, start + name.len()) }, slices)
     }
 
     fn number(&mut self, text: &str, span: Span) -> f64 {
@@ -293,6 +405,23 @@ impl Build<'_> {
         }
         value
     }
+}
+
+/// The size in brackets behind a name; `[1]` is the unit of pure numbers.
+fn shape(text: &Name) -> Option<Shape> {
+    let size = |part: &str| {
+        let digits = part.trim();
+        let whole = !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit());
+        // what is too large for a number is too large for the limit of vectors, too
+        whole.then(|| digits.parse().unwrap_or(u32::MAX))
+    };
+    if text.text.trim() == "1" {
+        return None;
+    }
+    let mut sizes = text.text.split(',').map(size);
+    let (rows, columns) = (sizes.next()??, sizes.next());
+    let shape = Shape { rows, columns: columns.flatten(), span: text.span };
+    (sizes.next().is_none() && columns.is_some() == shape.columns.is_some()).then_some(shape)
 }
 
 fn is_pair_of_numbers(text: &str) -> bool {

@@ -131,14 +131,16 @@ impl<'a> Slips<'a> {
     pub(super) fn flaws(&mut self, extent: &Extent) -> bool {
         let first = extent.tokens.start;
         if self.planned(first) {
-            let message = format!("this version does not compile `{}` statements yet", self.shown(first));
-            let found = Diagnostic::new(Code::Unsupported, self.span(first), message);
-            self.report([match instead(self.tokens[first].text(self.text)) {
-                Some(hint) => found.hint(hint),
-                None => found,
-            }]);
+            let message = format!("`{}` cannot stand inside a model", self.shown(first));
+            let found = Diagnostic::new(Code::Unexpected, self.span(first), message);
+            self.report([found.hint("effects stand in a file of their own")]);
             return true;
         }
+        self.flawed(extent)
+    }
+
+    /// Whether tokens or brackets are wrong, whatever word begins the extent.
+    pub(super) fn flawed(&mut self, extent: &Extent) -> bool {
         // One finding about depth is enough: the rest of such a statement is not read.
         if let Some(fault @ Fault::TooDeep(_)) = extent.fault {
             self.fault(fault);
@@ -242,15 +244,6 @@ impl<'a> Slips<'a> {
     fn expected<'s>(&'s self, tokens: &Range<usize>, closed: bool, at: usize, wants: &'s [Want]) -> Expected<'s> {
         Expected { text: self.text, tokens: self.tokens, statement: tokens.clone(), closed, at, wants }
     }
-}
-
-/// What does the work of a statement that is not compiled yet.
-fn instead(word: &str) -> Option<&'static str> {
-    Some(match word {
-        "tie" => "`param a = b;` defines one param by another",
-        "use" => "write the equations of the other model here",
-        _ => return None,
-    })
 }
 
 /// Whether a text begins with names between commas, semicolons or tabs and goes on with as many numbers.

@@ -196,8 +196,7 @@ impl Correction<'_, '_, '_> {
         self.evaluator.keep();
         self.weights = weights;
         self.trial = std::mem::replace(&mut self.values, trial);
-        let values = self.values.clone();
-        self.settle(&values);
+        self.settle();
         Some(gain)
     }
 

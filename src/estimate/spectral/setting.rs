@@ -316,6 +316,7 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
     let how = SpectrumOptions {
         ends,
         allow_unmeasured: true,
+        vanishing: definition.vanishing().collect(),
         inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
         outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
         ..SpectrumOptions::default()

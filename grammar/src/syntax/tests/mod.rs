@@ -41,6 +41,8 @@ fn show(tree: &SyntaxTree, e: ExprRef) -> String {
         Expr::Binary(sign, a, b, _) => format!("({sign:?} {} {})", s(a), s(b)),
         Expr::Call(f, args) => format!("{}({})", f.text, args.iter().map(s).collect::<Vec<_>>().join(", ")),
         Expr::If(c, a, b) => format!("(if {} {} {})", s(c), s(a), s(b)),
+        Expr::Vector(list) => format!("[{}]", list.iter().map(s).collect::<Vec<_>>().join(", ")),
+        Expr::Element(name, slices) => format!("{}{slices:?}", name.text),
     }
 }
 
@@ -129,6 +131,8 @@ fn operands_stand_before_the_expressions_that_use_them() {
             Expr::Binary(_, a, b, _) => vec![*a, *b],
             Expr::Call(_, args) => args.clone(),
             Expr::If(c, a, b) => vec![*c, *a, *b],
+            Expr::Vector(list) => list.clone(),
+            Expr::Element(..) => vec![],
         };
         assert!(operands.iter().all(|o| (o.0 as usize) < k));
     }
@@ -154,4 +158,75 @@ fn texts_of_windows_and_of_other_scripts_are_read() {
     let StatementKind::Declare(_, names) = &tree.statements[0].kind else { panic!() };
     assert_eq!((tree.name.text.as_str(), names[0].unit.as_ref().unwrap().text.as_str()), ("ω_1", "µm/°C"));
     assert_eq!(source.slice(tree.statements[1].span), "der(α) = -x̂;");
+}
+
+#[test]
+fn the_rest_of_the_language_is_read_and_written_back() {
+    let statements = [
+        "tie Lq = Mp, act.T = 2*b;",
+        "table CL(alpha [rad]) \"lift\" [1] = linear { -0.2: -0.9, 0: CL0, 0.3: 1.6 };",
+        "use \"actuator.fdm\" as act(x = dlon + 1, T = T_act);",
+        "use \"actuator.fdm\" as act;",
+        "state x[3] = [1, 0, x0] [m/s], y [1];",
+        "param A[3, 3] = [[a, 1, 0], [0, -0.5, 0], [0, 0, 1e-9]] in [-5, 5] [1/s] fixed, b[1, 2] = 0;",
+        "der(x) = A*x + B*u + x[2]*A[1:2, :] + act.y*act.inner.z[3];",
+        "noise y[2] = 0.1, y = 0.2;",
+        "trim { x[1] = 2; act.y = u; }",
+        "prior a ~ normal(-0.7, 0.1), x(0) ~ normal(0, 2);",
+        "output y \"seen\" = tf(x, [b1, b0], [1, a1, a0]) [m];",
+    ];
+    for statement in statements {
+        let source = Source::new("m", format!("model m {{ {statement} }}"));
+        let tree = parse(&source).unwrap_or_else(|f| panic!("{statement}: {f:?}"));
+        let printed = Printer::with_source(&tree, &source).statement(&tree.statements[0]);
+        assert_eq!(printed, statement);
+    }
+}
+
+#[test]
+fn what_is_printed_means_what_was_read() {
+    let texts = [
+        "-x^2",
+        "(-x)^2",
+        "x^-y^2*z",
+        "(2^3)^x",
+        "2^3^x",
+        "-a*b",
+        "-(a*b)",
+        "a - (b - c)",
+        "a/(b*c)",
+        "a/b*c",
+        "a - -b",
+        "not (a < b and c)",
+        "(a < b) == (c < d)",
+        "(if c then a else b) + 1",
+        "if c then a else if d then b else e",
+        "if (if a then b else c) then d else e",
+        "f(a, [b, [c]])",
+        "(a or b) and c",
+        "-(-x)",
+        "2*-x",
+        "(a + b)*-(c + d)",
+        "x[2]^y[1]",
+        "-(x^2)^3",
+        "(not a) == b",
+    ];
+    for text in texts.into_iter() {
+        let source = Source::new("m", format!("model m {{ der(x) = {text}; }}"));
+        let tree = parse(&source).unwrap_or_else(|f| panic!("{text}: {f:?}"));
+        let StatementKind::Equation(_, right) = tree.statements[0].kind else { panic!("no equation") };
+        let printed = Printer::new(&tree).expression(right);
+        assert_eq!(bracketed(&printed), bracketed(text), "{text} was printed as {printed}");
+    }
+}
+
+#[test]
+fn brackets_behind_a_space_are_units_and_behind_a_name_indices() {
+    let source = Source::new("m", "model m { param a = b [1], c = b[1], d = b[m], e [m] = (b) [2]; }");
+    let findings = parse(&source).unwrap_err();
+    assert_eq!(findings.len(), 1, "{findings:?}");
+    let source = Source::new("m", "model m { param a = b [1], c = b[1], d = b[m], e [m] = (b); }");
+    let tree = parse(&source).unwrap();
+    let printed = Printer::new(&tree).statement(&tree.statements[0]);
+    assert_eq!(printed, "param a = b [1], c = b[1], d = b [m], e = b [m];");
 }

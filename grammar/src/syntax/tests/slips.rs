@@ -105,8 +105,8 @@ const SLIPS: &[(&str, &str)] = &[
     ("trim { 3 = 1; }", "1:8: E0101: expected a name, found `3`"),
     ("param trim = 3;", "1:7: E0203: `trim` is a word of the language and cannot be a name; choose another name"),
     ("trim { u = 1; v = 2;\n state x;", "1:6: E0104: this `{` is not closed in its statement; write `}` where it ends"),
-    ("use \"actuator.fdm\" as act(x = dlon, T = T_act);", "1:1: E0405: this version does not compile `use` statements yet; write the equations of the other model here"),
-    ("effect f(i: input) \"doc\" { param tau = 0; replace i with delay(i, tau); }", "1:1: E0405: this version does not compile `effect` statements yet"),
+    ("use \"actuator.fdm\" as act(x = dlon, T = T_act);", ""),
+    ("effect f(i: input) \"doc\" { param tau = 0; replace i with delay(i, tau); }", "1:1: E0101: `effect` cannot stand inside a model; effects stand in a file of their own"),
     ("param a = 1 in [0, 1] in [0, 2];", "1:23: E0306: `a` has bounds twice; leave one of them out"),
     ("param a = 1 = 2;", "1:13: E0306: `a` has a second value; leave one of them out"),
     ("param a \"x\" \"y\";", "1:13: E0306: `a` has a second doc string; leave one of them out"),
@@ -134,16 +134,24 @@ const SLIPS: &[(&str, &str)] = &[
     ("x + 1;", "1:6: E0101: expected `=`, found `;`; an equation is written `der(x) = ...;`"),
     ("3;", "1:2: E0101: expected `=`, found `;`; an equation is written `der(x) = ...;`"),
     ("der(x) = 3 \"doc\";", "1:12: E0101: expected `;` after the equation of `x`, found `\"doc\"`; doc strings stand in declarations"),
-    ("der(x) = y[2];", "1:11: E0101: expected `;` after the equation of `x`, found `[2]`; this version compiles no vectors and matrices"),
-    ("state x[3];", "1:8: E0405: this version compiles no vectors and matrices; declare each element by a name of its own; a pure number has the unit `[1]`"),
-    ("param A = [[1, 2], [3, 4]];", "1:11: E0101: expected an expression, found `[`; this version compiles no vectors and matrices"),
+    ("der(x) = y [2];", "1:12: E0101: expected `;` after the equation of `x`, found `[2]`; an index stands directly behind a name: `x[2]`"),
+    ("param a = 1 [m] [3];", "1:17: E0306: the size of `a` does not stand behind its name; `a[3]`; a pure number has the unit `[1]`"),
+    ("der(x) = y[99999999999];", "1:10: E0105: the index 99999999999 is too large"),
+    ("param A = [[1, 2], [3, 4];", "1:11: E0104: this `[` is not closed in its statement; write `]` where it ends"),
+    ("param A = [1, 2; 3, 4];", "1:11: E0104: this `[` is not closed in its statement; write `]` where it ends | 1:19: E0101: expected `=`, found `,`; a decimal fraction is written with a point: `3.4`"),
+    ("tie Lq;", "1:7: E0101: expected `=`, found `;`; a tie is written `tie a = b`"),
+    ("use act(x = u);", "1:8: E0101: expected `as`, found `(`; a submodel is used by `use \"file.fdm\" as name(input = expression)`"),
+    ("use \"a.fdm\";", "1:12: E0101: expected `as`, found `;`; a submodel is used by `use \"file.fdm\" as name(input = expression)`"),
+    ("table CL = linear { 1: 2 };", "1:10: E0101: expected `(`, found `=`; a table is written `table NAME(x) = linear { x1: y1, x2: y2 }`"),
+    ("table CL(a) = linear { 1, 2 };", "1:25: E0101: expected `:`, found `,`; a point is written `x: y`"),
+    ("table CL(a) = linear { };", "1:24: E0101: expected an expression, found `}`"),
     ("param a,;", "1:9: E0101: expected a name, found `;`"),
     ("param;", "1:6: E0101: expected a name, found `;`"),
     ("param , a;", "1:7: E0101: expected a name, found `,`"),
     ("time;", "1:5: E0101: expected a unit such as `[s]`, found `;`"),
     ("time s;", "1:6: E0101: expected a unit such as `[s]`, found `s`"),
     ("time [s", "1:6: E0104: this `[` is not closed in its statement; write `]` where it ends"),
-    ("der(x) = a.b;", "1:11: E0101: expected `;` after the equation of `x`, found `.`; parts of submodels are not compiled by this version"),
+    ("der(x) = a .b;", "1:12: E0101: expected `;` after the equation of `x`, found `.`; a part of a submodel is written without spaces: `act.y`"),
     ("der(x) += 3;", "1:8: E0101: expected an expression, found `+=`; an equation is written `left = right`"),
     ("f(a b) = 3;", "1:5: E0101: expected `,` or `)`, found `b`; arguments are separated by `,`; a product is written `a*b`"),
     ("f(a, ) = 3;", "1:6: E0101: expected an expression, found `)`"),
@@ -199,7 +207,7 @@ const FRAMES: &[(&str, &str)] = &[
     ("foo bar baz", "1:1: E0101: expected `model NAME {`, found `foo`; a model is written `model NAME { ... }`"),
     ("model a {} model b {}", "1:12: E0101: a second model begins here; a text holds one model; put it into a file of its own"),
     ("model a { state x;\nmodel b { state y; }", "1:9: E0104: this brace is not closed; write `}` behind the last statement of the model | 2:1: E0101: a second model begins here; a text holds one model; put it into a file of its own"),
-    ("effect f(i: input) { }", "1:1: E0101: expected `model NAME {`, found `effect`; a model is written `model NAME { ... }` | 1:1: E0405: this version does not compile `effect` statements yet"),
+    ("effect f(i: input) { }", "1:1: E0101: expected `model NAME {`, found `effect`; a model is written `model NAME { ... }` | 1:1: E0101: `effect` cannot stand inside a model; effects stand in a file of their own"),
     ("\u{feff}model m {}", ""),
     ("junk\nmodel m {}", "1:1: E0101: expected `model NAME {`, found `junk`; a model is written `model NAME { ... }`"),
     ("model m state x; der(x) = 1; }", "1:9: E0101: expected `{`, found `state`"),
@@ -213,7 +221,7 @@ const FRAMES: &[(&str, &str)] = &[
 
 #[test]
 fn other_statements_stay_readable() {
-    let text = "model m {\n state x = 1\n param a 3;\n der(x) = -b*x;\n const c = (2;\n output y = x;\n tie d = e;\n}";
+    let text = "model m {\n state x = 1\n param a 3;\n der(x) = -b*x;\n const c = (2;\n output y = x;\n tie d e;\n}";
     let source = Source::new("m", text);
     let (tree, found) = parse_recovering(&source);
     assert_eq!(found.len(), 4, "{found:?}");

@@ -1,0 +1,269 @@
+//! A tree back to text, in the form in which people write: as few parentheses as the meaning allows.
+
+use super::expression::{strength_of, strength_of_sign};
+use super::tree::*;
+use crate::source::Source;
+use std::fmt::Write;
+
+/// Prints the statements and expressions of one tree.
+#[derive(Debug, Clone, Copy)]
+pub struct Printer<'a> {
+    tree: &'a SyntaxTree,
+    source: Option<&'a Source>,
+}
+
+/// What is still to be written, last first.
+enum Part {
+    Text(&'static str),
+    Sign(BinarySign),
+    /// An expression that needs parentheses when it binds less strongly than this.
+    Expr(ExprRef, u8),
+}
+
+/// An `if` binds less strongly than any sign.
+const CHOICE: u8 = 0;
+/// Names, numbers and calls.
+const OPERAND: u8 = 9;
+
+impl<'a> Printer<'a> {
+    /// Numbers are written in their shortest form.
+    pub fn new(tree: &'a SyntaxTree) -> Self {
+        Self { tree, source: None }
+    }
+
+    /// Numbers that stand in the source are written as they stand there (`1e-3`, `0.10`).
+    pub fn with_source(tree: &'a SyntaxTree, source: &'a Source) -> Self {
+        Self { tree, source: Some(source) }
+    }
+
+    /// One expression; does not recurse.
+    pub fn expression(&self, e: ExprRef) -> String {
+        let mut out = String::new();
+        let mut parts = vec![Part::Expr(e, CHOICE)];
+        while let Some(part) = parts.pop() {
+            match part {
+                Part::Text(text) => out.push_str(text),
+                Part::Sign(sign) => out.push_str(written(sign)),
+                Part::Expr(e, least) => {
+                    let bracket = self.strength(e) < least;
+                    if bracket {
+                        out.push('(');
+                        parts.push(Part::Text(")"));
+                    }
+                    self.open(e, &mut out, &mut parts);
+                }
+            }
+        }
+        out
+    }
+
+    fn strength(&self, e: ExprRef) -> u8 {
+        match self.tree.expr(e) {
+            Expr::Unary(sign, _) => strength_of_sign(*sign),
+            Expr::Binary(sign, ..) => strength_of(*sign),
+            Expr::If(..) => CHOICE,
+            // a negative number cannot be written, but can be made
+            Expr::Number(value) if value.is_sign_negative() => strength_of_sign(UnarySign::Minus),
+            _ => OPERAND,
+        }
+    }
+
+    /// Writes the beginning of an expression and leaves the rest to `parts`.
+    fn open(&self, e: ExprRef, out: &mut String, parts: &mut Vec<Part>) {
+        match self.tree.expr(e) {
+            Expr::Number(value) => out.push_str(&self.number(e, *value)),
+            Expr::Name(name) => out.push_str(name),
+            Expr::Unary(sign, a) => {
+                out.push_str(match sign {
+                    UnarySign::Minus => "-",
+                    UnarySign::Plus => "+",
+                    UnarySign::Not => "not ",
+                });
+                parts.push(Part::Expr(*a, strength_of_sign(*sign)));
+            }
+            Expr::Binary(sign, a, b, _) => {
+                let own = strength_of(*sign);
+                let (left, right) = match sign {
+                    BinarySign::Power => (own + 1, own),
+                    // a comparison of comparisons has no meaning without parentheses
+                    sign if is_comparison(*sign) => (own + 1, own + 1),
+                    _ => (own, own + 1),
+                };
+                // a sign before the right operand needs no parentheses behind `^` only
+                let right = match (sign, self.tree.expr(*b)) {
+                    (BinarySign::Power, Expr::Unary(UnarySign::Minus | UnarySign::Plus, _)) => CHOICE,
+                    _ => right,
+                };
+                parts.extend([Part::Expr(*b, right), Part::Sign(*sign), Part::Expr(*a, left)]);
+            }
+            Expr::Call(name, arguments) => {
+                out.push_str(&name.text);
+                out.push('(');
+                list(arguments, ")", parts);
+            }
+            Expr::If(c, a, b) => {
+                out.push_str("if ");
+                let branch = CHOICE + 1;
+                parts.extend([Part::Expr(*b, CHOICE), Part::Text(" else ")]);
+                parts.extend([Part::Expr(*a, branch), Part::Text(" then "), Part::Expr(*c, branch)]);
+            }
+            Expr::Vector(elements) => {
+                out.push('[');
+                list(elements, "]", parts);
+            }
+            Expr::Element(name, slices) => {
+                out.push_str(&name.text);
+                out.push('[');
+                out.push_str(&index(slices));
+                out.push(']');
+            }
+        }
+    }
+
+    fn number(&self, e: ExprRef, value: f64) -> String {
+        let written = self.source.map(|s| s.slice(self.tree.span(e)));
+        match written.filter(|w| w.parse() == Ok(value)) {
+            Some(written) => written.into(),
+            None if value == f64::INFINITY => "inf".into(),
+            None if value != 0.0 && !(1e-4..1e15).contains(&value.abs()) => format!("{value:e}"),
+            None => value.to_string(),
+        }
+    }
+
+    /// One statement with its semicolon, on one line.
+    pub fn statement(&self, statement: &Statement) -> String {
+        let equalities = |word: &str, list: &[(Name, ExprRef)]| {
+            let parts: Vec<_> = list.iter().map(|(n, e)| format!("{} = {}", n.text, self.expression(*e))).collect();
+            format!("{word} {};", parts.join(", "))
+        };
+        match &statement.kind {
+            StatementKind::Declare(role, list) => {
+                let parts: Vec<_> = list.iter().map(|d| self.declaration(d)).collect();
+                format!("{} {};", role.keyword(), parts.join(", "))
+            }
+            StatementKind::Equation(left, right) => {
+                format!("{} = {};", self.expression(*left), self.expression(*right))
+            }
+            StatementKind::Time(unit) => format!("time [{}];", unit.text),
+            StatementKind::Prior(list) => {
+                let belief = |(a, b): &(ExprRef, ExprRef)| format!("{} ~ {}", self.expression(*a), self.expression(*b));
+                format!("prior {};", list.iter().map(belief).collect::<Vec<_>>().join(", "))
+            }
+            StatementKind::Noise(list) => equalities("noise", list),
+            StatementKind::Tie(list) => equalities("tie", list),
+            StatementKind::Trim(list) => {
+                let parts: Vec<_> =
+                    list.iter().map(|(n, e)| format!("{} = {};", n.text, self.expression(*e))).collect();
+                format!("trim {{ {} }}", parts.join(" "))
+            }
+            StatementKind::Table(table) => self.table(table),
+            StatementKind::Use(submodel) => {
+                let Use { path, alias, connections } = submodel;
+                let parts: Vec<_> =
+                    connections.iter().map(|(n, e)| format!("{} = {}", n.text, self.expression(*e))).collect();
+                let connections = if parts.is_empty() { String::new() } else { format!("({})", parts.join(", ")) };
+                format!("use \"{}\" as {}{connections};", path.text, alias.text)
+            }
+        }
+    }
+
+    /// A declared name with its attributes in the usual order.
+    pub fn declaration(&self, d: &Declaration) -> String {
+        let mut out = d.name.text.clone();
+        if let Some(shape) = d.shape {
+            let _ = match shape.columns {
+                Some(columns) => write!(out, "[{}, {columns}]", shape.rows),
+                None => write!(out, "[{}]", shape.rows),
+            };
+        }
+        if let Some(doc) = &d.doc {
+            let _ = write!(out, " \"{}\"", doc.text);
+        }
+        match d.value {
+            Some(Value::Expr(e)) => {
+                let _ = write!(out, " = {}", self.expression(e));
+            }
+            Some(Value::Free(_)) => out.push_str(" = free"),
+            None => {}
+        }
+        if let Some(bounds) = d.bounds {
+            let _ = write!(out, " in [{}, {}]", self.expression(bounds.lower), self.expression(bounds.upper));
+        }
+        if let Some(unit) = &d.unit {
+            let _ = write!(out, " [{}]", unit.text);
+        }
+        out.push_str(if d.fixed.is_some() { " fixed" } else { "" });
+        out.push_str(if d.per_run.is_some() { " per run" } else { "" });
+        out
+    }
+
+    fn table(&self, table: &Table) -> String {
+        let unit = |unit: &Option<Name>| unit.as_ref().map_or(String::new(), |u| format!(" [{}]", u.text));
+        let doc = table.doc.as_ref().map_or(String::new(), |d| format!(" \"{}\"", d.text));
+        let point = |(x, y): &(ExprRef, ExprRef)| format!("{}: {}", self.expression(*x), self.expression(*y));
+        let points: Vec<_> = table.points.iter().map(point).collect();
+        format!(
+            "table {}({}{}){doc}{} = {} {{ {} }};",
+            table.name.text,
+            table.argument.text,
+            unit(&table.argument_unit),
+            unit(&table.unit),
+            table.method.text,
+            points.join(", ")
+        )
+    }
+
+    /// The whole model, a statement to a line.
+    pub fn model(&self) -> String {
+        let doc = self.tree.doc.as_ref().map_or(String::new(), |d| format!(" \"{}\"", d.text));
+        let mut out = format!("model {}{doc} {{\n", self.tree.name.text);
+        for statement in &self.tree.statements {
+            let _ = writeln!(out, "  {}", self.statement(statement));
+        }
+        out + "}\n"
+    }
+}
+
+/// The inside of brackets.
+fn list(elements: &[ExprRef], close: &'static str, parts: &mut Vec<Part>) {
+    parts.push(Part::Text(close));
+    for (k, e) in elements.iter().enumerate().rev() {
+        parts.push(Part::Expr(*e, CHOICE));
+        if k > 0 {
+            parts.push(Part::Text(", "));
+        }
+    }
+}
+
+fn index(slices: &[Slice]) -> String {
+    let slice = |s: &Slice| match s {
+        Slice::At(k) => k.to_string(),
+        Slice::Range(first, last) => format!("{first}:{last}"),
+        Slice::All => ":".into(),
+    };
+    slices.iter().map(slice).collect::<Vec<_>>().join(", ")
+}
+
+fn is_comparison(sign: BinarySign) -> bool {
+    use BinarySign::*;
+    matches!(sign, Less | LessEqual | Greater | GreaterEqual | Equal | NotEqual)
+}
+
+/// A sign with the spaces around it: sums and comparisons are spaced, products are not.
+fn written(sign: BinarySign) -> &'static str {
+    match sign {
+        BinarySign::Add => " + ",
+        BinarySign::Subtract => " - ",
+        BinarySign::Multiply => "*",
+        BinarySign::Divide => "/",
+        BinarySign::Power => "^",
+        BinarySign::Less => " < ",
+        BinarySign::LessEqual => " <= ",
+        BinarySign::Greater => " > ",
+        BinarySign::GreaterEqual => " >= ",
+        BinarySign::Equal => " == ",
+        BinarySign::NotEqual => " != ",
+        BinarySign::And => " and ",
+        BinarySign::Or => " or ",
+    }
+}
