@@ -44,6 +44,9 @@ impl Leaves {
         for (known, (_, plane)) in ends.known.iter().enumerate() {
             leaves.put_all(wiring.end_leaf(known), plane);
         }
+        for (input, plane) in ends.inputs.iter().enumerate() {
+            leaves.put_all(wiring.input_end_leaf(input), plane);
+        }
         for (factor, plane) in ends.factors.iter().enumerate() {
             leaves.put_all(wiring.factor_leaf(factor), plane);
         }
@@ -109,10 +112,11 @@ impl Leaves {
                 continue;
             }
             let Some(input) = &mut inputs[d] else {
-                let gap = wiring.gap_leaf(d);
+                let over = |v: Complex64, w: f64| Complex64::new(v.im / w, -v.re / w);
                 for (k, w) in omega.iter().enumerate() {
-                    let less = self.get(leaf, k) - 1.0;
-                    self.put(gap, k, Complex64::new(less.im / w, -less.re / w));
+                    let gap = over(self.get(leaf, k) - 1.0, *w);
+                    self.put(wiring.gap_leaf(d), k, gap);
+                    self.put(wiring.bow_leaf(d), k, over(gap + tau, *w));
                 }
                 continue;
             };

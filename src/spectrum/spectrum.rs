@@ -5,6 +5,7 @@ use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
 use super::frequencies::Frequencies;
 use super::interpolant::{Correction, Course, Interpolant, Sides};
+use super::overlap::independent;
 use super::transform::Transform;
 use crate::record::Run;
 use num_complex::Complex64;
@@ -158,8 +159,7 @@ impl Spectrum {
     /// How many independent frequencies the chosen ones are worth: closer than `1/T` to each other they are interpolated, and their noise is
     /// correlated.
     pub fn independent(&self) -> f64 {
-        let span = |pair: &[f64]| ((pair[1] - pair[0]) * self.duration() / TAU).min(1.0);
-        self.omega.first().map_or(0.0, |_| 1.0) + self.omega.windows(2).map(span).sum::<f64>()
+        independent(&self.omega, self.duration())
     }
 
     /// The inputs that do not move in the band: their coefficients hold less than 1e-12 of their power.

@@ -117,6 +117,21 @@ fn what_can_not_be_computed_is_named_with_what_would_help() {
 }
 
 #[test]
+fn an_output_with_an_estimated_bias_is_named_with_the_bias() {
+    let text = "model m { input u; state x, z; param a = 1, bias = 0, k = 2 fixed; der(x) = a*x^2 - z; der(z) = u - z;
+        output x_m = k*x + bias; }";
+    let said = model(text).carried().unwrap_err().to_string();
+    assert_eq!(
+        said,
+        "the term `x*x` of `der(x)` is not linear and can not be computed from records: `x_m` shows the state `x` only \
+         together with `bias`, which is to be estimated: fix that, show the state by an output of its own, or linearise the model"
+    );
+    assert!(model(&text.replace("bias = 0", "bias = 0 fixed")).carried().is_ok());
+    let said = model(text).substituted(&[0]).unwrap_err().to_string();
+    assert!(said.ends_with("`x_m` shows the state `x` only together with `bias`, which is to be estimated"), "{said}");
+}
+
+#[test]
 fn records_replace_states_also_in_carried_models() {
     let before =
         model("model m { state x, z; param a = 1; der(x) = a*x^2 + z; der(z) = -z; output x_m = x, z_m = z; }");
