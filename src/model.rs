@@ -380,7 +380,7 @@ mod tests {
         let path = folder.path().join("m.fdm");
         let said = Model::from_file(&path).expect_err("a file is missing").to_string();
         assert!(
-            said.contains("m.fdm:1:43: error[E0801]") && said.ends_with("relative to the file that says `use`"),
+            said.contains("m.fdm:1:39: error[E0801]") && said.ends_with("relative to the file that says `use`"),
             "{said}"
         );
         write("parts/none.fdm", "model n { let z = 1; }");

@@ -120,7 +120,8 @@ fn models() -> Vec<(String, Model)> {
         for path in fs::read_dir(folder).expect("models").map(|e| e.expect("entry").path()) {
             if path.is_dir() {
                 folders.push(path);
-            } else if path.extension().is_some_and(|e| e == "fdm") {
+            } else if path.extension().is_some_and(|e| e == "fdm") && !path.ends_with("effects.fdm") {
+                // a catalogue of effects is no model
                 files.push(path);
             }
         }

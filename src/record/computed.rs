@@ -134,7 +134,7 @@ mod tests {
         let done = run(true).with_measured(&model).unwrap();
         let at =
             |name: &str| column(&done, names.iter().position(|n| *n == name).unwrap_or_else(|| panic!("{names:?}")));
-        assert_eq!(at("u*u"), [1.0, 4.0, 9.0, 16.0]);
+        assert_eq!(at("u^2"), [1.0, 4.0, 9.0, 16.0]);
         let near =
             |a: Vec<f64>, b: [f64; 4]| assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12), "{a:?} {b:?}");
         near(at("measured(tanh(z/s))"), [0.0, 0.25, 0.5, 0.75].map(f64::tanh));
@@ -160,6 +160,6 @@ mod tests {
         let never = carried(&text.replace("sqrt(u)", "log(-u^2)"));
         let said = run(false).with_measured(&never).unwrap_err();
         assert!(matches!(&said, Incomplete::NotComputed { .. }), "{said}");
-        assert_eq!(said.to_string(), "the term `log(-(u*u))` has no finite value in the run `r`, and drives the model");
+        assert_eq!(said.to_string(), "the term `log(-u^2)` has no finite value in the run `r`, and drives the model");
     }
 }

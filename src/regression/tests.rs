@@ -141,7 +141,7 @@ fn what_is_no_regression_is_refused_for_itself() {
     let said: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
     let wanted = [
         "`der(w)` is not linear in its parameters: `v0` inside the term `tanh(w/v0)`; fix it to estimate the rest",
-        "`der(x)` is not linear in its parameters: the factor `-(a*b)` of `x`; fix all but one",
+        "`der(x)` is not linear in its parameters: the factor `-a*b` of `x`; fix all but one",
         "`der(z)`: no output shows the state `z`, so that its rate is not known",
         "`der(y)`: the state `z` in the term `z` is not shown by any output",
     ];
