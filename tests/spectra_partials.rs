@@ -148,7 +148,7 @@ fn models() -> BTreeMap<String, PathBuf> {
 
 /// With all parameters free: there are no derivatives by fixed ones.
 fn freed(model: &Model) -> Model {
-    let fixed = model.definition().params.iter().filter(|p| p.fixed);
+    let fixed = model.definition().params.iter().filter(|p| p.fixed && !p.is_recorded());
     let free = fixed.map(|p| p.quantity.name.clone()).collect();
     changed(model, &Changes { free, ..Changes::default() }).unwrap()
 }

@@ -182,7 +182,8 @@ fn files(folder: &Path, found: &mut Vec<PathBuf>) {
 fn expected(kind: TokenKind) -> &'static [&'static str] {
     match kind {
         TokenKind::Name => {
-            &["variable", "entity", "support.function", "constant.language", "keyword", "storage.modifier"]
+            // words of effects are names to the compiler's scanner: `nuisance` declares
+            &["variable", "entity", "support.function", "constant.language", "keyword", "storage"]
         }
         TokenKind::Keyword => &["keyword", "storage"],
         TokenKind::Number => &["constant.numeric"],

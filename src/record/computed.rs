@@ -143,7 +143,7 @@ mod tests {
         let triple = names.iter().position(|n| n.contains("t*") || n.contains("*t)")).unwrap();
         near(column(&done, triple), [0.0, 4.0, -18.0, 64.0]);
         assert_eq!(done.input_gaps[triple], 1, "the gap of the record is one here too");
-        let square = names.iter().position(|n| *n == "u*u").unwrap();
+        let square = names.iter().position(|n| *n == "u^2").unwrap();
         assert!(done.held[square] && !done.held[triple], "what is made of held inputs is held");
         assert!(!run(false).with_measured(&model).unwrap().held[square]);
         assert_eq!(done.with_measured(&model).unwrap().inputs, done.inputs, "again is the same");

@@ -22,7 +22,7 @@
 ((call function: (reference) @function.builtin)
   (#any-of? @function.builtin
     "sin" "cos" "tan" "asin" "acos" "atan" "atan2" "sinh" "cosh" "tanh" "exp" "log" "log10" "sqrt" "abs" "sign" "min"
-    "max" "hypot" "clip" "deadzone" "deg2rad" "rad2deg" "delay" "der" "measured" "lag" "leadlag" "washout"
+    "max" "hypot" "clip" "deadzone" "deg2rad" "rad2deg" "delay" "der" "measured" "initial" "lag" "leadlag" "washout"
     "second_order" "tf" "normal"))
 ((reference) @constant.builtin (#any-of? @constant.builtin "t" "pi" "inf"))
 

@@ -123,7 +123,7 @@ fn an_output_with_an_estimated_bias_is_named_with_the_bias() {
     let said = model(text).carried().unwrap_err().to_string();
     assert_eq!(
         said,
-        "the term `x*x` of `der(x)` is not linear and can not be computed from records: `x_m` shows the state `x` only \
+        "the term `x^2` of `der(x)` is not linear and can not be computed from records: `x_m` shows the state `x` only \
          together with `bias`, which is to be estimated: fix that, show the state by an output of its own, or linearise the model"
     );
     assert!(model(&text.replace("bias = 0", "bias = 0 fixed")).carried().is_ok());
