@@ -55,6 +55,9 @@ fn near(model: &Model, normal: &mut Normal) -> Vec<f64> {
     definition.params.iter().zip(definition.start()).map(inside).collect()
 }
 
+/// Steps of differences, as shares of the parameter.
+const STEPS: [f64; 2] = [2e-4, 4e-5];
+
 struct Subject {
     linear: LinearModel,
     values: Values,
@@ -95,8 +98,8 @@ impl Subject {
     }
 
     /// The same by one unknown, by differences of fourth order; with their rounding.
-    fn differences(&mut self, theta: &[f64], column: usize) -> Option<(Vec<f64>, f64)> {
-        let h = 2e-4 * theta[column].abs().max(1e-2);
+    fn differences(&mut self, theta: &[f64], column: usize, share: f64) -> Option<(Vec<f64>, f64)> {
+        let h = share * theta[column].abs().max(1e-2);
         let mut at = |steps: f64| {
             let mut moved = theta.to_vec();
             moved[column] += steps * h;
@@ -121,18 +124,20 @@ fn checked(name: &str, model: &Model, ends: &EndTerms, stretch: f64, normal: &mu
         theta.extend((0..unknown).map(|_| normal.next()));
         let Some(partials) = subject.partials(&theta) else { continue };
         for column in 0..theta.len() {
-            let Some((differences, rounding)) = subject.differences(&theta, column) else { continue };
-            let exact = partials.iter().skip(column).step_by(theta.len());
-            let size = differences.iter().fold(0.0, |a: f64, d| a.max(d.abs()));
-            for (exact, difference) in exact.zip(&differences) {
-                let off = (exact - difference).abs();
-                assert!(
-                    off <= 1e-6 * size + rounding,
-                    "{name}, column {column} of {}: {exact} instead of {difference}",
-                    theta.len()
-                );
-                count += 1;
+            // beside a resonance that damping hardly widens, only short steps see a straight line
+            let mut shares = STEPS.iter().filter_map(|share| subject.differences(&theta, column, *share)).peekable();
+            if shares.peek().is_none() {
+                continue;
             }
+            let exact: Vec<f64> = partials.iter().skip(column).step_by(theta.len()).copied().collect();
+            let worst = shares.map(|(differences, rounding)| {
+                let size = differences.iter().fold(0.0, |a: f64, d| a.max(d.abs()));
+                let off = |(exact, difference): (&f64, &f64)| (exact - difference).abs() / (1e-6 * size + rounding);
+                exact.iter().zip(&differences).map(off).fold(0.0, f64::max)
+            });
+            let worst = worst.fold(f64::INFINITY, f64::min);
+            assert!(worst <= 1.0, "{name}, column {column} of {}: {worst} times what is allowed", theta.len());
+            count += exact.len();
         }
     }
     Some(count).filter(|count| *count > 0)
