@@ -48,7 +48,7 @@ impl Scales for Known {
         0.1 * q.max(0.01)
     }
     fn beginning(&self, signal: &str) -> Beginning {
-        if signal.len() % 2 == 0 { Beginning::Same(0.0125) } else { Beginning::Varies(0.01) }
+        if signal.len().is_multiple_of(2) { Beginning::Same(0.0125) } else { Beginning::Varies(0.01) }
     }
     fn step(&self) -> f64 {
         0.05

@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         }
         return Err(last);
     }
-    let good = printed && !(arguments.check && !changed.is_empty());
+    let good = printed && (changed.is_empty() || !arguments.check);
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 

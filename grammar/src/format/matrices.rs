@@ -65,7 +65,7 @@ fn space(lines: &mut [Line<'_>], rows: &[Vec<Range<usize>>]) {
     }
     // brackets, and a comma and a space for each
     let whole = |line: &Line<'_>| match line {
-        Line::Words(words) => words.indent + widths.iter().map(|w| w + 2).sum::<usize>() + 1 <= WIDTH,
+        Line::Words(words) => words.indent + widths.iter().map(|w| w + 2).sum::<usize>() < WIDTH,
         _ => true,
     };
     if !lines.iter().all(whole) {

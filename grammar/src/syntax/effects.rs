@@ -71,6 +71,7 @@ pub struct Place {
 
 /// One line of an effect.
 #[derive(Debug, Clone, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a catalogue has tens of lines")]
 pub enum EffectLine {
     /// `param`, `nuisance`
     Tunable(Tunable),
