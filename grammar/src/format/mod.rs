@@ -23,6 +23,8 @@ use pieces::Piece;
 pub const WIDTH: usize = 120;
 /// Spaces by which the inside of braces is moved.
 const STEP: usize = 2;
+/// Most layouts of a text after the first.
+const ROUNDS: usize = 5;
 
 /// Why a text is left as it is.
 #[derive(Debug, Clone)]
@@ -39,9 +41,23 @@ pub enum Refusal {
 /// What of the text cannot be read; then nothing is laid out.
 pub fn format(source: &Source) -> Result<String, Refusal> {
     let before = meaning(source).map_err(Refusal::Mistakes)?;
-    let laid_out = Source::new(source.name(), layout(source.text()));
+    let laid_out = Source::new(source.name(), settled(source.text()));
     let same = meaning(&laid_out).is_ok_and(|after| after == before) && same_words(source.text(), laid_out.text());
     if same { Ok(laid_out.text().into()) } else { Err(Refusal::Meaning) }
+}
+
+/// Laid out until nothing moves: a break that was made is the writer's own break to the next layout, which may put what follows
+/// it elsewhere (behind a name that is longer than a line).
+fn settled(text: &str) -> String {
+    let mut laid_out = layout(text);
+    for _ in 0..ROUNDS {
+        let again = layout(&laid_out);
+        if again == laid_out {
+            break;
+        }
+        laid_out = again;
+    }
+    laid_out
 }
 
 /// What a text says, apart from its places.

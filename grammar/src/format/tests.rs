@@ -130,6 +130,15 @@ fn a_scattered_text_is_put_in_order() {
 }
 
 #[test]
+fn names_longer_than_a_line_settle_at_once() {
+    let long = "l".repeat(118);
+    let once = formatted(&format!(
+        "model m {{\n  param b1 = 50, b2 = 150, b3 = -100, {long}b4 = 1, b5 = 2;\n  output y = b1;\n}}"
+    ));
+    assert_eq!(formatted(&once), once);
+}
+
+#[test]
 fn neighbours_are_lined_up() {
     let text = "model m {
       state phi \"angle\" [rad], theta  \"pitch angle\" [rad];
