@@ -69,7 +69,7 @@ impl Subject {
         let mut linear = LinearModel::new(model).ok()?;
         let mut values = Values::default();
         linear.evaluate(theta, &mut values).ok()?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let response = FrequencyResponse::new(&structure, &values, spectrum, ends, &Arc::new(Plans::default())).ok()?;
         let y = vec![0.0; 2 * COUNT * structure.outputs];
         Some(Self { params: structure.params, linear, values, response, y })
@@ -179,4 +179,35 @@ fn every_partial_of_every_model() {
         assert!(found.contains_key(&format!("models/{name}.fdm")), "{name}: {without:?}");
     }
     assert!(found.keys().any(|name| name.ends_with("carried")) && found.len() > 20);
+}
+
+/// The transform of the derivative of an input is `j w` times the input's own with its own end values: nothing is lost between samples.
+#[test]
+fn the_derivative_of_an_input_in_the_frequency_domain() {
+    use fdm::spectrum::{Frequencies, SpectrumOptions};
+    let text = "model m { input u; state x; param a = 1; der(x) = a*der(u) - x; output y = x; }";
+    let model = Model::from_text("m.fdm", text).unwrap();
+    let mut normal = Normal(3);
+    let n = 203;
+    let run = fdm::record::Run {
+        name: "r".into(),
+        time: (0..n).map(|k| 0.04 * f64::from(k)).collect(),
+        inputs: (0..n).map(|_| 5.0 + normal.next()).collect(),
+        held: vec![false],
+        measured: (0..n).map(|_| normal.next()).collect(),
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+    };
+    let run = run.with_measured(model.definition()).unwrap();
+    let off_grid = Frequencies::Band { lowest: 0.2, highest: 12.0, spacing: Some(0.037) };
+    for choice in [Frequencies::Grid { lowest: None, highest: None }, off_grid] {
+        let s = Spectrum::of(&run, &choice, &SpectrumOptions::default()).unwrap();
+        let (count, [before, behind]) = (s.omega.len(), &s.input_ends);
+        for (k, w) in s.omega.iter().enumerate() {
+            let [first, last] = s.end_factors(k);
+            let want = Complex64::new(0.0, *w) * s.inputs[k] + last * behind[0] - first * before[0];
+            let off = (s.inputs[count + k] - want).norm();
+            assert!(off < 1e-12 * (1.0 + w), "{w}: {off:e}");
+        }
+    }
 }

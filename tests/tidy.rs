@@ -9,8 +9,10 @@ const GRAMMAR: &[&str] = &[
     "math",
     "source",
     "diagnostic",
+    "explain",
     "unit",
     "syntax",
+    "format",
     "expand",
     "op",
     "graph",
@@ -19,8 +21,10 @@ const GRAMMAR: &[&str] = &[
     "check",
     "derive",
     "schedule",
+    "emit",
     "linearise",
     "carried",
+    "effect",
     "lib",
 ];
 const FDM: &[&str] = &[
@@ -37,6 +41,7 @@ const FDM: &[&str] = &[
     "estimate",
     "store",
     "report",
+    "lsp",
     "cli",
 ];
 

@@ -29,20 +29,30 @@ impl Run {
         source.inputs().filter_map(|i| gaps.get(i)).for_each(|gaps| {
             missing.iter_mut().zip(gaps).for_each(|(missing, gap)| *missing |= gap);
         });
+        // a product of steps is a step
+        let held = !source.knows_time() && source.inputs().count() > 0 && source.inputs().all(|i| self.held[i]);
+        let vanishing: Vec<bool> = (0..m as u32).map(|k| model.vanishing().any(|v| v == k)).collect();
+        let (first, last) = (self.time.first().copied(), self.time.last().copied());
+        let within = |t: f64| first.is_some_and(|first| first <= t) && last.is_some_and(|last| t < last);
         let (mut drive, mut value) = (vec![0.0; m + taus.len()], [0.0]);
         for (sample, missing) in missing.iter_mut().enumerate() {
             let t = self.time[sample];
             drive[..m].copy_from_slice(&self.inputs[sample * m..][..m]);
+            if !held {
+                (0..m).filter(|k| vanishing[*k]).for_each(|k| drive[k] = self.slope_at(k, sample));
+            }
             for (place, (input, tau)) in drive[m..].iter_mut().zip(&taus) {
-                *place = self.input(*input, Place::new(&self.time, t - tau)).0;
+                *place = match vanishing[*input] && !within(t - tau) {
+                    true => 0.0,
+                    false => self.input(*input, Place::new(&self.time, t - tau)).0,
+                };
             }
             code.evaluate(Point { t, x: &[], drive: &drive, known: &theta }, &mut value);
             let finite = value[0].is_finite();
             *missing |= !finite;
             self.inputs[sample * m + k] = if finite { value[0] } else { f64::NAN };
         }
-        // a product of steps is a step
-        self.held[k] = !source.knows_time() && source.inputs().count() > 0 && source.inputs().all(|i| self.held[i]);
+        self.held[k] = held;
         bridge(&self.time, &mut self.inputs, m, k, self.held[k]);
         missing
     }

@@ -148,6 +148,14 @@ fn what_is_no_regression_is_refused_for_itself() {
     for w in wanted {
         assert!(said.iter().any(|s| s.starts_with(w)), "{said:#?}");
     }
+    let biased = text.replace("z_m = z^2", "z_m = 2*z + k");
+    let refused =
+        regress(&self::model(&biased), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap().refused;
+    let why = "since `z_m` shows the state `z` only together with `k`, which is to be estimated";
+    for w in [format!("`der(z)`: its rate is not known, {why}"), format!("`der(y)`: the term `z` is not known, {why}")]
+    {
+        assert!(refused.iter().any(|r| r.to_string() == w), "{refused:#?}");
+    }
     let delayed = text.replace("z_m = z^2", "z_m = z");
     let found = regress(&self::model(&delayed), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
     assert!(found.refused.iter().any(|r| r.to_string().contains("is delayed by `tau`")), "{:?}", found.refused);
