@@ -59,7 +59,7 @@ impl Sums {
 
     /// Whether all sums are finite.
     pub(in crate::estimate) fn is_finite(&self) -> bool {
-        if self.planes.is_empty() { vanishes(&self.values) } else { self.finite }
+        if self.planes.is_empty() { finite(&self.values) } else { self.finite }
     }
 
     /// Begins a run.
@@ -201,13 +201,11 @@ impl Sums {
     }
 }
 
-/// Whether all numbers are finite: zero times another is none.
-fn vanishes(values: &[f64]) -> bool {
-    let mut lanes = [0.0; LANES];
-    let rows = values.chunks_exact(LANES);
-    let rest: f64 = rows.remainder().iter().map(|v| 0.0 * v).sum();
-    rows.for_each(|row| lanes.iter_mut().zip(row).for_each(|(lane, v)| *lane += 0.0 * v));
-    lanes.iter().sum::<f64>() + rest == 0.0
+/// Whether all numbers are finite.
+fn finite(values: &[f64]) -> bool {
+    // exponents all ones are no numbers; the largest of all is found in vectors
+    let largest = values.iter().fold(0, |largest: u64, v| largest.max(v.to_bits() & (u64::MAX >> 1)));
+    f64::from_bits(largest).is_finite()
 }
 
 /// Writes the residuals to the free lanes of the rows; where nothing was measured a row becomes zero.
