@@ -51,6 +51,7 @@ fn a_new_model_checks_simulates_and_fits() {
     for (kind, name, truth) in kinds {
         let said = good(at, &format!("new my-{kind}.fdm --kind {kind}"));
         assert!(said.contains(&format!("fdm fit my-{kind}.fdm --data my-{kind}.csv")), "{said}");
+        good(at, &format!("fmt --check my-{kind}.fdm"));
         let checked = run(at, &format!("check my-{kind}.fdm"));
         assert_eq!((checked.status.code(), checked.stderr.len()), (Some(0), 0), "{kind}: {checked:?}");
         let simulated = good(at, &format!("simulate my-{kind}.fdm --data my-{kind}.csv"));

@@ -6,6 +6,7 @@ use fdm::Model;
 use fdm::record::{Column, Dialect, Run, write_to};
 use fdm::simulate::{Simulator, choose_steps};
 use fdm::store::reason;
+use fdm_grammar::format::format;
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -128,7 +129,7 @@ fn named(text: &str, path: &Path) -> Result<(String, Model), Failure> {
     let mut last = None;
     for text in attempts {
         match Model::from_text(file.clone(), text.clone()) {
-            Ok(model) => return Ok((text, model)),
+            Ok(model) => return Ok((format(model.source()).unwrap_or(text), model)),
             Err(e) => last = Some(e),
         }
     }
