@@ -35,6 +35,7 @@ const FDM: &[&str] = &[
     "quality",
     "regression",
     "estimate",
+    "diagnose",
     "store",
     "report",
     "cli",
