@@ -6,6 +6,7 @@ pub mod dynamics;
 pub mod estimate;
 pub mod frequency;
 pub mod linear;
+pub mod lsp;
 mod model;
 pub mod quality;
 pub mod record;
@@ -15,7 +16,7 @@ pub mod simulate;
 pub mod spectrum;
 pub mod store;
 
-pub use fdm_grammar::math;
+pub use fdm_grammar::{effect, math};
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].
 ///
 /// What stands between the braces is a model exactly as in a `.fdm` file. It is checked when the program is compiled:
@@ -37,7 +38,7 @@ pub use fdm_grammar::math;
 /// assert_eq!(roll.layout().states, 2);
 /// ```
 pub use fdm_macros::model;
-pub use model::{Model, ModelError};
+pub use model::{Model, ModelError, NotTied, read_source};
 
 /// The README, whose Rust code is run by the tests.
 #[cfg(doctest)]

@@ -7,6 +7,8 @@
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
+use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
 use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
 use std::fs::File;
@@ -50,28 +52,75 @@ fn lines(source: &Source, diagnostics: &[Diagnostic]) -> String {
     diagnostics.iter().map(|d| d.line(source)).collect::<Vec<_>>().join("\n")
 }
 
+/// A param whose tie was to be switched off has none.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("`{name}` is not tied{}", self.hint())]
+pub struct NotTied {
+    /// As typed.
+    pub name: String,
+    /// The tied param that may be meant.
+    pub nearest: Option<String>,
+    /// All that are tied.
+    pub tied: Vec<String>,
+}
+
+impl NotTied {
+    fn hint(&self) -> String {
+        match (&self.nearest, &self.tied[..]) {
+            (Some(near), _) => format!("; did you mean `{near}`?"),
+            (None, []) => ": the model has no ties".into(),
+            (None, tied) => {
+                format!("; tied are {}", tied.iter().map(|t| format!("`{t}`")).collect::<Vec<_>>().join(", "))
+            }
+        }
+    }
+}
+
 impl Model {
-    /// Reads and compiles a `.fdm` file.
+    /// Reads and compiles a `.fdm` file and the files that it uses.
     ///
     /// # Errors
     /// [`ModelError::Unreadable`] when there is no such file, it is a directory or larger than 64 MiB;
     /// [`ModelError::Invalid`] with all mistakes when it is not UTF-8 text or not a model.
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, ModelError> {
-        let path = path.as_ref();
-        let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
-        let name = path.display().to_string();
-        match String::from_utf8(bytes) {
-            Ok(text) => Self::from_text(name, text.strip_prefix('\u{feff}').unwrap_or(&text)),
-            Err(error) => Err(not_text(name, error)),
-        }
+        let whole = read_source(path.as_ref())?;
+        let text = whole.text().strip_prefix('\u{feff}').unwrap_or(whole.text());
+        let mut source = Source::new(whole.name(), text);
+        Self::gather_files(&mut source);
+        Self::from_source(source)
     }
 
-    /// Compiles the text of a model; `name` is what messages call it.
+    /// Reads the files that a model uses from disk; names are relative to the folder of the file that says `use`.
+    pub fn gather_files(source: &mut Source) {
+        fdm_grammar::gather(source, &mut |name| {
+            let bytes = read(Path::new(name)).map_err(|e| reason(&e))?;
+            let text = String::from_utf8(bytes).map_err(|_| "it is not UTF-8 text")?;
+            Ok(text.strip_prefix('\u{feff}').map_or_else(|| text.clone(), String::from))
+        });
+    }
+
+    /// Compiles the text of a model that uses no files; `name` is what messages call it.
     ///
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the text.
     pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ModelError> {
-        let source = Source::new(name, text);
+        Self::from_source(Source::new(name, text))
+    }
+
+    /// Compiles the text of a model with the texts of the files that it uses, in the order in which
+    /// [`Source::texts`] has them behind the model's own.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the texts.
+    pub fn from_texts(name: impl Into<String>, text: impl Into<String>, used: &[String]) -> Result<Self, ModelError> {
+        Self::from_source(with_used(Source::new(name, text), used))
+    }
+
+    /// Compiles a source with the files that it uses ([`Self::gather_files`]).
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with every mistake of the texts.
+    pub fn from_source(source: Source) -> Result<Self, ModelError> {
         match fdm_grammar::compile(&source) {
             Ok(compiled) => {
                 let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
@@ -86,8 +135,8 @@ impl Model {
     /// # Panics
     /// When the text does not compile. `model!` has compiled the same text, so this is a fault of fdm.
     #[doc(hidden)]
-    pub fn with_code(name: &str, text: &str, build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
-        let source = Source::new(name, text);
+    pub fn with_code(name: &str, text: &str, used: &[&str], build: fn(Layout) -> Box<dyn Dynamics>) -> Self {
+        let source = with_used(Source::new(name, text), used);
         let compiled = match fdm_grammar::compile(&source) {
             Ok(compiled) => compiled,
             Err(diagnostics) => panic!(
@@ -126,12 +175,56 @@ impl Model {
         Self { source: self.source.clone(), compiled: Arc::new(compiled), dynamics }
     }
 
+    /// The same model with ties switched off: the named params, or all that are tied where a name is `all`, are estimated by themselves
+    /// from their declared values. Compiled anew (as machine code, for `model!` too), from the parameters as they were declared.
+    ///
+    /// # Errors
+    /// [`NotTied`] with the first name that is not that of a tied param.
+    pub fn untied(&self, names: &[String]) -> Result<Self, NotTied> {
+        let tied: Vec<&str> = self.compiled.loose.iter().flat_map(|m| m.tied_names()).collect();
+        let all = names.iter().any(|name| name == "all");
+        if let Some(name) = names.iter().find(|name| *name != "all" && !tied.contains(&name.as_str())) {
+            let nearest = nearest(name, tied.iter().copied()).map(String::from);
+            return Err(NotTied { name: name.clone(), nearest, tied: tied.into_iter().map(String::from).collect() });
+        }
+        let Some(loose) = self.compiled.loose.as_ref().filter(|_| !names.is_empty()) else { return Ok(self.clone()) };
+        let open: Vec<&str> = if all { tied } else { names.iter().map(String::as_str).collect() };
+        let mut altered = self.altered(loose.tied(&open));
+        let warnings = self.compiled.warnings.clone();
+        if let Some(compiled) = Arc::get_mut(&mut altered.compiled) {
+            (compiled.loose, compiled.warnings) = (Some(loose.clone()), warnings);
+        }
+        Ok(altered)
+    }
+
+    /// Names of the params whose ties are switched off.
+    pub fn open_ties(&self) -> Vec<String> {
+        let names = self.compiled.loose.iter().flat_map(|m| m.tied_names());
+        names.filter(|name| self.definition().param(name).is_some()).map(String::from).collect()
+    }
+
     /// A model of other equations under this one's text, compiled anew: what a strategy fits on the way to this model.
     pub(crate) fn altered(&self, mut definition: fdm_grammar::Model) -> Self {
         let schedule = Schedule::new(&mut definition);
         let dynamics = crate::code::compile(&schedule, Engine::default()).into();
-        let compiled = Arc::new(Compiled { model: definition, schedule, warnings: Vec::new() });
+        let compiled = Arc::new(Compiled { model: definition, loose: None, schedule, warnings: Vec::new() });
         Self { source: self.source.clone(), compiled, dynamics }
+    }
+
+    /// This model with an effect in it (see [`fdm_grammar::effect`]): the parameters and states of this one keep their
+    /// numbers, the new ones stand behind them; the text is the extended one.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] with places in the extended text, when the effect does not fit.
+    pub fn extended(&self, extension: &Extension) -> Result<Self, ModelError> {
+        let source = extension.source().clone();
+        match extension.compile() {
+            Ok(compiled) => {
+                let dynamics = crate::code::compile(&compiled.schedule, Engine::default()).into();
+                Ok(Self { source, compiled: Arc::new(compiled), dynamics })
+            }
+            Err(diagnostics) => Err(ModelError::Invalid { text: source, diagnostics }),
+        }
     }
 
     /// The model with measured records in the place of the chosen states (by index) on the right sides of its equations
@@ -199,6 +292,25 @@ impl std::fmt::Debug for Model {
     }
 }
 
+/// Reads the text of a model, with the byte order mark that it may begin with.
+///
+/// # Errors
+/// [`ModelError::Unreadable`] as [`Model::from_file`]; [`ModelError::Invalid`] when it is not UTF-8 text.
+pub fn read_source(path: &Path) -> Result<Source, ModelError> {
+    let bytes = read(path).map_err(|e| ModelError::Unreadable { path: path.into(), reason: reason(&e) })?;
+    let name = path.display().to_string();
+    String::from_utf8(bytes).map(|text| Source::new(&name, text)).map_err(|error| not_text(name, error))
+}
+
+/// Adds texts in the order in which they are asked for, which is always the same.
+fn with_used(mut source: Source, used: &[impl AsRef<str>]) -> Source {
+    let mut used = used.iter();
+    fdm_grammar::gather(&mut source, &mut |_| {
+        used.next().map(|text| text.as_ref().to_string()).ok_or_else(|| "its text was not kept".into())
+    });
+    source
+}
+
 fn reason(error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".into(),
@@ -255,6 +367,30 @@ mod tests {
         assert!(said.starts_with("/a.fdm:2:9: error[E0106]: this is not UTF-8 text: byte 0xe4"), "{said}");
         assert!(refused(b"\xff\xfem\0o\0").contains("UTF-16"));
         assert!(refused(b"\x7fELF\x02\0\xff").contains("binary"));
+    }
+
+    #[test]
+    fn used_files_are_read_from_the_folder_of_the_file_that_uses_them() {
+        let folder = tempfile::tempdir().expect("folder");
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("file");
+        std::fs::create_dir(folder.path().join("parts")).expect("folder");
+        write("m.fdm", "model m { use \"parts/a.fdm\" as a; use \"parts/none.fdm\" as n; output y = a.y; }");
+        write("parts/a.fdm", "\u{feff}model a { use \"../b.fdm\" as b; let y = 2*b.y; }");
+        write("b.fdm", "model b { param k = 1; let y = k; }");
+        let path = folder.path().join("m.fdm");
+        let said = Model::from_file(&path).expect_err("a file is missing").to_string();
+        assert!(
+            said.contains("m.fdm:1:39: error[E0801]") && said.ends_with("relative to the file that says `use`"),
+            "{said}"
+        );
+        write("parts/none.fdm", "model n { let z = 1; }");
+        let model = Model::from_file(&path).expect("a model");
+        assert_eq!(model.definition().params[0].quantity.name, "a.b.k");
+        let texts: Vec<String> = model.source().texts()[1..].iter().map(|t| t.text().to_string()).collect();
+        let again = Model::from_texts("other/m.fdm", model.source().text(), &texts).expect("the same model");
+        assert!(again.source().same_texts(model.source()));
+        write("b.fdm", "model b { param k = 2; let y = k; }");
+        assert!(!Model::from_file(&path).expect("a model").source().same_texts(model.source()));
     }
 
     #[test]

@@ -1,13 +1,14 @@
-//! Broken models in `tests/bad/`, each with the message that a user must get beside the mistake.
+//! Broken models in `tests/bad/` and broken effects in `tests/bad_effects/`, each with the message that a user must get beside the mistake.
 //!
 //! Under a line with a mistake stand comments: carets (an arrow `<--` for what begins in the first two columns, where
 //! the comment begins) with kind, code and sentence, below them the hint; dashes under the further places that a
 //! message shows. `FDM_BLESS=1 cargo test --test bad` writes them anew: read the difference before committing it.
 
-use fdm_grammar::{Code, Diagnostic, Source, Span, compile};
+use fdm_grammar::effect::Catalogue;
+use fdm_grammar::{Code, Diagnostic, Source, Span, compile, gather};
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Codes that no file of the corpus can have.
 const ELSEWHERE: &[Code] = &[
@@ -18,17 +19,35 @@ const ELSEWHERE: &[Code] = &[
 ];
 
 fn corpus() -> Vec<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/bad");
-    let entries = fs::read_dir(folder).expect("the corpus");
-    let mut files: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
+    let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests");
+    let entries = ["bad", "bad_effects"].map(|folder| fs::read_dir(root.join(folder)).expect("the corpus"));
+    let mut files: Vec<PathBuf> = entries.into_iter().flatten().flatten().map(|e| e.path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "fdm"));
     files.sort();
     files
 }
 
+/// Whether a file of the corpus holds effects.
+fn holds_effects(file: &Path) -> bool {
+    file.parent().is_some_and(|folder| folder.ends_with("bad_effects"))
+}
+
+/// The text with the files of `tests/bad/parts` that it uses.
+fn source(text: &str) -> Source {
+    let mut source = Source::new("bad.fdm", text);
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/bad");
+    gather(&mut source, &mut |name| {
+        fs::read_to_string(folder.join(name)).map_err(|_| "there is no such file".to_string())
+    });
+    source
+}
+
 /// Every finding about a text, warnings too.
-fn findings(text: &str) -> Vec<Diagnostic> {
-    match compile(&Source::new("bad.fdm", text)) {
+fn findings(text: &str, effects: bool) -> Vec<Diagnostic> {
+    if effects {
+        return Catalogue::read(&Source::new("bad.fdm", text)).1;
+    }
+    match compile(&source(text)) {
         Ok(compiled) => compiled.warnings,
         Err(findings) => findings,
     }
@@ -57,10 +76,10 @@ fn marked(source: &Source, span: Span, sign: &str) -> (usize, String) {
 }
 
 /// The text with every finding as comments under its line.
-fn annotated(text: &str) -> String {
-    let source = Source::new("bad.fdm", text);
+fn annotated(text: &str, effects: bool) -> String {
+    let source = source(text);
     let mut below: BTreeMap<usize, String> = BTreeMap::new();
-    for finding in findings(text) {
+    for finding in findings(text, effects) {
         let code = finding.code.text();
         let kind = if finding.is_error() { "error" } else { "warning" };
         let (line, mark) = marked(&source, finding.span, "^");
@@ -70,7 +89,8 @@ fn annotated(text: &str) -> String {
             let pad: String = mark[2..].chars().map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
             comments.push_str(&format!("//{pad} help: {hint}\n"));
         }
-        for label in &finding.labels {
+        // what stands in another file cannot be shown in this one
+        for label in finding.labels.iter().filter(|l| source.text_at(l.span.start).used_at().is_none()) {
             let (line, mark) = marked(&source, label.span, "-");
             below.entry(line).or_default().push_str(&format!("{mark} {code}: {}\n", label.text));
         }
@@ -91,7 +111,7 @@ fn every_mistake_is_told_at_its_place_and_nothing_else() {
     let mut wrong = Vec::new();
     for file in corpus() {
         let expected = fs::read_to_string(&file).expect("the corpus is text");
-        let told = annotated(&without_messages(&expected));
+        let told = annotated(&without_messages(&expected), holds_effects(&file));
         if bless && told != expected {
             fs::write(&file, &told).expect("the corpus can be written");
         } else if told != expected {
@@ -129,7 +149,9 @@ fn the_messages_themselves_change_nothing() {
         if text.contains("/*") {
             continue;
         }
-        let told = |text: &str| findings(text).into_iter().map(|f| (f.code, f.message, f.hint)).collect::<Vec<_>>();
+        let told = |text: &str| {
+            findings(text, holds_effects(&file)).into_iter().map(|f| (f.code, f.message, f.hint)).collect::<Vec<_>>()
+        };
         assert_eq!(told(&text), told(&without_messages(&text)), "{}", file.display());
     }
 }

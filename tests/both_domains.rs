@@ -21,7 +21,7 @@ fn records(model: &Model, runs: usize, (n, dt): (usize, f64), part: f64) -> Vec<
             let line = |h: usize| ((0.7 + 0.61 * (h * m + i) as f64) * t + (h * h + 2 * i + 5 * r) as f64).sin();
             0.2 * (0..5).map(line).sum::<f64>()
         };
-        let mut run = Run {
+        let run = Run {
             name: format!("run {}", r + 1),
             inputs: time.iter().flat_map(|t| (0..m).map(move |i| input(*t, i))).collect(),
             measured: vec![0.0; n * q],
@@ -30,6 +30,7 @@ fn records(model: &Model, runs: usize, (n, dt): (usize, f64), part: f64) -> Vec<
             input_gaps: vec![0; m],
             output_gaps: vec![0; q],
         };
+        let mut run = run.with_measured(model.definition()).unwrap();
         let mut y = vec![0.0; n * q];
         Simulator::new(model.dynamics(), &run, 4).unwrap().simulate(&model.definition().start(), &mut y).unwrap();
         let squares = |o: usize| y.iter().skip(o).step_by(q).map(|v| v * v).sum::<f64>();
@@ -96,6 +97,59 @@ fn records_cut_out_of_a_motion_on_the_grid_and_off_it() {
             let value = found.estimate.parameter(&p.quantity.name, None).unwrap().value;
             let off = (value / p.value - 1.0).abs();
             assert!(off < 1e-4, "{} {value} instead of {} at {frequencies:?}", p.quantity.name, p.value);
+        }
+    }
+}
+
+/// As the language's design writes it: the derivative of the input, and a delay of all.
+const EQUIVALENT: &str = "model equivalent {
+    input stick [deg]; state q [deg/s], z [deg/s^2];
+    param omega = 2 in [0.1, 20] [rad/s], zeta = 0.6 in [0, 2] [1], K = 2.2 [1/s^3], Ts = 0.6 [s], tau = 0.13 in [0, 0.5] [s];
+    der(q) = z;
+    der(z) = -2*zeta*omega*z - omega^2*q + delay(K*(stick + Ts*der(stick)), tau);
+    output q_m [deg/s] = q; }";
+
+#[test]
+fn a_zero_by_the_derivative_of_the_input() {
+    let model = Model::from_text("equivalent.fdm", EQUIVALENT).unwrap();
+    let runs = records(&model, 2, (1200, 0.025), 0.05);
+    agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(18.0) });
+}
+
+/// Coupled inertias, with an accelerometer that shows a derivative and another that shows that of an input.
+#[test]
+fn coupled_inertias_and_accelerometers() {
+    let text = "model coupled {
+        input aileron, rudder; state p, r;
+        const Ixx = 1.8, Izz = 3.1; param Ixz = 0.4, Lp = -2, La = 3, Nr = -1.2, Nd = -2, c = 0.3;
+        Ixx*der(p) - Ixz*der(r) = Lp*p + La*aileron; Izz*der(r) - Ixz*der(p) = Nr*r + Nd*rudder;
+        output p_m = p, r_m = r, ay = der(r) + c*der(rudder); }";
+    let model = Model::from_text("coupled.fdm", text).unwrap();
+    let runs = records(&model, 2, (900, 0.02), 0.05);
+    agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(6.0) });
+}
+
+/// Without noise, on the grid and off it, the delay within the record's first seconds too.
+#[test]
+fn derivatives_of_inputs_are_exact_in_the_frequency_domain() {
+    let model = Model::from_text("equivalent.fdm", EQUIVALENT).unwrap();
+    let runs = records(&model, 1, (8000, 0.005), 0.0);
+    let band = |spacing| Frequencies::Band { lowest: 0.1, highest: 1.5, spacing: Some(spacing) };
+    for frequencies in [Frequencies::Grid { lowest: Some(0.1), highest: Some(1.5) }, band(0.0437)] {
+        let known = SpectralOptions { ends: EndTerms::Known, ..options(frequencies.clone()) };
+        for options in [options(frequencies.clone()), known] {
+            let found = fit_spectra(&model, &runs, &options, &mut ()).unwrap();
+            for p in &model.definition().params {
+                let value = found.estimate.parameter(&p.quantity.name, None).unwrap().value;
+                let off = (value / p.value - 1.0).abs();
+                assert!(
+                    off < 1e-5,
+                    "{} {value} instead of {} at {frequencies:?}, {:?}",
+                    p.quantity.name,
+                    p.value,
+                    options.ends
+                );
+            }
         }
     }
 }

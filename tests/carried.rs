@@ -57,7 +57,7 @@ fn a_carried_model_is_affine_and_has_the_same_response() {
         let (carried, terms) = ship.carried().expect("all states in nonlinear terms are measured");
         assert!(carried.layout().affine.rates && carried.layout().affine.outputs.iter().all(|a| *a));
         let words: Vec<String> = terms.iter().map(|t| format!("{} in {}", t.text, t.equations.join(", "))).collect();
-        assert_eq!(words, ["v*abs(v) in der(v)", "d*sin(d) in der(r)", "v*v in side"]);
+        assert_eq!(words, ["v*abs(v) in der(v)", "d*sin(d) in der(r)", "v^2 in side"]);
         assert_eq!((&terms[0].records[..], &terms[1].records[..]), (&["v_m".to_string()][..], &[][..]));
         // a term is linear between samples where the signals in it are, which is an error of second order
         let (coarse, fine) = (difference(&ship, &carried, 751, 0.02), difference(&ship, &carried, 1501, 0.01));

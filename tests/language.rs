@@ -2,7 +2,7 @@
 
 use fdm_grammar::op::{Form, ROWS};
 use fdm_grammar::syntax::{WORDS, WordUse};
-use fdm_grammar::{Code, Source, compile};
+use fdm_grammar::{Code, Source, compile, gather};
 use std::fs;
 use std::path::Path;
 
@@ -32,7 +32,9 @@ fn every_example_compiles_without_a_warning() {
     let examples = examples(&page());
     assert!(examples.len() >= 4, "{} examples", examples.len());
     for (line, text) in examples {
-        let source = Source::new(format!("docs/language.md, the example of line {line}"), text);
+        let mut source = Source::new(format!("the example of line {line}"), text);
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+        gather(&mut source, &mut |name| fs::read_to_string(folder.join(name)).map_err(|e| e.to_string()));
         let told = match compile(&source) {
             Ok(compiled) => compiled.warnings,
             Err(findings) => findings,

@@ -108,6 +108,20 @@ fn records() -> (Model, Model) {
     }
 }
 
+fn derivatives() -> (Model, Model) {
+    twice! {
+        model coupled {
+            input u, w;
+            state p = 0.1, r, v = free;
+            param ixx = 2.1, izz = 3.4, ixz = 0.3, k = 0.7, tau = 0.2 in [0, 1];
+            ixx*der(p) - ixz*der(r) = delay(u + k*der(u), tau) - p*r;
+            izz*der(r) - ixz*der(p) = sin(w) - r*abs(r);
+            der(v*(1 + k*p^2)) = der(u*w) - v + der(measured(speed));
+            output speed = v, ay = der(v) + k*der(r) - der(w), q = p;
+        }
+    }
+}
+
 fn stateless() -> (Model, Model) {
     twice! {
         model curve {
@@ -117,6 +131,39 @@ fn stateless() -> (Model, Model) {
             output lift = cl*v^2, drag = (0.02 + k*cl^2)*v^2;
         }
     }
+}
+
+fn vectors() -> (Model, Model) {
+    twice! {
+        model matrices {
+            input u[2], v;
+            state x[3] = [0.1, 0, x3], w;
+            param x3 = 0.2, k = 1.3, tau = 0.4 in [0, 2];
+            param A[3, 3] = [[-1, k, 0], [0, -2*k, 0.5], [0.3, 0, -1.5]], B[3, 2] = [[1, 0], [0, 1], [0, 0]];
+            noise y[1] = 0.1;
+            let e[3] = (k + sin(t))*tanh(x) - cross(x, [v, u[1], k]);
+            der(x) = A*x + B*delay(u, tau) + e/k;
+            der(w) = dot(x, A[2,:]*v) + norm(x[1:2]) + det([[k, 1], [v, 2]]) - sum(x)*w;
+            output y[2] = inverse([[k, v], [0.1, 2]])*x[2:3], z = if w > 0 then w else -w;
+        }
+    }
+}
+
+fn submodels() -> (Model, Model) {
+    let text = "model parts { input u [deg]; param T = 0.3 [s], k = 1 [1];
+                use \"tests/parts/drive.fdm\" as act(command = k*u, T = T/2);
+                output y [deg] = act.y, rate [deg] = act.first.z; }";
+    let files = [include_str!("parts/drive.fdm").to_string(), include_str!("parts/actuator.fdm").to_string()];
+    let read = Model::from_texts("text", text, &files).unwrap_or_else(|mistakes| panic!("{mistakes}"));
+    let written = fdm::model! {
+        model parts {
+            input u [deg]; param T = 0.3 [s], k = 1 [1];
+            use "tests/parts/drive.fdm" as act(command = k*u, T = T/2);
+            output y [deg] = act.y, rate [deg] = act.first.z;
+        }
+    };
+    assert_eq!(written.source().texts().len(), 3);
+    (read, written)
 }
 
 /// Numbers between -2 and 2 (splitmix64).
@@ -226,13 +273,39 @@ fn records_and_priors_have_the_same_bits() {
 }
 
 #[test]
+fn derivatives_in_equations_have_the_same_bits() {
+    let (read, written) = derivatives();
+    let found = fdm::code::verify(read.definition(), read.schedule(), &fdm::code::Nominal::start(read.definition()));
+    assert!(found.passed(), "{found:?}");
+    let names: Vec<_> = read.definition().inputs.iter().map(|i| i.quantity.name.as_str()).collect();
+    let hidden = ["measured(speed)", "der(u)", "der(w)", "der(measured(speed))"];
+    assert!(hidden.iter().all(|name| names.contains(name)), "{names:?}");
+    agree((read, written));
+}
+
+#[test]
 fn a_model_without_states_has_the_same_bits() {
     agree(stateless());
 }
 
 #[test]
+fn vectors_and_matrices_have_the_same_bits() {
+    let (read, written) = vectors();
+    let found = fdm::code::verify(read.definition(), read.schedule(), &fdm::code::Nominal::start(read.definition()));
+    assert!(found.passed(), "{found:?}");
+    agree((read, written));
+}
+
+#[test]
+fn submodels_have_the_same_bits() {
+    agree(submodels());
+}
+
+#[test]
 fn the_numbers_of_the_test_are_numbers() {
-    for (read, _) in [ship(), functions(), time_and_delays(), delayed_states(), records(), stateless()] {
+    for (read, _) in
+        [ship(), functions(), time_and_delays(), delayed_states(), records(), stateless(), vectors(), submodels()]
+    {
         let tape = fdm::code::Tape::new(read.schedule());
         let nan = f64::NAN.to_bits();
         let finite = (0..50).filter(|seed| everything(&tape, &mut Noise(*seed)).iter().all(|(_, b)| !b.contains(&nan)));

@@ -253,3 +253,69 @@ fn an_output_that_jumps_with_a_delay_is_refused() {
     run.held[0] = true;
     assert!(Simulator::new(jumps.dynamics(), &run, 1).is_err());
 }
+
+/// The same with the hidden inputs that a model computes from its records.
+fn completed(model: &Model, n: usize, dt: f64) -> Run {
+    run(model, n, dt).with_measured(model.definition()).expect("complete")
+}
+
+#[test]
+fn coupled_derivatives_and_derivatives_of_inputs() {
+    let text = "model coupled {
+        input a, b; param x0 = 0.2; state x = x0, z, s = 0.1;
+        param m = 2.1, j = 3.2, c = 0.7, w = 1.9, T = 0.3, e = 0.2, tau_a = 0.137 in [0, 1], tau_y = 0.21 in [0, 1];
+        let force = a + T*der(a); let momentum = j*z*(1 + 0.1*x^2);
+        m*der(x) + c*der(z) = z + e*delay(force, tau_a)*x; der(momentum) - c*der(x) = -w*x - 0.5*z + der(b*x);
+        der(s) = -e*s + 0.1*der(x) + 0.3*der(delay(b, 2*tau_a));
+        output y = x + delay(z, tau_y), az = der(z) - e*x, rate = delay(der(a), tau_y) + s, held = T*der(b); }";
+    let coupled = model(text);
+    check(&coupled, &completed(&coupled, 120, 0.05), 1);
+    check(&coupled, &completed(&coupled, 60, 0.11), 4);
+    let driven = model(
+        &text
+            .replace("output y = x + delay(z, tau_y), az", "output y = x, az")
+            .replace("delay(der(a), tau_y)", "tau_y"),
+    );
+    check(&driven, &completed(&driven, 60, 0.11), Steps::equal(Scheme::Radau, 2));
+}
+
+/// `x' = -a x + b u'` is `z' = -a (z + b u)` with `x = z + b u`, in which nothing is differentiated; delayed too, where the input
+/// stands still before the record.
+#[test]
+fn a_derivative_that_drives_is_a_change_of_state() {
+    let names = "input u; param a = 1.7, b = 0.6, tau = 0.33 in [0, 1]";
+    let taken = model(&format!(
+        "model m {{ {names}; state x, s; der(x) = -a*x + b*der(u); der(s) = -a*s + b*der(delay(u, tau)); output y = x, l = s; }}"
+    ));
+    let changed = |u0: f64| {
+        model(&format!(
+            "model m {{ {names}; const u0 = {u0}; state z = -b*u0, r = -b*u0; der(z) = -a*(z + b*u); \
+             der(r) = -a*(r + b*delay(u, tau)); output y = z + b*u, l = r + b*delay(u, tau); }}"
+        ))
+    };
+    for even in [true, false] {
+        let mut record = run(&taken, 90, 0.07);
+        if even {
+            record.time = (0..90).map(|k| 0.07 * f64::from(k)).collect();
+        }
+        let done = record.with_measured(taken.definition()).expect("complete");
+        let plain = record.with_channels(&[0], &[0, 1]);
+        let changed = changed(plain.inputs[0]);
+        let response = |model: &Model, run: &Run, steps: Steps| {
+            let mut y = vec![0.0; 180];
+            let mut simulator = Simulator::new(model.dynamics(), run, steps).expect("suited");
+            simulator.simulate(&model.definition().start(), &mut y).expect("finite");
+            y
+        };
+        let recursion = Scheme::Recursion { subsystems: 2 };
+        // with one step between samples a delayed input has an error of the fourth order
+        let ways =
+            [(Scheme::RungeKutta, 8, 1e-7), (Scheme::Radau, 8, 1e-7), (recursion, 8, 1e-7), (recursion, 1, 1e-4)];
+        for (scheme, steps, most) in ways.into_iter().filter(|(scheme, ..)| even || *scheme != recursion) {
+            let steps = || Steps::equal(scheme, steps);
+            let (got, want) = (response(&taken, &done, steps()), response(&changed, &plain, steps()));
+            let off = got.iter().zip(&want).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < most, "{even} {scheme:?}: {off}");
+        }
+    }
+}

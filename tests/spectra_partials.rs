@@ -55,6 +55,9 @@ fn near(model: &Model, normal: &mut Normal) -> Vec<f64> {
     definition.params.iter().zip(definition.start()).map(inside).collect()
 }
 
+/// Steps of differences, as shares of the parameter.
+const STEPS: [f64; 2] = [2e-4, 4e-5];
+
 struct Subject {
     linear: LinearModel,
     values: Values,
@@ -69,7 +72,7 @@ impl Subject {
         let mut linear = LinearModel::new(model).ok()?;
         let mut values = Values::default();
         linear.evaluate(theta, &mut values).ok()?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let response = FrequencyResponse::new(&structure, &values, spectrum, ends, &Arc::new(Plans::default())).ok()?;
         let y = vec![0.0; 2 * COUNT * structure.outputs];
         Some(Self { params: structure.params, linear, values, response, y })
@@ -95,8 +98,8 @@ impl Subject {
     }
 
     /// The same by one unknown, by differences of fourth order; with their rounding.
-    fn differences(&mut self, theta: &[f64], column: usize) -> Option<(Vec<f64>, f64)> {
-        let h = 2e-4 * theta[column].abs().max(1e-2);
+    fn differences(&mut self, theta: &[f64], column: usize, share: f64) -> Option<(Vec<f64>, f64)> {
+        let h = share * theta[column].abs().max(1e-2);
         let mut at = |steps: f64| {
             let mut moved = theta.to_vec();
             moved[column] += steps * h;
@@ -121,18 +124,20 @@ fn checked(name: &str, model: &Model, ends: &EndTerms, stretch: f64, normal: &mu
         theta.extend((0..unknown).map(|_| normal.next()));
         let Some(partials) = subject.partials(&theta) else { continue };
         for column in 0..theta.len() {
-            let Some((differences, rounding)) = subject.differences(&theta, column) else { continue };
-            let exact = partials.iter().skip(column).step_by(theta.len());
-            let size = differences.iter().fold(0.0, |a: f64, d| a.max(d.abs()));
-            for (exact, difference) in exact.zip(&differences) {
-                let off = (exact - difference).abs();
-                assert!(
-                    off <= 1e-6 * size + rounding,
-                    "{name}, column {column} of {}: {exact} instead of {difference}",
-                    theta.len()
-                );
-                count += 1;
+            // beside a resonance that damping hardly widens, only short steps see a straight line
+            let mut shares = STEPS.iter().filter_map(|share| subject.differences(&theta, column, *share)).peekable();
+            if shares.peek().is_none() {
+                continue;
             }
+            let exact: Vec<f64> = partials.iter().skip(column).step_by(theta.len()).copied().collect();
+            let worst = shares.map(|(differences, rounding)| {
+                let size = differences.iter().fold(0.0, |a: f64, d| a.max(d.abs()));
+                let off = |(exact, difference): (&f64, &f64)| (exact - difference).abs() / (1e-6 * size + rounding);
+                exact.iter().zip(&differences).map(off).fold(0.0, f64::max)
+            });
+            let worst = worst.fold(f64::INFINITY, f64::min);
+            assert!(worst <= 1.0, "{name}, column {column} of {}: {worst} times what is allowed", theta.len());
+            count += exact.len();
         }
     }
     Some(count).filter(|count| *count > 0)
@@ -148,7 +153,7 @@ fn models() -> BTreeMap<String, PathBuf> {
 
 /// With all parameters free: there are no derivatives by fixed ones.
 fn freed(model: &Model) -> Model {
-    let fixed = model.definition().params.iter().filter(|p| p.fixed);
+    let fixed = model.definition().params.iter().filter(|p| p.fixed && !p.is_recorded());
     let free = fixed.map(|p| p.quantity.name.clone()).collect();
     changed(model, &Changes { free, ..Changes::default() }).unwrap()
 }
@@ -179,4 +184,35 @@ fn every_partial_of_every_model() {
         assert!(found.contains_key(&format!("models/{name}.fdm")), "{name}: {without:?}");
     }
     assert!(found.keys().any(|name| name.ends_with("carried")) && found.len() > 20);
+}
+
+/// The transform of the derivative of an input is `j w` times the input's own with its own end values: nothing is lost between samples.
+#[test]
+fn the_derivative_of_an_input_in_the_frequency_domain() {
+    use fdm::spectrum::{Frequencies, SpectrumOptions};
+    let text = "model m { input u; state x; param a = 1; der(x) = a*der(u) - x; output y = x; }";
+    let model = Model::from_text("m.fdm", text).unwrap();
+    let mut normal = Normal(3);
+    let n = 203;
+    let run = fdm::record::Run {
+        name: "r".into(),
+        time: (0..n).map(|k| 0.04 * f64::from(k)).collect(),
+        inputs: (0..n).map(|_| 5.0 + normal.next()).collect(),
+        held: vec![false],
+        measured: (0..n).map(|_| normal.next()).collect(),
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+    };
+    let run = run.with_measured(model.definition()).unwrap();
+    let off_grid = Frequencies::Band { lowest: 0.2, highest: 12.0, spacing: Some(0.037) };
+    for choice in [Frequencies::Grid { lowest: None, highest: None }, off_grid] {
+        let s = Spectrum::of(&run, &choice, &SpectrumOptions::default()).unwrap();
+        let (count, [before, behind]) = (s.omega.len(), &s.input_ends);
+        for (k, w) in s.omega.iter().enumerate() {
+            let [first, last] = s.end_factors(k);
+            let want = Complex64::new(0.0, *w) * s.inputs[k] + last * behind[0] - first * before[0];
+            let off = (s.inputs[count + k] - want).norm();
+            assert!(off < 1e-12 * (1.0 + w), "{w}: {off:e}");
+        }
+    }
 }

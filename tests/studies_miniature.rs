@@ -173,6 +173,62 @@ fn one_flight_on_the_records_own_grid_and_a_second_one_predicted() {
     }
 }
 
+/// The model with each value moved by this part up or down by chance.
+fn scattered(part: f64, seed: u64) -> Model {
+    let model = open_loop();
+    let mut normal = Normal(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    let moved = |(name, value): (String, f64)| (name, value * (1.0 + if normal.next() < 0.0 { -part } else { part }));
+    let set = truth(&model).into_iter().map(moved).collect();
+    changed(&model, &Changes { set, ..Changes::default() }).unwrap()
+}
+
+/// Corrections from 21 starts off by 25 %, the first up and down in turn, the others by chance; with first values from equation error and without.
+fn starts_far_away(what: &str, frequencies: &Frequencies) {
+    let (truth, runs) = (truth(&open_loop()), noisy(&first_flight(), 1));
+    println!("\n{what}: from starts off by 25 %, the first up and down in turn, the others with signs by chance");
+    for regressed in [true, false] {
+        let options = SpectralOptions { regressed, ..options(frequencies, EndTerms::Unknown) };
+        let start = |seed: u64| if seed == 0 { away(0.25) } else { scattered(0.25, seed) };
+        let one = |seed: u64| fit_spectra(&start(seed), &runs, &options, &mut ()).unwrap();
+        let begin = std::time::Instant::now();
+        let fits: Vec<SpectralFit> = (0..=count(20)).into_par_iter().map(one).collect();
+        let least = fits.iter().map(|f| f.estimate.history.last().unwrap().cost).fold(f64::INFINITY, f64::min);
+        println!("first values from equation error: {regressed}; {:.1} s", begin.elapsed().as_secs_f64());
+        let lost = fits.iter().filter(|f| !f.is_good() || f.estimate.history.last().unwrap().cost > least + 1e-3);
+        println!("{} of {} do not end at the least cost", lost.count(), fits.len());
+        for (k, fit) in fits.iter().enumerate() {
+            let e = &fit.estimate;
+            let off = own(fit, &truth)
+                .into_iter()
+                .zip(&truth)
+                .map(|(p, (_, v))| ((p.value - v) / v).abs())
+                .fold(0.0, f64::max);
+            println!(
+                "  {:2} {:3} corrections, {:?} evaluations, cost {:+.3} above the least, {:.2} % off, {} {:?}",
+                k,
+                e.iterations,
+                e.evaluations,
+                e.history.last().unwrap().cost - least,
+                100.0 * off,
+                e.termination,
+                e.aids
+            );
+        }
+    }
+}
+
+#[test]
+#[ignore = "a study"]
+fn starts_far_away_on_the_records_own_grid() {
+    starts_far_away("own grid", &GRID);
+}
+
+#[test]
+#[ignore = "a study"]
+fn starts_far_away_with_the_spacing_of_the_paper() {
+    starts_far_away("df = 0.005 Hz", &PAPER);
+}
+
 #[test]
 #[ignore = "a study"]
 fn one_flight_with_the_spacing_of_the_paper() {
@@ -202,6 +258,36 @@ fn summary(repeats: &[Vec<(f64, f64, f64)>], k: usize, truth: f64) -> [f64; 4] {
     [(middle - truth) / scatter, scatter, scatter / mean(|e| e.1), scatter / mean(|e| e.2)]
 }
 
+/// How many of the values lie within two printed (corrected) errors of the truth, and how many flights have so many beyond them.
+fn coverage(repeats: &Repeats, truth: &[(String, f64)]) {
+    let beyond = |r: &Vec<(f64, f64, f64)>| {
+        r.iter().zip(truth).filter(|((value, _, error), (_, truth))| (value - truth).abs() > 2.0 * error).count()
+    };
+    let counts: Vec<usize> = repeats.iter().map(beyond).collect();
+    let (flights, all) = (counts.len() as f64, counts.iter().sum::<usize>() as f64);
+    let mean = all / flights;
+    // the errors of one flight are correlated: its count is one observation
+    let scatter = (counts.iter().map(|c| (*c as f64 - mean).powi(2)).sum::<f64>() / (flights - 1.0)).sqrt();
+    let width = truth.len() as f64;
+    println!(
+        "within two standard errors: {:.4} ± {:.4} of {:.0} values (normal: 0.9545)",
+        1.0 - mean / width,
+        scatter / flights.sqrt() / width,
+        flights * width
+    );
+    println!(
+        "beyond them in a flight: {mean:.2} ± {:.2} of {} (normal: {:.2}); this many flights have so many:",
+        scatter / flights.sqrt(),
+        truth.len(),
+        0.0455 * width
+    );
+    for count in 0..=counts.iter().copied().max().unwrap_or(0) {
+        let here = counts.iter().filter(|c| **c == count).count();
+        let at_least = counts.iter().filter(|c| **c >= count).count() as f64 / flights;
+        println!("  {count:2} {here:5}   this many or more: {:5.1} %", 100.0 * at_least);
+    }
+}
+
 /// How many repeats; `REPEATS=20` for a quick look.
 fn count(full: u64) -> u64 {
     std::env::var("REPEATS").ok().and_then(|n| n.parse().ok()).unwrap_or(full)
@@ -228,6 +314,7 @@ fn scatter_agrees(what: &str, frequencies: &Frequencies, full: u64) {
             wrong.push(name.clone());
         }
     }
+    coverage(&repeats, &truth(&model));
     assert!(wrong.is_empty() || repeats.len() < 400, "scatter and printed errors differ: {wrong:?}");
 }
 

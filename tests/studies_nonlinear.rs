@@ -34,8 +34,14 @@ fn middle(found: &[Vec<Option<Found>>], k: usize) -> Option<Middle> {
     (!one.is_empty()).then_some(Middle { mean, scatter, printed })
 }
 
-/// Time domain beside frequency domain at each noise; returns the largest bias of the latter in printed errors by noise.
-fn compare(system: &System, nonlinear: Nonlinear, noises: &[f64]) -> Vec<f64> {
+/// What a mean of normal errors is off by chance, in its standard errors: the largest of the 46 that are compared in all studies
+/// is beyond it once in 350 runs of them.
+const CHANCE: f64 = 4.0;
+/// Bias that counts as none, in printed errors: it moves an interval of two errors by a twentieth.
+const NONE: f64 = 0.1;
+
+/// Time domain beside frequency domain at each noise; returns parameters by noise whose bias in the frequency domain is more than chance.
+fn compare(system: &System, nonlinear: Nonlinear, noises: &[f64]) -> Vec<Vec<String>> {
     println!("\n{}, {nonlinear:?}, {} repeats", system.name, repeats());
     println!("  noise  parameter      truth   time: bias  scatter  printed   frequency: bias  scatter  printed");
     let mut biases = Vec::new();
@@ -46,7 +52,7 @@ fn compare(system: &System, nonlinear: Nonlinear, noises: &[f64]) -> Vec<f64> {
         };
         let found: Vec<_> = (0..repeats()).into_par_iter().map(both).collect();
         let (time, frequency): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-        let mut largest: f64 = 0.0;
+        let (mut largest, mut biased) = (0.0f64, Vec::new());
         for (k, (name, truth)) in system.params().enumerate() {
             let (Some(t), Some(f)) = (middle(&time, k), middle(&frequency, k)) else { continue };
             // in percent of the truth
@@ -61,11 +67,15 @@ fn compare(system: &System, nonlinear: Nonlinear, noises: &[f64]) -> Vec<f64> {
                 part(f.printed)
             );
             if truth != 0.0 {
-                largest = largest.max((f.mean - truth).abs() / f.printed);
+                let bias = (f.mean - truth).abs();
+                largest = largest.max(bias / f.printed);
+                if bias > CHANCE * f.scatter / (repeats() as f64).sqrt() + NONE * f.printed {
+                    biased.push(format!("{name} by {:.2} printed errors", bias / f.printed));
+                }
             }
         }
-        println!("  largest bias in the frequency domain: {largest:.2} printed errors");
-        biases.push(largest);
+        println!("  largest bias in the frequency domain: {largest:.2} printed errors; more than chance: {biased:?}");
+        biases.push(biased);
     }
     biases
 }
@@ -80,7 +90,8 @@ fn carried_terms_by_noise() {
         roll_decay("roll decay from 17 deg", 0.3),
     ] {
         let biases = compare(&system, Nonlinear::Carried, &noises);
-        assert!(biases[0] < 2.0, "{}: {biases:?}", system.name);
+        // noise in records biases what is computed from them in proportion to its square
+        assert!(biases[0].is_empty(), "{}: {:?}", system.name, biases[0]);
     }
 }
 
@@ -93,7 +104,7 @@ fn linearised_terms_by_noise() {
         roll_decay("roll decay from 0.3 deg", 0.005),
     ] {
         let biases = compare(&system, Nonlinear::Linearised, &[0.01, 0.05]);
-        assert!(biases[1] < 2.0, "{}: {biases:?}", system.name);
+        assert!(biases[1].is_empty(), "{}: {:?}", system.name, biases[1]);
     }
 }
 

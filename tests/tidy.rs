@@ -9,8 +9,10 @@ const GRAMMAR: &[&str] = &[
     "math",
     "source",
     "diagnostic",
+    "explain",
     "unit",
     "syntax",
+    "format",
     "expand",
     "op",
     "graph",
@@ -19,8 +21,10 @@ const GRAMMAR: &[&str] = &[
     "check",
     "derive",
     "schedule",
+    "emit",
     "linearise",
     "carried",
+    "effect",
     "lib",
 ];
 const FDM: &[&str] = &[
@@ -38,6 +42,7 @@ const FDM: &[&str] = &[
     "diagnose",
     "store",
     "report",
+    "lsp",
     "cli",
 ];
 

@@ -93,5 +93,8 @@ impl Row {
 
 /// The unit of work without what a tool adds in brackets.
 fn unit(what: &str) -> &str {
-    what.split(" (").next().unwrap_or(what)
+    match what.split(" (").next().unwrap_or(what) {
+        "B ML fit" => "B fit",
+        unit => unit,
+    }
 }

@@ -65,10 +65,26 @@ struct Workload {
     model: Model,
     linear: LinearModel,
     structure: Arc<Structure>,
+    /// The elimination, which belongs to the model as its linearisation does.
+    plans: Arc<Plans>,
     spectra: Vec<(Spectrum, EndTerms)>,
     /// 5 % off the true parameters, as the reference has them.
     theta: Vec<f64>,
     reference: (Vec<f64>, Vec<f64>),
+}
+
+/// What a fit finds prepared, besides the compiled and linearised model.
+#[derive(Clone, Copy)]
+enum Prepared {
+    Nothing,
+    /// The symbolic elimination, which is the model's.
+    Plans,
+    /// The responses of all runs.
+    Responses,
+}
+
+impl Prepared {
+    const ALL: [Self; 3] = [Self::Nothing, Self::Plans, Self::Responses];
 }
 
 /// Complex numbers of one record, frequency by channel, as channel by frequency.
@@ -85,7 +101,7 @@ impl Workload {
     fn load(name: &'static str, file: &str, tags: [&str; 7]) -> Option<Self> {
         let model = Model::from_file(file).expect("the model compiles");
         let linear = LinearModel::new(&model).expect("the model is linear");
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let [f, u, z, e, p, y, j] = tags.map(data);
         let (f, u, z) = (f?, u?, z?);
         let (n, m, q, count) = (structure.states, structure.inputs, structure.outputs, f.len());
@@ -108,27 +124,27 @@ impl Workload {
             (spectrum, ends)
         });
         let spectra = spectra.collect();
-        Some(Self { name, model, linear, structure, spectra, theta: p?, reference: (y?, j?) })
+        let plans = Arc::new(Plans::default());
+        Some(Self { name, model, linear, structure, plans, spectra, theta: p?, reference: (y?, j?) })
     }
 
-    fn responses(&self) -> Vec<Linear> {
-        let plans = Arc::new(Plans::default());
+    fn responses(&self, plans: &Arc<Plans>) -> Vec<Linear> {
         let (mut model, mut values) = (self.linear.clone(), Values::default());
         model.evaluate(&self.theta, &mut values).expect("finite");
         let response = |(spectrum, ends): &(Spectrum, EndTerms)| {
-            let response = FrequencyResponse::new(&self.structure, &values, spectrum, ends, &plans).expect("suited");
+            let response = FrequencyResponse::new(&self.structure, &values, spectrum, ends, plans).expect("suited");
             Linear { model: self.linear.clone(), values: values.clone(), response }
         };
         self.spectra.iter().map(response).collect()
     }
 
-    fn problem(&self, start: f64) -> Problem<'_> {
+    fn problem(&self, start: f64, plans: &Arc<Plans>) -> Problem<'_> {
         let measured = |s: &Spectrum| -> Vec<f64> {
             let count = s.omega.len();
             let row = |k: usize, part: fn(&Complex64) -> f64| s.outputs.iter().skip(k).step_by(count).map(part);
             (0..count).flat_map(|k| row(k, |z| z.re).chain(row(k, |z| z.im))).collect()
         };
-        let runs = self.responses().into_iter().zip(&self.spectra).map(|(response, (spectrum, _))| ProblemRun {
+        let runs = self.responses(plans).into_iter().zip(&self.spectra).map(|(response, (spectrum, _))| ProblemRun {
             name: spectrum.name.clone(),
             response: Box::new(response),
             measured: measured(spectrum),
@@ -145,7 +161,7 @@ impl Workload {
         let (q, p) = (self.structure.outputs, self.structure.params);
         let columns: Vec<usize> = (0..p).collect();
         let (mut all, mut packed) = (Vec::new(), Vec::new());
-        for mut response in self.responses() {
+        for mut response in self.responses(&self.plans) {
             let stride = p.next_multiple_of(8);
             let samples = response.samples();
             let (mut y, mut jacobian) = (vec![0.0; samples * q], vec![0.0; samples * q * stride]);
@@ -173,7 +189,7 @@ impl Workload {
         let (q, p) = (self.structure.outputs, self.structure.params);
         let off = columnwise(&jacobian, &self.reference.1, 2 * p).max(columnwise(&y, &self.reference.0, 2 * q));
         let columns: Vec<usize> = (0..p).collect();
-        let mut responses = self.responses();
+        let mut responses = self.responses(&self.plans);
         let seconds = median_of_runs(|| {
             for response in &mut responses {
                 let mut sink = |planes: fdm::simulate::Planes<'_>| _ = black_box(planes.derivatives);
@@ -201,7 +217,7 @@ impl Workload {
                 (cells.map(|i| (measured[i] - y[i]).powi(2)).sum::<f64>() / (y.len() / q) as f64).sqrt()
             })
             .collect();
-        let mut problem = self.problem(1.0);
+        let mut problem = self.problem(1.0, &self.plans);
         let mut equations = NormalEquations::new(&mut problem, &deviations);
         equations.evaluate(&self.theta).expect("finite");
         let (mut information, mut gradient) = (vec![0.0; p * p], vec![0.0; p]);
@@ -222,20 +238,26 @@ impl Workload {
         self.row("A' residual+jacobian+normal equations", seconds, off)
     }
 
-    /// B: the whole fit; responses prepared anew each time, or once.
-    fn fit(&self, noise: Noise, prepared: bool, cost: impl Fn(&Estimate) -> f64) -> Row {
+    /// B: the whole fit, with what is prepared for it each time.
+    fn fit(&self, noise: Noise, prepared: Prepared, cost: impl Fn(&Estimate) -> f64) -> Row {
         let options = Options { noise, tolerance: 1e-8, colour: false, ..Options::default() };
-        let mut problem = self.problem(1.3);
+        let mut problem = self.problem(1.3, &self.plans);
         let mut solve = || {
-            if !prepared {
-                problem = self.problem(1.3);
+            match prepared {
+                Prepared::Nothing => problem = self.problem(1.3, &Arc::new(Plans::default())),
+                Prepared::Plans => problem = self.problem(1.3, &self.plans),
+                Prepared::Responses => {}
             }
             estimate(&mut problem, &options, &mut ()).expect("the workload can be estimated")
         };
         let found = solve();
         assert!(found.is_good(), "{}", found.termination);
         let seconds = median_of_runs(|| _ = black_box(solve()));
-        let what = if prepared { "B fit (prepared once)" } else { "B fit" };
+        let what = match prepared {
+            Prepared::Nothing => "B fit (elimination planned anew)",
+            Prepared::Plans => "B fit",
+            Prepared::Responses => "B fit (prepared once)",
+        };
         self.row(what, seconds, cost(&found))
     }
 }
@@ -255,8 +277,9 @@ pub(crate) fn helicopter(limit: &[Row]) {
                 let variance = |o: usize| 2.0 * rows().map(|r| r[o] * r[o]).sum::<f64>() / rows().count() as f64;
                 (0..9).map(|o| variance(o).ln()).sum::<f64>()
             };
-            workload.fit(Noise::Diagonal, false, cost).print(limit);
-            workload.fit(Noise::Diagonal, true, cost).print(limit);
+            for prepared in Prepared::ALL {
+                workload.fit(Noise::Diagonal, prepared, cost).print(limit);
+            }
         }
     }
 }
@@ -267,6 +290,7 @@ pub(crate) fn delay(limit: &[Row]) {
     let Some(workload) = Workload::load("w3f", "models/second_order_delay/model.fdm", tags) else { return };
     workload.jacobian().print(limit);
     let cost = |found: &Estimate| found.runs[0].residuals.iter().map(|v| v * v).sum();
-    workload.fit(Noise::Given(vec![Some(1.0)]), false, cost).print(limit);
-    workload.fit(Noise::Given(vec![Some(1.0)]), true, cost).print(limit);
+    for prepared in Prepared::ALL {
+        workload.fit(Noise::Given(vec![Some(1.0)]), prepared, cost).print(limit);
+    }
 }

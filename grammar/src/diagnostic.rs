@@ -42,7 +42,7 @@ codes! {
     // text
     Unexpected      "E0101" "text that does not fit the grammar";
     TooDeep         "E0102" "nested deeper than the limit";
-    TooLarge        "E0103" "text larger than the limit";
+    TooLarge        "E0103" "a text, or its derivatives, larger than the limit";
     Unterminated    "E0104" "a string or bracket that is not closed";
     BadNumber       "E0105" "a number that cannot be represented";
     NotText         "E0106" "a file that is not UTF-8 text";
@@ -69,6 +69,10 @@ codes! {
     Unsupported     "E0405" "something the language describes and this version does not compile yet";
     BadDelay        "E0406" "a delay that is negative or changes during the run";
     NotFinite       "E0407" "a value that is not finite";
+    SingularRates   "E0408" "equations that do not determine the derivatives in them";
+    NonlinearRate   "E0409" "an equation that is not linear in a derivative";
+    BadTable        "E0410" "a table whose points are too few or not in order";
+    BadBlock        "E0411" "a block that cannot be built of states";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";
@@ -77,6 +81,16 @@ codes! {
     UnitMismatch    "E0602" "quantities of different units added, compared or equated";
     UnitArgument    "E0603" "a function applied to a quantity of the wrong unit";
     UnitExponent    "E0604" "an exponent that has a unit, or varies over a base that has one";
+    // submodels, vectors and matrices
+    NoFile          "E0801" "a submodel whose file cannot be read";
+    NotConnected    "E0802" "an input of a submodel that nothing is connected to";
+    WrongShape      "E0803" "vectors and matrices whose shapes do not fit";
+    OutsideShape    "E0804" "an index outside a vector or matrix";
+    // effects
+    NullMissing     "E0901" "a param of an effect without a null value, or nothing to try";
+    NotVanishing    "E0902" "an effect that does not vanish at its null values";
+    NoRewrite       "E0903" "an effect that changes nothing, or the same thing twice";
+    Misfit          "E0904" "an effect that cannot be applied";
     // warnings
     UnitUnknown     "W0701" "an equation whose units cannot be checked";
     Unused          "W0702" "a declaration that nothing uses";
@@ -135,6 +149,14 @@ impl Diagnostic {
         self
     }
 
+    /// The finding as it is told where everything stands `by` bytes later.
+    #[must_use]
+    pub fn moved(mut self, by: u32) -> Self {
+        self.span = self.span.moved(by);
+        self.labels.iter_mut().for_each(|l| l.span = l.span.moved(by));
+        self
+    }
+
     /// Errors stop the compilation, warnings do not.
     pub fn is_error(&self) -> bool {
         self.code.severity() == Severity::Error
@@ -146,7 +168,8 @@ impl Diagnostic {
         let kind = if self.is_error() { "error" } else { "warning" };
         let hint = self.hint.as_ref().map_or(String::new(), |h| format!("; {h}"));
         let code = self.code.text();
-        format!("{}:{}:{}: {kind}[{code}]: {}{hint}", source.name(), at.line, at.column, self.message)
+        let name = source.text_at(self.span.start).name();
+        format!("{name}:{}:{}: {kind}[{code}]: {}{hint}", at.line, at.column, self.message)
     }
 }
 

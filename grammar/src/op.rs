@@ -214,6 +214,11 @@ impl Op {
         matches!(self, Op::Less | Op::LessEqual | Op::Equal)
     }
 
+    /// Whether the result is one of the operands, so that its derivative is chosen among theirs.
+    pub fn chooses(self) -> bool {
+        matches!(self, Op::Select | Op::Min | Op::Max)
+    }
+
     /// The function with this name, among those that users can call.
     pub fn function(name: &str) -> Option<Op> {
         ROWS.iter().find(|r| r.form == Form::Function && r.name == name).map(|r| r.op)

@@ -1,9 +1,9 @@
-//! A named text and places in it.
+//! Named texts and places in them.
 //!
-//! **In** a file's name and text. **Out** [`Source`], [`Span`], line and column of an offset.
-//! **Never** reads files: the text is handed in. **Start** at [`Source::position`].
+//! **In** names and texts of files. **Out** [`Source`], [`Span`], text, line and column of an offset.
+//! **Never** reads files: the texts are handed in. **Start** at [`Source::position`].
 
-/// A half-open range of byte offsets in a [`Source`].
+/// A half-open range of byte offsets among the texts of a [`Source`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Span {
     /// Offset of the first byte.
@@ -23,6 +23,11 @@ impl Span {
         Self { start: self.start.min(other.start), end: self.end.max(other.end) }
     }
 
+    /// The span as it is counted where everything stands `by` bytes later.
+    pub fn moved(self, by: u32) -> Self {
+        Self { start: self.start + by, end: self.end + by }
+    }
+
     /// As a range of byte offsets.
     pub fn range(self) -> std::ops::Range<usize> {
         self.start as usize..self.end as usize
@@ -38,21 +43,21 @@ pub struct Position {
     pub column: usize,
 }
 
-/// The text of one model and the name under which messages show it.
+/// One text and the name under which messages show it.
 #[derive(Debug, Clone)]
-pub struct Source {
+pub struct Text {
     name: String,
     text: String,
+    start: u32,
     line_starts: Vec<u32>,
+    used_at: Option<Span>,
 }
 
-impl Source {
-    /// Takes the text; `name` is what messages call it, usually the path as the user typed it.
-    pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
-        let text = text.into();
+impl Text {
+    fn new(name: String, text: String, start: u32, used_at: Option<Span>) -> Self {
         let line_starts =
             std::iter::once(0).chain(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| i as u32 + 1));
-        Self { name: name.into(), line_starts: line_starts.collect(), text }
+        Self { name, line_starts: line_starts.collect(), text, start, used_at }
     }
 
     /// The name that messages show.
@@ -65,25 +70,129 @@ impl Source {
         &self.text
     }
 
-    /// The text of a span; empty when the span does not lie on character boundaries of this text.
-    pub fn slice(&self, span: Span) -> &str {
-        self.text.get(span.range()).unwrap_or("")
+    /// The offset of its first byte among all texts of the source.
+    pub fn start(&self) -> u32 {
+        self.start
     }
 
-    /// Line and column of a byte offset; offsets behind the end give the end.
-    pub fn position(&self, offset: u32) -> Position {
-        let offset = (offset as usize).min(self.text.len());
+    /// The first `use` that names this text; `None` for the model itself.
+    pub fn used_at(&self) -> Option<Span> {
+        self.used_at
+    }
+
+    /// A line (from 1) without its end; empty behind the last line.
+    pub fn line(&self, line: usize) -> &str {
+        let Some(start) = line.checked_sub(1).and_then(|i| self.line_starts.get(i)) else { return "" };
+        let end = self.line_starts.get(line).map_or(self.text.len(), |e| *e as usize);
+        self.text[*start as usize..end].trim_end_matches(['\n', '\r'])
+    }
+
+    /// Line and column of an offset in this text; offsets behind the end give the end.
+    fn position(&self, offset: usize) -> Position {
+        let offset = offset.min(self.text.len());
         let line = self.line_starts.partition_point(|s| *s as usize <= offset);
         let start = self.line_starts[line - 1] as usize;
         let column = self.text.get(start..offset).map_or(0, |s| s.chars().count()) + 1;
         Position { line, column }
     }
+}
 
-    /// The text of a line (from 1) without its end; empty behind the last line.
+/// A file that a model uses and that could not be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Missing {
+    /// The name under which it was looked for.
+    pub name: String,
+    /// Why it is not there.
+    pub reason: String,
+}
+
+/// The text of one model, and behind it the texts of the files that it uses. All of them stand in one row of offsets, so
+/// that a [`Span`] says in which text it lies.
+#[derive(Debug, Clone)]
+pub struct Source {
+    texts: Vec<Text>,
+    missing: Vec<Missing>,
+}
+
+impl Source {
+    /// Most bytes in all texts together.
+    pub const MOST_BYTES: usize = 256 << 20;
+
+    /// Takes the text; `name` is what messages call it, usually the path as the user typed it.
+    pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
+        Self { texts: vec![Text::new(name.into(), text.into(), 0, None)], missing: Vec::new() }
+    }
+
+    /// The name of the model's own text.
+    pub fn name(&self) -> &str {
+        &self.texts[0].name
+    }
+
+    /// The model's own text, without the files that it uses.
+    pub fn text(&self) -> &str {
+        &self.texts[0].text
+    }
+
+    /// The model's own text, then the files that it uses in the order in which they are met.
+    pub fn texts(&self) -> &[Text] {
+        &self.texts
+    }
+
+    /// Adds a file that is used at a place; `false` when there is no room for it.
+    pub fn append(&mut self, name: impl Into<String>, text: impl Into<String>, used_at: Span) -> bool {
+        let text = text.into();
+        // the gap of one byte tells the end of a text from the beginning of the next
+        let start = self.texts.last().map_or(0, |t| t.start as usize + t.text.len() + 1);
+        let fits = start + text.len() <= Self::MOST_BYTES;
+        if fits {
+            self.texts.push(Text::new(name.into(), text, start as u32, Some(used_at)));
+        }
+        fits
+    }
+
+    /// The file of that name, by its place among [`Self::texts`].
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.texts.iter().position(|t| t.name == name)
+    }
+
+    /// Remembers that a file could not be read.
+    pub fn lacks(&mut self, name: impl Into<String>, reason: impl Into<String>) {
+        self.missing.push(Missing { name: name.into(), reason: reason.into() });
+    }
+
+    /// The files that are used and could not be read.
+    pub fn missing(&self) -> &[Missing] {
+        &self.missing
+    }
+
+    /// Whether two sources hold the same texts, whatever their names.
+    pub fn same_texts(&self, other: &Self) -> bool {
+        self.texts.iter().map(Text::text).eq(other.texts.iter().map(Text::text))
+    }
+
+    /// The text in which an offset lies.
+    pub fn text_at(&self, offset: u32) -> &Text {
+        let behind = self.texts.partition_point(|t| t.start <= offset);
+        &self.texts[behind.saturating_sub(1)]
+    }
+
+    /// The text of a span; empty when the span does not lie on character boundaries of one text.
+    pub fn slice(&self, span: Span) -> &str {
+        let text = self.text_at(span.start);
+        let range = span.range();
+        let start = text.start as usize;
+        range.end.checked_sub(start).and_then(|end| text.text.get(range.start - start..end)).unwrap_or("")
+    }
+
+    /// Line and column of an offset in its text; offsets behind the end give the end.
+    pub fn position(&self, offset: u32) -> Position {
+        let text = self.text_at(offset);
+        text.position((offset - text.start) as usize)
+    }
+
+    /// A line (from 1) of the model's own text without its end; empty behind the last line.
     pub fn line(&self, line: usize) -> &str {
-        let Some(start) = line.checked_sub(1).and_then(|i| self.line_starts.get(i)) else { return "" };
-        let end = self.line_starts.get(line).map_or(self.text.len(), |e| *e as usize);
-        self.text[*start as usize..end].trim_end_matches(['\n', '\r'])
+        self.texts[0].line(line)
     }
 }
 
@@ -100,5 +209,22 @@ mod tests {
         };
         assert_eq!((at(0), at(1), at(3), at(5), at(99)), ((1, 1), (1, 2), (2, 1), (2, 2), (3, 1)));
         assert_eq!((source.line(2), source.line(9)), ("αβ = c", ""));
+    }
+
+    #[test]
+    fn every_offset_belongs_to_one_text() {
+        let mut source = Source::new("a.fdm", "ab\ncd");
+        assert!(source.append("b.fdm", "αβ\nγ", Span::new(3, 5)));
+        let at = |o| {
+            let (text, p) = (source.text_at(o), source.position(o));
+            (text.name(), p.line, p.column)
+        };
+        assert_eq!((at(0), at(5), at(6), at(11)), (("a.fdm", 1, 1), ("a.fdm", 2, 3), ("b.fdm", 1, 1), ("b.fdm", 2, 1)));
+        assert_eq!(
+            (source.slice(Span::new(6, 10)), source.slice(Span::new(3, 8)), source.slice(Span::new(9, 7))),
+            ("αβ", "", "")
+        );
+        assert!(!source.append("c.fdm", " ".repeat(Source::MOST_BYTES), Span::default()));
+        assert_eq!(source.texts().len(), 2);
     }
 }

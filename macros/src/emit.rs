@@ -1,17 +1,20 @@
 //! Programs to Rust: straight lines of `let`s over fixed-size arrays, and the implementation of `Dynamics` around them.
 //! No identifier of the user enters the code; values are `v0`, `v1`, ...
 
-use fdm_grammar::op::{Form, Op};
-use fdm_grammar::schedule::{Instruction, Operand};
+use fdm_grammar::emit::{Notation, RustNotation, statements};
+use fdm_grammar::schedule::Operand;
 use fdm_grammar::{Layout, Program, Schedule};
 use proc_macro2::{Literal, TokenStream};
 use quote::{format_ident, quote};
+use std::path::Path;
 
 /// rustc needs about a second for every 5,000 instructions, and the machine code of the file door is as good.
 pub(crate) const MOST_INSTRUCTIONS: usize = 20_000;
 
 /// Longer programs are called from the four stages of a step instead of being copied into each.
 const MOST_COPIED: usize = 2_000;
+
+const NOTATION: RustNotation<'static> = RustNotation { elementary: "::fdm::math::", exact: "::fdm::math::" };
 
 /// The number of instructions in all programs.
 pub(crate) fn instructions(schedule: &Schedule) -> usize {
@@ -22,12 +25,17 @@ pub(crate) fn instructions(schedule: &Schedule) -> usize {
         .sum()
 }
 
-/// An expression of type `fdm::Model`.
-pub(crate) fn model(schedule: &Schedule, text: &str) -> TokenStream {
+/// An expression of type `fdm::Model`. The files that the model uses are named from the folder of `Cargo.toml`; the program
+/// holds their texts, and is built anew when they change.
+pub(crate) fn model(schedule: &Schedule, text: &str, used: &[&str]) -> TokenStream {
     let sizes = Sizes::of(&schedule.layout);
     let programs = programs(schedule, &sizes);
     let dynamics = dynamics(&sizes);
     let build = build(&sizes);
+    let used = used.iter().map(|name| match Path::new(name).is_absolute() {
+        true => quote!(#name),
+        false => quote!(::core::concat!(::core::env!("CARGO_MANIFEST_DIR"), "/", #name)),
+    });
     // a module of its own: nothing in the scope of the user can be mistaken for a name of the generated code
     quote! {{
         #[allow(unused_variables, clippy::all, clippy::pedantic, clippy::nursery)]
@@ -39,6 +47,7 @@ pub(crate) fn model(schedule: &Schedule, text: &str) -> TokenStream {
         ::fdm::Model::with_code(
             ::core::concat!("model! at ", ::core::file!(), ":", ::core::line!()),
             #text,
+            &[#(::core::include_str!(#used)),*],
             generated::build,
         )
     }}
@@ -108,67 +117,21 @@ fn programs(schedule: &Schedule, sizes: &Sizes) -> TokenStream {
     }
 }
 
-/// A program as statements that write `out`.
+/// A program as statements that write `out`, in the text that stand-alone Rust has too.
 fn body(program: &Program) -> TokenStream {
-    let lines = program.instructions.iter().enumerate().map(|(k, instruction)| {
-        let (value, expression) = (format_ident!("v{k}"), expression(program, instruction));
-        quote!(let #value = #expression;)
-    });
-    let results = program.results.iter().map(|placed| {
-        let (slot, result) = (Literal::u32_unsuffixed(placed.slot), operand(program, placed.operand));
-        quote!(out[#slot] = #result;)
-    });
-    quote!(#(#lines)* #(#results)*)
-}
-
-fn expression(program: &Program, instruction: &Instruction) -> TokenStream {
-    let row = instruction.op.row();
-    let operands: Vec<TokenStream> = instruction.args.iter().map(|o| operand(program, *o)).collect();
-    let [a, b, _] = &operands[..] else { unreachable!("an instruction has three places") };
-    let function = match instruction.op {
-        Op::Add => return quote!(#a + #b),
-        Op::Sub => return quote!(#a - #b),
-        Op::Mul => return quote!(#a * #b),
-        Op::Div => return quote!(#a / #b),
-        Op::Neg => return quote!(-#a),
-        Op::Pow => "pow",
-        Op::Less => "less",
-        Op::LessEqual => "less_equal",
-        Op::Equal => "equal",
-        Op::Select => "select",
-        _ => {
-            debug_assert_eq!(row.form, Form::Function, "{} has no form in Rust", row.name);
-            row.name
-        }
+    let place = |operand: Operand| match operand {
+        Operand::Value(k) => format!("v{k}"),
+        Operand::Constant(k) => NOTATION.number(program.constants[k as usize]),
+        Operand::Time => "t".into(),
+        Operand::State(k) => format!("x[{k}]"),
+        Operand::Drive(k) => format!("drive[{k}]"),
+        Operand::Known(k) => format!("known[{k}]"),
     };
-    let (function, operands) = (format_ident!("{function}"), &operands[..row.arity]);
-    quote!(::fdm::math::#function(#(#operands),*))
-}
-
-fn operand(program: &Program, operand: Operand) -> TokenStream {
-    let (array, index) = match operand {
-        Operand::Value(k) => {
-            let value = format_ident!("v{k}");
-            return quote!(#value);
-        }
-        Operand::Constant(k) => return constant(program.constants[k as usize]),
-        Operand::Time => return quote!(t),
-        Operand::State(k) => ("x", k),
-        Operand::Drive(k) => ("drive", k),
-        Operand::Known(k) => ("known", k),
-    };
-    let (array, index) = (format_ident!("{array}"), Literal::u32_unsuffixed(index));
-    quote!(#array[#index])
-}
-
-/// A number that comes back with the same bits.
-fn constant(value: f64) -> TokenStream {
-    if value.is_finite() && value.is_sign_positive() {
-        let literal = Literal::f64_suffixed(value);
-        quote!(#literal)
-    } else {
-        let bits = Literal::u64_suffixed(value.to_bits());
-        quote!(f64::from_bits(#bits))
+    let mut lines = statements(&NOTATION, program, 0..program.instructions.len(), &place);
+    lines.extend(program.results.iter().map(|r| format!("out[{}] = {};", r.slot, place(r.operand))));
+    match lines.join("\n").parse() {
+        Ok(tokens) => tokens,
+        Err(_) => quote!(::core::compile_error!("generated code is no Rust, which is a fault of fdm");),
     }
 }
 
@@ -238,26 +201,14 @@ fn build(sizes: &Sizes) -> TokenStream {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fdm_grammar::schedule::Placed;
+    use fdm_grammar::op::Op;
+    use fdm_grammar::schedule::{Instruction, Placed};
 
     fn printed(constants: &[f64], instructions: &[(Op, [Operand; 3])], results: &[Operand]) -> String {
         let instructions = instructions.iter().map(|(op, args)| Instruction { op: *op, args: *args }).collect();
         let placed = |(slot, operand): (usize, &Operand)| Placed { slot: slot as u32, operand: *operand };
         let (results, width) = (results.iter().enumerate().map(placed).collect(), results.len());
         body(&Program { constants: constants.to_vec(), instructions, results, width }).to_string()
-    }
-
-    #[test]
-    fn numbers_come_back_with_the_same_bits() {
-        let numbers = [0.1, 1e-300, 5e-324, f64::MAX, 1.0, 2.0f64.powi(70), -0.0, -1.5, f64::NEG_INFINITY, f64::NAN];
-        for number in numbers {
-            let text = constant(number).to_string().replace(' ', "");
-            let back = match text.strip_prefix("f64::from_bits(") {
-                Some(bits) => f64::from_bits(bits.trim_end_matches("u64)").parse().expect("bits")),
-                None => text.trim_end_matches("f64").parse().expect("number"),
-            };
-            assert_eq!(back.to_bits(), number.to_bits(), "{text}");
-        }
     }
 
     #[test]
@@ -272,7 +223,7 @@ mod tests {
             ],
             &[Value(2), Time],
         );
-        let wanted = "let v0 = - x [1] ; let v1 = v0 * 2f64 ; \
+        let wanted = "let v0 = - x [1] ; let v1 = v0 * 2.0 ; \
                       let v2 = :: fdm :: math :: select (v1 , drive [0] , known [4]) ; out [0] = v2 ; out [1] = t ;";
         assert_eq!(text, wanted);
     }

@@ -5,6 +5,7 @@
 //! **Start** at [`model`]. It is documented where it is used, as `fdm::model!`.
 
 mod emit;
+mod files;
 mod text;
 
 use fdm_grammar::{Diagnostic, Source};
@@ -23,12 +24,15 @@ fn expand(tokens: TokenStream) -> TokenStream {
         Ok(written) => written,
         Err(foreign) => return refusal(foreign.iter().map(|f| error((f.span, f.span), &f.message))),
     };
-    let source = Source::new("model!", &*written.text);
+    let mut source = Source::new("model!", &*written.text);
+    files::gather(&mut source);
     let compiled = match fdm_grammar::compile(&source) {
         Ok(compiled) => compiled,
         Err(mistakes) => {
             let mistakes = mistakes.iter().filter(|d| d.is_error());
-            return refusal(mistakes.map(|d| error(written.tokens(d.span), &message(d, &written))));
+            return refusal(
+                mistakes.map(|d| error(written.tokens(files::own(&source, d.span)), &message(d, &written, &source))),
+            );
         }
     };
     let count = emit::instructions(&compiled.schedule);
@@ -40,15 +44,25 @@ fn expand(tokens: TokenStream) -> TokenStream {
         );
         return refusal([error((Span::call_site(), Span::call_site()), &message)].into_iter());
     }
-    emit::model(&compiled.schedule, &written.text)
+    let used: Vec<&str> = source.texts()[1..].iter().map(|t| t.name()).collect();
+    emit::model(&compiled.schedule, &written.text, &used)
 }
 
-/// The sentence, its code, other places and the hint.
-fn message(mistake: &Diagnostic, written: &ModelText) -> String {
+/// The sentence, its code, other places and the hint; what stands in a used file is told with its place there.
+fn message(mistake: &Diagnostic, written: &ModelText, source: &Source) -> String {
+    let place = |span: fdm_grammar::Span| {
+        let (text, at) = (source.text_at(span.start), source.position(span.start));
+        match text.used_at() {
+            Some(_) => format!("{}:{}:{}", text.name(), at.line, at.column),
+            None => format!("line {}", written.tokens(span).0.start().line),
+        }
+    };
     let mut message = format!("{} [{}]", mistake.message, mistake.code.text());
+    if files::own(source, mistake.span) != mistake.span {
+        message = format!("{}: {message}", place(mistake.span));
+    }
     for label in &mistake.labels {
-        let line = written.tokens(label.span).0.start().line;
-        message += &format!("\nline {line}: {}", label.text);
+        message += &format!("\n{}: {}", place(label.span), label.text);
     }
     if let Some(hint) = &mistake.hint {
         message += &format!("\nhint: {hint}");

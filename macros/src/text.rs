@@ -193,18 +193,35 @@ fn behind(at: LineColumn, text: &str) -> LineColumn {
     }
 }
 
-/// Tokens without usable places, separated by spaces, a statement to a line.
+/// Tokens without usable places, separated by spaces, a statement to a line. An index stands at its name, and so do the
+/// parts of a dotted name.
 fn joined(pieces: &[Piece]) -> ModelText {
     let mut written = ModelText { text: String::new(), marks: Vec::with_capacity(pieces.len()) };
-    for piece in pieces {
+    for (k, piece) in pieces.iter().enumerate() {
+        let next = pieces.get(k + 1).map_or("", |p| &*p.text);
+        let dotted = (is_name(next) && piece.text == "." && k > 0 && is_name(&pieces[k - 1].text))
+            || (is_name(&piece.text) && next == "." && pieces.get(k + 2).is_some_and(|p| is_name(&p.text)));
+        let indexed = next == "[" && is_name(&piece.text) && is_index(&pieces[k + 2..]);
         written.push(piece);
         match &*piece.text {
             ";" | "{" | "}" => written.text.push('\n'),
-            _ if piece.joint => {}
+            _ if piece.joint || dotted || indexed => {}
             _ => written.text.push(' '),
         }
     }
     written
+}
+
+fn is_name(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_alphabetic() || c == '_')
+}
+
+/// Whether `1]`, `:, 2]`, `1:3]` follows: no unit but `[1]` looks like this, and that one is a unit only behind a declared
+/// name, where the language does not look at spaces.
+fn is_index(rest: &[Piece]) -> bool {
+    let inside: Vec<&str> = rest.iter().map(|p| &*p.text).take_while(|t| *t != "]").take(8).collect();
+    let part = |t: &&str| matches!(*t, ":" | ",") || t.bytes().all(|b| b.is_ascii_digit());
+    !inside.is_empty() && inside.iter().all(part)
 }
 
 #[cfg(test)]
@@ -275,6 +292,14 @@ mod tests {
         let tokens = quote::quote!(model a { param k = 1e-3 in [-0.2, 2.5]; let c = k <= 2.0; });
         let written = ModelText::new(tokens).expect("no foreign tokens");
         assert_eq!(written.text, "model a {\nparam k = 1e-3 in [ - 0.2 , 2.5 ] ;\nlet c = k <= 2.0 ;\n}\n");
+    }
+
+    #[test]
+    fn indices_and_dotted_names_without_places_stay_together() {
+        let tokens = quote::quote!(let y[2] = act.x[1] + A[1, 2:3]*B[:, 1]; input u [deg], w [m/s];);
+        let written = ModelText::new(tokens).expect("no foreign tokens");
+        let expected = "let y[2 ] = act.x[1 ] + A[1 , 2 : 3 ] * B[: , 1 ] ;\ninput u [deg ] , w [m / s ] ;\n";
+        assert_eq!(written.text.replace("[ ", "["), expected);
     }
 
     #[test]

@@ -110,10 +110,12 @@ fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), 
     others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
     others.extend(outcome.fit.map_or(Vec::new(), |fit| tables(fit, outcome.runs)));
     others.extend(outcome.tables);
-    let model = outcome.model.source().text().to_string();
+    let mut texts = outcome.model.source().texts().iter().map(|t| t.text().to_string());
+    let model = texts.next().unwrap_or_default();
+    let used = texts.collect();
     let judged = outcome.fit.map_or(&[][..], |fit| &fit.quality);
     let quality = format!("{}\n", Value::from(quality_json(outcome.model, judged)));
-    let contents = Contents { manifest: outcome.manifest, model, result: json, quality, others };
+    let contents = Contents { manifest: outcome.manifest, model, used, result: json, quality, others };
     contents.write(place).map_err(|e| format!("{e}; the result is what is printed"))
 }
 

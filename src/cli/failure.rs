@@ -2,6 +2,7 @@
 
 use fdm::ModelError;
 use fdm::record::RecordError;
+use fdm_grammar::{Diagnostic, Source};
 use std::fmt::Display;
 use std::io::IsTerminal;
 use std::process::ExitCode;
@@ -9,6 +10,8 @@ use std::process::ExitCode;
 /// Numbers went wrong: the result so far has been printed.
 pub(crate) const NUMBERS: u8 = 1;
 const INPUT: u8 = 2;
+/// Codes that a hint names.
+const MOST_CODES: usize = 5;
 
 /// Wrong input.
 #[derive(Debug)]
@@ -33,7 +36,7 @@ impl Failure {
         match self {
             Self::Model(e) => match &**e {
                 ModelError::Invalid { text, diagnostics } => {
-                    eprintln!("{}", fdm::report::render(text, diagnostics, std::io::stderr().is_terminal()));
+                    tell(text, diagnostics);
                 }
                 other => eprintln!("error: {other}"),
             },
@@ -48,6 +51,22 @@ impl From<ModelError> for Failure {
     fn from(e: ModelError) -> Self {
         Self::Model(Box::new(e))
     }
+}
+
+/// Findings about a model, with where to read more about them.
+#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
+pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
+    if findings.is_empty() {
+        return;
+    }
+    eprint!("{}", fdm::report::render(source, findings, std::io::stderr().is_terminal()));
+    let mut codes: Vec<&str> = Vec::new();
+    for code in findings.iter().map(|f| f.code.text()) {
+        if !codes.contains(&code) && codes.len() < MOST_CODES {
+            codes.push(code);
+        }
+    }
+    eprintln!("`fdm explain {}` says more\n", codes.join(" "));
 }
 
 /// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.

@@ -3,20 +3,28 @@
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
 mod check;
+mod codegen;
 mod delivery;
+mod effects;
+mod explain;
+mod extend;
 mod failure;
 mod fit;
+mod fmt;
 mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod lsp;
 mod modes;
+mod new;
 mod noise;
 mod progress;
 mod reading;
 mod records;
 mod regress;
 mod responses;
+mod show;
 mod simulate;
 mod spectra;
 mod spectral;
@@ -42,16 +50,32 @@ struct Arguments {
 enum Verb {
     /// Check a model: every mistake of its text, then every derivative against a complex step
     Check(check::Arguments),
+    /// List what may be missing from a model: the effects of the catalogue and the places where they fit
+    Effects(effects::Arguments),
+    /// Write effects into a model's own text, and print what changes
+    Extend(extend::Arguments),
     /// Simulate a model over recorded inputs
     Simulate(simulate::Arguments),
     /// Estimate a model's parameters from one or several runs
     Fit(Box<fit::Arguments>),
+    /// Lay models out: indents, spaces and columns; nothing but those changes, and comments stay
+    Fmt(fmt::Arguments),
+    /// Serve an editor over standard input and output (Language Server Protocol)
+    Lsp(lsp::Arguments),
     /// Eigenvalues of a model, linear or linearised at its trim, with the states that dominate each
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
     Regress(regress::Arguments),
     /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
     Spectra(spectra::Arguments),
+    /// Show what becomes of a model's text: syntax, model, graph, derivatives, schedule, code, linear
+    Show(show::Arguments),
+    /// Explain the code of a message: what it means, an example, and the example mended
+    Explain(explain::Arguments),
+    /// Write a first model with comments, ready to be checked, simulated and fitted
+    New(new::Arguments),
+    /// Write the model as stand-alone C or Rust: rates, outputs, their partials and sensitivities, the same bits
+    Codegen(codegen::Arguments),
     /// Compare a result with runs that it was not fitted to; only per-run parameters are estimated anew
     Validate(validate::Arguments),
 }
@@ -64,11 +88,19 @@ fn main() -> ExitCode {
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),
+        Verb::Effects(a) => effects::run(a),
+        Verb::Extend(a) => extend::run(a),
         Verb::Simulate(a) => simulate::run(a),
         Verb::Fit(a) => fit::run(a),
+        Verb::Fmt(a) => fmt::run(a),
+        Verb::Lsp(a) => lsp::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Spectra(a) => spectra::run(a),
+        Verb::Show(a) => show::run(a),
+        Verb::Explain(a) => explain::run(a),
+        Verb::New(a) => new::run(a),
+        Verb::Codegen(a) => codegen::run(a),
         Verb::Validate(a) => validate::run(a),
     };
     result.unwrap_or_else(|failure| failure.report())

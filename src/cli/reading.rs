@@ -16,7 +16,9 @@ pub(crate) fn open(folder: &Path, beside: Option<&Path>) -> Result<Reading, Fail
     let folder = ResultFolder::open(folder).map_err(|e| Failure::input([e]))?;
     let model = folder.model()?;
     if let Some(path) = beside {
-        let differences = differences(&model, &Model::from_file(path)?);
+        let other = Model::from_file(path)?;
+        let other = other.untied(&model.open_ties()).unwrap_or(other);
+        let differences = differences(&model, &other);
         if !differences.is_empty() {
             return Err(Failure::Input(vec![another(path, &folder, &differences)]));
         }

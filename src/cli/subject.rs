@@ -1,10 +1,9 @@
 //! The model that a verb works on, with the changes that were typed.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, tell};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Changes;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 /// A model and what is to be different about its parameters.
@@ -16,12 +15,15 @@ pub(crate) struct Subject {
     /// Other start value of a parameter (free initial values are called `x(0)`)
     #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment, help_heading = "Parameters")]
     pub(crate) set: Vec<(String, f64)>,
+    /// Switch off the tie of a parameter, so that it is estimated by itself; `all` for every tie
+    #[arg(long, value_name = "NAME,...|all", value_delimiter = ',', help_heading = "Parameters")]
+    pub(crate) untie: Vec<String>,
 }
 
 impl Subject {
     /// Reads and compiles the model; warnings go to standard error.
     pub(crate) fn load(&self) -> Result<Model, Failure> {
-        load_model(&self.model)
+        load_model(&self.model)?.untied(&self.untie).map_err(|e| Failure::input([e]))
     }
 
     /// The changes of start values, together with names to fix and to free.
@@ -31,13 +33,9 @@ impl Subject {
 }
 
 /// Reads and compiles a model; warnings go to standard error.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
     let model = Model::from_file(file)?;
-    if !model.warnings().is_empty() {
-        let colour = std::io::stderr().is_terminal();
-        eprintln!("{}", fdm::report::render(model.source(), model.warnings(), colour));
-    }
+    tell(model.source(), model.warnings());
     Ok(model)
 }
 

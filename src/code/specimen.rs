@@ -64,11 +64,12 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         doc: String::new(),
         time: Unit::second(),
         inputs: (0..inputs)
-            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None })
+            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None, slope: None })
             .collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),
         derived: Vec::new(),
+        ties: Vec::new(),
         outputs: Vec::new(),
         trim: Vec::new(),
         graph: Default::default(),
@@ -149,7 +150,7 @@ pub(super) fn random(seed: u64, special: bool) -> Model {
         model.outputs.push(Output { quantity: quantity(format!("y{k}")), expr, noise: None });
     }
     if let Some(e) = of_params.last() {
-        model.derived.push(Derived { quantity: quantity("d"), expr: *e });
+        model.derived.push(Derived { quantity: quantity("d"), expr: *e, tied: false });
     }
     model
 }

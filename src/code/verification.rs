@@ -243,6 +243,19 @@ mod tests {
     }
 
     #[test]
+    fn equations_solved_for_derivatives_pass() {
+        let text = "model m { input u, w; state p = 0.1, r = 0.3, v = 0.4, s;
+            param ixx = 2.1, izz = 3.4, ixz = 0.3, k = 0.7, tau = 0.2 in [0, 1];
+            ixx*(1 + s^2)*der(p) - ixz*der(r) + k*der(v) = delay(u + k*der(u), tau) - p*r;
+            izz*der(r) - ixz*der(p) = sin(w) - r*abs(r); (if p > 0 then k else 1)*der(v) - p*der(r) = der(u*w) - v;
+            der(s*exp(p)) = sqrt(1 + der(v)^2); output y = der(v) + k*der(delay(s*u, tau)), z = p; }";
+        let compiled =
+            fdm_grammar::compile(&fdm_grammar::Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+        let found = check(&compiled.model, &compiled.schedule);
+        assert!(found.passed() && found.points == POINTS, "{found:?}");
+    }
+
+    #[test]
     fn models_that_nobody_would_write_pass() {
         for seed in 0..2000 {
             let mut model = random(seed, false);

@@ -25,9 +25,10 @@ impl Changes {
         let mut mistakes = Vec::new();
         let mut changed = params.to_vec();
         let find = |name: &String, mistakes: &mut Vec<ChangeError>| {
-            let place = params.iter().position(|p| p.quantity.name == *name);
+            let place = params.iter().position(|p| p.quantity.name == *name && !p.is_recorded());
             if place.is_none() {
-                let hint = nearest(name, params.iter().map(|p| p.quantity.name.as_str())).map(String::from);
+                let known = params.iter().filter(|p| !p.is_recorded()).map(|p| p.quantity.name.as_str());
+                let hint = nearest(name, known).map(String::from);
                 mistakes.push(ChangeError::Unknown { name: name.clone(), nearest: hint });
             }
             place

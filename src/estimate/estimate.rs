@@ -24,6 +24,8 @@ pub enum Status {
     Fixed,
     /// Follows from others.
     Derived,
+    /// Follows from others as long as its tie is on.
+    Tied,
     /// The start values could not be simulated.
     NotEstimated,
 }

@@ -138,6 +138,8 @@ mod tests {
             inputs: 1,
             params: 4,
             outputs: 3,
+            first: Vec::new(),
+            vanishing: Vec::new(),
             delayed: vec![Signal::State(1)],
             known: 0,
             initial: 0..0,

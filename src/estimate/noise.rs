@@ -48,6 +48,8 @@ pub(super) struct Likelihood {
     magnitude: Vec<f64>,
     /// Compared cells of each output (q).
     pub(super) counts: Vec<usize>,
+    /// What a cell is worth: less than 1 where cells repeat each other.
+    worth: f64,
 }
 
 /// Covariance and cost that belong to given residuals.
@@ -59,7 +61,7 @@ pub(super) struct Weights {
     pub(super) rounding: f64,
     /// R, q by q.
     pub(super) covariance: Vec<f64>,
-    /// W with W'W = R^-1, q by q; diagonal unless the noise is full.
+    /// W with W'W = R^-1 times what a cell is worth, q by q; diagonal unless the noise is full.
     pub(super) whitener: Vec<f64>,
     /// Outputs that are matched to rounding (q).
     pub(super) exact: Vec<bool>,
@@ -68,8 +70,9 @@ pub(super) struct Weights {
 }
 
 impl Likelihood {
-    /// Takes the measured cells, run by run (each N by q).
-    pub(super) fn new<'m>(noise: &Noise, q: usize, measured: impl Iterator<Item = &'m [f64]>) -> Self {
+    /// Takes the measured cells, run by run (each N by q), and what a cell is worth: the logarithm of the likelihood of cells that repeat each
+    /// other is that of all of them times the part that is independent.
+    pub(super) fn new<'m>(noise: &Noise, q: usize, measured: impl Iterator<Item = &'m [f64]>, worth: f64) -> Self {
         let (mut counts, mut squares) = (vec![0usize; q], vec![0.0; q]);
         for (k, z) in measured.flat_map(|run| run.iter().enumerate()).filter(|(_, z)| !z.is_nan()) {
             counts[k % q] += 1;
@@ -77,7 +80,7 @@ impl Likelihood {
         }
         let magnitude = |(s, n): (&f64, &usize)| (s / (*n).max(1) as f64).sqrt();
         let magnitude: Vec<f64> = squares.iter().zip(&counts).map(magnitude).collect();
-        Self { noise: noise.clone(), magnitude: magnitude.iter().map(|m| nonzero(*m)).collect(), counts }
+        Self { noise: noise.clone(), magnitude: magnitude.iter().map(|m| nonzero(*m)).collect(), counts, worth }
     }
 
     /// Whether outputs are weighted together.
@@ -90,9 +93,9 @@ impl Likelihood {
         !matches!(&self.noise, Noise::Given(given) if given[output].is_some())
     }
 
-    /// Compared cells of all outputs.
-    pub(super) fn cells(&self) -> usize {
-        self.counts.iter().sum()
+    /// Compared cells of all outputs, as many as they are worth.
+    fn cells(&self) -> f64 {
+        self.worth * self.counts.iter().sum::<usize>() as f64
     }
 
     /// Size of the noise relative to the measured outputs, as one number.
@@ -112,6 +115,11 @@ impl Likelihood {
     /// Weights from `moments` (q by q): sums of products of residuals, of which only `Full` reads more than the diagonal.
     pub(super) fn weights(&self, moments: &[f64]) -> Weights {
         let mut weights = if self.is_full() { self.full(moments) } else { self.diagonal(moments) };
+        if self.worth != 1.0 {
+            weights.cost *= self.worth;
+            weights.rounding *= self.worth;
+            weights.whitener.iter_mut().for_each(|w| *w *= self.worth.sqrt());
+        }
         weights.rounding += 4.0 * f64::EPSILON * weights.cost.abs();
         weights
     }
@@ -119,6 +127,7 @@ impl Likelihood {
     fn diagonal(&self, moments: &[f64]) -> Weights {
         let q = self.counts.len();
         let mut weights = Weights::blank(q);
+        let cells = self.counts.iter().sum::<usize>() as f64;
         weights.scatter = 0.0;
         for o in (0..q).filter(|o| self.counts[*o] > 0) {
             let (n, sum, at) = (self.counts[o] as f64, moments[o * q + o], o * q + o);
@@ -130,7 +139,7 @@ impl Likelihood {
             weights.whitener[at] = 1.0 / variance.sqrt();
             weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
             // an estimated variance is that of the residuals, floored or not
-            weights.scatter += if known.is_some() { sum / variance } else { n } / self.cells() as f64;
+            weights.scatter += if known.is_some() { sum / variance } else { n } / cells;
             // each residual carries a rounding error of about one unit in the last place of the output
             weights.rounding += 4.0 * f64::EPSILON * n * (self.magnitude[o] / variance.sqrt() + 1.0);
         }
@@ -177,7 +186,7 @@ impl Likelihood {
         if (0..q).all(|o| !self.estimates(o)) {
             return Some(corrected);
         }
-        let cells = self.cells() as f64;
+        let cells = self.cells();
         let left = cells - unknowns;
         if left <= 1e-6 * cells {
             return None;
@@ -199,7 +208,7 @@ impl Weights {
         Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q], scatter: 1.0 }
     }
 
-    /// R^-1, q by q; zero for outputs that were never measured.
+    /// R^-1 times what a cell is worth, q by q; zero for outputs that were never measured.
     pub(super) fn inverse(&self) -> Vec<f64> {
         let (q, w) = (self.exact.len(), &self.whitener);
         let entry = |a: usize, b: usize| (0..q).map(|k| w[k * q + a] * w[k * q + b]).sum();
@@ -229,7 +238,7 @@ mod tests {
     #[test]
     fn cost_is_the_concentrated_likelihood_and_continues_below_the_floor() {
         let z = [1.0, 1.0, -1.0, -1.0];
-        let likelihood = Likelihood::new(&Noise::Diagonal, 1, [&z[..]].into_iter());
+        let likelihood = Likelihood::new(&Noise::Diagonal, 1, [&z[..]].into_iter(), 1.0);
         let cost = |sum: f64| likelihood.weights(&[sum]).cost;
         assert!((cost(4.0 * 0.25) - (2.0 + 2.0 * 0.25f64.ln())).abs() < 1e-14);
         assert!(cost(0.0).is_finite());
@@ -240,7 +249,7 @@ mod tests {
     #[test]
     fn full_noise_of_uncorrelated_outputs_equals_diagonal_noise() {
         let z = [3.0, 0.1, -3.0, 0.1];
-        let of = |noise: Noise| Likelihood::new(&noise, 2, [&z[..]].into_iter()).weights(&[0.5, 0.0, 0.0, 2e-4]);
+        let of = |noise: Noise| Likelihood::new(&noise, 2, [&z[..]].into_iter(), 1.0).weights(&[0.5, 0.0, 0.0, 2e-4]);
         let (full, diagonal) = (of(Noise::Full), of(Noise::Diagonal));
         assert!((full.cost - diagonal.cost).abs() < 1e-12);
         for (a, b) in full.covariance.iter().zip(&diagonal.covariance) {
@@ -249,9 +258,26 @@ mod tests {
     }
 
     #[test]
+    fn cells_that_repeat_each_other_count_for_what_they_are_worth() {
+        // every cell three times, and each time worth a third
+        let (z, thrice) = ([1.0, 2.0, -1.0], [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0]);
+        let noises = [Noise::Diagonal, Noise::Full, Noise::Given(vec![Some(0.4)])];
+        for noise in noises {
+            let of = |z: &[f64], worth: f64| Likelihood::new(&noise, 1, std::iter::once(z), worth);
+            let (once, repeated) = (of(&z, 1.0), of(&thrice, 1.0 / 3.0));
+            let (a, b) = (once.weights(&[0.7]), repeated.weights(&[2.1]));
+            assert!((a.cost - b.cost).abs() < 1e-13 && (a.covariance[0] - b.covariance[0]).abs() < 1e-15, "{noise:?}");
+            // sums over three times as many cells
+            assert!((a.inverse()[0] - 3.0 * b.inverse()[0]).abs() < 1e-13, "{noise:?}");
+            let left = [(&once, &a), (&repeated, &b)].map(|(l, w)| l.corrected(w, 2.0).map(|w| w.covariance[0]));
+            assert!((left[0].expect("one is left") - left[1].expect("one is left")).abs() < 1e-14, "{noise:?}");
+        }
+    }
+
+    #[test]
     fn known_deviations_stay_when_degrees_of_freedom_are_taken_off() {
         let z = [1.0, 1.0, 2.0, 2.0];
-        let likelihood = Likelihood::new(&Noise::Given(vec![Some(0.5), None]), 2, [&z[..]].into_iter());
+        let likelihood = Likelihood::new(&Noise::Given(vec![Some(0.5), None]), 2, [&z[..]].into_iter(), 1.0);
         let weights = likelihood.weights(&[1.0, 0.0, 0.0, 1.0]);
         let corrected = likelihood.corrected(&weights, 2.0).expect("degrees of freedom are left");
         assert_eq!((corrected.covariance[0], corrected.covariance[3]), (0.25, 1.0));

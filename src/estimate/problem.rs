@@ -5,6 +5,7 @@ use crate::estimate::iteration::affine::affine;
 use crate::estimate::iteration::search::Method;
 use crate::estimate::noise::Noise;
 use crate::simulate::{Divergence, PlaneSink, Simulator, Sink};
+use crate::spectrum::independent;
 use fdm_grammar::model::{Model, Param, Prior};
 use std::fmt;
 
@@ -87,6 +88,13 @@ pub struct Coefficients<'a> {
     pub dt: f64,
 }
 
+impl Coefficients<'_> {
+    /// How many independent frequencies these are worth: closer than one cycle in the record they repeat each other.
+    pub fn independent(&self) -> f64 {
+        independent(self.omega, self.samples as f64 * self.dt)
+    }
+}
+
 impl Response for Simulator<'_> {
     fn samples(&self) -> usize {
         self.samples()
@@ -141,6 +149,18 @@ impl<'a> Problem<'a> {
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
         Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived }
+    }
+
+    /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.
+    pub(super) fn worth(&self) -> f64 {
+        let (mut numbers, mut worth) = (0.0, 0.0);
+        for run in self.runs.iter().filter(|run| run.response.known_noise().is_none()) {
+            let compared = run.measured.iter().filter(|z| !z.is_nan()).count() as f64;
+            let part = |c: Coefficients<'_>| c.independent() / c.omega.len().max(1) as f64;
+            numbers += compared;
+            worth += compared * run.response.coefficients().map_or(1.0, part);
+        }
+        if numbers > 0.0 { worth / numbers } else { 1.0 }
     }
 
     /// Everything that makes the problem impossible.

@@ -59,7 +59,8 @@ pub fn estimate_from(
     let unknowns = Unknowns::new(problem);
     let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose().map_err(|e| vec![e])?;
     let q = problem.outputs.len();
-    let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]));
+    let measured = problem.runs.iter().map(|r| &r.measured[..]);
+    let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let priors = Priors::new(problem, &unknowns);
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
@@ -78,7 +79,7 @@ pub fn estimate_from(
             if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
                 corrected_known(problem, &unknowns, &values, conclusion, priors)
             } else if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
-                corrected_spectra(problem, &unknowns, &values, (conclusion, &likelihood), priors)
+                corrected_spectra(problem, &unknowns, &values, conclusion, priors)
             } else {
                 corrected(problem, &unknowns, &values, conclusion, priors)
             }

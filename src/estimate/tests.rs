@@ -157,7 +157,7 @@ fn what_is_not_determined_is_named() {
     let params = ["a", "b", "c", "d"].map(|n| param(n, 1.0)).to_vec();
     let mut problem = problem(params, vec![data]);
     problem.derived = DerivedQuantities {
-        names: ["s", "m"].map(|n| DerivedName { name: n.into(), unit: None, per_run: false }).to_vec(),
+        names: ["s", "m"].map(|n| DerivedName { name: n.into(), unit: None, per_run: false, tied: false }).to_vec(),
         evaluate: Box::new(|theta, out| {
             out.copy_from_slice(&[theta[0] + 2.5 * theta[1], theta[0] * theta[1]]);
         }),
@@ -247,7 +247,7 @@ fn derived_quantities_carry_the_delta_method() {
     let data = run("r", grid(40, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| 0.01 * noise.next());
     let mut problem = problem(vec![param("a", 1.0), param("b", 1.0)], vec![data]);
     problem.derived = DerivedQuantities {
-        names: vec![DerivedName { name: "half".into(), unit: Some("s".into()), per_run: false }],
+        names: vec![DerivedName { name: "half".into(), unit: Some("s".into()), per_run: false, tied: false }],
         evaluate: Box::new(|theta, out| out[0] = 2f64.ln() / theta[1]),
     };
     let fit = solve(&mut problem, &Options::default());

@@ -125,7 +125,8 @@ impl DelayedInput {
             tail.push(if held { [*last; 2] } else { [ends[1], *last] });
             tail.extend(samples.windows(2).rev().map(|pair| if held { [pair[0]; 2] } else { [pair[1], pair[0]] }));
         }
-        let beyond = [0, 1].map(|end| samples.first().copied().unwrap_or(ends[end]));
+        let before = spectrum.input_before.get(input).or(samples.first());
+        let beyond = [0, 1].map(|end| before.copied().unwrap_or(ends[end]));
         let pasts = [Past::new(dt, head, beyond[0], count), Past::new(dt, tail, beyond[1], count)];
         let turns = spectrum.omega.iter().map(|w| [0.5 * dt, 0.5 * dt - duration].map(|t| turn(w * t))).collect();
         let plane = |all: &[Complex64]| all.get(input * count..(input + 1) * count).map_or(Vec::new(), <[_]>::to_vec);

@@ -79,7 +79,7 @@ impl Dense {
             match (wiring.state(source), row.checked_sub(n)) {
                 (Some(j), None) => {
                     self.matrix[row * n + j] -= a * delay;
-                    self.x[row] += a * gap(wiring, ends, leaves, source, j);
+                    self.x[row] += a * gap(wiring, (values, ends), leaves, source, j);
                 }
                 (Some(j), Some(o)) => self.weights[o * n + j] += a * delay,
                 (None, None) => self.x[row] += a * signal(wiring, leaves, source),
@@ -188,15 +188,20 @@ impl Dense {
         let Self { x, weights, y, derivatives, .. } = self;
         let of = |source: Source| match (source, wiring.state(source)) {
             (Source::Delayed(d, _), Some(j)) => {
-                leaves[wiring.delay_leaf(d) as usize] * x[j] + gap(wiring, ends, leaves, source, j)
+                leaves[wiring.delay_leaf(d) as usize] * x[j] + gap(wiring, (values, ends), leaves, source, j)
             }
             (_, Some(j)) => x[j],
             _ => signal(wiring, leaves, source),
         };
         let moved = |source: Source| match (source, wiring.state(source)) {
             (Source::Delayed(d, _), Some(j)) => {
-                let end = if wiring.ended { end_term(wiring, ends, leaves, j) } else { ZERO };
-                -leaves[wiring.delay_leaf(d) as usize] * (Complex64::new(0.0, omega) * x[j] + end)
+                let turned = -leaves[wiring.delay_leaf(d) as usize];
+                let within = turned * Complex64::new(0.0, omega) * x[j];
+                if !wiring.ended {
+                    return within;
+                }
+                let gap = leaves[wiring.gap_leaf(d) as usize];
+                within + turned * end_term(wiring, ends, leaves, j) - gap * rate_end(wiring, (values, ends), leaves, j)
             }
             (Source::Delayed(d, shown), None) if wiring.ended => leaves[wiring.moved_leaf(d, shown) as usize],
             _ => Complex64::new(0.0, -omega) * of(source),
@@ -216,6 +221,14 @@ impl Dense {
                         Influence::DelayedEnd(term, factor, d) => {
                             let [gap, factor] = [wiring.gap_leaf(d), wiring.factor_leaf(factor)];
                             values.terms[term] * leaves[gap as usize] * leaves[factor as usize]
+                        }
+                        Influence::DelayedRateEnd([seen, own], factor, d) => {
+                            let [bow, factor] = [wiring.bow_leaf(d), wiring.factor_leaf(factor)];
+                            values.terms[seen] * values.terms[own] * leaves[bow as usize] * leaves[factor as usize]
+                        }
+                        Influence::RateSlope(seen, slope, d, source) => {
+                            let bow = leaves[wiring.bow_leaf(d) as usize];
+                            values.terms[seen] * values.slopes[slope] * bow * end_of(wiring, ends, leaves, source)
                         }
                         Influence::End(factor) => -leaves[wiring.factor_leaf(factor) as usize],
                     };
@@ -243,11 +256,33 @@ fn end_term(wiring: &Wiring, ends: &[f64], leaves: &[Complex64], state: usize) -
     own.fold(known, |sum, ((_, factor), z)| sum + z * leaves[wiring.factor_leaf(*factor) as usize])
 }
 
+/// The end term of a signal: that of a delayed one is that of the signal.
+fn end_of(wiring: &Wiring, ends: &[f64], leaves: &[Complex64], source: Source) -> Complex64 {
+    match (wiring.state(source), wiring.input(source)) {
+        (Some(state), _) => end_term(wiring, ends, leaves, state),
+        (None, Some(input)) => leaves[wiring.input_end_leaf(input) as usize],
+        (None, None) => ZERO,
+    }
+}
+
+/// The end term of the rate of a state, by its equation.
+fn rate_end(wiring: &Wiring, (values, ends): (&Values, &[f64]), leaves: &[Complex64], state: usize) -> Complex64 {
+    let terms = wiring.structure.terms.iter().zip(&values.terms).filter(|(t, _)| t.row as usize == state);
+    terms.map(|(term, a)| a * end_of(wiring, ends, leaves, wiring.source(term))).sum()
+}
+
 /// What a delayed state has besides the turned state.
-fn gap(wiring: &Wiring, ends: &[f64], leaves: &[Complex64], source: Source, state: usize) -> Complex64 {
+fn gap(
+    wiring: &Wiring,
+    (values, ends): (&Values, &[f64]),
+    leaves: &[Complex64],
+    source: Source,
+    state: usize,
+) -> Complex64 {
     match source {
         Source::Delayed(d, _) if wiring.ended => {
-            leaves[wiring.gap_leaf(d) as usize] * end_term(wiring, ends, leaves, state)
+            let [gap, bow] = [wiring.gap_leaf(d), wiring.bow_leaf(d)].map(|leaf| leaves[leaf as usize]);
+            gap * end_term(wiring, ends, leaves, state) + bow * rate_end(wiring, (values, ends), leaves, state)
         }
         _ => ZERO,
     }

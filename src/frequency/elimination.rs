@@ -5,6 +5,7 @@ use super::order;
 use super::scalar::Scalar;
 
 /// The eliminated matrix as expressions.
+#[derive(Clone)]
 pub(super) struct Elimination {
     size: usize,
     /// States in the order of elimination, and the block of each.

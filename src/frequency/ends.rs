@@ -3,9 +3,15 @@
 //! `x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)` (Marchand and Fu 1985) with the factors of [`Spectrum::end_factors`]; on
 //! the grid of the record, w = 2 pi i/T, both are equal and the difference of the end values alone counts. The end values of
 //! a state that an output shows are known, those of others are unknowns of the run, in which the response is linear.
+//!
+//! A delayed state brings into the record what it did before, and moves the last of it out. With D = exp(-j w tau) and a state that
+//! goes straight on at both ends, integrals over these two strips give
+//! `x_d(w) = D x(w) + (D - 1)/(j w) E + (D - 1 + j w tau)/(j w)^2 S`: E is the end term of the state, S that of its rate,
+//! `S = A E + B E_u` by its own equation, in which delays count for nothing at this order. What is left is of third order in tau.
 
 use crate::linear::{Structure, Values};
 use crate::spectrum::Spectrum;
+use fdm_grammar::graph::Signal;
 use fdm_grammar::math;
 use num_complex::Complex64;
 
@@ -66,29 +72,37 @@ pub(super) struct Ends {
     /// What one unit of an unknown adds to the end term of its state (by M): on the grid of differences, else of last and first
     /// values.
     pub(super) factors: Vec<Vec<Complex64>>,
+    /// End terms of the inputs (by M); nothing where no delayed state asks for them.
+    pub(super) inputs: Vec<Vec<Complex64>>,
 }
 
 impl Ends {
     pub(super) fn new(structure: &Structure, values: &Values, spectrum: &Spectrum, terms: &EndTerms) -> Self {
-        let factors = (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
-        let (first, last): (Vec<Complex64>, Vec<Complex64>) = factors.map(|[before, behind]| (-before, behind)).unzip();
         let delayed = matches!(terms, EndTerms::Known | EndTerms::Unknown) && !structure.delayed.is_empty();
         let mut ends = Self { delayed, ..Self::default() };
         let states = 0..structure.states;
+        if let EndTerms::Omitted = terms {
+            return ends;
+        }
+        if let EndTerms::Given(given) = terms {
+            let rows = given.chunks(spectrum.omega.len().max(1)).map(<[Complex64]>::to_vec);
+            ends.known = states.zip(rows).collect();
+            return ends;
+        }
+        let factors = (0..spectrum.omega.len()).map(|k| spectrum.end_factors(k));
+        let (first, last): (Vec<Complex64>, Vec<Complex64>) = factors.map(|[before, behind]| (-before, behind)).unzip();
+        let term = |[x0, x1]: [f64; 2]| first.iter().zip(&last).map(|(f, l)| x0 * f + x1 * l).collect();
+        if delayed && structure.delayed.iter().any(|signal| matches!(signal, Signal::State(_))) {
+            let value = |end: usize, j: usize| spectrum.input_ends[end].get(j).copied().unwrap_or(0.0);
+            ends.inputs = (0..structure.inputs).map(|j| term([value(0, j), value(1, j)])).collect();
+        }
         let unknown: Vec<usize> = match terms {
-            EndTerms::Omitted => return ends,
-            EndTerms::Given(given) => {
-                let rows = given.chunks(spectrum.omega.len().max(1)).map(<[Complex64]>::to_vec);
-                ends.known = states.zip(rows).collect();
-                return ends;
-            }
-            EndTerms::Unknown => states.collect(),
             EndTerms::Known => {
                 let shown = |state: &usize| shown(structure, values, spectrum, *state);
-                let term = |[x0, x1]: [f64; 2]| first.iter().zip(&last).map(|(f, l)| x0 * f + x1 * l).collect();
                 ends.known = states.clone().filter_map(|s| shown(&s).map(|x| (s, term(x)))).collect();
                 states.filter(|s| shown(s).is_none()).collect()
             }
+            _ => states.collect(),
         };
         let points: &[EndPoint] = match on_grid(spectrum) {
             true => &[EndPoint::Difference],

@@ -105,9 +105,10 @@ fn derivatives_of_delayed_inputs_with_their_samples() {
     }
 }
 
-/// A run of a multisine that neither begins nor ends at rest, its outputs simulated finely.
-fn simulated(model: &Model, theta: &[f64], held: bool) -> Run {
-    let (n, dt, q) = (1002, 0.02, model.definition().outputs.len());
+/// A run of a multisine that neither begins nor ends at rest, its outputs simulated finely; cut out of a longer one that has so many samples
+/// `before`.
+fn simulated(model: &Model, theta: &[f64], held: bool, before: usize) -> Run {
+    let (n, dt, q) = (1002 + before, 0.02, model.definition().outputs.len());
     let tones = [(0.31, 0.4), (0.73, 1.9), (1.27, 0.3), (1.9, 2.7)];
     let u = |t: f64| tones.iter().map(|(f, a)| (std::f64::consts::TAU * f * t + a).sin()).sum::<f64>() + 0.7;
     let mut run = Run {
@@ -121,20 +122,27 @@ fn simulated(model: &Model, theta: &[f64], held: bool) -> Run {
     };
     let mut y = vec![0.0; n * q];
     Simulator::new(model.dynamics(), &run, 4).expect("suited").simulate(theta, &mut y).expect("finite");
-    run.measured = y;
+    run.measured = y.split_off(before * q);
+    run.time.truncate(n - before);
+    run.inputs = run.inputs.split_off(before);
     run
 }
 
 /// How far the response is off the transforms of exactly simulated records, relative to the largest coefficient of each output.
-fn off(text: &str, choice: &Frequencies, ends: (&EndTerms, Ends), held: bool) -> Result<f64, FrequencyError> {
+fn off(
+    text: &str,
+    choice: &Frequencies,
+    ends: (&EndTerms, Ends),
+    (held, before): (bool, usize),
+) -> Result<f64, FrequencyError> {
     let model = Model::from_text("m.fdm", text).expect("a model");
     let theta = model.definition().start();
-    let run = simulated(&model, &theta, held);
+    let run = simulated(&model, &theta, held, before);
     let options = SpectrumOptions { ends: ends.1, ..SpectrumOptions::default() };
     let spectrum = Spectrum::of(&run, choice, &options).expect("even");
     let (mut linear, mut values) = (LinearModel::new(&model).expect("linear"), Values::default());
     linear.evaluate(&theta, &mut values).expect("finite");
-    let structure = Arc::new(linear.structure().clone());
+    let structure = linear.structure().clone();
     let mut response = FrequencyResponse::new(&structure, &values, &spectrum, ends.0, &Arc::new(Plans::default()))?;
     let unknown = vec![0.0; response.end_columns().len()];
     let (count, q) = (response.frequencies(), response.outputs());
@@ -163,9 +171,9 @@ fn records_of_a_delayed_input_are_met() {
     for choice in &CHOICES {
         for held in [false, true] {
             let text = if held { &still } else { text };
-            let plain = off(text, choice, (&EndTerms::Omitted, Ends::Interpolated), held).expect("finite");
-            let known = off(text, choice, (&EndTerms::Known, Ends::Interpolated), held).expect("finite");
-            let without_delay = off(&free, choice, (&EndTerms::Known, Ends::Interpolated), held).expect("finite");
+            let plain = off(text, choice, (&EndTerms::Omitted, Ends::Interpolated), (held, 0)).expect("finite");
+            let known = off(text, choice, (&EndTerms::Known, Ends::Interpolated), (held, 0)).expect("finite");
+            let without_delay = off(&free, choice, (&EndTerms::Known, Ends::Interpolated), (held, 0)).expect("finite");
             println!(
                 "input delay, held {held}: {plain:.1e} without ends, {known:.1e} with them, {without_delay:.1e} without delay"
             );
@@ -176,13 +184,21 @@ fn records_of_a_delayed_input_are_met() {
 
 #[test]
 fn records_of_delayed_states_are_met() {
-    let text = "model m { input u; state x = 0.3, z = -0.2; param a = -0.8, b = 2, w = 3, tau = 0.121;
-        der(x) = z; der(z) = a*delay(z, tau) - w*x + b*u;
-        output x_m = x, z_m = z, y = 0.5*delay(x, tau) + 0.2*delay(z, 0.08); }";
+    let of = |tau: f64| {
+        format!(
+            "model m {{ input u; state x = 0.3, z = -0.2; param a = -0.8, b = 2, w = 3, tau = {tau};
+            der(x) = z; der(z) = a*delay(z, tau) - w*x + b*u;
+            output x_m = x, z_m = z, y = 0.5*delay(x, tau) + 0.2*delay(z, 0.7*tau); }}"
+        )
+    };
     for choice in &CHOICES {
-        let plain = off(text, choice, (&EndTerms::Omitted, Ends::Interpolated), false).expect("finite");
-        let known = off(text, choice, (&EndTerms::Known, Ends::Interpolated), false).expect("finite");
-        println!("state delay: without ends {plain:.1e}, with {known:.1e}");
-        assert!(known < 5e-3 && plain > 3e-2, "{known:e} {plain:e}");
+        let known =
+            |tau: f64| off(&of(tau), choice, (&EndTerms::Known, Ends::Interpolated), (false, 600)).expect("finite");
+        let plain = off(&of(0.12), choice, (&EndTerms::Omitted, Ends::Interpolated), (false, 600)).expect("finite");
+        let by_tau = [0.24, 0.12, 0.06, 0.0].map(known);
+        let shown = by_tau.map(|off| format!("{off:.1e}")).join(", ");
+        println!("state delay: without ends {plain:.1e}, with {shown} for 0.24, 0.12, 0.06, 0");
+        // a third order in tau, above what is left without a delay
+        assert!(by_tau[1] < 6e-4 && by_tau[2] < 1.5e-4 && plain > 3e-2, "{by_tau:?} {plain:e}");
     }
 }

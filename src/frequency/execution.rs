@@ -23,13 +23,15 @@ pub(super) const BEHIND: u32 = 2;
 /// A pivot may be smaller or larger than its diagonal was by the root of this before another order is asked for.
 const TRUST: f64 = 1e10;
 
-/// A program and its memory: registers, planes of derivatives, then the leaves of all blocks.
+/// A program and its memory: the leaves of all blocks, then registers and planes of derivatives.
 pub(super) struct Execution<'e> {
     pub(super) program: &'e Program,
     pub(super) scalars: &'e [f64],
     pub(super) memory: &'e mut [f64],
     /// Where the leaves of this block begin, in planes.
     pub(super) leaves: usize,
+    /// Where the registers begin.
+    pub(super) registers: usize,
     /// Frequencies, a multiple of 8.
     pub(super) lanes: usize,
 }
@@ -48,6 +50,7 @@ struct Memory<'m, V> {
     /// How many of them are in use.
     count: usize,
     leaves: usize,
+    registers: usize,
 }
 
 type Pair<'m, V> = (&'m [Cell<V>], &'m [Cell<V>]);
@@ -55,7 +58,8 @@ type Pair<'m, V> = (&'m [Cell<V>], &'m [Cell<V>]);
 impl<'m, V> Memory<'m, V> {
     #[inline(always)]
     fn at(&self, plane: Plane) -> Pair<'m, V> {
-        let index = (plane & !DATA) as usize + if plane & DATA == 0 { 0 } else { self.leaves };
+        let first = if plane & DATA == 0 { self.registers } else { self.leaves };
+        let index = (plane & !DATA) as usize + first;
         let (re, im) = self.cells[2 * index * self.half..][..2 * self.half].split_at(self.half);
         (&re[..self.count], &im[..self.count])
     }
@@ -109,7 +113,7 @@ impl WithSimd for Execution<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let cells = Cell::from_mut(S::as_mut_simd_f64s(self.memory).0).as_slice_of_cells();
         let (half, count) = (BLOCK / S::F64_LANES, self.lanes / S::F64_LANES);
-        let planes = Memory { cells, half, count, leaves: self.leaves };
+        let planes = Memory { cells, half, count, leaves: self.leaves, registers: self.registers };
         let k = |s: super::scalar::Scalar| self.scalars[s.0 as usize];
         let zero = simd.splat_f64s(0.0);
         let omega = planes.at(DATA | OMEGA).1;

@@ -17,6 +17,7 @@ mod ends_tests;
 mod error;
 mod execution;
 mod expression;
+mod leaves;
 mod order;
 mod plan;
 mod program;

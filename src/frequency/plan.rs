@@ -18,8 +18,12 @@ pub(super) fn plan(wiring: &Wiring, units: &[Option<i8>]) -> Option<Program> {
     if changes(wiring) > MOST_CHANGES {
         return None;
     }
-    let by_columns = Planner::new(wiring, units.to_vec()).program(true);
-    let by_rows = Planner::new(wiring, units.to_vec()).program(false);
+    let planner = Planner::new(wiring, units.to_vec());
+    if wiring.asked.is_empty() {
+        return Some(planner.program(true));
+    }
+    let by_columns = planner.clone().program(true);
+    let by_rows = planner.program(false);
     Some(if by_rows.ops.len() < by_columns.ops.len() { by_rows } else { by_columns })
 }
 
@@ -51,6 +55,7 @@ fn changes(wiring: &Wiring) -> usize {
     count
 }
 
+#[derive(Clone)]
 struct Planner<'w> {
     wiring: &'w Wiring,
     g: Expressions,
@@ -202,6 +207,24 @@ impl<'w> Planner<'w> {
                         let (a, product) = (self.g.scalars.given(term), self.g.product(gap, leaf));
                         Some(self.g.scaled(a, product))
                     }
+                    Influence::DelayedRateEnd([seen, own], factor, delayed) => {
+                        let bow = self.g.leaf(self.wiring.bow_leaf(delayed));
+                        let leaf = self.g.leaf(self.wiring.factor_leaf(factor));
+                        let (a, b) = (self.g.scalars.given(seen), self.g.scalars.given(own));
+                        let (factor, product) = (self.g.scalars.product(a, b), self.g.product(bow, leaf));
+                        Some(self.g.scaled(factor, product))
+                    }
+                    Influence::RateSlope(seen, slope, delayed, source) => {
+                        let a = self.g.scalars.given(seen);
+                        let slope = self.g.scalars.given(s.terms.len() + slope);
+                        let (factor, bow) =
+                            (self.g.scalars.product(a, slope), self.g.leaf(self.wiring.bow_leaf(delayed)));
+                        let end = ends_of(&mut self.g, self.wiring, source);
+                        self.g.sum(false, &end).map(|end| {
+                            let product = self.g.product(bow, end);
+                            self.g.scaled(factor, product)
+                        })
+                    }
                     Influence::End(factor) => {
                         let leaf = self.g.leaf(self.wiring.factor_leaf(factor));
                         Some(self.g.negative(leaf))
@@ -282,7 +305,7 @@ impl<'w> Planner<'w> {
             let signal = signal(&mut self.g, self.wiring, source);
             return Some(self.g.lag(signal));
         };
-        // -exp(-j w tau) (j w x + E)
+        // -exp(-j w tau) (j w x + E) - (exp(-j w tau) - 1)/(j w) S
         let turned = self.g.product(delay, self.states[state]?);
         let lag = self.g.lag(turned);
         let ends = if self.wiring.ended { end_terms(&mut self.g, self.wiring, state) } else { Vec::new() };
@@ -290,7 +313,13 @@ impl<'w> Planner<'w> {
             let turned = self.g.product(delay, end);
             self.g.negative(turned)
         });
-        self.g.sum(false, &[Some(lag), end].into_iter().flatten().collect::<Vec<_>>())
+        let rate = if self.wiring.ended { rate_end(&mut self.g, self.wiring, state) } else { None };
+        let bow = rate.map(|rate| {
+            let gap = self.g.leaf(self.wiring.gap_leaf(d));
+            let product = self.g.product(gap, rate);
+            self.g.negative(product)
+        });
+        self.g.sum(false, &[Some(lag), end, bow].into_iter().flatten().collect::<Vec<_>>())
     }
 }
 
@@ -307,12 +336,35 @@ fn end_terms(g: &mut Expressions, wiring: &Wiring, state: usize) -> Vec<Value> {
     terms
 }
 
-/// What a delayed state has besides the turned state: it stays what it was outside of the record.
+/// The terms of the end term of a signal: those of a delayed one are those of the signal.
+fn ends_of(g: &mut Expressions, wiring: &Wiring, source: Source) -> Vec<Value> {
+    match (wiring.state(source), wiring.input(source)) {
+        (Some(state), _) => end_terms(g, wiring, state),
+        (None, Some(input)) => vec![g.leaf(wiring.input_end_leaf(input))],
+        (None, None) => Vec::new(),
+    }
+}
+
+/// The end term of the rate of a state, by its equation.
+fn rate_end(g: &mut Expressions, wiring: &Wiring, state: usize) -> Option<Value> {
+    let mut sum = Vec::new();
+    for (k, term) in wiring.structure.terms.iter().enumerate().filter(|(_, t)| t.row as usize == state) {
+        let (factor, ends) = (g.scalars.given(k), ends_of(g, wiring, wiring.source(term)));
+        sum.extend(ends.into_iter().map(|end| g.scaled(factor, end)));
+    }
+    g.sum(false, &sum)
+}
+
+/// What a delayed state has besides the turned state: it goes straight on outside of the record.
 fn gap(g: &mut Expressions, wiring: &Wiring, delayed: usize, state: usize) -> Option<Value> {
-    let ends = if wiring.ended { end_terms(g, wiring, state) } else { Vec::new() };
-    let end = g.sum(false, &ends)?;
-    let gap = g.leaf(wiring.gap_leaf(delayed));
-    Some(g.product(gap, end))
+    if !wiring.ended {
+        return None;
+    }
+    let ends = end_terms(g, wiring, state);
+    let (end, rate) = (g.sum(false, &ends), rate_end(g, wiring, state));
+    let (gap, bow) = (g.leaf(wiring.gap_leaf(delayed)), g.leaf(wiring.bow_leaf(delayed)));
+    let parts = [end.map(|end| g.product(gap, end)), rate.map(|rate| g.product(bow, rate))];
+    g.sum(false, &parts.into_iter().flatten().collect::<Vec<_>>())
 }
 
 /// An input, delayed or not.

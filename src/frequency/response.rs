@@ -4,6 +4,7 @@ use super::delayed_input::DelayedInput;
 use super::ends::{EndColumn, EndTerms, Ends};
 use super::error::FrequencyError;
 use super::execution::BLOCK;
+use super::leaves::Leaves;
 use super::plan::plan;
 use super::program::Program;
 use super::ready::Ready;
@@ -40,7 +41,7 @@ impl Plans {
                 && a.known_ends == b.known_ends
                 && a.unknown_ends == b.unknown_ends
                 && (a.ended, a.sampled) == (b.ended, b.sampled)
-                && a.structure == b.structure
+                && (Arc::ptr_eq(&a.structure, &b.structure) || a.structure == b.structure)
         };
         if let Some(prepared) = known.iter().find(same) {
             return prepared.clone();
@@ -70,6 +71,7 @@ pub struct FrequencyResponse {
     ends: Ends,
     /// One for each selection of columns that was asked for lately.
     ready: Vec<Ready>,
+    leaves: Option<Leaves>,
     /// Terms, slopes, derivatives of delays, end values.
     given: Vec<f64>,
     /// Which of these count as 1 or -1, so that multiplications by them are left out.
@@ -115,6 +117,7 @@ impl FrequencyResponse {
             ends,
             units,
             ready: Vec::new(),
+            leaves: None,
             given: Vec::new(),
             scalars: Vec::new(),
             rows: Default::default(),
@@ -181,15 +184,15 @@ impl FrequencyResponse {
     ) -> Result<(), FrequencyError> {
         self.take(values, ends)?;
         let at = self.ready(columns);
-        let Self { run, omega, spacing, given, scalars, ready, delayed, .. } = self;
-        let ready = &mut ready[at];
+        let Self { run, omega, spacing, given, scalars, ready, leaves, delayed, .. } = self;
+        let (ready, Some(leaves)) = (&mut ready[at], leaves) else { return Ok(()) };
         ready.prepare(values);
-        ready.delay(&values.tau, (omega, *spacing), delayed);
+        leaves.delay(&ready.prepared.wiring, &values.tau, (omega, *spacing), delayed);
         if let Some(program) = &ready.prepared.program {
             program.scalars.evaluate(given, scalars);
         }
         for (block, omega) in omega.chunks(BLOCK).enumerate() {
-            let singular = ready.solve(block, omega, values, (ends, scalars)).err();
+            let singular = ready.solve(leaves, (block, omega), values, (ends, scalars)).err();
             if let Some(k) = singular {
                 return Err(FrequencyError::Singular {
                     run: run.clone(),
@@ -197,7 +200,7 @@ impl FrequencyResponse {
                     omega: omega[k],
                 });
             }
-            sink(ready.planes(block * BLOCK, omega.len()));
+            sink(ready.planes(leaves, block * BLOCK, omega.len()));
         }
         Ok(())
     }
@@ -251,7 +254,9 @@ impl FrequencyResponse {
         if self.ready.len() == MOST_READY {
             self.ready.remove(0);
         }
-        self.ready.push(Ready::new(prepared, &self.omega, &self.inputs, &self.ends));
+        let Self { omega, inputs, ends, leaves, .. } = self;
+        let leaves = leaves.get_or_insert_with(|| Leaves::new(&prepared.wiring, omega, inputs, ends));
+        self.ready.push(Ready::new(prepared, leaves));
         self.ready.len() - 1
     }
 }

@@ -139,6 +139,26 @@ impl Specimen {
         term.sum()
     }
 
+    /// The end term of the rate of a state at a frequency, by its equation.
+    fn rate_end(&self, values: &Values, end: &impl Fn(usize, usize) -> Complex64, state: usize, k: usize) -> Complex64 {
+        let s = &self.structure;
+        let [before, behind] = self.spectrum.end_factors(k);
+        let of_signal = |signal: Signal| match signal {
+            Signal::State(j) => end(j as usize, k),
+            Signal::Input(j) => {
+                let [first, last] = [0, 1].map(|end: usize| self.spectrum.input_ends[end][j as usize]);
+                last * behind - first * before
+            }
+        };
+        let signal = |signal: usize| match signal.checked_sub(s.states + s.inputs) {
+            None if signal < s.states => Signal::State(signal as u32),
+            None => Signal::Input((signal - s.states) as u32),
+            Some(d) => s.delayed[d],
+        };
+        let own = s.terms.iter().zip(&values.terms).filter(|(t, _)| t.row as usize == state);
+        own.map(|(t, a)| a * of_signal(signal(t.signal as usize))).sum()
+    }
+
     /// Outputs (M by q) with what the end terms are (n by M), by nalgebra.
     pub(super) fn expected(&self, values: &Values, end: impl Fn(usize, usize) -> Complex64) -> Vec<Complex64> {
         let s = &self.structure;
@@ -155,7 +175,10 @@ impl Specimen {
                 let gap = |tau: f64| (Complex64::from_polar(1.0, -w * tau) - 1.0) / Complex64::new(0.0, *w);
                 // what stays what it was outside of the record
                 let held = match signal.checked_sub(n + m).map(|d| (values.tau[d], s.delayed[d])) {
-                    Some((tau, Signal::State(j))) if ended => a * gap(tau) * end(j as usize, k),
+                    Some((tau, Signal::State(j))) if ended => {
+                        let bow = (gap(tau) + tau) / Complex64::new(0.0, *w);
+                        a * (gap(tau) * end(j as usize, k) + bow * self.rate_end(values, &end, j as usize, k))
+                    }
                     Some((tau, Signal::Input(j))) if ended => a * self.held_input(j as usize, k, tau),
                     _ => Complex64::default(),
                 };

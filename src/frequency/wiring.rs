@@ -32,6 +32,12 @@ pub(super) enum Influence {
     End(usize),
     /// What that end value does through a coefficient (position in `terms`) of a delayed signal: the factor, the signal.
     DelayedEnd(usize, usize, usize),
+    /// What it does to the rate of a delayed state, seen through a coefficient: that coefficient and the one in the state's equation
+    /// (positions in `terms`), the factor, the delayed signal.
+    DelayedRateEnd([usize; 2], usize, usize),
+    /// What a derivative of a coefficient (position in `slopes`) of a signal does to the end of the rate of a delayed state, seen through
+    /// a coefficient (position in `terms`): the delayed signal, the signal.
+    RateSlope(usize, usize, usize, Source),
 }
 
 /// What an unknown does: influences by the equation, rising.
@@ -55,6 +61,8 @@ pub(super) struct Wiring {
     pub(super) factors: usize,
     /// Whether delayed signals have ends.
     pub(super) ended: bool,
+    /// Whether delayed states are among them, whose rates have ends.
+    pub(super) bowed: bool,
     /// Whether inputs that outputs show have leaves of their own.
     pub(super) sampled: bool,
     /// Where the derivatives of each output go.
@@ -73,6 +81,7 @@ impl Wiring {
             unknown_ends,
             factors: ends.factors.len(),
             ended: ends.delayed,
+            bowed: ends.delayed && structure.delayed.iter().any(|signal| matches!(signal, Signal::State(_))),
             sampled,
             layout: RowLayout::default(),
         };
@@ -99,7 +108,11 @@ impl Wiring {
         let mut influences = Vec::new();
         for (k, slope) in s.slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
             let term = &s.terms[slope.term as usize];
-            influences.push((term.row as usize, Influence::Slope(k, self.source(term))));
+            let source = self.source(term);
+            influences.push((term.row as usize, Influence::Slope(k, source)));
+            for (t, row, d) in self.delayed_terms(term.row as usize) {
+                influences.push((row, Influence::RateSlope(t, k, d, source)));
+            }
         }
         for (k, slope) in s.tau_slopes.iter().enumerate().filter(|(_, slope)| slope.param as usize == unknown) {
             for (t, term) in s.terms.iter().enumerate() {
@@ -116,16 +129,39 @@ impl Wiring {
     /// An unknown end value of a state: in its own equation, and wherever the state is seen delayed.
     fn end_column(&self, state: usize, factor: usize) -> Column {
         let mut influences = vec![(state, Influence::End(factor))];
-        for (t, term) in self.structure.terms.iter().enumerate().filter(|_| self.ended) {
-            let source = self.source(term);
-            if let (Source::Delayed(d, _), Some(j)) = (source, self.state(source))
-                && j == state
-            {
-                influences.push((term.row as usize, Influence::DelayedEnd(t, factor, d)));
+        for (t, row, d) in self.delayed_terms(state) {
+            influences.push((row, Influence::DelayedEnd(t, factor, d)));
+        }
+        for (k, term) in self.structure.terms.iter().enumerate() {
+            if self.state(self.source(term)) == Some(state) {
+                for (t, row, d) in self.delayed_terms(term.row as usize) {
+                    influences.push((row, Influence::DelayedRateEnd([t, k], factor, d)));
+                }
             }
         }
         influences.sort_by_key(|(row, _)| *row);
         Column { influences }
+    }
+
+    /// Where a state is seen delayed, and its ends count: the position of the coefficient, its row, and the delayed signal.
+    fn delayed_terms(&self, state: usize) -> impl Iterator<Item = (usize, usize, usize)> {
+        let terms = self.structure.terms.iter().enumerate().filter(|_| self.bowed);
+        terms.filter_map(move |(t, term)| match self.source(term) {
+            source @ Source::Delayed(d, _) => (self.state(source) == Some(state)).then_some((t, term.row as usize, d)),
+            _ => None,
+        })
+    }
+
+    /// The input behind a signal, delayed or not.
+    pub(super) fn input(&self, source: Source) -> Option<usize> {
+        match source {
+            Source::State(_) => None,
+            Source::Input(j, _) => Some(j),
+            Source::Delayed(d, _) => match self.structure.delayed[d] {
+                Signal::State(_) => None,
+                Signal::Input(j) => Some(j as usize),
+            },
+        }
     }
 
     /// The state behind a signal, delayed or not.
@@ -179,6 +215,12 @@ impl Wiring {
         self.delay_leaf(self.structure.delayed.len()) + DELAYED * delayed as u32
     }
 
+    /// Where delayed signals have ends: of a delayed state (exp(-j w tau) - 1 + j w tau)/(j w)^2, what the end term of its rate is
+    /// multiplied with.
+    pub(super) fn bow_leaf(&self, delayed: usize) -> u32 {
+        self.gap_leaf(delayed) + 1
+    }
+
     /// Where delayed signals have ends: of a delayed input the whole, as states and outputs see it.
     pub(super) fn delayed_leaf(&self, delayed: usize, shown: bool) -> u32 {
         self.gap_leaf(delayed) + 2 * u32::from(shown)
@@ -189,9 +231,14 @@ impl Wiring {
         self.delayed_leaf(delayed, shown) + 1
     }
 
+    /// The leaf of the end term of an input, where rates of delayed states have ends.
+    pub(super) fn input_end_leaf(&self, input: usize) -> u32 {
+        self.gap_leaf(if self.ended { self.structure.delayed.len() } else { 0 }) + input as u32
+    }
+
     /// The leaf of a known end term.
     pub(super) fn end_leaf(&self, known: usize) -> u32 {
-        self.gap_leaf(if self.ended { self.structure.delayed.len() } else { 0 }) + known as u32
+        self.input_end_leaf(if self.bowed { self.structure.inputs } else { 0 }) + known as u32
     }
 
     /// The leaf of what one unit of an unknown end value adds.

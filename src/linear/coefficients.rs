@@ -8,6 +8,7 @@ use crate::model::Model;
 use fdm_grammar::Linearisation;
 use fdm_grammar::graph::{Leaf, Names, Signal};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// How the states and inputs at which a model is linearised were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,7 +39,7 @@ pub struct Trim {
 /// A model, linear or linearised at its trim, ready to be evaluated at many values of its parameters.
 #[derive(Debug, Clone)]
 pub struct LinearModel {
-    structure: Structure,
+    structure: Arc<Structure>,
     program: Bytecode,
     out: Vec<f64>,
     work: Workspace,
@@ -106,12 +107,12 @@ impl LinearModel {
             start: (theta, z),
             names: names(definition),
             given: definition.trim.iter().map(|(s, _)| name(definition, *s)).collect(),
-            structure,
+            structure: Arc::new(structure),
         }
     }
 
     /// Which coefficients there are, and which parameters move them.
-    pub fn structure(&self) -> &Structure {
+    pub fn structure(&self) -> &Arc<Structure> {
         &self.structure
     }
 
@@ -232,7 +233,7 @@ struct Found {
 fn found(model: &fdm_grammar::Model, theta: &[f64]) -> Result<Found, TrimError> {
     let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
     let states = (0..model.states.len() as u32).map(Signal::State).filter(|s| !given(s)).collect::<Vec<_>>();
-    let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].measured.is_none());
+    let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].is_declared());
     let inputs = declared.map(Signal::Input).filter(|s| !given(s));
     let both: Vec<Signal> = states.iter().copied().chain(inputs).collect();
     let known = Linearisation::new(model, &[]);

@@ -1,5 +1,6 @@
 //! The channels that a model asks for, and where each is read from.
 
+use fdm_grammar::model::Slope;
 use fdm_grammar::{Model, Unit};
 use std::fmt;
 
@@ -48,19 +49,23 @@ pub struct Channels {
     pub outputs: Vec<Channel>,
     /// The outputs (by index) whose records drive the model, in the order of its hidden inputs.
     pub driving: Vec<usize>,
+    /// The derivatives of inputs and records that drive the model or are shown, in the order of its hidden inputs.
+    pub slopes: Vec<Slope>,
 }
 
-/// The channels of a model: time is wanted by states, delays and explicit time.
+/// The channels of a model: time is wanted by states, delays, derivatives and explicit time.
 pub fn channels(model: &Model) -> Channels {
     let channel = |q: &fdm_grammar::model::Quantity| Channel { name: q.name.clone(), unit: q.unit.clone() };
     let dynamic = !model.states.is_empty();
+    let slopes: Vec<Slope> = model.inputs.iter().filter_map(|i| i.slope).collect();
     Channels {
         time: model.time.clone(),
-        timed: dynamic || model.uses_time(),
-        samples: if dynamic { 2 } else { 1 },
+        timed: dynamic || model.uses_time() || !slopes.is_empty(),
+        samples: if dynamic || !slopes.is_empty() { 2 } else { 1 },
         inputs: model.inputs.iter().filter(|i| i.is_declared()).map(|i| channel(&i.quantity)).collect(),
         outputs: model.outputs.iter().map(|o| channel(&o.quantity)).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),
+        slopes,
     }
 }
 

@@ -84,6 +84,9 @@ pub enum Fault {
     /// `--hold` of something that is not an input.
     #[error("--hold `{0}`: only inputs are held between samples, this is an output")]
     NotAnInput(String),
+    /// `--hold` of an input whose derivative the model takes.
+    #[error("--hold `{0}`: an input that is held jumps, and the model takes its derivative `der({0})`")]
+    HeldDerivative(String),
     /// `--every 0`.
     #[error("--every 0 would use no sample, expected 1 or more")]
     EveryNone,

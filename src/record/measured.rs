@@ -3,6 +3,7 @@
 use super::bridge;
 use super::channel::channels;
 use super::run::Run;
+use super::slope;
 use fdm_grammar::Model;
 
 /// Why a run cannot drive a model.
@@ -36,6 +37,16 @@ pub enum Incomplete {
         /// The term.
         term: String,
     },
+    /// A derivative is wanted of an input that jumps.
+    #[error(
+        "the input `{input}` is held between samples in the run `{run}`, so that it jumps and `der({input})` does not exist"
+    )]
+    Held {
+        /// Name of the run.
+        run: String,
+        /// Name of the input.
+        input: String,
+    },
 }
 
 impl Run {
@@ -45,7 +56,7 @@ impl Run {
     ///
     /// # Errors
     /// [`Incomplete`] when the run belongs to another model, an output that drives the model was never measured, or a term
-    /// that drives it has no finite value.
+    /// that drives it has no finite value, or an input is held whose derivative drives it.
     pub fn with_measured(&self, model: &Model) -> Result<Run, Incomplete> {
         let channels = channels(model);
         let (declared, q, n) = (channels.inputs.len(), channels.outputs.len(), self.len());
@@ -74,9 +85,19 @@ impl Run {
         }
         let mut gaps: Vec<Vec<bool>> = vec![vec![false; n]; declared];
         for (k, input) in model.inputs.iter().enumerate().skip(declared) {
-            let found = match &input.computed {
-                Some(computed) => run.compute(model, k, computed, &gaps),
-                None => run.record(k, input.measured.unwrap_or_default() as usize),
+            let found = match (&input.computed, input.slope) {
+                (Some(computed), _) => run.compute(model, k, computed, &gaps),
+                (None, Some(slope)) => {
+                    let of = slope.of as usize;
+                    if run.held[of] {
+                        let input = model.inputs[of].quantity.name.clone();
+                        return Err(Incomplete::Held { run: run.name, input });
+                    }
+                    slope::fill(&run.time, &mut run.inputs, m, k, slope);
+                    run.held[k] = !slope.shown;
+                    gaps[of].clone()
+                }
+                (None, None) => run.record(k, input.measured.unwrap_or_default() as usize),
             };
             if run.inputs.iter().skip(k).step_by(m).all(|v| v.is_nan()) && n > 0 {
                 let term = input.quantity.name.clone();

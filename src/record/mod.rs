@@ -18,6 +18,7 @@ mod read;
 mod run;
 mod samples;
 mod search;
+mod slope;
 mod summary;
 mod table;
 mod text;

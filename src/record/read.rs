@@ -9,6 +9,7 @@ use super::measured;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::search;
+use super::slope;
 use super::summary::{self, ChannelSource, Note, Sampling, Summary};
 use super::table::Table;
 use fdm_grammar::diagnostic::nearest;
@@ -93,7 +94,10 @@ fn check_options(channels: &Channels, options: &ReadOptions) -> Vec<Problem> {
         problems.push(Fault::Window { from: from.to_string(), to: to.to_string() }.anywhere());
     }
     for held in &options.hold {
-        if channels.inputs.iter().any(|c| c.name == *held) {
+        if let Some(k) = channels.inputs.iter().position(|c| c.name == *held) {
+            if channels.slopes.iter().any(|s| s.of as usize == k) {
+                problems.push(Fault::HeldDerivative(held.clone()).anywhere());
+            }
             continue;
         }
         if channels.outputs.iter().any(|c| c.name == *held) {
@@ -166,11 +170,18 @@ fn finish(
     if !channels.timed {
         bridge::compare_not(&inputs, m, &mut measured, q);
     }
-    let input_gaps: Vec<_> = (0..m).map(|k| bridge(&time, &mut inputs, m, k, held[k])).collect();
+    let mut input_gaps: Vec<_> = (0..m).map(|k| bridge(&time, &mut inputs, m, k, held[k])).collect();
     let hidden = channels.driving.iter().map(|k| format!("measured({})", channels.outputs[*k].name));
     let inputs_by_name = channels.inputs.iter().map(|c| c.name.clone()).chain(hidden);
     for (input, gaps) in inputs_by_name.zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {
         notes.push(Note::Bridged { input, gaps: *gaps, in_time: channels.timed });
+    }
+    let width = m + channels.slopes.len();
+    inputs = slope::widened(&inputs, time.len(), m, channels.slopes.len());
+    for (k, slope) in channels.slopes.iter().enumerate() {
+        slope::fill(&time, &mut inputs, width, m + k, *slope);
+        held.push(!slope.shown);
+        input_gaps.push(input_gaps[slope.of as usize]);
     }
     Ok(Run { name, time, inputs, held, measured, input_gaps, output_gaps })
 }

@@ -162,6 +162,9 @@ impl Search<'_> {
         if let Some(column) = self.unique(|h| h.name == name)? {
             return Ok(Some(column));
         }
+        if let Some(column) = self.unique(|h| is_pure(&h.name, name))? {
+            return Ok(Some(column));
+        }
         let lower = name.to_lowercase();
         self.unique(|h| (h.name.to_lowercase() == lower || h.title.to_lowercase() == lower) && !taken(h))
     }
@@ -232,7 +235,8 @@ impl Search<'_> {
     /// The conversion from the column's unit to the channel's.
     fn source(&mut self, role: Role, channel: &Channel, (column, given): Found) -> Option<Source> {
         let heading = &self.table.columns[column];
-        let unit = given.or_else(|| heading.unit.clone());
+        let pure = || is_pure(&heading.name, &channel.name).then(|| "1".to_string());
+        let unit = given.or_else(|| heading.unit.clone()).or_else(pure);
         let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0 };
         let (Some(from), Some(to)) = (&unit, &channel.unit) else {
             if unit.is_some() != channel.unit.is_some() {
@@ -270,4 +274,8 @@ impl Search<'_> {
         };
         Some(Source { scale, offset, ..same })
     }
+}
+/// `n[1]` is also the title of a pure number `n`.
+fn is_pure(title: &str, name: &str) -> bool {
+    title.strip_suffix("[1]") == Some(name)
 }

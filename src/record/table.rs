@@ -38,19 +38,25 @@ impl Heading {
     /// Longest title that is accepted.
     const LONGEST: usize = 1000;
 
-    /// `name [unit]` or `name (unit)`; brackets alone are a name.
+    /// `name [unit]` or `name (unit)`; brackets alone are a name, and so is an index at a name: `y[2]`, `A[1,2]`.
     pub(crate) fn new(title: &str) -> Self {
         let title = title.trim();
         let title = title.strip_prefix('"').and_then(|t| t.strip_suffix('"')).unwrap_or(title).trim();
         let split = opening(title).map(|at| (title[..at].trim_end(), title[at + 1..title.len() - 1].trim()));
         match split {
-            Some((name, unit)) if !name.is_empty() => {
+            Some((name, unit)) if !name.is_empty() && !is_element(title, name, unit) => {
                 let unit = Some(unit.to_string()).filter(|u| !u.is_empty());
                 Self { title: title.into(), name: name.into(), unit }
             }
             _ => Self { title: title.into(), name: title.into(), unit: None },
         }
     }
+}
+
+/// Whether a title is that of an element of a vector or matrix: no unit stands close to its name and is a number.
+fn is_element(title: &str, name: &str, index: &str) -> bool {
+    let part = |p: &str| !p.trim().is_empty() && p.trim().bytes().all(|b| b.is_ascii_digit());
+    title[name.len()..].starts_with('[') && index.split(',').all(part)
 }
 
 /// Offset of the bracket that is closed by the last character.
@@ -184,6 +190,10 @@ mod tests {
         assert_eq!(heading("[s]"), pair("[s]", None));
         assert_eq!(heading("x []"), pair("x", None));
         assert_eq!(heading("t_s"), pair("t_s", None));
+        assert_eq!(heading("y[2]"), pair("y[2]", None));
+        assert_eq!(heading("y[2] [deg]"), pair("y[2]", Some("deg")));
+        assert_eq!(heading("act.Y[1,2] (m)"), pair("act.Y[1,2]", Some("m")));
+        assert_eq!(heading("n [1]"), pair("n", Some("1")));
         assert_eq!(heading("a) b]"), pair("a) b]", None));
     }
 

@@ -21,6 +21,7 @@ fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
         inputs: list(inputs),
         outputs: list(outputs),
         driving: Vec::new(),
+        slopes: Vec::new(),
     }
 }
 
@@ -366,10 +367,11 @@ fn a_model_says_what_it_wants() {
         name: "m".into(),
         doc: String::new(),
         time: unit("min").unwrap(),
-        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None, computed: None }],
+        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None, computed: None, slope: None }],
         states: Vec::new(),
         params: Vec::new(),
         derived: Vec::new(),
+        ties: Vec::new(),
         outputs: vec![Output { quantity: quantity("y", ""), expr: x, noise: None }],
         trim: Vec::new(),
         graph,

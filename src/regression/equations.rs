@@ -3,7 +3,7 @@
 use super::refusal::Refusal;
 use fdm_grammar::Model;
 use fdm_grammar::graph::{Graph, Leaf, Node, Signal, show};
-use fdm_grammar::model::reading::{Reading, reading};
+use fdm_grammar::model::reading::{Reading, reading, unsettled};
 use fdm_grammar::op::{Build, ExprId, Op};
 use fdm_grammar::terms::{Combination, Separated, combinations, separate};
 
@@ -63,7 +63,9 @@ impl Equations {
             .chain(&sum.rest)
             .any(|t| !self.free_below(model, &[t.coefficient, t.regressor]).is_empty());
         if has_free && self.readings[state].is_none() {
-            return Err(Refusal::RateUnmeasured { equation, state: model.states[state].quantity.name.clone() });
+            let unsettled = unsettled(model, &mut self.graph, state as u32).map(Box::new);
+            let state = model.states[state].quantity.name.clone();
+            return Err(Refusal::RateUnmeasured { equation, state, unsettled });
         }
         if let Some(term) = sum.rest.first() {
             let parameters = self.free_below(model, &[term.regressor]);
@@ -98,7 +100,7 @@ impl Equations {
     }
 
     /// Whether every signal of a regressor is recorded, at times that are known.
-    fn check_signals(&self, model: &Model, equation: &str, regressor: ExprId) -> Result<(), Refusal> {
+    fn check_signals(&mut self, model: &Model, equation: &str, regressor: ExprId) -> Result<(), Refusal> {
         let (equation, term) = (equation.to_string(), show(&self.graph, regressor, model));
         for e in self.graph.reachable([regressor]) {
             let Node::Leaf(leaf) = self.graph.node(e) else { continue };
@@ -115,8 +117,9 @@ impl Equations {
                 _ => None,
             };
             if let Some(k) = state.map(|k| k as usize).filter(|k| self.readings[*k].is_none()) {
+                let unsettled = unsettled(model, &mut self.graph, k as u32).map(Box::new);
                 let state = model.states[k].quantity.name.clone();
-                return Err(Refusal::SignalUnmeasured { equation, state, term });
+                return Err(Refusal::SignalUnmeasured { equation, state, term, unsettled });
             }
         }
         Ok(())

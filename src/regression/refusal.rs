@@ -2,14 +2,15 @@
 
 use crate::record::Incomplete;
 use crate::spectrum::SpectrumError;
+use fdm_grammar::model::reading::Unsettled;
 use std::fmt;
 
 /// An equation that is left out, and why.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the message below each variant says what its fields are")]
 pub enum Refusal {
-    RateUnmeasured { equation: String, state: String },
-    SignalUnmeasured { equation: String, state: String, term: String },
+    RateUnmeasured { equation: String, state: String, unsettled: Option<Box<Unsettled>> },
+    SignalUnmeasured { equation: String, state: String, term: String, unsettled: Option<Box<Unsettled>> },
     Inside { equation: String, term: String, parameters: Vec<String> },
     NotAffine { equation: String, coefficient: String, term: String },
     FreeDelay { equation: String, term: String, parameters: Vec<String> },
@@ -35,10 +36,16 @@ impl Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::RateUnmeasured { equation, state } => {
+            Self::RateUnmeasured { equation, unsettled: Some(unsettled), .. } => {
+                write!(f, "`{equation}`: its rate is not known, since {unsettled}")
+            }
+            Self::RateUnmeasured { equation, state, unsettled: None } => {
                 write!(f, "`{equation}`: no output shows the state `{state}`, so that its rate is not known")
             }
-            Self::SignalUnmeasured { equation, state, term } => {
+            Self::SignalUnmeasured { equation, term, unsettled: Some(unsettled), .. } => {
+                write!(f, "`{equation}`: the term `{term}` is not known, since {unsettled}")
+            }
+            Self::SignalUnmeasured { equation, state, term, unsettled: None } => {
                 write!(f, "`{equation}`: the state `{state}` in the term `{term}` is not shown by any output")
             }
             Self::Inside { equation, term, parameters } => write!(

@@ -102,6 +102,8 @@ impl<'a> Signals<'a> {
                 *x = state.as_ref().map_or(f64::NAN, |s| s[sample]);
             }
             drive[..m].copy_from_slice(&self.run.inputs[sample * m..][..m]);
+            // where rates are differences over both sides, so are the derivatives of inputs
+            model.vanishing().for_each(|k| drive[k as usize] = self.run.slope_at(k as usize, sample));
             for (place, (signal, tau)) in drive[m..].iter_mut().zip(&delayed) {
                 let at = Place::new(&self.run.time, t - tau);
                 *place = match signal {

@@ -141,12 +141,20 @@ fn what_is_no_regression_is_refused_for_itself() {
     let said: Vec<String> = found.refused.iter().map(ToString::to_string).collect();
     let wanted = [
         "`der(w)` is not linear in its parameters: `v0` inside the term `tanh(w/v0)`; fix it to estimate the rest",
-        "`der(x)` is not linear in its parameters: the factor `-(a*b)` of `x`; fix all but one",
+        "`der(x)` is not linear in its parameters: the factor `-a*b` of `x`; fix all but one",
         "`der(z)`: no output shows the state `z`, so that its rate is not known",
         "`der(y)`: the state `z` in the term `z` is not shown by any output",
     ];
     for w in wanted {
         assert!(said.iter().any(|s| s.starts_with(w)), "{said:#?}");
+    }
+    let biased = text.replace("z_m = z^2", "z_m = 2*z + k");
+    let refused =
+        regress(&self::model(&biased), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap().refused;
+    let why = "since `z_m` shows the state `z` only together with `k`, which is to be estimated";
+    for w in [format!("`der(z)`: its rate is not known, {why}"), format!("`der(y)`: the term `z` is not known, {why}")]
+    {
+        assert!(refused.iter().any(|r| r.to_string() == w), "{refused:#?}");
     }
     let delayed = text.replace("z_m = z^2", "z_m = z");
     let found = regress(&self::model(&delayed), std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();

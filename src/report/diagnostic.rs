@@ -1,7 +1,7 @@
 //! Findings about a model in the look of rustc: code, place, the line with carets, the hint as help.
 
 use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
-use fdm_grammar::{Diagnostic, Source, Span};
+use fdm_grammar::{Diagnostic, Source, Span, Text};
 use std::ops::Range;
 
 /// Most bytes under which carets stand; what is longer is recognised by its beginning.
@@ -47,15 +47,14 @@ fn count(diagnostics: &[Diagnostic]) -> String {
 
 /// One finding: its own place, labels near it in the same excerpt, labels far from it in excerpts of their own.
 fn group<'a>(source: &'a Source, diagnostic: &'a Diagnostic) -> Group<'a> {
-    let text = source.text();
     let level = if diagnostic.is_error() { Level::ERROR } else { Level::WARNING };
-    let place = marked(text, diagnostic.span);
+    let place = Place::new(source, diagnostic.span);
     let mut together = vec![(AnnotationKind::Primary, place.clone(), None)];
     let mut apart = Vec::new();
     for label in &diagnostic.labels {
-        let span = marked(text, label.span);
-        let near = is_near(text, &place, &span);
-        let annotation = (AnnotationKind::Context, span, Some(label.text.as_str()));
+        let other = Place::new(source, label.span);
+        let near = place.is_near(&other);
+        let annotation = (AnnotationKind::Context, other, Some(label.text.as_str()));
         if near { together.push(annotation) } else { apart.push(annotation) }
     }
     let mut group =
@@ -69,35 +68,55 @@ fn group<'a>(source: &'a Source, diagnostic: &'a Diagnostic) -> Group<'a> {
     }
 }
 
-/// The part of a span that carets mark: on its first line, not too long, on character boundaries.
-fn marked(text: &str, span: Span) -> Range<usize> {
-    let start = text.floor_char_boundary(span.range().start);
-    let end = text.floor_char_boundary(span.range().end.min(start + MARKED_LENGTH)).max(start);
-    let line = text[start..end].split(['\n', '\r']).next().unwrap_or("");
-    start..start + line.trim_end().len()
+/// What carets mark, in one of the texts of a source.
+#[derive(Clone)]
+struct Place<'a> {
+    text: &'a Text,
+    /// Bytes of that text.
+    range: Range<usize>,
 }
 
-fn is_near(text: &str, a: &Range<usize>, b: &Range<usize>) -> bool {
-    let between = &text[a.start.min(b.start)..a.start.max(b.start)];
-    let lines = between.bytes().filter(|c| *c == b'\n').take(SHOWN_TOGETHER).count();
-    lines < SHOWN_TOGETHER && (lines > 0 || between.len() < SHOWN_TOGETHER / 5)
+impl<'a> Place<'a> {
+    /// The part of a span that is marked: on its first line, not too long, on character boundaries.
+    fn new(source: &'a Source, span: Span) -> Self {
+        let text = source.text_at(span.start);
+        let local = |offset: u32| offset.saturating_sub(text.start()) as usize;
+        let start = text.text().floor_char_boundary(local(span.start));
+        let end = text.text().floor_char_boundary(local(span.end).min(start + MARKED_LENGTH)).max(start);
+        let line = text.text()[start..end].split(['\n', '\r']).next().unwrap_or("");
+        Self { text, range: start..start + line.trim_end().len() }
+    }
+
+    fn is_near(&self, other: &Self) -> bool {
+        if self.text.start() != other.text.start() {
+            return false;
+        }
+        let (a, b) = (self.range.start, other.range.start);
+        let between = &self.text.text()[a.min(b)..a.max(b)];
+        let lines = between.bytes().filter(|c| *c == b'\n').take(SHOWN_TOGETHER).count();
+        lines < SHOWN_TOGETHER && (lines > 0 || between.len() < SHOWN_TOGETHER / 5)
+    }
 }
 
-type Marked<'a> = (AnnotationKind, Range<usize>, Option<&'a str>);
+type Marked<'a> = (AnnotationKind, Place<'a>, Option<&'a str>);
 
-/// The whole lines that hold some places, with carets; the renderer folds the lines between and cuts long ones.
+/// The whole lines that hold some places of one text, with carets; the renderer folds the lines between and cuts long
+/// ones.
 fn excerpt<'a>(source: &'a Source, places: Vec<Marked<'a>>) -> Snippet<'a, Annotation<'a>> {
-    let text = source.text();
-    let first = places.iter().map(|p| p.1.start).min().unwrap_or(0);
-    let last = places.iter().map(|p| p.1.end).max().unwrap_or(first);
+    let whole = places.first().map_or(&source.texts()[0], |p| p.1.text);
+    let text = whole.text();
+    let first = places.iter().map(|p| p.1.range.start).min().unwrap_or(0);
+    let last = places.iter().map(|p| p.1.range.end).max().unwrap_or(first);
     let start = text[..first].rfind('\n').map_or(0, |k| k + 1);
     let end = text[last..].find('\n').map_or(text.len(), |k| last + k);
     let end = end - usize::from(text[last..end].ends_with('\r'));
-    let annotations =
-        places.into_iter().map(|(kind, span, label)| kind.span(span.start - start..span.end - start).label(label));
+    let annotations = places.into_iter().map(|(kind, place, label)| {
+        let Range { start: from, end: to } = place.range;
+        kind.span(from - start..to - start).label(label)
+    });
     Snippet::source(&text[start..end])
-        .path(source.name())
-        .line_start(source.position(start as u32).line)
+        .path(whole.name())
+        .line_start(source.position(whole.start() + start as u32).line)
         .annotations(annotations)
 }
 
@@ -143,6 +162,20 @@ warning[W0702]: nothing uses `α`
 1 error, 1 warning
 ";
         assert_eq!(render(&Source::new("dir/m.fdm", text), &found, false), expected);
+    }
+
+    #[test]
+    fn places_in_a_used_file_are_shown_in_that_file() {
+        let mut source = Source::new("m.fdm", "model m { use \"a.fdm\" as a; }");
+        source.append("a.fdm", "model a {\n  input x [deg];\n}", Span::new(10, 28));
+        let start = source.texts()[1].start() as usize;
+        let found = [Diagnostic::new(Code::UnitMismatch, Span::new(14, 21), "no")
+            .label(Span::new(start + 12, start + 25), "declared here")];
+        let shown = render(&source, &found, false);
+        assert!(
+            shown.contains("m.fdm:1:15") && shown.contains("a.fdm:2:3") && shown.contains("2 |   input x [deg];"),
+            "{shown}"
+        );
     }
 
     #[test]

@@ -74,6 +74,7 @@ fn status(p: &ParameterEstimate) -> String {
         Status::NotDetermined => "not determined".into(),
         Status::Fixed => "fixed".into(),
         Status::Derived => "derived".into(),
+        Status::Tied => "tied".into(),
         Status::NotEstimated => "not estimated".into(),
     }
 }

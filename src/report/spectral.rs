@@ -82,8 +82,15 @@ fn band(fit: &SpectralFit) -> String {
     let frequencies: usize = fit.spectra.iter().map(|s| s.omega.len()).sum();
     let (time, (low, high)) = (&fit.model.definition().time, fit.band);
     let unit = if time.to_string() == "s" { "Hz".to_string() } else { format!("cycles per {time}") };
+    let worth = match fit.independent {
+        worth if worth < 0.99 * frequencies as f64 => format!(
+            "; closer than one cycle in the record they repeat each other and are worth {}, which all errors take into account",
+            digits(worth, 3)
+        ),
+        _ => String::new(),
+    };
     format!(
-        "{frequencies} frequencies in {} run{}, {} to {} {unit}",
+        "{frequencies} frequencies in {} run{}, {} to {} {unit}{worth}",
         fit.spectra.len(),
         if fit.spectra.len() == 1 { "" } else { "s" },
         digits(low, 4),
@@ -137,6 +144,7 @@ pub fn spectral_json(fit: &SpectralFit) -> Value {
     let trim = fit.trim.as_ref().map(|t| json!({ "states": t.states, "inputs": t.inputs }));
     document["frequency_domain"] = json!({
         "band": [fit.band.0, fit.band.1],
+        "independent_frequencies": fit.independent,
         "frequencies": fit.spectra.iter().map(|s| s.omega.len()).collect::<Vec<_>>(),
         "end_values": fit.ends,
         "known_inputs": fit.carried.iter().map(|t| json!({ "term": t.text, "equations": t.equations })).collect::<Vec<_>>(),

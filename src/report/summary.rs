@@ -66,7 +66,7 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
         "model": model.name(),
         "inputs": definition.inputs.iter().map(input).collect::<Vec<_>>(),
         "states": definition.states.iter().map(|s| quantity(&s.quantity)).collect::<Vec<_>>(),
-        "parameters": definition.params.iter().map(param).collect::<Vec<_>>(),
+        "parameters": definition.params.iter().filter(|p| !p.is_recorded()).map(param).collect::<Vec<_>>(),
         "derived": definition.derived.iter().map(|d| quantity(&d.quantity)).collect::<Vec<_>>(),
         "outputs": definition.outputs.iter().map(output).collect::<Vec<_>>(),
         "derivatives": {
@@ -88,11 +88,15 @@ fn declarations(model: &Model) -> String {
         table.add_row([role.to_string(), q.name.clone(), unit, start, bounds, q.doc.clone()]);
     };
     for i in &definition.inputs {
-        let role = if i.is_declared() { "input" } else { "record" };
+        let role = match (i.is_declared(), i.slope) {
+            (true, _) => "input",
+            (_, Some(_)) => "derivative",
+            _ => "record",
+        };
         add(role, &i.quantity, String::new(), String::new());
     }
     definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));
-    for p in &definition.params {
+    for p in definition.params.iter().filter(|p| !p.is_recorded()) {
         let role = match (p.fixed, p.per_run) {
             (true, _) => "param, fixed",
             (_, true) => "param, per run",
@@ -102,7 +106,10 @@ fn declarations(model: &Model) -> String {
         let known: Vec<String> = [bounds(p)].into_iter().chain(prior).filter(|text| !text.is_empty()).collect();
         add(role, &p.quantity, digits(p.value, 6), known.join(" "));
     }
-    definition.derived.iter().for_each(|d| add("derived", &d.quantity, String::new(), String::new()));
+    definition
+        .derived
+        .iter()
+        .for_each(|d| add(if d.tied { "tied" } else { "derived" }, &d.quantity, String::new(), String::new()));
     for o in &definition.outputs {
         let noise = o.noise.map_or(String::new(), |deviation| format!("noise {}", digits(deviation, 6)));
         add("output", &o.quantity, String::new(), noise);

@@ -29,6 +29,10 @@ pub(super) struct DriveTable {
     taps: Vec<Weights>,
     /// Whether outputs show delayed signals.
     shown: bool,
+    /// By input whether it is zero outside the record.
+    vanishing: Vec<bool>,
+    /// The record with zeros on both sides of such inputs, where steps are seen one by one and such an input is delayed.
+    bounded: Option<Run>,
 }
 
 impl DriveTable {
@@ -49,6 +53,8 @@ impl DriveTable {
             filter: None,
             taps: Vec::new(),
             shown: !layout.patterns.outputs_by_delayed.columns.is_empty(),
+            vanishing: (0..inputs as u32).map(|k| layout.vanishing.contains(&k)).collect(),
+            bounded: None,
         };
         if layout.delayed.iter().any(|s| matches!(s, Signal::Input(_))) {
             let per = if count > 0 { grid.per_interval() } else { Some(1) };
@@ -56,6 +62,10 @@ impl DriveTable {
             if table.filter.is_some() && grid.per_interval() == Some(1) {
                 table.taps = vec![Weights::default(); delays];
             }
+        }
+        let vanishes = |s: &Signal| matches!(s, Signal::Input(k) if layout.vanishing.contains(k));
+        if table.filter.is_none() && layout.delayed.iter().any(vanishes) {
+            table.bounded = Some(bounded(run, &table.vanishing));
         }
         for (sample, row) in run.inputs.chunks_exact(inputs.max(1)).enumerate().filter(|_| inputs > 0) {
             table.samples[sample * width..][..inputs].copy_from_slice(row);
@@ -100,6 +110,7 @@ impl DriveTable {
 
     /// Every step for itself, whatever the grid.
     fn delay_by_steps(&mut self, (d, input): (usize, usize), tau: f64, run: &Run, grid: &Grid) {
+        let run = if self.vanishing[input] { self.bounded.as_ref().unwrap_or(run) } else { run };
         let (delays, column) = (self.delayed.len(), self.inputs + d);
         let mut follower = Follower::default();
         for k in 0..grid.steps() {
@@ -123,7 +134,7 @@ impl DriveTable {
         let (delays, column, held) = (self.delayed.len(), self.inputs + d, run.held[input]);
         for j in 0..filter.per {
             let weights = filter.step(tau, j, held);
-            let mut seen = Seen::before(run, input, weights.first);
+            let mut seen = Seen::before(run, (input, self.vanishing[input]), weights.first);
             let rows = self.stages.chunks_exact_mut(3 * self.width).skip(j).step_by(filter.per);
             let slopes = self.stage_slopes.chunks_exact_mut(3 * delays).skip(j).step_by(filter.per);
             for (row, slopes) in rows.zip(slopes) {
@@ -139,7 +150,7 @@ impl DriveTable {
     fn delay_samples(&mut self, filter: &DelayFilter, (d, input): (usize, usize), tau: f64, run: &Run) {
         let (delays, column) = (self.delayed.len(), self.inputs + d);
         let weights = filter.sample(tau, run.held[input]);
-        let mut seen = Seen::before(run, input, weights.first);
+        let mut seen = Seen::before(run, (input, self.vanishing[input]), weights.first);
         let rows = self.samples.chunks_exact_mut(self.width).zip(self.sample_slopes.chunks_exact_mut(delays));
         for (row, slopes) in rows {
             (row[column], slopes[d]) = weights.at(0, seen.next());
@@ -161,6 +172,9 @@ impl DriveTable {
     #[inline(always)]
     pub(super) fn nearest(&self, sample: i64, input: usize) -> f64 {
         let last = (self.samples.len() / self.width) as i64 - 1;
+        if self.vanishing[input] && !(0..last).contains(&sample) {
+            return 0.0;
+        }
         self.samples[sample.clamp(0, last) as usize * self.width + input]
     }
 
@@ -238,6 +252,7 @@ impl DriveTable {
 struct Seen<'r> {
     run: &'r Run,
     input: usize,
+    vanishing: bool,
     samples: [f64; TAPS],
     /// The sample behind them.
     next: i64,
@@ -245,8 +260,8 @@ struct Seen<'r> {
 
 impl<'r> Seen<'r> {
     /// Before the first interval; `first` is the first sample that this sees.
-    fn before(run: &'r Run, input: usize, first: i64) -> Self {
-        let mut seen = Self { run, input, samples: [0.0; TAPS], next: first };
+    fn before(run: &'r Run, (input, vanishing): (usize, bool), first: i64) -> Self {
+        let mut seen = Self { run, input, vanishing, samples: [0.0; TAPS], next: first };
         (1..TAPS).for_each(|_| _ = seen.next());
         seen
     }
@@ -255,11 +270,26 @@ impl<'r> Seen<'r> {
     #[inline(always)]
     fn next(&mut self) -> [f64; TAPS] {
         let last = self.run.len() as i64 - 1;
-        let sample = self.run.inputs[self.next.clamp(0, last) as usize * self.run.held.len() + self.input];
+        let sample = match self.vanishing && !(0..last).contains(&self.next) {
+            true => 0.0,
+            false => self.run.inputs[self.next.clamp(0, last) as usize * self.run.held.len() + self.input],
+        };
         self.samples = [self.samples[1], self.samples[2], sample];
         self.next += 1;
         self.samples
     }
+}
+
+/// A record whose vanishing inputs, which are held, are zero before the first sample and from the last one on.
+fn bounded(run: &Run, vanishing: &[bool]) -> Run {
+    let (m, n, first) = (vanishing.len(), run.len(), run.time.first().copied().unwrap_or(0.0));
+    let mut wider = run.clone();
+    wider.time.insert(0, first - 1.0);
+    wider.inputs = [&run.inputs[..m], &run.inputs].concat();
+    for k in (0..m).filter(|k| vanishing[*k]) {
+        (wider.inputs[k], wider.inputs[n * m + k]) = (0.0, 0.0);
+    }
+    wider
 }
 
 /// Inputs at the stages (3 by width) of the step between two parts of an interval.

@@ -104,6 +104,8 @@ pub struct Simulator<'a> {
     pub(super) drive: DriveTable,
     pub(super) known: Vec<f64>,
     pub(super) work: Workspace,
+    /// All parameters, with first samples of the run's inputs filled in.
+    theta: Vec<f64>,
     /// The past of states that are seen delayed.
     pub(super) history: Option<History>,
     /// Three nodes' states in turn.
@@ -210,6 +212,7 @@ impl<'a> Simulator<'a> {
             grid,
             known: vec![0.0; layout.known],
             work: Workspace::new(dynamics),
+            theta: Vec::with_capacity(layout.params),
             integrator,
             history,
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
@@ -343,7 +346,7 @@ impl<'a> Simulator<'a> {
     /// [`Unsuited::LongMemory`], [`Unsuited::ShortDelays`].
     pub fn suits(&mut self, theta: &[f64]) -> Result<(), Unsuited> {
         let layout = self.dynamics.layout();
-        self.dynamics.prepare(theta, &mut self.known, &mut self.work);
+        self.prepare(theta);
         let lanes = layout.stage.lanes;
         let Self { history: Some(history), integrator: Integrator::Retarded(retarded, _), known, grid, .. } = self
         else {
@@ -371,10 +374,20 @@ impl<'a> Simulator<'a> {
         (1..self.run.len()).try_for_each(|sample| emit(self, sample))
     }
 
+    /// Parameters to everything that depends on them alone; first samples are those of this run, whatever theta says.
+    fn prepare(&mut self, theta: &[f64]) {
+        self.theta.clear();
+        self.theta.extend_from_slice(theta);
+        for (param, input) in &self.dynamics.layout().first {
+            self.theta[*param as usize] = self.run.inputs.get(*input as usize).copied().unwrap_or(f64::NAN);
+        }
+        self.dynamics.prepare(&self.theta, &mut self.known, &mut self.work);
+    }
+
     /// Parameters to everything that depends on them alone, delays and initial values among it.
     fn begin(&mut self, theta: &[f64], stride: usize) -> Result<(), Divergence> {
         let layout = self.dynamics.layout();
-        self.dynamics.prepare(theta, &mut self.known, &mut self.work);
+        self.prepare(theta);
         let start = |state| Divergence { time: 0.0, state, sample: 0 };
         let x0 = &self.known[layout.initial.clone()];
         if let Some(state) = x0.iter().position(|x| !x.is_finite()) {

@@ -31,7 +31,7 @@ pub use error::{ChannelName, SpectrumError};
 pub use frequencies::{Comb, Frequencies};
 pub use frequency_response::FrequencyResponseEstimate;
 pub use interpolant::Interpolant;
-pub use overlap::Overlap;
+pub use overlap::{Overlap, independent};
 pub use segments::Segmentation;
 pub use spectrum::{Ends, Spectrum, SpectrumOptions};
 pub use transform::Transform;

@@ -9,8 +9,20 @@ use std::f64::consts::TAU;
 
 /// Largest |rho| between different frequencies that counts as none.
 const APART: f64 = 1e-6;
+/// Part of a cycle by which frequencies that are one cycle apart may miss it.
+const ROUNDED: f64 = 1e-6;
 /// Most frequencies at unequal distances.
 const MOST_UNEVEN: usize = 4096;
+
+/// How many independent frequencies these (M, rising, in radians per unit of time) are worth in a record of this duration: closer than one cycle
+/// in the record they repeat each other.
+pub fn independent(omega: &[f64], duration: f64) -> f64 {
+    let span = |pair: &[f64]| match (pair[1] - pair[0]) * duration / TAU {
+        apart if apart > 1.0 - ROUNDED => 1.0,
+        apart => apart,
+    };
+    omega.first().map_or(0.0, |_| 1.0) + omega.windows(2).map(span).sum::<f64>()
+}
 
 /// Sums over neighbouring frequencies, `sum_l rho(w_k - w_l) g_l + rho(w_k + w_l) g_l*`.
 #[derive(Debug)]

@@ -5,6 +5,7 @@ use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
 use super::frequencies::Frequencies;
 use super::interpolant::{Correction, Course, Interpolant, Sides};
+use super::overlap::independent;
 use super::transform::Transform;
 use crate::record::Run;
 use num_complex::Complex64;
@@ -36,6 +37,8 @@ pub struct Spectrum {
     pub input_samples: Vec<f64>,
     /// Whether each input is held between samples (m).
     pub input_held: Vec<bool>,
+    /// What each input is before the record (m): the first of its samples, or zero less the mean that was taken off. Nothing where that is not known.
+    pub input_before: Vec<f64>,
     /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
     pub outputs: Vec<Complex64>,
     /// Values of the inputs half an interval before the first transformed sample, and half an interval behind the last (m each).
@@ -53,6 +56,8 @@ pub struct SpectrumOptions {
     pub ends: Ends,
     /// Coefficients of an output that was never measured are NaN, and no error.
     pub allow_unmeasured: bool,
+    /// Inputs (by index) that are zero outside the record.
+    pub vanishing: Vec<u32>,
     /// Names of the inputs, for messages; numbers where there are none.
     pub inputs: Vec<String>,
     /// Names of the outputs.
@@ -90,11 +95,18 @@ impl Spectrum {
             }
         }
         let courses: Vec<Course> = (0..even.width).map(|c| options.course(c, m, &run.held)).collect();
+        let first: Vec<f64> = even.rows[..m].to_vec();
+        let vanishes = |c: usize| c < m && options.vanishing.contains(&(c as u32));
         let sides: Vec<Sides> =
-            courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer)).collect();
+            courses.iter().enumerate().map(|(c, kind)| centre(&mut even, c, *kind, outer, vanishes(c))).collect();
         let inner = outer * even.width..(outer + samples) * even.width;
         let samples_of = |c: usize| std::iter::once(0).chain(outer..outer + samples).map(move |k| k * even.width + c);
-        let input_samples = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+        let mut input_samples: Vec<f64> = (0..m).flat_map(samples_of).map(|at| even.rows[at]).collect();
+        let before = |c: usize| even.rows[c] - if vanishes(c) { first[c] } else { 0.0 };
+        let input_before: Vec<f64> = (0..m).map(before).collect();
+        if outer == 0 {
+            input_samples.chunks_mut(samples + 1).zip(&input_before).for_each(|(row, before)| row[0] = *before);
+        }
         let input_held = courses[..m].iter().map(|c| *c == Course::Held).collect();
         let squares =
             |c: usize| even.rows[inner.clone()].iter().skip(c).step_by(even.width).map(|v| v * v).sum::<f64>();
@@ -131,6 +143,7 @@ impl Spectrum {
             sampled_inputs,
             input_samples,
             input_held,
+            input_before,
             outputs,
             input_ends: pick(0..m),
             output_ends: pick(m..even.width),
@@ -146,8 +159,7 @@ impl Spectrum {
     /// How many independent frequencies the chosen ones are worth: closer than `1/T` to each other they are interpolated, and their noise is
     /// correlated.
     pub fn independent(&self) -> f64 {
-        let span = |pair: &[f64]| ((pair[1] - pair[0]) * self.duration() / TAU).min(1.0);
-        self.omega.first().map_or(0.0, |_| 1.0) + self.omega.windows(2).map(span).sum::<f64>()
+        independent(&self.omega, self.duration())
     }
 
     /// The inputs that do not move in the band: their coefficients hold less than 1e-12 of their power.
@@ -207,18 +219,20 @@ fn constant(w: f64, dt: f64, samples: usize) -> Complex64 {
     (Complex64::cis(0.5 * w * dt) - Complex64::cis(w * (0.5 * dt - duration))) / Complex64::new(0.0, w * duration)
 }
 
-/// Takes off a channel's mean over the record; gives the samples at both ends.
-fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize) -> Sides {
+/// Takes off a channel's mean over the record; gives the samples at both ends. One that vanishes does so before its first sample.
+fn centre(even: &mut EvenRows, channel: usize, course: Course, outer: usize, vanishing: bool) -> Sides {
     let (width, places) = (even.width, even.places);
     let inner = places - 2 * outer;
     let at = |rows: &[f64], k: usize| rows[k * width + channel];
+    let begin = at(&even.rows, 0);
     let sides = |rows: &[f64]| {
         let (first, last) = (at(rows, outer), at(rows, outer + inner - 1));
         if outer == 1 {
             return [[at(rows, 0), first], [last, at(rows, places - 1)]];
         }
         let line = |near: f64, next: f64| if course == Course::Held { near } else { 2.0 * near - next };
-        [[line(first, at(rows, 1)), first], [last, line(last, at(rows, places - 2))]]
+        let before = if vanishing { first - begin } else { line(first, at(rows, 1)) };
+        [[before, first], [last, line(last, at(rows, places - 2))]]
     };
     // the mean in two steps, so that a large offset leaves no rounding behind
     for _ in 0..2 {

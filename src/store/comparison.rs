@@ -16,7 +16,7 @@ struct Saying {
 /// What differs between a model `then` and a model `now`, one sentence each; none when the same parameters give the same
 /// response, about the same trim. Start values, bounds, docs and layout do not matter.
 pub fn differences(then: &Model, now: &Model) -> Vec<String> {
-    if then.source().text() == now.source().text() {
+    if then.source().same_texts(now.source()) {
         return Vec::new();
     }
     let (a, b) = (sayings(then), sayings(now));

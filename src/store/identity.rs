@@ -28,9 +28,13 @@ impl Identity {
     pub fn of(model: &Model, runs: &[Run], options: &impl fmt::Debug) -> Self {
         let mut parts = vec![
             ("version of fdm".into(), env!("CARGO_PKG_VERSION").into()),
-            ("model".into(), fingerprint(model.source().text().as_bytes())),
+            ("model".into(), fingerprint(&texts(model))),
             ("number of runs".into(), runs.len().to_string()),
         ];
+        let untied = model.open_ties();
+        if !untied.is_empty() {
+            parts.push(("params without their ties".into(), untied.join(", ")));
+        }
         parts.extend(runs.iter().map(|run| (format!("data of run `{}`", run.name), contents(run))));
         parts.extend(lines(options));
         Self { parts }
@@ -67,6 +71,16 @@ impl fmt::Display for Difference {
             (None, _) => write!(f, "{part}: here, but not there"),
         }
     }
+}
+
+/// The text of a model; with the files that it uses, each behind its length.
+fn texts(model: &Model) -> Vec<u8> {
+    let mut bytes = model.source().text().as_bytes().to_vec();
+    for used in &model.source().texts()[1..] {
+        bytes.extend_from_slice(&(used.text().len() as u64).to_le_bytes());
+        bytes.extend_from_slice(used.text().as_bytes());
+    }
+    bytes
 }
 
 /// Every number of a run, to the bit.
@@ -140,6 +154,18 @@ mod tests {
         assert_eq!(said(&then, &Identity::of(&model, &[run("one", bits)], &options)), ["another data of run `one`"]);
         let two = Identity::of(&model, &[run("one", 2.0), run("two", 2.0)], &options);
         assert_eq!(said(&then, &two), ["number of runs: 1 there, 2 here", "data of run `two`: here, but not there"]);
+    }
+
+    #[test]
+    fn used_files_belong_to_the_model() {
+        let model = |k: f64| {
+            let used = [format!("model b {{ param k = {k}; let y = k; }}")];
+            Model::from_texts("m.fdm", "model m { use \"b.fdm\" as b; output y = b.y; }", &used).unwrap()
+        };
+        let options = FitOptions::default();
+        let [one, two] = [1.0, 2.0].map(|k| Identity::of(&model(k), &[], &options));
+        assert_eq!(said(&one, &Identity::of(&model(1.0), &[], &options)), Vec::<String>::new());
+        assert_eq!(said(&one, &two), ["another model"]);
     }
 
     #[test]

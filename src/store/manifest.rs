@@ -28,6 +28,9 @@ pub struct Manifest {
     pub model: String,
     /// The file that it was read from; its text is in the folder.
     pub model_file: String,
+    /// Params whose ties were switched off.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub untied: Vec<String>,
     /// The runs.
     pub data: Vec<DataFile>,
     /// How their files were read.
@@ -106,6 +109,7 @@ impl Manifest {
             command: Vec::new(),
             model: model.name().into(),
             model_file: model.source().name().into(),
+            untied: model.open_ties(),
             data: Vec::new(),
             reading: ReadOptions::default(),
             seed: None,

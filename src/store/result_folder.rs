@@ -16,6 +16,10 @@ use std::path::{Path, PathBuf};
 
 /// The text of the model.
 const MODEL: &str = "model.fdm";
+/// The text of the k-th file that the model uses, from 1.
+fn used_name(k: usize) -> String {
+    format!("model.{k}.fdm")
+}
 /// Everything that `--json` prints.
 const RESULT: &str = "result.json";
 /// What the residuals of the fitted runs say.
@@ -27,6 +31,7 @@ pub struct ResultFolder {
     folder: PathBuf,
     manifest: Manifest,
     model: String,
+    used: Vec<String>,
     result: Value,
     quality: Value,
     parameters: Vec<KeptParameter>,
@@ -133,6 +138,8 @@ pub struct Contents {
     pub manifest: Manifest,
     /// Text of the model.
     pub model: String,
+    /// Texts of the files that the model uses, in their order.
+    pub used: Vec<String>,
     /// Everything that `--json` prints.
     pub result: String,
     /// What the residuals of each output of each run say, as JSON.
@@ -150,6 +157,7 @@ impl Contents {
         let own = [(MODEL, self.model), (RESULT, self.result), (QUALITY, self.quality)];
         let mut files: Vec<(String, Vec<u8>)> =
             own.into_iter().map(|(name, text)| (name.to_string(), text.into_bytes())).collect();
+        files.extend(self.used.into_iter().enumerate().map(|(k, text)| (used_name(k + 1), text.into_bytes())));
         files.extend(self.others);
         let mut manifest = self.manifest;
         manifest.files = files.iter().map(|(name, content)| KeptFile::new(name, content)).collect();
@@ -196,9 +204,11 @@ impl ResultFolder {
             serde_json::from_str(&read(name)?).map_err(|_| changed(&folder, vec![name.into()]))
         };
         let (model, result, quality) = (read(MODEL)?, json(RESULT)?, json(QUALITY)?);
+        let names = (1..).map(used_name).take_while(|name| manifest.files.iter().any(|f| f.name == *name));
+        let used = names.map(|name| read(&name)).collect::<Result<Vec<_>, _>>()?;
         let parameters = Vec::<KeptParameter>::deserialize(&result["parameters"]);
         let parameters = parameters.map_err(|_| changed(&folder, vec![RESULT.into()]))?;
-        Ok(Self { folder, manifest, model, result, quality, parameters })
+        Ok(Self { folder, manifest, model, used, result, quality, parameters })
     }
 
     /// Where it was found.
@@ -231,7 +241,12 @@ impl ResultFolder {
     /// # Errors
     /// [`ModelError`] when this version of the program no longer reads it.
     pub fn model(&self) -> Result<Model, ModelError> {
-        Model::from_text(self.folder.join(MODEL).display().to_string(), &self.model)
+        // names of used files are relative to the model's: one of them may be `model.fdm` itself
+        let own = Path::new(&self.manifest.model_file).file_name().filter(|_| !self.used.is_empty());
+        let name = own.map_or_else(|| self.folder.join(MODEL), |own| self.folder.join(own));
+        let model = Model::from_texts(name.display().to_string(), &self.model, &self.used)?;
+        // the names were taken from this text
+        Ok(model.untied(&self.manifest.untied).unwrap_or(model))
     }
 
     /// The runs that were fitted.
@@ -355,6 +370,7 @@ mod tests {
         Contents {
             manifest,
             model: TEXT.into(),
+            used: Vec::new(),
             result: serde_json::json!({ "parameters": parameters }).to_string(),
             quality: "[]".into(),
             others: vec![("result.txt".into(), b"k is known".to_vec())],
@@ -367,6 +383,19 @@ mod tests {
 
     fn value(folder: &Path) -> Option<f64> {
         ResultFolder::open(folder).ok().map(|r| r.parameters()[0].value)
+    }
+
+    #[test]
+    fn used_files_are_kept_with_the_model() {
+        let used = vec!["model b { param k = 1; let y = k; }".to_string()];
+        let text = "model a { use \"model.fdm\" as b; param b0 = 0 per run; output y = b.y + b0; }";
+        let model = Model::from_texts("dir/a.fdm", text, &used).unwrap();
+        let manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
+        let folder = tempfile::tempdir().unwrap();
+        let place = Destination::prepare(folder.path().join("result")).unwrap();
+        Contents { manifest, model: text.into(), used, ..contents(1.0, &["one"]) }.write(&place).unwrap();
+        let read = ResultFolder::open(folder.path().join("result")).unwrap();
+        assert!(read.model().unwrap().source().same_texts(model.source()));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Why a nonlinear term can not be computed from records.
 
+use crate::model::reading::Unsettled;
 use std::fmt;
 
 /// A term in the way.
@@ -13,6 +14,8 @@ pub enum Obstacle {
         equation: String,
         /// The state.
         state: String,
+        /// The output that would show it if less were to be estimated.
+        unsettled: Option<Unsettled>,
     },
     /// It holds a parameter that is to be estimated, in a way that is not a factor.
     Unknown {
@@ -48,7 +51,12 @@ fn quoted(names: &[String]) -> String {
 impl fmt::Display for Obstacle {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unshown { term, equation, state } => write!(
+            Self::Unshown { term, equation, unsettled: Some(unsettled), .. } => write!(
+                f,
+                "the term `{term}` of `{equation}` is not linear and can not be computed from records: {unsettled}: fix \
+                 that, show the state by an output of its own, or linearise the model"
+            ),
+            Self::Unshown { term, equation, state, unsettled: None } => write!(
                 f,
                 "the term `{term}` of `{equation}` is not linear and no output shows the state `{state}` in it, so that it \
                  can not be computed from records: measure it (`output {state}_m = {state};`), or linearise the model"

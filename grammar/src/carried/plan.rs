@@ -3,7 +3,7 @@
 use super::obstacle::{NotCarried, Obstacle};
 use crate::graph::{Graph, Leaf, Node, Signal, show};
 use crate::model::Model;
-use crate::model::reading::{Reading, reading};
+use crate::model::reading::{Reading, reading, unsettled};
 use crate::op::ExprId;
 use crate::schedule::affine_nodes;
 use crate::terms::{Term, separate};
@@ -151,8 +151,9 @@ impl Search<'_> {
         }
         if self.readings[k].is_none() {
             let (text, equation) = self.names(row, term.regressor);
-            let state = self.model.states[k].quantity.name.clone();
-            self.obstacles.push(Obstacle::Unshown { term: text, equation, state });
+            let name = self.model.states[k].quantity.name.clone();
+            let unsettled = unsettled(self.model, &mut self.graph, state);
+            self.obstacles.push(Obstacle::Unshown { term: text, equation, state: name, unsettled });
         }
         self.readings[k].is_some()
     }

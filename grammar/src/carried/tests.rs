@@ -58,7 +58,7 @@ fn only_what_is_not_linear_becomes_an_input() {
         equations(&after),
         [
             "d*c + v*a + b*measured(v*abs(r))",
-            "d + b*r - c*measured(abs(v)*(r*sin(t)))",
+            "d + b*r - c*measured(abs(v)*r*sin(t))",
             "r",
             "2*v - k",
             "r",
@@ -100,7 +100,7 @@ fn what_can_not_be_computed_is_named_with_what_would_help() {
         der(v) = -a*tanh(v/v0) + z^2; der(z) = -z + u*delay(u, tau); output v_m = v, y = abs(z); }";
     let said = model(text).carried().unwrap_err().to_string();
     let wanted = [
-        "the term `z*z` of `der(v)` is not linear and no output shows the state `z` in it, so that it can not be computed \
+        "the term `z^2` of `der(v)` is not linear and no output shows the state `z` in it, so that it can not be computed \
          from records: measure it (`output z_m = z;`), or linearise the model",
         "the term `abs(z)` of `y` is not linear and no output shows the state `z`",
         "the term `tanh(v/v0)` of `der(v)` is not linear and can not be computed from records while `v0` inside it is to be \
@@ -117,11 +117,26 @@ fn what_can_not_be_computed_is_named_with_what_would_help() {
 }
 
 #[test]
+fn an_output_with_an_estimated_bias_is_named_with_the_bias() {
+    let text = "model m { input u; state x, z; param a = 1, bias = 0, k = 2 fixed; der(x) = a*x^2 - z; der(z) = u - z;
+        output x_m = k*x + bias; }";
+    let said = model(text).carried().unwrap_err().to_string();
+    assert_eq!(
+        said,
+        "the term `x^2` of `der(x)` is not linear and can not be computed from records: `x_m` shows the state `x` only \
+         together with `bias`, which is to be estimated: fix that, show the state by an output of its own, or linearise the model"
+    );
+    assert!(model(&text.replace("bias = 0", "bias = 0 fixed")).carried().is_ok());
+    let said = model(text).substituted(&[0]).unwrap_err().to_string();
+    assert!(said.ends_with("`x_m` shows the state `x` only together with `bias`, which is to be estimated"), "{said}");
+}
+
+#[test]
 fn records_replace_states_also_in_carried_models() {
     let before =
         model("model m { state x, z; param a = 1; der(x) = a*x^2 + z; der(z) = -z; output x_m = x, z_m = z; }");
     let after = before.carried().unwrap().model.substituted(&[1]).unwrap();
     let shown = show(&after.graph, after.states[0].rate, &after);
-    assert!(shown.contains("measured(z_m)") && shown.contains("measured(x*x)"), "{shown}");
+    assert!(shown.contains("measured(z_m)") && shown.contains("measured(x^2)"), "{shown}");
     assert!(after.inputs.iter().any(|i| i.computed.is_some()));
 }

@@ -43,6 +43,7 @@ fn article(role: Role) -> &'static str {
         Role::Const => "the const",
         Role::Let => "the let",
         Role::Output => "the output",
+        Role::Table => "the table",
     }
 }
 
@@ -70,7 +71,8 @@ fn value(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
         Diagnostic::new(Code::MissingValue, span, message).hint(hint)
     };
     findings.push(match (symbol.role, symbol.declaration.value) {
-        (Role::State, _) | (Role::Param | Role::Const | Role::Let | Role::Output, Some(Value::Expr(_))) => return,
+        (Role::State | Role::Table, _)
+        | (Role::Param | Role::Const | Role::Let | Role::Output, Some(Value::Expr(_))) => return,
         (Role::Input, None) => return,
         (Role::Input, Some(Value::Expr(_))) => {
             let message = format!("the input `{name}` cannot have a value: it is read from the record");

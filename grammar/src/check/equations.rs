@@ -2,23 +2,35 @@
 
 use super::functions::Function;
 use super::names::{Scope, Symbol, SymbolId, argument_count};
-use super::order::each_operand;
+use super::reach::{Reach, each_node};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::syntax::{BinarySign, Expr, ExprRef, Name, Role, StatementKind};
 
-/// `left = right`, with the state whose derivative stands on the left.
+/// `left = right`.
 pub(super) struct Equation {
     /// The left side, whole.
     pub(super) left: ExprRef,
     /// The right side.
     pub(super) right: ExprRef,
-    /// The state; `None` when the left side is no derivative of one.
+    /// The state whose derivative is the left side; `None` when that is something else.
     pub(super) state: Option<SymbolId>,
+    /// The derivatives in it are to be solved for.
+    pub(super) implicit: bool,
 }
 
-/// Reads the left sides. Every state must have exactly one equation.
+/// What stands on the left.
+enum Left {
+    /// The derivative of a state, alone.
+    Derivative(SymbolId),
+    /// An expression of an equation in which derivatives stand somewhere.
+    Sum,
+}
+
+/// Reads the left sides. Every state must have exactly one equation; where equations are to be solved for derivatives, which
+/// belongs to which is found later.
 pub(super) fn read(scope: &mut Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Equation> {
     let tree = scope.tree;
+    let reach = Reach::new(scope);
     let mut first: Vec<Option<ExprRef>> = vec![None; scope.symbols.len()];
     // states that a faulty left side mentions: their equation is there, only not well written
     let mut excused = vec![false; scope.symbols.len()];
@@ -26,31 +38,38 @@ pub(super) fn read(scope: &mut Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec
     let mut guesses = 0;
     for statement in &tree.statements {
         let StatementKind::Equation(left, right) = statement.kind else { continue };
-        let state = match derivative_of(scope, left, right, &mut guesses) {
-            Ok(state) => state,
+        let mut equation = Equation { left, right, state: None, implicit: false };
+        match left_side(scope, &reach, left, right, &mut guesses) {
+            Ok(Some(Left::Derivative(s))) => match first[s] {
+                Some(_) if reach.derivative(scope, right) => equation.implicit = true,
+                Some(earlier) => findings.push(second_equation(scope, s, left, earlier)),
+                None => (first[s], equation.state) = (Some(left), Some(s)),
+            },
+            Ok(Some(Left::Sum)) => equation.implicit = true,
+            Ok(None) => {}
             Err(finding) => {
                 findings.extend(finding);
                 excuse(scope, left, guesses, &mut excused);
-                None
-            }
-        };
-        if let Some(s) = state {
-            match first[s] {
-                Some(earlier) => findings.push(second_equation(scope, s, left, earlier)),
-                None => first[s] = Some(left),
             }
         }
-        equations.push(Equation { left, right, state });
+        equations.push(equation);
+    }
+    if equations.iter().any(|e| e.implicit) {
+        return equations;
     }
     for (s, symbol) in scope.valid().filter(|(_, symbol)| symbol.role == Role::State) {
         if first[s].is_none() && !excused[s] && !scope.is_suspended(symbol.name()) {
-            let name = &symbol.declaration.name;
-            let message = format!("the state `{}` has no equation", name.text);
-            let finding = Diagnostic::new(Code::MissingEquation, name.span, message);
-            findings.push(finding.hint(format!("`der({}) = ...;`", name.text)));
+            findings.push(no_equation(scope, s));
         }
     }
     equations
+}
+
+/// The complaint about a state whose derivative nothing determines.
+pub(super) fn no_equation(scope: &Scope<'_>, s: SymbolId) -> Diagnostic {
+    let name = &scope.symbols[s].declaration.name;
+    let message = format!("the state `{}` has no equation", name.text);
+    Diagnostic::new(Code::MissingEquation, name.span, message).hint(format!("`der({}) = ...;`", name.text))
 }
 
 fn second_equation(scope: &Scope<'_>, s: SymbolId, left: ExprRef, first: ExprRef) -> Diagnostic {
@@ -60,25 +79,28 @@ fn second_equation(scope: &Scope<'_>, s: SymbolId, left: ExprRef, first: ExprRef
         .hint("add the right sides or remove one of the equations")
 }
 
-/// The state of `der(state)`; `Ok(None)` when what is wrong has been told elsewhere.
-fn derivative_of(
+/// What the left side is; `Ok(None)` when what is wrong has been told elsewhere.
+fn left_side(
     scope: &Scope<'_>,
+    reach: &Reach,
     left: ExprRef,
     right: ExprRef,
     guesses: &mut usize,
-) -> Result<Option<SymbolId>, Option<Diagnostic>> {
+) -> Result<Option<Left>, Option<Diagnostic>> {
     let tree = scope.tree;
+    let derivatives = || reach.derivative(scope, left) || reach.derivative(scope, right);
     match tree.expr(left) {
         Expr::Call(name, arguments) if name.text == "der" => match arguments[..] {
-            [argument] => differentiated(scope, left, argument, guesses),
+            [argument] if !is_state_name(scope, argument) && reach.state(scope, argument) => Ok(Some(Left::Sum)),
+            [argument] => Ok(differentiated(scope, left, argument, guesses)?.map(Left::Derivative)),
             _ => Err(Some(argument_count(Function::Der, name, arguments.len(), tree.span(left)))),
         },
-        Expr::Name(name) => Err(not_a_derivative(scope, left, right, name)),
-        _ if mentions(scope, left, |e| matches!(e, Expr::Call(name, _) if name.text == "der")) => {
-            let message = "an equation is solved for one derivative; other left sides are not compiled yet";
-            let finding = Diagnostic::new(Code::Unsupported, tree.span(left), message);
-            Err(Some(finding.hint("solve it by hand: `der(x) = ...;`")))
-        }
+        Expr::Name(name) => match scope.find(name).map(|s| scope.symbols[s].role) {
+            // a value given to an output below its declaration is a slip, whatever it is made of
+            Some(role) if role != Role::Output && derivatives() => Ok(Some(Left::Sum)),
+            _ => Err(not_a_derivative(scope, left, right, name)),
+        },
+        _ if derivatives() => Ok(Some(Left::Sum)),
         _ => {
             let message = "the left side of an equation is the derivative of a state";
             let finding = Diagnostic::new(Code::NotADerivative, tree.span(left), message);
@@ -127,9 +149,9 @@ fn differentiated(
 ) -> Result<Option<SymbolId>, Option<Diagnostic>> {
     let tree = scope.tree;
     let Expr::Name(name) = tree.expr(argument) else {
-        let message = "`der` is taken of a state, by its name";
+        let message = "no state is in this derivative";
         let finding = Diagnostic::new(Code::NotADerivative, tree.span(left), message);
-        return Err(Some(finding.hint("declare a `state` for this quantity")));
+        return Err(Some(finding.hint("an equation says how states change: `der(x) = ...;`")));
     };
     let Some(s) = scope.find(name) else {
         if scope.is_suspended(name) {
@@ -187,14 +209,14 @@ fn role_text(role: Role) -> &'static str {
         Role::Let => "is a let",
         Role::Const => "is a const",
         Role::Input => "is an input",
+        Role::Table => "is a table",
         _ => "is a param",
     }
 }
 
-fn mentions(scope: &Scope<'_>, root: ExprRef, wanted: impl Fn(&Expr) -> bool) -> bool {
-    let mut found = false;
-    each_node(scope, root, |e| found |= wanted(e));
-    found
+fn is_state_name(scope: &Scope<'_>, e: ExprRef) -> bool {
+    let Expr::Name(name) = scope.tree.expr(e) else { return false };
+    scope.find(name).is_some_and(|s| is_state(&scope.symbols[s]))
 }
 
 fn is_state(symbol: &Symbol<'_>) -> bool {
@@ -218,14 +240,5 @@ fn excuse<'a>(scope: &mut Scope<'a>, left: ExprRef, guesses: usize, excused: &mu
         if bare && scope.find(name).is_none() {
             scope.suspend(name);
         }
-    }
-}
-
-fn each_node<'a>(scope: &Scope<'a>, root: ExprRef, mut visit: impl FnMut(&'a Expr)) {
-    let tree = scope.tree;
-    let mut open = vec![root];
-    while let Some(e) = open.pop() {
-        visit(tree.expr(e));
-        each_operand(tree.expr(e), |operand| open.push(operand));
     }
 }

@@ -1,13 +1,18 @@
 //! Builds the graph: the nodes of the text in order of definition, each name replaced by what it stands for.
 
+use super::beginnings::Builder;
 use super::delays::{Delays, MOST_DELAYED};
+use super::derivatives::{Derivatives, Twice};
 use super::functions::Function;
+use super::initials::Initials;
 use super::kinds::Kinds;
-use super::names::{Meaning, Scope};
+use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use super::records;
+use super::substitution::{Obstacle, Substitution};
+use super::tables::{Method, Tables};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Graph, Leaf};
+use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::{Build, ExprId, Op};
 use crate::syntax::{BinarySign, Expr, ExprRef, Role, UnarySign, Value};
 
@@ -19,13 +24,26 @@ pub(super) struct Indices {
     pub(super) initial: Vec<Option<u32>>,
     /// By symbol: the hidden input that is the record of an output.
     pub(super) record: Vec<Option<u32>>,
+    /// How many params there are.
+    pub(super) params: u32,
+    /// Number of states.
+    states: u32,
+    /// Number of inputs, records included.
+    pub(super) inputs: u32,
 }
 
 impl Indices {
     /// Counts in the order of the text.
     pub(super) fn new(scope: &Scope<'_>, meanings: &[Meaning], kinds: &Kinds) -> Self {
         let count = scope.symbols.len();
-        let mut indices = Self { of: vec![0; count], initial: vec![None; count], record: vec![None; count] };
+        let mut indices = Self {
+            of: vec![0; count],
+            initial: vec![None; count],
+            record: vec![None; count],
+            params: 0,
+            states: 0,
+            inputs: 0,
+        };
         let (mut inputs, mut states, mut params, mut derived, mut outputs) = (0, 0, 0, 0, 0);
         let next = |count: &mut u32| {
             *count += 1;
@@ -38,14 +56,16 @@ impl Indices {
                 Role::Param if kinds.derived[s] => next(&mut derived),
                 Role::Param => next(&mut params),
                 Role::Output => next(&mut outputs),
-                Role::Const | Role::Let => 0,
+                Role::Const | Role::Let | Role::Table => 0,
             };
             if symbol.role == Role::State && matches!(symbol.declaration.value, Some(Value::Free(_))) {
                 indices.initial[s] = Some(next(&mut params));
             }
         }
+        indices.params = params;
         // hidden inputs stand behind the declared ones
         records::taken(meanings).into_iter().for_each(|s| indices.record[s] = Some(next(&mut inputs)));
+        (indices.states, indices.inputs) = (states, inputs);
         indices
     }
 }
@@ -61,14 +81,23 @@ pub(super) struct Expressions {
     /// All expressions.
     pub(super) graph: Graph,
     /// By node of the text; meaningless for broken ones.
-    nodes: Vec<ExprId>,
+    pub(super) nodes: Vec<ExprId>,
     /// By symbol: what its name stands for.
     symbols: Vec<ExprId>,
     /// Constants that are not finite although their operands are, with the roots that contain them.
     pub(super) singular: Vec<(ExprRef, ExprRef)>,
     /// Every delay.
     pub(super) delays: Vec<DelayCall>,
+    /// Derivatives that were taken.
+    pub(super) derivatives: Derivatives,
+    /// The number 0.
+    pub(super) nothing: ExprId,
     pushed: Delays,
+    tables: Tables,
+    /// Expressions at the beginning of a run.
+    pub(super) initials: Initials,
+    /// By state: its initial value, as far as it is known.
+    pub(super) beginnings: Vec<Option<ExprId>>,
 }
 
 impl Expressions {
@@ -88,7 +117,12 @@ impl Expressions {
             symbols: vec![nothing; scope.symbols.len()],
             singular: Vec::new(),
             delays: Vec::new(),
+            derivatives: Derivatives::new(indices.states, indices.inputs),
+            nothing,
             pushed: Delays::default(),
+            tables: Tables::default(),
+            initials: Initials::new(indices.params, indices.inputs),
+            beginnings: Vec::new(),
             graph,
         };
         for (s, symbol) in scope.valid().filter(|(s, _)| !kinds.derived[*s]) {
@@ -100,28 +134,31 @@ impl Expressions {
             };
             expressions.symbols[s] = expressions.graph.leaf(leaf);
         }
-        let mut too_many = false;
-        for block in &blocks.list {
-            for e in blocks.nodes(block).iter().filter(|e| !kinds.of(**e).broken) {
-                let built = match expressions.node(scope, *e, meanings, indices, findings) {
-                    Ok(built) => built,
-                    Err(finding) if !too_many => {
-                        too_many = true;
-                        findings.push(finding);
-                        nothing
-                    }
-                    Err(_) => nothing,
-                };
-                expressions.nodes[e.0 as usize] = built;
-                expressions.watch(scope, block, *e);
-            }
+        expressions.known_beginnings(scope, indices);
+        let mut builder = Builder { scope, blocks, meanings, kinds, indices, too_many: false, findings };
+        let (later, now): (Vec<&Block>, Vec<&Block>) = blocks.list.iter().partition(|b| builder.needs_beginnings(b));
+        for block in now {
+            builder.block(&mut expressions, block);
             if let Owner::Value(s) = block.owner
                 && (matches!(scope.symbols[s].role, Role::Let | Role::Const | Role::Output) || kinds.derived[s])
             {
                 expressions.symbols[s] = expressions.nodes[block.root.0 as usize];
             }
         }
+        builder.beginnings(&mut expressions, &later);
         expressions
+    }
+
+    /// Initial values that no expression gives.
+    fn known_beginnings(&mut self, scope: &Scope<'_>, indices: &Indices) {
+        for (s, symbol) in scope.valid().filter(|(_, symbol)| symbol.role == Role::State) {
+            let value = match (indices.initial[s], symbol.declaration.value) {
+                (Some(k), _) => Some(self.graph.leaf(Leaf::Param(k))),
+                (None, Some(Value::Expr(_))) => None,
+                (None, _) => Some(self.graph.number(0.0)),
+            };
+            self.beginnings.push(value);
+        }
     }
 
     /// The expression of a node.
@@ -134,7 +171,7 @@ impl Expressions {
         self.graph.constant(self.of(e))
     }
 
-    fn node(
+    pub(super) fn node(
         &mut self,
         scope: &Scope<'_>,
         e: ExprRef,
@@ -166,7 +203,13 @@ impl Expressions {
                     Some(k) => self.graph.leaf(Leaf::Input(k)),
                     None => self.of(e),
                 },
+                Meaning::Table(s) => self.look_up(scope, s, arguments[0], e)?,
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
+                Meaning::Function(Function::Initial) => {
+                    let argument = self.of(arguments[0]);
+                    self.initials.of(&mut self.graph, argument, &self.beginnings)
+                }
+                Meaning::Function(Function::Der) => self.derivative(scope, e, arguments[0], findings),
                 Meaning::Function(function) => {
                     let args: Vec<ExprId> = arguments.iter().map(|a| self.of(*a)).collect();
                     call(&mut self.graph, function, &args)
@@ -175,6 +218,56 @@ impl Expressions {
             },
             Expr::Vector(_) | Expr::Element(..) => self.of(e),
         })
+    }
+
+    /// A table's value; what is wrong with its points is told elsewhere.
+    fn look_up(
+        &mut self,
+        scope: &Scope<'_>,
+        s: SymbolId,
+        argument: ExprRef,
+        call: ExprRef,
+    ) -> Result<ExprId, Diagnostic> {
+        let points = scope.symbols[s].table.map_or(&[][..], |t| &t.points);
+        let nodes = &self.nodes;
+        let points = || points.iter().map(|(x, y)| (nodes[x.0 as usize], nodes[y.0 as usize])).collect();
+        let method = scope.symbols[s].table.and_then(|t| Method::find(&t.method.text));
+        let (graph, argument) = (&mut self.graph, self.nodes[argument.0 as usize]);
+        let value = self.tables.value(graph, s, method, points, argument);
+        value.map_err(|error| error.told(scope, s, scope.tree.span(call)))
+    }
+
+    fn derivative(
+        &mut self,
+        scope: &Scope<'_>,
+        call: ExprRef,
+        argument: ExprRef,
+        findings: &mut Vec<Diagnostic>,
+    ) -> ExprId {
+        let e = self.of(argument);
+        self.derivatives.of(&mut self.graph, e).unwrap_or_else(|Twice| {
+            let message = "this is the derivative of something that contains a derivative already";
+            let finding = Diagnostic::new(Code::Unsupported, scope.tree.span(call), message);
+            findings.push(finding.hint("make the first derivative a `state` of its own"));
+            e
+        })
+    }
+
+    /// Whether a derivative of a state is in the graph.
+    pub(super) fn holds_derivatives(&self) -> bool {
+        let rate = |signal| matches!(signal, Signal::State(k) if k >= self.derivatives.states());
+        let nodes = self.graph.nodes().iter();
+        let mut leaves = nodes.filter_map(|n| if let Node::Leaf(leaf) = n { Some(*leaf) } else { None });
+        leaves.any(|leaf| self.derivatives.rate(leaf).is_some()) || self.graph.delayed().iter().any(|d| rate(d.signal))
+    }
+
+    /// Brings every node of the text into the new graph, in which all derivatives are known.
+    pub(super) fn transfer(&mut self, into: &mut Substitution<'_>) -> Result<(), Obstacle> {
+        let all = || self.nodes.iter().chain(&self.symbols).chain([&self.nothing]);
+        let moved: Vec<ExprId> = all().map(|e| into.moved(*e)).collect::<Result<_, _>>()?;
+        let all = self.nodes.iter_mut().chain(&mut self.symbols).chain([&mut self.nothing]);
+        all.zip(moved).for_each(|(e, new)| *e = new);
+        Ok(())
     }
 
     fn delay(
@@ -202,8 +295,8 @@ impl Expressions {
     }
 
     /// Notes constants that stop being finite here.
-    fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
-        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_)) {
+    pub(super) fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
+        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_) | Owner::Like(_)) {
             return;
         }
         let expr = scope.tree.expr(e);
@@ -282,6 +375,6 @@ fn call(graph: &mut Graph, function: Function, args: &[ExprId]) -> ExprId {
             graph.apply(Op::Mul, &[k, args[0]])
         }
         // delays and records are leaves of the graph, derivatives stand on left sides
-        Function::Delay | Function::Der | Function::Measured => args[0],
+        Function::Delay | Function::Der | Function::Measured | Function::Initial => args[0],
     }
 }

@@ -21,6 +21,8 @@ pub(super) enum Function {
     Der,
     /// `measured(y)`
     Measured,
+    /// `initial(x)`: the value when a run begins
+    Initial,
 }
 
 /// The functions that are no row of the operation table.
@@ -32,10 +34,11 @@ const COMPOSED: &[(&str, Function)] = &[
     ("delay", Function::Delay),
     ("der", Function::Der),
     ("measured", Function::Measured),
+    ("initial", Function::Initial),
 ];
 
-/// Described by the language, not compiled by this version.
-const PLANNED: &[&str] = &["lag", "leadlag", "washout", "second_order", "tf"];
+/// Blocks, which have become states before: names for hints.
+pub(super) const BLOCKS: &[&str] = &["lag", "leadlag", "washout", "second_order", "tf"];
 
 /// What other languages call functions, and how this one writes them.
 const FOREIGN: &[(&str, &str)] = &[
@@ -57,6 +60,11 @@ const FOREIGN: &[(&str, &str)] = &[
     ("clamp", "clip(x, lower, upper)"),
     ("radians", "deg2rad(x)"),
     ("degrees", "rad2deg(x)"),
+    ("first_order", "lag(x, T)"),
+    ("lowpass", "lag(x, T)"),
+    ("highpass", "washout(x, T)"),
+    ("transfer", "tf(x, [b1, b0], [1, a1, a0])"),
+    ("transferfunction", "tf(x, [b1, b0], [1, a1, a0])"),
     ("heaviside", "if x > 0 then 1 else 0"),
     ("step", "if t > t0 then 1 else 0"),
     ("diff", "der(x) = ..."),
@@ -77,7 +85,7 @@ impl Function {
             Self::Op(op) => (op.row().arity, false),
             Self::Clip => (3, false),
             Self::Deadzone | Self::Delay => (2, false),
-            Self::DegToRad | Self::RadToDeg | Self::Der | Self::Measured => (1, false),
+            Self::DegToRad | Self::RadToDeg | Self::Der | Self::Measured | Self::Initial => (1, false),
         }
     }
 
@@ -103,9 +111,29 @@ impl Function {
     }
 }
 
-/// Whether the language describes this function and the compiler does not have it yet.
-pub(super) fn is_planned(name: &str) -> bool {
-    PLANNED.contains(&name)
+/// Every function that users can call, and how the call is written: `("atan2", "atan2(y, x)")`.
+pub fn function_forms() -> impl Iterator<Item = (&'static str, String)> {
+    Function::names().filter_map(|name| Some((name, Function::find(name)?.form(name))))
+}
+
+/// Least number of arguments of a function, whether more are allowed, and how a call is written.
+pub fn function_form(name: &str) -> Option<(usize, bool, String)> {
+    let Some(function) = Function::find(name) else {
+        let arguments = match name {
+            "lag" | "washout" => "x, T",
+            "leadlag" => "x, T1, T2",
+            "second_order" => "x, omega, zeta",
+            _ => return None,
+        };
+        return Some((arguments.split(',').count(), false, format!("{name}({arguments})")));
+    };
+    let (least, more) = function.arity();
+    Some((least, more, function.form(name)))
+}
+
+/// The names of all functions.
+pub fn function_names() -> impl Iterator<Item = &'static str> {
+    Function::names().chain(BLOCKS.iter().copied())
 }
 
 /// How this language writes what others call `name`.

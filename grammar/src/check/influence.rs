@@ -34,11 +34,12 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
     let mut used = vec![false; scope.symbols.len()];
     for block in &blocks.list {
         let own = match block.owner {
-            Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) => Some(s),
-            Owner::Right(_) | Owner::Known(_) => None,
+            Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) | Owner::Tie(s) => Some(s),
+            Owner::Abscissa(s) | Owner::Ordinate(s) | Owner::Like(s) | Owner::Want(s, _) => Some(s),
+            Owner::Left(_) | Owner::Right(_) | Owner::Known(_) => None,
         };
         for e in blocks.nodes(block) {
-            if let Meaning::Symbol(s) = meanings[e.0 as usize] {
+            if let Meaning::Symbol(s) | Meaning::Table(s) = meanings[e.0 as usize] {
                 used[s] |= own != Some(s);
             }
         }
@@ -62,6 +63,7 @@ pub(super) fn without_influence(
         let symbol: Option<SymbolId> = match param.origin {
             Origin::Declared => scope.find(&param.quantity.name).filter(|s| used[*s]),
             Origin::FreeInitial(k) => state(k),
+            Origin::FirstSample(_) => None,
         };
         let Some(declaration) = symbol.map(|s| scope.symbols[s].declaration) else { continue };
         let span = match (param.origin, declaration.value) {
@@ -71,7 +73,9 @@ pub(super) fn without_influence(
         let message = format!("no output depends on `{}`, so it cannot be estimated", model.params[k].quantity.name);
         let finding = Diagnostic::new(Code::NoInfluence, span, message);
         findings.push(match param.origin {
-            Origin::Declared => finding.hint("make it `fixed` or add an output that depends on it"),
+            Origin::Declared | Origin::FirstSample(_) => {
+                finding.hint("make it `fixed` or add an output that depends on it")
+            }
             Origin::FreeInitial(_) => {
                 finding.hint("give the state an initial value or add an output that depends on it")
             }

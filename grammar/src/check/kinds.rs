@@ -57,6 +57,7 @@ impl Kinds {
             match symbol.role {
                 Role::Input | Role::State => Fact { level: Level::Varying, ..NUMBER },
                 Role::Param => Fact { level: Level::Param, broken, ..NUMBER },
+                Role::Table => Fact { broken, ..NUMBER },
                 _ => Fact { broken: broken || !matches!(symbol.declaration.value, Some(Value::Expr(_))), ..NUMBER },
             }
         });
@@ -66,7 +67,7 @@ impl Kinds {
             derived: vec![false; scope.symbols.len()],
         };
         for block in &blocks.list {
-            let mut judge = Judge { scope, meanings, kinds: &mut kinds, findings };
+            let mut judge = Judge { scope, owner: block.owner, meanings, kinds: &mut kinds, findings };
             for e in blocks.nodes(block) {
                 let fact = judge.node(*e);
                 judge.kinds.nodes[e.0 as usize] = fact;
@@ -96,19 +97,24 @@ impl Kinds {
                 _ => Level::Varying,
             },
             Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
-            Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
-            Owner::Right(_) => Level::Varying,
+            Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
+            Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
+            Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
         let root = self.nodes[block.root.0 as usize];
+        if let Owner::Abscissa(s) | Owner::Ordinate(s) = block.owner {
+            let table = &mut self.symbols[s];
+            (table.level, table.broken) = (table.level.max(root.level), table.broken || root.broken);
+        }
         if let Owner::Value(s) = block.owner {
             match scope.symbols[s].role {
                 Role::Param => self.derived[s] = !root.broken && root.level == Level::Param,
                 Role::Let | Role::Output | Role::Const => {
                     self.symbols[s] = Fact { broken: self.symbols[s].broken || root.broken, ..root };
                 }
-                Role::State | Role::Input => {}
+                Role::State | Role::Input | Role::Table => {}
             }
         }
         exceeded.then_some(most)
@@ -117,7 +123,7 @@ impl Kinds {
     /// The level of a name or of `t`.
     fn level(&self, meaning: Meaning) -> Level {
         match meaning {
-            Meaning::Symbol(s) => self.symbols[s].level,
+            Meaning::Symbol(s) | Meaning::Table(s) => self.symbols[s].level,
             Meaning::Time | Meaning::Record(_) => Level::Varying,
             _ => Level::Constant,
         }
@@ -134,6 +140,7 @@ enum Hint {
 
 struct Judge<'a, 'b> {
     scope: &'b Scope<'a>,
+    owner: Owner,
     meanings: &'b [Meaning],
     kinds: &'b mut Kinds,
     findings: &'b mut Vec<Diagnostic>,
@@ -164,7 +171,18 @@ impl Judge<'_, '_> {
             Expr::Call(_, arguments) => {
                 let mut fact = self.joined(arguments, false, false, Hint::Number);
                 fact.level = fact.level.max(self.kinds.level(meaning));
-                fact.broken |= meaning == Meaning::Broken;
+                fact.broken |= match meaning {
+                    Meaning::Broken => true,
+                    Meaning::Table(s) => self.kinds.symbols[s].broken,
+                    _ => false,
+                };
+                if meaning == Meaning::Function(Function::Der) {
+                    fact.level = Level::Varying;
+                }
+                if meaning == Meaning::Function(Function::Initial) {
+                    fact.level = fact.level.min(Level::Param);
+                    fact.broken |= !self.begins_a_state(e);
+                }
                 if meaning == Meaning::Function(Function::Delay) && !fact.broken {
                     fact.broken = !self.steady_delay(arguments[1]);
                 }
@@ -207,6 +225,17 @@ impl Judge<'_, '_> {
                 .hint("`if condition then 1 else 0` makes it a number"),
         });
         false
+    }
+
+    /// `initial(x)` is known when a run begins, which is where states need it.
+    fn begins_a_state(&mut self, e: ExprRef) -> bool {
+        let fits = matches!(self.owner, Owner::Value(s) if self.scope.symbols[s].role == Role::State);
+        if !fits {
+            let message = "`initial(...)` stands in the initial value of a state only";
+            let finding = Diagnostic::new(Code::Unsupported, self.scope.tree.span(e), message);
+            self.findings.push(finding.hint("hold it in a state: `state x0 = initial(x); der(x0) = 0;`"));
+        }
+        fits
     }
 
     fn steady_delay(&mut self, tau: ExprRef) -> bool {
@@ -261,6 +290,20 @@ fn too_variable(
             let message = format!("{subject} `{}` cannot depend on {what}", symbol.name());
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
+        Owner::Tie(s) => {
+            let message = format!("what the param `{}` is tied to cannot depend on {what}", scope.symbols[s].name());
+            Diagnostic::new(Code::NotConstant, span, message).hint("a tie is made of params, consts and numbers")
+        }
+        Owner::Abscissa(s) | Owner::Ordinate(s) => {
+            let ordinate = matches!(block.owner, Owner::Ordinate(_));
+            let name = scope.symbols[s].name();
+            let (part, hint) = match ordinate {
+                true => ("ordinates", "they are made of numbers, consts and params"),
+                false => ("abscissae", "they are made of numbers and consts; ordinates may be params"),
+            };
+            let message = format!("the {part} of the table `{name}` cannot depend on {what}");
+            Diagnostic::new(Code::NotConstant, span, message).hint(hint)
+        }
         Owner::Known(k) => {
             let message = format!("{} cannot depend on {what}", known[k].words(scope));
             let hint = match most {
@@ -269,6 +312,8 @@ fn too_variable(
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
-        Owner::Right(_) => Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}")),
+        Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => {
+            Diagnostic::new(Code::NotConstant, span, format!("this cannot depend on {what}"))
+        }
     }
 }

@@ -9,6 +9,7 @@ use crate::model::Prior;
 use crate::op::ExprId;
 use crate::source::Span;
 use crate::syntax::{Expr, ExprRef, Name, Role, StatementKind, Value};
+use std::collections::HashMap;
 
 /// What a number says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,7 +52,7 @@ impl Known {
 
 /// Reads all statements of knowledge; each subject has one at most.
 pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Known> {
-    let mut reader = Reader { scope, findings, first: vec![None; scope.symbols.len()], guesses: 0, known: Vec::new() };
+    let mut reader = Reader { scope, findings, first: HashMap::new(), guesses: 0, known: Vec::new() };
     for statement in &scope.tree.statements {
         match &statement.kind {
             StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
@@ -66,8 +67,8 @@ pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Kno
 struct Reader<'a, 'b> {
     scope: &'b Scope<'a>,
     findings: &'b mut Vec<Diagnostic>,
-    /// By symbol: where something was said about it first.
-    first: Vec<Option<Span>>,
+    /// Where something was said about a symbol first, and what.
+    first: HashMap<(SymbolId, &'static str), Span>,
     guesses: usize,
     known: Vec<Known>,
 }
@@ -205,9 +206,9 @@ impl Reader<'_, '_> {
         None
     }
 
-    fn is_first(&mut self, s: SymbolId, span: Span, what: &str) -> bool {
-        let Some(first) = self.first[s] else {
-            self.first[s] = Some(span);
+    fn is_first(&mut self, s: SymbolId, span: Span, what: &'static str) -> bool {
+        let Some(first) = self.first.get(&(s, what)).copied() else {
+            self.first.insert((s, what), span);
             return true;
         };
         let message = format!("the {what} of `{}` is given a second time", self.scope.symbols[s].name());

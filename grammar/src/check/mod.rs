@@ -7,26 +7,42 @@
 //! operands come first, and blocks of them are sorted so that every name is defined before it is used.
 //! **Start** at [`check`]; it is the list of passes.
 
+mod argument_units;
+mod beginnings;
 mod declarations;
 mod delays;
+mod derivatives;
+mod elimination;
 mod equations;
 mod expressions;
 mod functions;
 mod influence;
+mod initials;
+mod interpolation;
 mod kinds;
 mod knowledge;
+mod matching;
 mod measures;
 mod model;
 mod names;
 mod order;
+mod rates;
+mod reach;
 mod records;
 mod remedies;
 mod start;
+mod substitution;
+mod tables;
+mod ties;
 mod unchecked;
 mod units;
+mod unsolved;
 
 #[cfg(test)]
 mod tests;
+
+pub use functions::{function_form, function_forms, function_names};
+pub use names::reserved;
 
 use crate::diagnostic::{Code, Diagnostic};
 use crate::model::Model;
@@ -53,24 +69,30 @@ pub fn check(tree: &SyntaxTree) -> Result<(Model, Vec<Diagnostic>), Vec<Diagnost
 }
 
 fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
-    let mut scope = Scope::new(tree, findings);
+    let tables = tables::declarations(tree);
+    let mut scope = Scope::new(tree, &tables, findings);
     let equations = equations::read(&mut scope, findings);
     let scope = &scope;
     declarations::attributes(scope, findings);
     outputs(scope, findings);
 
     let known = knowledge::read(scope, findings);
-    let mut blocks = Blocks::new(scope, &equations, &known);
+    let bonds = ties::read(scope, findings);
+    let mut blocks = Blocks::new(scope, &equations, &bonds, &known);
     let meanings = names::resolve(scope, &blocks, findings);
     let circular = order::sort(scope, &mut blocks, &meanings, findings);
     let kinds = Kinds::new(scope, &blocks, &meanings, &circular, &known, findings);
     let indices = Indices::new(scope, &meanings, &kinds);
 
-    let expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
+    let mut expressions = Expressions::new(scope, &blocks, &meanings, &kinds, &indices, findings);
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
+    ties::check(scope, &kinds, &bonds, &known, findings);
+    tables::check(scope, &kinds, &expressions, findings);
+    let mut params = model::params(scope, &kinds, &indices, &ranges);
+    model::first_samples(scope, &indices, &expressions, &mut params);
+    let start = model::start(&params);
+    let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, &params, findings);
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
-    let params = model::params(scope, &kinds, &indices, &ranges);
-    let start: Vec<f64> = params.iter().map(|p| p.value).collect();
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {
         scope,
@@ -91,10 +113,12 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     if scope.is_partial() || findings.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let model = model::assemble(scope, &equations, &kinds, &indices, expressions, params, knowledge);
+    let ties = model::ties(&blocks, &indices, &expressions);
+    let model = model::assemble(scope, &rates, &kinds, &indices, expressions, (params, ties), knowledge);
     records::circular(scope, &model, findings);
-    influence::without_influence(scope, &blocks, &meanings, &model, findings);
-    Some(model)
+    let tied = ties::tied(scope, &model, &bonds, findings);
+    influence::without_influence(scope, &blocks, &meanings, &tied, findings);
+    (!findings.iter().any(Diagnostic::is_error)).then_some(model)
 }
 
 /// Mistakes behind which anything may be meant, so that what nothing uses may well be used there.

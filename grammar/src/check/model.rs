@@ -1,13 +1,13 @@
 //! The checked model from its parts, once no mistake is left.
 
 use super::declarations::Range;
-use super::equations::Equation;
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::knowledge::Knowledge;
 use super::names::{Scope, Symbol, SymbolId};
-use crate::graph::{Graph, Leaf};
-use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, State};
+use super::order::{Block, Blocks, Owner};
+use crate::graph::{Graph, Leaf, Node, Reference, Signal};
+use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Tie};
 use crate::op::{Build, ExprId};
 use crate::syntax::{Name, Role, Value};
 
@@ -38,6 +38,35 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
     }
 }
 
+/// Adds the params that hold first samples of inputs.
+pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &Expressions, params: &mut Vec<Param>) {
+    for input in &expressions.initials.first {
+        let declared = scope.valid().find(|(s, symbol)| symbol.role == Role::Input && indices.of[*s] == *input);
+        let record = || scope.valid().find(|(s, _)| indices.record[*s] == Some(*input));
+        let (name, unit) = match (declared, record()) {
+            (Some((_, symbol)), _) => (symbol.name().to_string(), symbol.unit.clone()),
+            (None, Some((_, symbol))) => (format!("measured({})", symbol.name()), symbol.unit.clone()),
+            (None, None) => (String::new(), None),
+        };
+        params.push(Param {
+            quantity: Quantity { name: format!("initial({name})"), doc: String::new(), unit },
+            origin: Origin::FirstSample(*input),
+            value: 0.0,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            fixed: true,
+            per_run: false,
+            prior: None,
+        });
+    }
+}
+
+/// Start values; NaN for what the records say.
+pub(super) fn start(params: &[Param]) -> Vec<f64> {
+    let value = |p: &Param| if let Origin::FirstSample(_) = p.origin { f64::NAN } else { p.value };
+    params.iter().map(value).collect()
+}
+
 fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
     let own = quantity(symbol);
     let doc = if own.doc.is_empty() { String::new() } else { format!("initial value of {}", own.doc) };
@@ -61,22 +90,25 @@ fn text(doc: &Option<Name>) -> String {
     doc.as_ref().map_or(String::new(), |d| d.text.clone())
 }
 
+/// Ties in the order of definition.
+pub(super) fn ties(blocks: &Blocks, indices: &Indices, expressions: &Expressions) -> Vec<Tie> {
+    let tie = |block: &Block| match block.owner {
+        Owner::Tie(s) => Some(Tie { param: indices.of[s], expr: expressions.of(block.root) }),
+        _ => None,
+    };
+    blocks.list.iter().filter_map(tie).collect()
+}
+
 /// Puts the parts together; the model has passed every check.
 pub(super) fn assemble(
     scope: &Scope<'_>,
-    equations: &[Equation],
+    rates: &[Option<ExprId>],
     kinds: &Kinds,
     indices: &Indices,
     expressions: Expressions,
-    params: Vec<Param>,
+    (params, ties): (Vec<Param>, Vec<Tie>),
     knowledge: Knowledge,
 ) -> Model {
-    let mut rates: Vec<Option<ExprId>> = vec![None; scope.symbols.len()];
-    for equation in equations {
-        if let Some(s) = equation.state {
-            rates[s] = Some(expressions.of(equation.right));
-        }
-    }
     let value = |symbol: &Symbol<'_>| match symbol.declaration.value {
         Some(Value::Expr(root)) => Some(expressions.of(root)),
         _ => None,
@@ -95,6 +127,7 @@ pub(super) fn assemble(
         states: Vec::new(),
         params,
         derived: Vec::new(),
+        ties,
         outputs: Vec::new(),
         trim: Vec::new(),
         graph: Default::default(),
@@ -102,21 +135,26 @@ pub(super) fn assemble(
     for (s, symbol) in scope.valid() {
         let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
         match symbol.role {
-            Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None }),
+            Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None, slope: None }),
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
-                model.states.push(State { quantity, rate: rates[s].unwrap_or(zero), initial });
+                model.states.push(State { quantity, rate: rates[indices.of[s] as usize].unwrap_or(zero), initial });
             }
-            Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr }),
+            Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
             Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
-            Role::Param | Role::Const | Role::Let => {}
+            Role::Param | Role::Const | Role::Let | Role::Table => {}
         }
     }
     for (s, symbol) in scope.valid().filter(|(s, _)| indices.record[*s].is_some()) {
         model.inputs.push(Input::measured(indices.of[s], &quantity(symbol)));
     }
+    for of in expressions.derivatives.slopes() {
+        let slope = slope(&model, *of, false);
+        model.inputs.push(slope);
+    }
     model.graph = graph;
     learn(&mut model, knowledge);
+    show_slopes(&mut model, indices.inputs as usize);
     drop_unused_delays(&mut model);
     model
 }
@@ -132,13 +170,78 @@ fn learn(model: &mut Model, knowledge: Knowledge) {
     model.trim = knowledge.trim;
 }
 
+/// The hidden input for the derivative of an input.
+fn slope(model: &Model, of: u32, shown: bool) -> Input {
+    let own = &model.inputs[of as usize].quantity;
+    let where_ = if shown { " at samples" } else { "" };
+    let unit = own.unit.as_ref().and_then(|u| u.quotient(&model.time));
+    let quantity = Quantity { name: format!("der({}){where_}", own.name), doc: String::new(), unit };
+    Input { quantity, measured: None, computed: None, slope: Some(Slope { of, shown }) }
+}
+
+/// Derivatives of inputs that outputs show are taken at the samples; `first` is the first hidden input for a derivative.
+fn show_slopes(model: &mut Model, first: usize) {
+    let used = |model: &Model, roots: Vec<ExprId>| {
+        let mut used = vec![false; model.inputs.len()];
+        for e in model.graph.reachable(roots) {
+            match model.graph.node(e) {
+                Node::Leaf(Leaf::Input(k)) => used[k as usize] = true,
+                Node::Leaf(Leaf::Delayed(d)) => {
+                    if let Signal::Input(k) = model.graph.delayed()[d as usize].signal {
+                        used[k as usize] = true;
+                    }
+                }
+                _ => {}
+            }
+        }
+        used
+    };
+    let driving = used(model, model.states.iter().map(|s| s.rate).collect());
+    let shown = used(model, model.outputs.iter().map(|o| o.expr).collect());
+    let mut at_samples: Vec<u32> = (0..model.inputs.len() as u32).collect();
+    for k in (first..driving.len()).filter(|k| shown[*k]) {
+        let Some(own) = model.inputs[k].slope else { continue };
+        let taken = slope(model, own.of, true);
+        match driving[k] {
+            false => model.inputs[k] = taken,
+            true => {
+                at_samples[k] = model.inputs.len() as u32;
+                model.inputs.push(taken);
+            }
+        }
+    }
+    if model.inputs.len() == driving.len() {
+        return;
+    }
+    let others = model.states.iter().flat_map(|s| [s.rate, s.initial]).chain(model.derived.iter().map(|d| d.expr));
+    let others: Vec<ExprId> = others.chain(model.trim.iter().map(|(_, e)| *e)).collect();
+    let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
+    let mut graph = Graph::default();
+    let others = model.graph.rebuild(&others, &mut graph, Graph::reference);
+    let outputs = model.graph.rebuild(&outputs, &mut graph, |g, reference| {
+        let now = |k: u32| at_samples.get(k as usize).copied().unwrap_or(k);
+        g.reference(match reference {
+            Reference::Now(Leaf::Input(k)) => Reference::Now(Leaf::Input(now(k))),
+            Reference::Earlier(Signal::Input(k), tau) => Reference::Earlier(Signal::Input(now(k)), tau),
+            other => other,
+        })
+    });
+    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
+    let places = states.chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    let places = places.chain(model.trim.iter_mut().map(|(_, e)| e));
+    places.zip(others).for_each(|(e, new)| *e = new);
+    model.outputs.iter_mut().zip(outputs).for_each(|(o, new)| o.expr = new);
+    model.graph = graph;
+}
+
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
 /// such, the graph is built anew without them.
 fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
     let outputs = model.outputs.iter().map(|o| o.expr);
     let trim = model.trim.iter().map(|(_, e)| *e);
-    let roots: Vec<ExprId> = states.chain(outputs).chain(model.derived.iter().map(|d| d.expr)).chain(trim).collect();
+    let params = model.derived.iter().map(|d| d.expr).chain(model.ties.iter().map(|t| t.expr));
+    let roots: Vec<ExprId> = states.chain(outputs).chain(params).chain(trim).collect();
     if model.graph.delays_of(&roots).len() == model.graph.delayed().len() {
         return;
     }
@@ -147,6 +250,7 @@ fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
     let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    let expressions = expressions.chain(model.ties.iter_mut().map(|t| &mut t.expr));
     let expressions = expressions.chain(model.trim.iter_mut().map(|(_, e)| e));
     expressions.zip(&mut moved).for_each(|(e, new)| *e = new);
     model.graph = graph;

@@ -3,9 +3,10 @@
 use super::functions::{self, Function};
 use super::order::Blocks;
 use super::records;
+use super::tables;
 use crate::diagnostic::{Code, Diagnostic, Label};
 use crate::source::Span;
-use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, word_use};
+use crate::syntax::{Declaration, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, Table, word_use};
 use crate::unit::Unit;
 use std::collections::{HashMap, HashSet};
 
@@ -24,6 +25,8 @@ pub(super) struct Symbol<'a> {
     pub(super) contested: bool,
     /// The declared unit, when it could be read.
     pub(super) unit: Option<Unit>,
+    /// Its argument and its points, when it is a table.
+    pub(super) table: Option<&'a Table>,
 }
 
 impl Symbol<'_> {
@@ -56,6 +59,8 @@ pub(super) enum Meaning {
     None,
     /// A declared name.
     Symbol(SymbolId),
+    /// `CL(x)`: a table's value
+    Table(SymbolId),
     /// `measured(y)`: the record of this output.
     Record(SymbolId),
     /// A name that is only referred to: what it stands for does not enter.
@@ -74,7 +79,9 @@ pub(super) enum Meaning {
 
 impl<'a> Scope<'a> {
     /// Collects the declarations and the unit of time.
-    pub(super) fn new(tree: &'a SyntaxTree, findings: &mut Vec<Diagnostic>) -> Self {
+    ///
+    /// `tables` are the declarations behind the table statements, in their order.
+    pub(super) fn new(tree: &'a SyntaxTree, tables: &'a [Declaration], findings: &mut Vec<Diagnostic>) -> Self {
         let mut scope = Scope {
             tree,
             symbols: Vec::new(),
@@ -85,9 +92,13 @@ impl<'a> Scope<'a> {
             misused: HashSet::new(),
         };
         let mut time: Option<Span> = None;
+        let mut tables = tables.iter();
         for statement in &tree.statements {
             match &statement.kind {
-                StatementKind::Declare(role, list) => list.iter().for_each(|d| scope.declare(*role, d, findings)),
+                StatementKind::Declare(role, list) => list.iter().for_each(|d| scope.declare(*role, d, None, findings)),
+                StatementKind::Table(table) => {
+                    tables.next().into_iter().for_each(|d| scope.declare(Role::Table, d, Some(table), findings));
+                }
                 StatementKind::Time(unit) => match time {
                     Some(first) => {
                         let message = "the unit of time is given a second time";
@@ -99,11 +110,8 @@ impl<'a> Scope<'a> {
                         scope.set_time(unit, findings);
                     }
                 },
-                StatementKind::Tie(_) | StatementKind::Table(_) => {
-                    let message = "this version does not compile this statement yet";
-                    findings.push(Diagnostic::new(Code::Unsupported, statement.span, message));
-                }
                 StatementKind::Equation(..)
+                | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
@@ -120,7 +128,9 @@ impl<'a> Scope<'a> {
 
     /// Whether mistakes with this name are consequences of one that has been told.
     pub(super) fn is_suspended(&self, name: &str) -> bool {
-        self.suspended.contains(name)
+        // names of a submodel, elements of a vector
+        let whole = name.split(['.', '[']).next().unwrap_or(name);
+        self.suspended.contains(name) || self.suspended.contains(whole)
     }
 
     /// Whether statements are missing because they could not be read.
@@ -151,10 +161,16 @@ impl<'a> Scope<'a> {
         }
     }
 
-    fn declare(&mut self, role: Role, declaration: &'a Declaration, findings: &mut Vec<Diagnostic>) {
+    fn declare(
+        &mut self,
+        role: Role,
+        declaration: &'a Declaration,
+        table: Option<&'a Table>,
+        findings: &mut Vec<Diagnostic>,
+    ) {
         let name = &declaration.name;
         let unit = declaration.unit.as_ref().and_then(|u| read_unit(u, findings));
-        self.has_units |= declaration.unit.is_some();
+        self.has_units |= declaration.unit.is_some() || table.is_some_and(|t| t.argument_unit.is_some());
         let mut valid = false;
         if let Some(use_) = reserved(&name.text) {
             let message = format!("`{}` {use_} and cannot be declared", name.text);
@@ -168,7 +184,7 @@ impl<'a> Scope<'a> {
             valid = true;
             self.names.insert(&name.text, self.symbols.len());
         }
-        self.symbols.push(Symbol { role, declaration, valid, contested: false, unit });
+        self.symbols.push(Symbol { role, declaration, valid, contested: false, unit, table });
     }
 }
 
@@ -183,8 +199,8 @@ fn declared_twice(role: Role, name: &Name, first: &Symbol<'_>) -> Diagnostic {
     }
 }
 
-/// Why a name cannot be declared.
-fn reserved(name: &str) -> Option<&'static str> {
+/// Why a name cannot be declared, when it belongs to the language.
+pub fn reserved(name: &str) -> Option<&'static str> {
     match (name, word_use(name)) {
         ("t", _) => Some("is the time since the run began"),
         ("pi", _) => Some("is the number 3.14159..."),
@@ -196,7 +212,7 @@ fn reserved(name: &str) -> Option<&'static str> {
 }
 
 /// Reads a unit; a mistake is shown at its place inside the brackets.
-fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<Unit> {
+pub(super) fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<Unit> {
     let error = match Unit::parse(&text.text) {
         Ok(unit) => return Some(unit),
         Err(error) => error,
@@ -251,7 +267,13 @@ const MOST_PLACES: usize = 8;
 impl<'a> Resolver<'a, '_> {
     fn name(&mut self, name: &'a str, span: Span) -> Meaning {
         match name {
-            _ if self.scope.find(name).is_some() => self.scope.find(name).map_or(Meaning::Broken, Meaning::Symbol),
+            _ if self.scope.find(name).is_some() => match self.scope.find(name) {
+                Some(s) if self.scope.symbols[s].role == Role::Table => {
+                    self.findings.push(tables::without_argument(&self.scope.symbols[s], span));
+                    Meaning::Broken
+                }
+                found => found.map_or(Meaning::Broken, Meaning::Symbol),
+            },
             _ if self.scope.misused.contains(name) => Meaning::Broken,
             "t" => Meaning::Time,
             "pi" => Meaning::Pi,
@@ -272,7 +294,7 @@ impl<'a> Resolver<'a, '_> {
             (Some(function), _) => Some(format!("`{name}` is a function: `{}`", function.form(name))),
             (None, "e" | "E") => Some("Euler's number is `exp(1)`, its powers are `exp(x)`".into()),
             (None, _) => match self.scope.derivative(name) {
-                Some(s) => Some(name_of_derivative(self.scope.symbols[s].name())),
+                Some(s) => Some(format!("write `der({})`", self.scope.symbols[s].name())),
                 None => self.scope.nearest(name, self.unknown.len(), |_| true),
             },
         };
@@ -285,7 +307,17 @@ impl<'a> Resolver<'a, '_> {
     }
 
     fn call(&mut self, name: &Name, arguments: &[ExprRef], span: Span) -> Meaning {
+        if let Some(s) = self.scope.find(&name.text).filter(|s| self.scope.symbols[*s].role == Role::Table) {
+            if arguments.len() == 1 {
+                return Meaning::Table(s);
+            }
+            self.findings.push(tables::argument_count(&self.scope.symbols[s], arguments.len(), span));
+            return Meaning::Broken;
+        }
         let Some(function) = Function::find(&name.text) else {
+            if self.scope.is_suspended(&name.text) {
+                return Meaning::Broken;
+            }
             self.findings.push(unknown_function(self.scope, name));
             return Meaning::Broken;
         };
@@ -295,8 +327,10 @@ impl<'a> Resolver<'a, '_> {
             self.findings.push(argument_count(function, name, given, span));
             return Meaning::Broken;
         }
-        if function == Function::Der {
-            self.findings.push(derivative_elsewhere(self.scope, arguments[0], span));
+        if function == Function::Der
+            && let Some(finding) = steady(self.scope, arguments[0], span)
+        {
+            self.findings.push(finding);
             return Meaning::Broken;
         }
         if function == Function::Measured {
@@ -322,18 +356,14 @@ fn another_place(finding: &mut Diagnostic, span: Span) {
     }
 }
 
-fn name_of_derivative(state: &str) -> String {
-    format!("name the right side of its equation: `let {state}_dot = ...; der({state}) = {state}_dot;`")
-}
-
 fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
     let text = &name.text;
-    if functions::is_planned(text) {
-        let message = format!("`{text}` belongs to the language, but this version does not compile it yet");
-        return Diagnostic::new(Code::Unsupported, name.span, message).hint("write its equations with a `state`");
-    }
     let message = format!("`{text}` is not a function");
     let finding = Diagnostic::new(Code::UnknownFunction, name.span, message);
+    if functions::BLOCKS.contains(&text.as_str()) {
+        // made states everywhere but here
+        return finding.hint("a block stands in an expression of a model");
+    }
     if scope.find(text).is_some() {
         return finding.hint(format!("a product is written with a sign: `{text}*(...)`"));
     }
@@ -341,7 +371,9 @@ fn unknown_function(scope: &Scope<'_>, name: &Name) -> Diagnostic {
         return finding.hint(format!("write `{own}`"));
     }
     let short = text.chars().count() <= LONGEST_GUESS;
-    match short.then(|| crate::diagnostic::nearest(text, Function::names())).flatten() {
+    let mut names: Vec<&str> = Function::names().chain(functions::BLOCKS.iter().copied()).collect();
+    names.extend(scope.symbols.iter().filter(|s| s.role == Role::Table).map(Symbol::name));
+    match short.then(|| crate::diagnostic::nearest(text, names)).flatten() {
         Some(near) => finding.hint(format!("did you mean `{near}`?")),
         None => finding,
     }
@@ -359,25 +391,16 @@ pub(super) fn argument_count(function: Function, name: &Name, given: usize, span
     Diagnostic::new(Code::ArgumentCount, span, message).hint(format!("`{}`", function.form(&name.text)))
 }
 
-fn derivative_elsewhere(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Diagnostic {
-    let declared = match scope.tree.expr(argument) {
-        Expr::Name(name) => scope.find(name).map(|s| &scope.symbols[s]),
-        _ => None,
-    };
-    let message = match declared {
-        Some(s) if s.role == Role::Input => {
-            format!("the derivative of the input `{}` is not compiled yet", s.name())
-        }
-        _ => "`der(...)` stands on the left side of an equation only".to_string(),
-    };
-    let finding = Diagnostic::new(Code::Unsupported, span, message);
-    match declared {
-        Some(s) if s.role == Role::Input => {
-            finding.hint("record the derivative as an input of its own, or filter the input with a state")
-        }
-        Some(s) if s.role == Role::State => finding.hint(name_of_derivative(s.name())),
-        _ => finding.hint("write a derivative as a state of its own"),
+/// A derivative is taken of what changes.
+fn steady(scope: &Scope<'_>, argument: ExprRef, span: Span) -> Option<Diagnostic> {
+    let Expr::Name(name) = scope.tree.expr(argument) else { return None };
+    let symbol = &scope.symbols[scope.find(name)?];
+    if !matches!(symbol.role, Role::Param | Role::Const) {
+        return None;
     }
+    let message =
+        format!("`{name}` is a {}: it does not change, so that its derivative is zero", symbol.role.keyword());
+    Some(Diagnostic::new(Code::WrongName, span, message).label(symbol.declaration.name.span, "declared here"))
 }
 
 /// Longer names are not compared with others, and only so many comparisons are made: guessing must stay cheap.

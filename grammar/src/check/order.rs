@@ -3,8 +3,10 @@
 use super::equations::Equation;
 use super::knowledge::Known;
 use super::names::{Meaning, Scope, SymbolId};
+use super::ties::Bond;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Expr, ExprRef, Role, Value};
+pub(super) use crate::syntax::operands as each_operand;
+use crate::syntax::{ExprRef, Role, Value};
 use std::collections::{HashMap, HashSet, VecDeque};
 use std::ops::Range;
 
@@ -17,6 +19,18 @@ pub(super) enum Owner {
     Lower(SymbolId),
     /// The upper bound.
     Upper(SymbolId),
+    /// An expression in the unit of a block's state.
+    Like(SymbolId),
+    /// An argument of a block, by its number among those of the name.
+    Want(SymbolId, usize),
+    /// What a param is tied to.
+    Tie(SymbolId),
+    /// The abscissa of a point of a table.
+    Abscissa(SymbolId),
+    /// The ordinate of a point of a table.
+    Ordinate(SymbolId),
+    /// The left side of an equation that is solved for derivatives, by index.
+    Left(usize),
     /// The right side of an equation, by index.
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
@@ -44,7 +58,7 @@ pub(super) struct Blocks {
 
 impl Blocks {
     /// Collects declarations, equations, and what is known.
-    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation], known: &[Known]) -> Self {
+    pub(super) fn new(scope: &Scope<'_>, equations: &[Equation], bonds: &[Bond], known: &[Known]) -> Self {
         let mut blocks = Self::default();
         let mut seen = vec![false; scope.tree.expressions.len()];
         let mut add = |owner, root| blocks.add(scope, &mut seen, owner, root);
@@ -56,8 +70,20 @@ impl Blocks {
                 add(Owner::Lower(s), bounds.lower);
                 add(Owner::Upper(s), bounds.upper);
             }
+            if let Some(made) = &symbol.declaration.made {
+                made.like.iter().for_each(|like| add(Owner::Like(s), *like));
+                made.wants.iter().enumerate().for_each(|(k, want)| add(Owner::Want(s, k), want.argument));
+            }
+            for (x, y) in symbol.table.iter().flat_map(|t| &t.points) {
+                add(Owner::Abscissa(s), *x);
+                add(Owner::Ordinate(s), *y);
+            }
         }
+        bonds.iter().for_each(|b| add(Owner::Tie(b.symbol), b.root));
         for (k, equation) in equations.iter().enumerate() {
+            if equation.implicit {
+                add(Owner::Left(k), equation.left);
+            }
             add(Owner::Right(k), equation.right);
         }
         known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
@@ -83,18 +109,6 @@ impl Blocks {
     }
 }
 
-/// Visits the operands of a node.
-pub(super) fn each_operand(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
-    match expr {
-        Expr::Number(_) | Expr::Name(_) => {}
-        Expr::Unary(_, a) => visit(*a),
-        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
-        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Element(..) => {}
-        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
-    }
-}
-
 /// Brings the blocks into the order of definition and tells of circles; the result says for each symbol whether it
 /// is part of one.
 pub(super) fn sort(
@@ -104,20 +118,15 @@ pub(super) fn sort(
     findings: &mut Vec<Diagnostic>,
 ) -> Vec<bool> {
     let count = scope.symbols.len();
-    let mut value: Vec<Option<usize>> = vec![None; count];
-    let defines = |s: SymbolId| !matches!(scope.symbols[s].role, Role::State | Role::Input);
+    let mut defined_by: Vec<Vec<usize>> = vec![Vec::new(); count];
     for (k, block) in blocks.list.iter().enumerate() {
-        if let Owner::Value(s) = block.owner
-            && defines(s)
-        {
-            value[s] = Some(k);
-        }
+        defines(scope, block.owner).into_iter().for_each(|s| defined_by[s].push(k));
     }
     let needs: Vec<Vec<SymbolId>> = (0..count)
         .map(|s| {
-            let nodes = value[s].map_or(&[][..], |k| blocks.nodes(&blocks.list[k]));
-            let mentioned = nodes.iter().filter_map(|e| match meanings[e.0 as usize] {
-                Meaning::Symbol(d) if value[d].is_some() => Some(d),
+            let nodes = defined_by[s].iter().flat_map(|k| blocks.nodes(&blocks.list[*k]));
+            let mentioned = nodes.filter_map(|e| match meanings[e.0 as usize] {
+                Meaning::Symbol(d) | Meaning::Table(d) if !defined_by[d].is_empty() => Some(d),
                 _ => None,
             });
             mentioned.collect()
@@ -128,18 +137,26 @@ pub(super) fn sort(
     for group in components(&needs) {
         if group.len() > 1 || needs[group[0]].contains(&group[0]) {
             group.iter().for_each(|s| circular[*s] = true);
-            findings.push(circle(scope, &needs, &group));
+            findings.push(circle(scope, &needs, &group, &defined_by));
         }
-        order.extend(group.iter().filter_map(|s| value[*s]));
+        order.extend(group.iter().flat_map(|s| &defined_by[*s]));
     }
-    let rest = |b: &Block| !matches!(b.owner, Owner::Value(s) if defines(s));
-    order.extend((0..blocks.list.len()).filter(|k| rest(&blocks.list[*k])));
+    order.extend((0..blocks.list.len()).filter(|k| defines(scope, blocks.list[*k].owner).is_none()));
     blocks.list = order.iter().map(|k| blocks.list[*k].clone()).collect();
     circular
 }
 
+/// The name that stands for a block wherever it is mentioned.
+fn defines(scope: &Scope<'_>, owner: Owner) -> Option<SymbolId> {
+    match owner {
+        Owner::Value(s) if !matches!(scope.symbols[s].role, Role::State | Role::Input) => Some(s),
+        Owner::Tie(s) | Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
+        _ => None,
+    }
+}
+
 /// Strongly connected components, what is needed first (Tarjan 1972, with a stack of its own).
-fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
+pub(super) fn components(needs: &[Vec<SymbolId>]) -> Vec<Vec<SymbolId>> {
     const NEW: usize = usize::MAX;
     let mut index = vec![NEW; needs.len()];
     let mut low = vec![0; needs.len()];
@@ -207,7 +224,7 @@ fn shortest_circle(needs: &[Vec<SymbolId>], group: &[SymbolId], first: SymbolId)
 const LONGEST_CIRCLE: usize = 12;
 
 /// Describes the shortest circle through the member that is declared first.
-fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Diagnostic {
+fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId], defined_by: &[Vec<usize>]) -> Diagnostic {
     let first = group.iter().copied().min().unwrap_or_default();
     let names = shortest_circle(needs, group, first);
     let name = |s: &SymbolId| format!("`{}`", scope.symbols[*s].name());
@@ -228,7 +245,10 @@ fn circle(scope: &Scope<'_>, needs: &[Vec<SymbolId>], group: &[SymbolId]) -> Dia
         finding = finding.label(scope.symbols[*s].declaration.name.span, "part of the circle");
     }
     let all = |role: Role| names.iter().all(|s| scope.symbols[*s].role == role);
-    finding.hint(if all(Role::Param) || all(Role::Const) {
+    let tied = names.iter().any(|s| defined_by[*s].len() > 1 && scope.symbols[*s].role == Role::Param);
+    finding.hint(if tied {
+        "remove one of the ties"
+    } else if all(Role::Param) || all(Role::Const) {
         "give one of them a number"
     } else if length == 1 {
         "a definition holds at all times: give the new value a name of its own; what changes with time is a `state`"

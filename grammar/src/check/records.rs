@@ -78,7 +78,9 @@ pub(super) fn taken(meanings: &[Meaning]) -> Vec<SymbolId> {
 pub(super) fn circular(scope: &Scope<'_>, model: &Model, findings: &mut Vec<Diagnostic>) {
     use crate::graph::Leaf;
     for (k, input) in model.inputs.iter().enumerate() {
-        let Some(output) = input.measured else { continue };
+        // the record itself, or its derivative
+        let source = input.slope.map_or(input, |slope| &model.inputs[slope.of as usize]);
+        let Some(output) = source.measured else { continue };
         let own = &model.outputs[output as usize];
         let leaf = Leaf::Input(k as u32);
         let nodes = model.graph.reachable([own.expr]);

@@ -6,8 +6,9 @@ use super::kinds::{Kinds, Level};
 use super::knowledge::Known;
 use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::graph::{Graph, Leaf, Node};
-use crate::syntax::{Role, Value};
+use crate::graph::{Graph, Leaf, Node, Signal};
+use crate::op::ExprId;
+use crate::syntax::{Role, Size, Value};
 
 /// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
 pub(super) fn check(
@@ -78,6 +79,7 @@ fn at_start(
             findings.push(finding.hint("choose other start values"));
         }
     }
+    sizes(scope, kinds, expressions, &values, findings);
     for call in &expressions.delays {
         let e = expressions.of(call.tau);
         let single = matches!(graph.node(e), Node::Leaf(Leaf::Param(_)));
@@ -89,8 +91,89 @@ fn at_start(
     }
 }
 
+/// Arguments of blocks that are too small to begin with.
+fn sizes(scope: &Scope<'_>, kinds: &Kinds, expressions: &Expressions, values: &[f64], findings: &mut Vec<Diagnostic>) {
+    let wants = scope.symbols.iter().filter_map(|s| s.declaration.made.as_ref()).flat_map(|m| &m.wants);
+    for want in wants {
+        let (fact, value) = (kinds.of(want.argument), values[expressions.of(want.argument).index()]);
+        let fits = match want.size {
+            Size::Any => true,
+            Size::Positive => value > 0.0,
+            Size::NotZero => value != 0.0,
+        };
+        if fits || fact.broken || fact.level == Level::Varying || value.is_nan() {
+            continue;
+        }
+        let least = if want.size == Size::Positive { "above 0" } else { "other than 0" };
+        let start = if fact.level == Level::Param { " at the start values of the params" } else { "" };
+        let message = format!("{} is {value}{start}, and must be {least}", want.what);
+        let finding = Diagnostic::new(Code::BadBlock, scope.tree.span(want.argument), message);
+        findings.push(match want.size {
+            Size::Positive => finding.hint("start above 0, and bound it from below: `param T = 0.1 in [0.01, 1];`"),
+            _ => finding.hint("leave the highest power out, or start elsewhere"),
+        });
+    }
+}
+
+/// Values of a graph that grows, where a run begins: parameters at their start values, states at their initial ones. NaN for
+/// what is not known there: inputs, free initial values.
+pub(super) struct Start<'a> {
+    params: &'a [f64],
+    /// Initial values of the states.
+    states: Vec<f64>,
+    values: Vec<f64>,
+    varies: Vec<bool>,
+}
+
+impl<'a> Start<'a> {
+    /// Initial values are not known yet.
+    pub(super) fn new(params: &'a [f64], states: usize) -> Self {
+        Self { params, states: vec![f64::NAN; states], values: Vec::new(), varies: Vec::new() }
+    }
+
+    /// Says what the states are at the beginning of a run, before expressions of them are looked at.
+    pub(super) fn begin(&mut self, states: Vec<f64>) {
+        self.states = states;
+    }
+
+    /// Learns about the nodes that have joined the graph.
+    pub(super) fn look(&mut self, graph: &Graph) {
+        for k in self.values.len()..graph.nodes().len() {
+            let state = |k: u32| self.states.get(k as usize).copied().unwrap_or(f64::NAN);
+            let (value, varies) = match &graph.nodes()[k] {
+                Node::Constant(bits) => (f64::from_bits(*bits), false),
+                Node::Leaf(Leaf::Param(k)) => (self.params[*k as usize], false),
+                Node::Leaf(Leaf::State(k)) => (state(*k), true),
+                Node::Leaf(Leaf::Time) => (0.0, true),
+                Node::Leaf(Leaf::Input(_)) => (f64::NAN, true),
+                Node::Leaf(Leaf::Delayed(d)) => match graph.delayed()[*d as usize].signal {
+                    Signal::State(k) => (state(k), true),
+                    Signal::Input(_) => (f64::NAN, true),
+                },
+                Node::Apply(op, args) => {
+                    let at = |i: usize| self.values.get(args[i].index()).copied().unwrap_or(f64::NAN);
+                    let varies = args[..op.row().arity].iter().any(|a| self.varies[a.index()]);
+                    ((op.row().value)(at(0), at(1), at(2)), varies)
+                }
+            };
+            self.values.push(value);
+            self.varies.push(varies);
+        }
+    }
+
+    /// The value of a node that was looked at.
+    pub(super) fn value(&self, e: ExprId) -> f64 {
+        self.values.get(e.index()).copied().unwrap_or(f64::NAN)
+    }
+
+    /// Whether a node depends on more than parameters.
+    pub(super) fn varies(&self, e: ExprId) -> bool {
+        self.varies.get(e.index()).copied().unwrap_or(true)
+    }
+}
+
 /// The values of all nodes at the start values of the parameters; NaN for what varies.
-fn values(graph: &Graph, start: &[f64]) -> Vec<f64> {
+pub(super) fn values(graph: &Graph, start: &[f64]) -> Vec<f64> {
     let mut values: Vec<f64> = Vec::with_capacity(graph.nodes().len());
     for node in graph.nodes() {
         values.push(match node {

@@ -14,6 +14,14 @@ pub(super) struct Survey {
     unknown: Vec<(Span, SymbolId)>,
 }
 
+impl Survey {
+    /// What another part of the same statement shows.
+    pub(super) fn join(&mut self, other: Survey) {
+        self.known |= other.known;
+        self.unknown.extend(other.unknown);
+    }
+}
+
 /// What cannot be checked because of one name.
 #[derive(Clone)]
 struct Unchecked {

@@ -2,6 +2,7 @@
 //!
 //! Numbers keep the units that were declared: nothing is converted silently inside a model.
 
+use super::argument_units;
 use super::equations::Equation;
 use super::expressions::Expressions;
 use super::functions::Function;
@@ -34,23 +35,43 @@ pub(super) fn check(checked: &Checked<'_, '_>, findings: &mut Vec<Diagnostic>) {
     let mut measures = Measures::new();
     let scope = checked.scope;
     let symbols: Vec<Measure> = (0..scope.symbols.len()).map(|s| declared(scope, &mut measures, s)).collect();
+    let arguments = argument_units::declared(scope, &mut measures, findings);
     let time = if scope.has_units { Some(measures.known(scope.time.clone())) } else { None };
-    let nodes = vec![Measure::Broken; scope.tree.expressions.len()];
-    let ledger = Ledger::new(scope);
-    let mut pass = Pass { checked, measures, symbols, time, nodes, ledger, findings };
-    for block in &checked.blocks.list {
-        let mut survey = pass.ledger.survey();
-        for e in checked.blocks.nodes(block) {
-            let measure = pass.node(*e);
-            pass.nodes[e.0 as usize] = measure;
-            if matches!(checked.meanings[e.0 as usize], Meaning::Symbol(_) | Meaning::Record(_)) {
-                pass.ledger.see(&mut survey, scope.tree.span(*e), measure);
+    let mut found = Vec::new();
+    let mut pass = Pass {
+        checked,
+        measures,
+        symbols: symbols.clone(),
+        arguments: arguments.clone(),
+        polynomials: [None; 2],
+        time,
+        nodes: vec![Measure::Broken; scope.tree.expressions.len()],
+        ledger: Ledger::new(scope),
+        left: None,
+        findings: &mut found,
+    };
+    for round in 1..=ROUNDS {
+        let before = pass.symbols.clone();
+        pass.all();
+        let moved = |s: &usize| before[*s] != pass.symbols[*s] && argument_units::is_of_a_block(&scope.symbols[*s]);
+        if round == ROUNDS || !(0..before.len()).any(|s| moved(&s)) {
+            break;
+        }
+        // once more, with what the blocks read in place of what was not known yet
+        for (s, symbol) in scope.symbols.iter().enumerate() {
+            if !argument_units::is_of_a_block(symbol) {
+                pass.symbols[s] = symbols[s];
             }
         }
-        pass.finish(block, survey);
+        (pass.arguments, pass.ledger) = (arguments.clone(), Ledger::new(scope));
+        pass.findings.clear();
     }
     pass.ledger.tell(scope, pass.findings);
+    findings.extend(found);
 }
+
+/// Rounds in which the units of blocks that read each other are found; those of longer chains against the order of the text stay open.
+const ROUNDS: usize = 12;
 
 /// What a name stands for before its value has been looked at.
 fn declared(scope: &Scope<'_>, measures: &mut Measures, s: SymbolId) -> Measure {
@@ -60,27 +81,65 @@ fn declared(scope: &Scope<'_>, measures: &mut Measures, s: SymbolId) -> Measure 
         _ if symbol.contested => Measure::Broken,
         (Some(unit), _) => measures.known(unit.clone()),
         (None, Some(_)) => Measure::Broken,
+        // found from what the block reads
+        (None, None) if symbol.declaration.made.is_some() => Measure::Number,
         (None, None) => Measure::Unknown(s),
     }
 }
 
-struct Pass<'a, 'b, 'c> {
-    checked: &'c Checked<'a, 'b>,
-    measures: Measures,
-    symbols: Vec<Measure>,
+pub(super) struct Pass<'a, 'b, 'c> {
+    pub(super) checked: &'c Checked<'a, 'b>,
+    pub(super) measures: Measures,
+    pub(super) symbols: Vec<Measure>,
+    /// By symbol: what a table takes.
+    pub(super) arguments: Vec<Measure>,
+    /// The coefficients of the numerator and the denominator that are being looked at, by time to their power.
+    pub(super) polynomials: [Option<Measure>; 2],
     /// Unit of time; `None` in a model without any unit.
-    time: Option<Measure>,
+    pub(super) time: Option<Measure>,
     nodes: Vec<Measure>,
     ledger: Ledger,
-    findings: &'c mut Vec<Diagnostic>,
+    /// What was seen on the left of an equation whose right side comes next.
+    left: Option<Survey>,
+    pub(super) findings: &'c mut Vec<Diagnostic>,
 }
 
 impl Pass<'_, '_, '_> {
-    fn of(&self, e: ExprRef) -> Measure {
+    /// Whether an expression was written for a block of the language: it is right whenever the block's arguments are.
+    fn is_of_a_block(&self, block: &Block) -> bool {
+        let owner = match block.owner {
+            Owner::Value(s) => Some(s),
+            Owner::Right(k) => self.checked.equations[k].state,
+            _ => None,
+        };
+        owner.is_some_and(|s| argument_units::is_of_a_block(&self.checked.scope.symbols[s]))
+    }
+
+    /// Looks at all blocks in the order of definition.
+    fn all(&mut self) {
+        let checked = self.checked;
+        for block in &checked.blocks.list {
+            if self.is_of_a_block(block) {
+                continue;
+            }
+            let mut survey = self.ledger.survey();
+            for e in checked.blocks.nodes(block) {
+                let measure = self.node(*e);
+                self.nodes[e.0 as usize] = measure;
+                let meaning = checked.meanings[e.0 as usize];
+                if matches!(meaning, Meaning::Symbol(_) | Meaning::Record(_) | Meaning::Table(_)) {
+                    self.ledger.see(&mut survey, self.span(*e), measure);
+                }
+            }
+            self.finish(block, survey);
+        }
+    }
+
+    pub(super) fn of(&self, e: ExprRef) -> Measure {
         self.nodes[e.0 as usize]
     }
 
-    fn span(&self, e: ExprRef) -> Span {
+    pub(super) fn span(&self, e: ExprRef) -> Span {
         self.checked.scope.tree.span(e)
     }
 
@@ -103,6 +162,7 @@ impl Pass<'_, '_, '_> {
             Expr::Call(name, arguments) => match meaning {
                 Meaning::Function(function) => self.call(function, &name.text, arguments, e),
                 Meaning::Record(output) => self.record(output),
+                Meaning::Table(s) => self.look_up(s, arguments[0]),
                 _ => Measure::Broken,
             },
             Expr::Vector(_) | Expr::Element(..) => Measure::Broken,
@@ -191,7 +251,12 @@ impl Pass<'_, '_, '_> {
                 self.delay(arguments[1]);
                 first
             }
-            Function::Der | Function::Measured => self.of(e),
+            Function::Initial => first,
+            Function::Der => match self.time {
+                Some(time) => self.measures.joined(first, time, true).unwrap_or_else(|OutOfRange| self.out_of_range(e)),
+                None => first,
+            },
+            Function::Measured => self.of(e),
         }
     }
 
@@ -312,7 +377,9 @@ impl Pass<'_, '_, '_> {
                 let symbol = &scope.symbols[s];
                 self.compare(s, value, block.root, "its value");
                 let defines = matches!(symbol.role, Role::Let | Role::Output) || self.checked.kinds.derived[s];
-                if symbol.declaration.unit.is_none() && defines {
+                if symbol.declaration.made.is_some() && defines {
+                    self.symbols[s] = value;
+                } else if symbol.declaration.unit.is_none() && defines {
                     self.symbols[s] = if value == Measure::Number { Measure::Unknown(s) } else { value };
                 }
                 if symbol.role == Role::Output && value != Measure::Broken {
@@ -325,12 +392,23 @@ impl Pass<'_, '_, '_> {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));
             }
+            Owner::Like(s) => {
+                if matches!(value, Measure::Known(_) | Measure::Unknown(_)) {
+                    self.symbols[s] = value;
+                }
+            }
+            Owner::Want(s, k) => self.want(s, k, value),
+            Owner::Tie(s) => self.compare(s, value, block.root, "what it is tied to"),
+            Owner::Abscissa(s) => self.abscissa(s, value, block.root),
+            Owner::Ordinate(s) => self.ordinate(s, value, block.root),
+            Owner::Left(_) => self.left = Some(survey),
+            Owner::Right(k) if self.checked.equations[k].implicit => self.implicit(k, value, survey),
             Owner::Right(k) => self.equation(k, value, survey),
         }
     }
 
     /// Compares a value or bound with the declared unit.
-    fn compare(&mut self, s: SymbolId, value: Measure, root: ExprRef, what: &str) {
+    pub(super) fn compare(&mut self, s: SymbolId, value: Measure, root: ExprRef, what: &str) {
         let symbol = &self.checked.scope.symbols[s];
         if symbol.declaration.unit.is_none() {
             return;
@@ -369,8 +447,29 @@ impl Pass<'_, '_, '_> {
         self.findings.push(self.conversion(finding, x, y));
     }
 
+    /// Both sides of an equation that is solved for derivatives.
+    fn implicit(&mut self, k: usize, right: Measure, mut survey: Survey) {
+        let equation = &self.checked.equations[k];
+        let left = self.of(equation.left);
+        if let Some(seen) = self.left.take() {
+            survey.join(seen);
+        }
+        let Err((x, y)) = self.measures.agreed(left, right) else {
+            if left != Measure::Broken && right != Measure::Broken {
+                self.ledger.enter(survey, || "an equation".to_string());
+            }
+            return;
+        };
+        let (own, other) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
+        let message = format!("the left side is in {own}, the right side in {other}{factor}");
+        let finding = Diagnostic::new(Code::UnitMismatch, self.span(equation.right), message);
+        let finding = finding.label(self.span(equation.left), format!("this is in {own}"));
+        self.findings.push(self.conversion(finding, x, y));
+    }
+
     /// Adds how one unit becomes the other, or what separates them.
-    fn conversion(&self, finding: Diagnostic, x: u32, y: u32) -> Diagnostic {
+    pub(super) fn conversion(&self, finding: Diagnostic, x: u32, y: u32) -> Diagnostic {
         match remedies::conversion(self.measures.unit(x), self.measures.unit(y)) {
             Some(hint) => finding.hint(hint),
             None => finding,

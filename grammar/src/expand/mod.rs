@@ -1,31 +1,68 @@
 //! Syntax tree to syntax tree of the core language: one equation for each state, scalars only.
 //!
-//! **In** a [`SyntaxTree`] as written. **Out** one without submodels, vectors and blocks, in which every expression keeps
-//! the place where the user wrote it, so that messages of later rooms point there; and what is wrong with them.
-//! **Never** looks at values or units, and never makes more than its limits allow. **Start** at [`expand`].
+//! **In** a [`SyntaxTree`] as written, and the texts of the files that it uses. **Out** one without submodels, vectors and
+//! blocks, in which every expression keeps the place where the user wrote it, so that messages of later rooms point
+//! there; and what is wrong with them. **Never** looks at values, and never makes more than its limits allow.
+//! **Start** at [`expand`]: submodels first, since vectors may be connected to them, then vectors, then
+//! blocks, which read scalars.
 
-use crate::diagnostic::{Code, Diagnostic};
-use crate::source::Span;
-use crate::syntax::{Expr, StatementKind, SyntaxTree};
+mod arrays;
+mod blocks;
+mod budget;
+mod elements;
+mod files;
+mod maker;
+mod submodels;
+mod transfer;
 
-/// Rewrites what the core language does not have.
-pub fn expand(tree: SyntaxTree) -> (SyntaxTree, Vec<Diagnostic>) {
-    let mut findings = Vec::new();
-    for statement in &tree.statements {
-        match &statement.kind {
-            StatementKind::Use(_) => findings.push(unsupported(statement.span, "submodels")),
-            StatementKind::Declare(_, list) => {
-                let shapes = list.iter().filter_map(|d| d.shape);
-                findings.extend(shapes.map(|s| unsupported(s.span, "vectors and matrices")));
-            }
-            _ => {}
-        }
-    }
-    let arrays = tree.expressions.iter().filter(|(e, _)| matches!(e, Expr::Vector(_) | Expr::Element(..)));
-    findings.extend(arrays.map(|(_, span)| unsupported(*span, "vectors and matrices")));
-    (tree, findings)
+pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
+pub use budget::MOST_NODES;
+pub use elements::Elements;
+pub use files::{MOST_FILES, gather};
+pub use submodels::MOST_LEVELS;
+
+use crate::diagnostic::Diagnostic;
+use crate::source::Source;
+use crate::syntax::{Expr, SyntaxTree};
+use budget::Budget;
+use submodels::Submodels;
+
+/// A tree of the core language.
+#[derive(Debug)]
+pub struct Expanded {
+    /// The tree.
+    pub tree: SyntaxTree,
+    /// What was wrong; the names that it leaves without meaning are suspended in the tree.
+    pub findings: Vec<Diagnostic>,
+    /// The vectors and matrices that were written out.
+    pub elements: Elements,
 }
 
-fn unsupported(span: Span, what: &str) -> Diagnostic {
-    Diagnostic::new(Code::Unsupported, span, format!("this version does not compile {what} yet"))
+/// Rewrites what the core language does not have. `check` tells what is wrong with a tree of the core language: every used
+/// file is checked by itself.
+pub fn expand(source: &Source, tree: SyntaxTree, check: &dyn Fn(&SyntaxTree) -> Vec<Diagnostic>) -> Expanded {
+    let judge = |tree: &SyntaxTree| {
+        let Expanded { tree, mut findings, elements } = core(tree.clone(), &mut Budget::new());
+        findings.extend(elements.told(check(&tree)));
+        findings
+    };
+    let mut budget = Budget::new();
+    let mut submodels = Submodels::new(source, &judge);
+    let tree = submodels.inline(tree, &mut budget);
+    let mut findings = submodels.finish();
+    let Expanded { tree, findings: more, elements } = core(tree, &mut budget);
+    findings.extend(more);
+    Expanded { tree, findings, elements }
+}
+
+/// What can be said of one file, without the others.
+fn core(tree: SyntaxTree, budget: &mut Budget) -> Expanded {
+    let mut expanded = arrays::flatten(tree, budget);
+    blocks::blocks(&mut expanded.tree, &mut expanded.findings);
+    expanded
+}
+
+/// Stands where a mistake has been told: later rooms are silent about it.
+fn broken() -> Expr {
+    Expr::Vector(Vec::new())
 }

@@ -7,8 +7,10 @@ pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
+mod ties;
 
 pub use substitution::Unshown;
+pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Signal};
 use crate::op::ExprId;
@@ -35,13 +37,26 @@ pub struct Input {
     pub measured: Option<u32>,
     /// Made by [`Model::carried`]: a hidden input, computed from what the inputs in front of it recorded.
     pub computed: Option<Computed>,
+    /// Made from `der(u)`: a hidden input, the derivative of an input in front of it.
+    pub slope: Option<Slope>,
 }
 
 impl Input {
     /// Whether it was declared, so that a record has a column of it; hidden inputs follow from other columns.
     pub fn is_declared(&self) -> bool {
-        self.measured.is_none() && self.computed.is_none()
+        self.measured.is_none() && self.computed.is_none() && self.slope.is_none()
     }
+}
+
+/// The derivative of an input, as its record is interpolated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slope {
+    /// The input, by index.
+    pub of: u32,
+    /// Whether outputs show it: its value at a sample is then the mean of the slopes on both sides, and linear between samples. Otherwise
+    /// it drives rates: each slope holds from its sample to the next, so that its integral is the input itself, and is zero outside
+    /// the record.
+    pub shown: bool,
 }
 
 /// What a hidden input is computed from: an expression in a graph of its own, so that neither derivatives nor delays of the
@@ -73,6 +88,8 @@ pub enum Origin {
     Declared,
     /// Made from `state x = free`: the initial value of that state, first guessed from the data.
     FreeInitial(u32),
+    /// Made from `initial(.)`: the first sample of that input in every run, filled in by whoever simulates one.
+    FirstSample(u32),
 }
 
 /// What was known about a parameter before these data: a normal distribution (the field's a-priori weighting).
@@ -105,13 +122,22 @@ pub struct Param {
     pub prior: Option<Prior>,
 }
 
-/// A parameter that is defined by others (`param b = 2*a`): reported, not estimated.
+impl Param {
+    /// Whether it is the first sample of an input: neither estimated nor given, and no user declared it.
+    pub fn is_recorded(&self) -> bool {
+        matches!(self.origin, Origin::FirstSample(_))
+    }
+}
+
+/// A parameter that is defined by others (`param b = 2*a`) or tied to them (`tie b = 2*a`): reported, not estimated.
 #[derive(Debug, Clone)]
 pub struct Derived {
     /// Name, doc, unit.
     pub quantity: Quantity,
     /// Its definition, an expression of parameters.
     pub expr: ExprId,
+    /// Declared with a value of its own, which it has while its tie is off.
+    pub tied: bool,
 }
 
 /// What the model says a recorded channel should be.
@@ -142,6 +168,8 @@ pub struct Model {
     pub params: Vec<Param>,
     /// Derived parameters.
     pub derived: Vec<Derived>,
+    /// Ties that are open: their params are estimated by themselves. None refers to a later one.
+    pub ties: Vec<Tie>,
     /// Outputs in the order of declaration.
     pub outputs: Vec<Output>,
     /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not
@@ -155,6 +183,12 @@ impl Model {
     /// Index of a parameter by name.
     pub fn param(&self, name: &str) -> Option<usize> {
         self.params.iter().position(|p| p.quantity.name == name)
+    }
+
+    /// Inputs (by index) that are zero outside the record.
+    pub fn vanishing(&self) -> impl Iterator<Item = u32> + '_ {
+        let slope = |i: &Input| i.slope.is_some_and(|s| !s.shown);
+        self.inputs.iter().enumerate().filter(move |(_, i)| slope(i)).map(|(k, _)| k as u32)
     }
 
     /// Start values of all parameters.

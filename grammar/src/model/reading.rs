@@ -31,14 +31,53 @@ pub fn reading(model: &Model, graph: &mut Graph, state: u32) -> Option<Reading> 
         })
     };
     model.outputs.iter().enumerate().find_map(|(output, o)| {
-        let (slope, offset) = affine(model, graph, o.expr, state)?;
+        let (slope, offset) = affine(graph, o.expr, state, |k| model.params[k as usize].fixed)?;
         let (a, b) = (value(graph, slope), value(graph, offset));
         (a != 0.0 && a.is_finite() && b.is_finite()).then_some(Reading { output, slope, offset })
     })
 }
 
-/// Slope and offset of an expression that is affine in one state and otherwise made of constants and fixed parameters.
-fn affine(model: &Model, graph: &mut Graph, root: ExprId, state: u32) -> Option<(ExprId, ExprId)> {
+/// An output that would show a state if parameters in it, a bias or a scale, were not to be estimated.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Unsettled {
+    /// The state.
+    pub state: String,
+    /// The output.
+    pub output: String,
+    /// The parameters.
+    pub parameters: Vec<String>,
+}
+
+impl std::fmt::Display for Unsettled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let names: Vec<String> = self.parameters.iter().map(|p| format!("`{p}`")).collect();
+        let verb = if names.len() == 1 { "is" } else { "are" };
+        write!(
+            f,
+            "`{}` shows the state `{}` only together with {}, which {verb} to be estimated",
+            self.output,
+            self.state,
+            names.join(", ")
+        )
+    }
+}
+
+/// The first output that would show a state if fewer parameters were to be estimated. `graph` as in [`reading`].
+pub fn unsettled(model: &Model, graph: &mut Graph, state: u32) -> Option<Unsettled> {
+    model.outputs.iter().find_map(|o| {
+        affine(graph, o.expr, state, |_| true)?;
+        let free = graph.reachable([o.expr]).into_iter().filter_map(|e| match graph.node(e) {
+            Node::Leaf(Leaf::Param(k)) => Some(&model.params[k as usize]).filter(|p| !p.fixed),
+            _ => None,
+        });
+        let parameters: Vec<String> = free.map(|p| p.quantity.name.clone()).collect();
+        let (state, output) = (model.states[state as usize].quantity.name.clone(), o.quantity.name.clone());
+        (!parameters.is_empty()).then_some(Unsettled { state, output, parameters })
+    })
+}
+
+/// Slope and offset of an expression that is affine in one state and otherwise made of constants and `known` parameters.
+fn affine(graph: &mut Graph, root: ExprId, state: u32, known: impl Fn(u32) -> bool) -> Option<(ExprId, ExprId)> {
     let zero = graph.number(0.0);
     let mut terms: Vec<Option<(ExprId, ExprId)>> = vec![None; root.index() + 1];
     for e in graph.reachable([root]) {
@@ -46,7 +85,7 @@ fn affine(model: &Model, graph: &mut Graph, root: ExprId, state: u32) -> Option<
         terms[e.index()] = match graph.node(e) {
             Node::Constant(_) => Some((zero, e)),
             Node::Leaf(Leaf::State(k)) if k == state => Some((graph.number(1.0), zero)),
-            Node::Leaf(Leaf::Param(k)) if model.params[k as usize].fixed => Some((zero, e)),
+            Node::Leaf(Leaf::Param(k)) if known(k) => Some((zero, e)),
             Node::Leaf(_) => None,
             Node::Apply(op, args) => {
                 let operands: Option<Vec<_>> = args[..op.row().arity].iter().map(|a| of(*a)).collect();

@@ -2,7 +2,7 @@
 //! instead of by what was simulated, the response depends on most parameters linearly, and a correction converges from
 //! starts from which it fails otherwise.
 
-use super::reading::{Reading, reading};
+use super::reading::{Reading, Unsettled, reading, unsettled};
 use super::{Input, Model, Quantity};
 use crate::graph::{Graph, Leaf, Reference, Signal};
 use crate::op::{Build, ExprId, Op};
@@ -12,6 +12,8 @@ use crate::op::{Build, ExprId, Op};
 pub struct Unshown {
     /// The states that no output shows.
     pub states: Vec<String>,
+    /// Outputs that would show some of them if less were to be estimated.
+    pub unsettled: Vec<Unsettled>,
 }
 
 impl std::fmt::Display for Unshown {
@@ -23,7 +25,8 @@ impl std::fmt::Display for Unshown {
             "no output shows the state{plural} {}: a record replaces a state where an output is the state itself, or a \
              multiple of it plus a constant",
             names.join(", ")
-        )
+        )?;
+        self.unsettled.iter().try_for_each(|unsettled| write!(f, "; {unsettled}"))
     }
 }
 
@@ -50,9 +53,9 @@ impl Model {
         let missing = |state: &usize| readings[*state].is_none();
         let unshown: Vec<&usize> = states.iter().filter(|s| missing(s)).collect();
         if !unshown.is_empty() {
-            return Err(Unshown {
-                states: unshown.into_iter().map(|s| self.states[*s].quantity.name.clone()).collect(),
-            });
+            let states = unshown.iter().map(|s| self.states[**s].quantity.name.clone()).collect();
+            let unsettled = unshown.iter().filter_map(|s| unsettled(self, &mut old, **s as u32)).collect();
+            return Err(Unshown { states, unsettled });
         }
         let records: Vec<Option<Record>> =
             readings.iter().map(|r| r.map(|r| Record::new(r, &mut model, &old))).collect();
@@ -111,7 +114,7 @@ impl Input {
     /// The hidden input that is the record of an output of this name, doc and unit.
     pub(crate) fn measured(output: u32, of: &Quantity) -> Self {
         let quantity = Quantity { name: format!("measured({})", of.name), ..of.clone() };
-        Self { quantity, measured: Some(output), computed: None }
+        Self { quantity, measured: Some(output), computed: None, slope: None }
     }
 }
 

@@ -19,8 +19,12 @@ pub struct Layout {
     pub inputs: usize,
     /// Number of parameters p, fixed ones included.
     pub params: usize,
+    /// Parameters (by index) that are the first sample of an input (by index) in every run.
+    pub first: Vec<(u32, u32)>,
     /// Number of outputs q.
     pub outputs: usize,
+    /// Inputs that are zero outside the record: derivatives of inputs, which keep their values there.
+    pub vanishing: Vec<u32>,
     /// Delayed signals; they follow the inputs in the drive.
     pub delayed: Vec<Signal>,
     /// Length of the array that `prepare` fills.

@@ -15,9 +15,9 @@ pub(crate) use affine::affine_nodes;
 pub use layout::{Layout, Patterns, StageRow};
 pub use program::{Instruction, Operand, Placed, Program};
 
-use crate::derive::{Derivatives, Jacobian, differentiate};
+use crate::derive::{Derivatives, Jacobian, Swollen, differentiate, differentiate_within};
 use crate::graph::{Graph, Leaf, Node};
-use crate::model::Model;
+use crate::model::{Model, Origin};
 use crate::op::ExprId;
 pub(crate) use program::straight_line;
 
@@ -44,6 +44,19 @@ impl Schedule {
     /// Differentiates the model and orders everything; derivative nodes join the model's graph.
     pub fn new(model: &mut Model) -> Self {
         let d = differentiate(model);
+        Self::ordered(model, &d)
+    }
+
+    /// The same, as long as the graph of the derivatives does not have more nodes than `most`.
+    ///
+    /// # Errors
+    /// [`Swollen`].
+    pub fn within(model: &mut Model, most: usize) -> Result<Self, Swollen> {
+        let d = differentiate_within(model, most)?;
+        Ok(Self::ordered(model, &d))
+    }
+
+    fn ordered(model: &Model, d: &Derivatives) -> Self {
         let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
         let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
         let with = |head: &[ExprId], jacobians: [&Jacobian; 3]| {
@@ -56,7 +69,7 @@ impl Schedule {
         let bodies = [&full_rates[..], &full_outputs[..], &by_input[..]].concat();
 
         let graph = &model.graph;
-        let (known, layout) = known(model, &d, &bodies);
+        let (known, layout) = known(model, d, &bodies);
         let mut places: Vec<Option<u32>> = vec![None; graph.nodes().len()];
         known.iter().enumerate().rev().for_each(|(k, e)| places[e.index()] = Some(k as u32));
         let inputs = layout.inputs as u32;
@@ -138,6 +151,8 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         inputs: model.inputs.len(),
         params: model.params.len(),
         outputs: model.outputs.len(),
+        first: first_samples(model),
+        vanishing: model.vanishing().collect(),
         delayed: graph.delayed().iter().map(|s| s.signal).collect(),
         known: known.len(),
         initial,
@@ -162,6 +177,15 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         },
     };
     (known, layout)
+}
+
+fn first_samples(model: &Model) -> Vec<(u32, u32)> {
+    let params = model.params.iter().enumerate();
+    let sample = |(k, p): (usize, &crate::model::Param)| match p.origin {
+        Origin::FirstSample(input) => Some((k as u32, input)),
+        _ => None,
+    };
+    params.filter_map(sample).collect()
 }
 
 fn observed(graph: &Graph, e: ExprId) -> Option<u32> {

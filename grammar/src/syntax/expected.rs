@@ -38,6 +38,12 @@ pub(super) enum Want {
     Doc,
     Attribute,
     LessNesting,
+    EffectStatement,
+    Slot,
+    Kind,
+    Place,
+    With,
+    PlusEquals,
 }
 
 impl Want {
@@ -64,6 +70,12 @@ impl Want {
             Self::Brace => "`{`",
             Self::CloseBrace => "`}`",
             Self::End | Self::Semicolon => "`;`",
+            Self::EffectStatement => "a statement of an effect",
+            Self::Slot => "what it attaches to, such as `x: state`",
+            Self::Kind => "`input`, `state`, `output` or `param`",
+            Self::Place => "`der(x)` or the name of an output",
+            Self::With => "`with`",
+            Self::PlusEquals => "`+=`",
             Self::Infix | Self::Doc | Self::Attribute | Self::LessNesting => return None,
         })
     }
@@ -131,6 +143,9 @@ impl Expected<'_> {
             "tie" => format!("the tie of `{}`", name(self.last_declared().unwrap_or(first + 1))),
             "table" => format!("the table `{}`", name(first + 1)),
             "use" => format!("the use of {}", name(first + 1)),
+            "effect" => format!("the effect `{}`", name(first + 1)),
+            "nuisance" => format!("the declaration of `{}`", name(first + 1)),
+            "add" | "replace" if self.word(first + 1) != "=" => format!("`{}`", name(first)),
             "trim" => format!("the trim of `{}`", name(self.last_set().unwrap_or(first + 2))),
             _ if self.word(first + 1) == "=" => format!("the equation of `{}`", name(first)),
             "input" | "state" | "param" | "const" | "let" | "output" => match self.last_declared() {

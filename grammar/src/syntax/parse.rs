@@ -9,6 +9,9 @@ use pest::Parser;
 use pest::error::{ErrorVariant, InputLocation};
 use pest::iterators::{Pair, Pairs};
 
+mod effect;
+pub(super) use effect::{EffectHeader, effect_header, effect_statement};
+
 #[allow(missing_docs, unreachable_pub)]
 mod grammar {
     #[derive(pest_derive::Parser)]
@@ -121,6 +124,12 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
         Rule::prior | Rule::noise | Rule::trim | Rule::tie | Rule::table | Rule::use_model => Want::Statement,
+        Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
+        Rule::slot => Want::Slot,
+        Rule::slot_kind => Want::Kind,
+        Rule::place => Want::Place,
+        Rule::word_with => Want::With,
+        Rule::plus_equals => Want::PlusEquals,
         _ => return None,
     })
 }

@@ -7,7 +7,7 @@ use super::scan::{Kind, Token, scan};
 use super::slips::Slips;
 use super::tree::{Name, Statement, SyntaxTree};
 use crate::diagnostic::{Code, Diagnostic};
-use crate::source::{Source, Span};
+use crate::source::{Source, Span, Text};
 use std::collections::BTreeSet;
 use std::ops::Range;
 
@@ -31,7 +31,19 @@ pub fn parse(source: &Source) -> Result<SyntaxTree, Vec<Diagnostic>> {
 /// order of the text). There is no tree when nothing in the text looks like a model. `suspended` holds every word of the
 /// statements that are missing in the tree, their keywords too, sorted.
 pub fn parse_recovering(source: &Source) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
-    let text = source.text();
+    parse_text(source.text())
+}
+
+/// One of the texts of a source, like [`parse_recovering`]; its places are those of the source.
+pub fn parse_used(text: &Text) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
+    let (mut tree, findings) = parse_text(text.text());
+    if let Some(tree) = &mut tree {
+        tree.each_span(|span| *span = span.moved(text.start()));
+    }
+    (tree, findings.into_iter().map(|f| f.moved(text.start())).collect())
+}
+
+fn parse_text(text: &str) -> (Option<SyntaxTree>, Vec<Diagnostic>) {
     let too_large = |span, message: String| (None, vec![Diagnostic::new(Code::TooLarge, span, message)]);
     if text.len() > TEXT_LIMIT {
         return too_large(Span::default(), format!("the text has {} bytes; the limit is {TEXT_LIMIT}", text.len()));

@@ -1,5 +1,5 @@
-//! Text to tokens: what the outline and the messages need to know before and beside the grammar.
-//! Spaces and comments vanish here; the grammar reads the same text again with its own, equal lexis.
+//! Text to tokens: what the outline, the messages, the formatter and editors need to know before and beside the grammar.
+//! Spaces vanish here and comments stand apart; the grammar reads the same text again with its own, equal lexis.
 
 use super::parse::{continues_name, starts_name};
 use super::words::is_keyword;
@@ -7,7 +7,7 @@ use crate::source::Span;
 
 /// The kind of a token.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
     /// A word that users may declare.
     Name,
     /// A word of the grammar.
@@ -38,15 +38,18 @@ pub(super) enum Kind {
 
 /// A token and its place.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Token {
-    pub(super) kind: Kind,
-    pub(super) first_on_line: bool,
-    pub(super) span: Span,
+pub struct Token {
+    /// What it is.
+    pub kind: Kind,
+    /// Whether nothing but spaces and comments stands before it on its line.
+    pub first_on_line: bool,
+    /// Where it stands.
+    pub span: Span,
 }
 
 impl Token {
     /// The token as written.
-    pub(super) fn text<'a>(&self, source: &'a str) -> &'a str {
+    pub fn text<'a>(&self, source: &'a str) -> &'a str {
         &source[self.span.range()]
     }
 }
@@ -59,7 +62,18 @@ const LONG_SIGNS: [&str; 20] = [
 
 /// All tokens of a text, or the span of the token that is one too many.
 pub(super) fn scan(text: &str, limit: usize) -> Result<Vec<Token>, Span> {
+    Ok(scan_with_comments(text, limit)?.0)
+}
+
+/// All tokens of a text and, apart from them, the places of its comments; both in the order of the text. Whatever stands
+/// there has tokens: a string or comment that is not closed, too, and characters that the language does not use.
+pub fn tokens(text: &str) -> (Vec<Token>, Vec<Span>) {
+    scan_with_comments(text, usize::MAX).unwrap_or_default()
+}
+
+fn scan_with_comments(text: &str, limit: usize) -> Result<(Vec<Token>, Vec<Span>), Span> {
     let mut scanner = Scanner { text, at: 0, tokens: Vec::new() };
+    let mut comments = Vec::new();
     // Editors on Windows put a byte order mark before the text.
     scanner.at = if text.starts_with('\u{feff}') { '\u{feff}'.len_utf8() } else { 0 };
     let mut first_on_line = true;
@@ -68,7 +82,9 @@ pub(super) fn scan(text: &str, limit: usize) -> Result<Vec<Token>, Span> {
             first_on_line |= is_line_end(c);
             scanner.at += c.len_utf8();
         } else if scanner.rest().starts_with("//") {
+            let start = scanner.at;
             scanner.skip(|c| !is_line_end(c));
+            comments.push(Span::new(start, scanner.at));
         } else {
             let start = scanner.at;
             if let Some(kind) = scanner.token(c) {
@@ -79,11 +95,12 @@ pub(super) fn scan(text: &str, limit: usize) -> Result<Vec<Token>, Span> {
                 scanner.tokens.push(Token { kind, first_on_line, span });
                 first_on_line = false;
             } else {
+                comments.push(Span::new(start, scanner.at));
                 first_on_line |= text[start..scanner.at].contains(is_line_end);
             }
         }
     }
-    Ok(scanner.tokens)
+    Ok((scanner.tokens, comments))
 }
 
 struct Scanner<'a> {
@@ -206,7 +223,11 @@ impl<'a> Scanner<'a> {
     fn unit(&self) -> Option<usize> {
         let previous = self.tokens.last()?;
         match previous.kind {
-            Kind::Keyword if previous.text(self.text) == "in" => return None,
+            Kind::Keyword
+                if matches!(previous.text(self.text), "in" | "if" | "then" | "else" | "and" | "or" | "not") =>
+            {
+                return None;
+            }
             Kind::Sign | Kind::Open | Kind::Semicolon => return None,
             _ => {}
         }
@@ -235,6 +256,8 @@ mod tests {
     #[test]
     fn brackets_behind_in_hold_bounds_and_others_units() {
         let units: Vec<_> = kinds("a [m/s^2] in [0, 1] [in] [1").into_iter().filter(|t| t.1.contains('[')).collect();
+        let vector: Vec<_> = kinds("else [1] [m]").into_iter().map(|t| t.0).collect();
+        assert_eq!(vector, [Kind::Keyword, Kind::Open, Kind::Number, Kind::Close, Kind::Unit]);
         assert_eq!(units, [(Kind::Unit, "[m/s^2]"), (Kind::Open, "["), (Kind::Unit, "[in]"), (Kind::Open, "[")]);
     }
 

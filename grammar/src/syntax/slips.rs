@@ -136,6 +136,11 @@ impl<'a> Slips<'a> {
             self.report([found.hint("effects stand in a file of their own")]);
             return true;
         }
+        self.flawed(extent)
+    }
+
+    /// Whether tokens or brackets are wrong, whatever word begins the extent.
+    pub(super) fn flawed(&mut self, extent: &Extent) -> bool {
         // One finding about depth is enough: the rest of such a statement is not read.
         if let Some(fault @ Fault::TooDeep(_)) = extent.fault {
             self.fault(fault);

@@ -107,10 +107,12 @@ pub enum Role {
     Let,
     /// `output`
     Output,
+    /// `table`: a function of one argument, declared by a statement of its own
+    Table,
 }
 
 impl Role {
-    /// Every kind.
+    /// The kinds that stand before a list of declarations.
     pub const ALL: [Role; 6] = [Self::Input, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
 
     /// The keyword.
@@ -122,6 +124,20 @@ impl Role {
             Self::Const => "const",
             Self::Let => "let",
             Self::Output => "output",
+            Self::Table => "table",
+        }
+    }
+}
+
+impl Expr {
+    /// Visits the operands.
+    pub fn each_operand(&self, mut visit: impl FnMut(ExprRef)) {
+        match self {
+            Expr::Number(_) | Expr::Name(_) | Expr::Element(..) => {}
+            Expr::Unary(_, a) => visit(*a),
+            Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
+            Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
+            Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
         }
     }
 }
@@ -157,6 +173,57 @@ pub struct Shape {
     pub span: Span,
 }
 
+/// What a declaration that stands for a block says of its unit and of the block's arguments.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Made {
+    /// An expression in the unit of a state.
+    pub like: Option<ExprRef>,
+    /// What the arguments of the block must be.
+    pub wants: Vec<Want>,
+}
+
+/// What an argument of a block must be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Want {
+    /// In messages: "the time constant of `lag`".
+    pub what: String,
+    /// The argument: a number or a name.
+    pub argument: ExprRef,
+    /// Its unit.
+    pub unit: Asked,
+    /// Its size where the estimation starts.
+    pub size: Size,
+}
+
+/// The unit of an argument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// A time.
+    Time,
+    /// One over a time, or an angle in rad over a time.
+    Rate,
+    /// A pure number.
+    Number,
+    /// That of the other coefficients of the polynomial, by powers of time.
+    Coefficient {
+        /// The power that it stands before.
+        power: u32,
+        /// Which of the two polynomials.
+        denominator: bool,
+    },
+}
+
+/// The size of an argument at the start values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Size {
+    /// Any.
+    Any,
+    /// Above zero.
+    Positive,
+    /// Not zero.
+    NotZero,
+}
+
 /// One declared name with what was written about it, in whatever order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Declaration {
@@ -176,6 +243,8 @@ pub struct Declaration {
     pub fixed: Option<Span>,
     /// `per run`
     pub per_run: Option<Span>,
+    /// Said of what no user wrote: a state or a `let` of a block.
+    pub made: Option<Made>,
     /// The whole declaration.
     pub span: Span,
 }
@@ -183,7 +252,18 @@ pub struct Declaration {
 impl Declaration {
     /// A name about which nothing else is written.
     pub fn new(name: Name, span: Span) -> Self {
-        Self { name, shape: None, doc: None, unit: None, value: None, bounds: None, fixed: None, per_run: None, span }
+        Self {
+            name,
+            shape: None,
+            doc: None,
+            unit: None,
+            value: None,
+            bounds: None,
+            fixed: None,
+            per_run: None,
+            made: None,
+            span,
+        }
     }
 }
 
@@ -240,6 +320,30 @@ pub enum StatementKind {
     Use(Use),
 }
 
+/// Visits the whole expressions of a statement.
+pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
+    match kind {
+        StatementKind::Declare(_, list) => {
+            for d in list {
+                if let Some(Value::Expr(e)) = d.value {
+                    visit(e);
+                }
+                d.bounds.iter().for_each(|b| [b.lower, b.upper].into_iter().for_each(&mut visit));
+                let made = d.made.iter().flat_map(|m| m.like.into_iter().chain(m.wants.iter().map(|w| w.argument)));
+                made.for_each(&mut visit);
+            }
+        }
+        StatementKind::Equation(a, b) => [*a, *b].into_iter().for_each(visit),
+        StatementKind::Time(_) => {}
+        StatementKind::Prior(pairs) => pairs.iter().for_each(|(a, b)| [*a, *b].into_iter().for_each(&mut visit)),
+        StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+            list.iter().for_each(|(_, e)| visit(*e));
+        }
+        StatementKind::Table(table) => table.points.iter().for_each(|(x, y)| [*x, *y].into_iter().for_each(&mut visit)),
+        StatementKind::Use(submodel) => submodel.connections.iter().for_each(|(_, e)| visit(*e)),
+    }
+}
+
 /// A statement and its place, the semicolon included.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Statement {
@@ -273,5 +377,16 @@ impl SyntaxTree {
     /// Where an expression stands.
     pub fn span(&self, e: ExprRef) -> Span {
         self.expressions[e.0 as usize].1
+    }
+}
+
+/// Visits the operands of an expression.
+pub fn operands(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
+    match expr {
+        Expr::Number(_) | Expr::Name(_) | Expr::Element(..) => {}
+        Expr::Unary(_, a) => visit(*a),
+        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
+        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
+        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
     }
 }

@@ -11,6 +11,7 @@ mod parse;
 mod symbols;
 
 pub use parse::UnitError;
+pub use symbols::names as symbols;
 
 use symbols::Symbol;
 

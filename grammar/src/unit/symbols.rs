@@ -171,6 +171,11 @@ static COMMON: &[&str] = &[
     "mmol", "mL", "mM", "mrad", "kcal",
 ];
 
+/// The symbols that editors offer: every symbol of the table, and common ones with a prefix.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    ROWS.iter().map(|r| r.name).chain(COMMON.iter().copied())
+}
+
 impl Symbol {
     fn row(self) -> &'static Row {
         &ROWS[usize::from(self.row)]
@@ -263,7 +268,7 @@ pub(super) fn nearest(text: &str) -> Option<String> {
     let lower = text.to_lowercase();
     let singular = lower.strip_suffix('s').unwrap_or(&lower);
     let word = words.iter().find(|(w, _)| *w == lower || *w == singular).map(|(_, s)| *s);
-    let symbols = || ROWS.iter().map(|r| r.name).chain(COMMON.iter().copied());
+    let symbols = names;
     let other_case = || symbols().find(|s| s.to_lowercase() == lower);
     if let Some(known) = word.or_else(other_case) {
         return Some(known.into());

@@ -163,6 +163,25 @@ impl Jit {
         })
     }
 
+    /// The machine code of the programs that are compiled, as text; none where the tape does the work.
+    pub fn listing(&self) -> Vec<(&'static str, Option<String>)> {
+        let schedule = &self.schedule;
+        let programs = [
+            ("rates", &schedule.rates),
+            ("rates_and_partials", &schedule.rates_and_partials),
+            ("outputs", &schedule.outputs),
+            ("outputs_and_partials", &schedule.outputs_and_partials),
+        ];
+        let write =
+            |on: Option<String>| self.module.lock().ok().and_then(|mut m| std::mem::replace(&mut m.written, on));
+        let listed = programs.map(|(name, program)| {
+            write(Some(String::new()));
+            let compiled = self.compile(program).is_some();
+            (name, write(None).filter(|_| compiled))
+        });
+        listed.into()
+    }
+
     #[cold]
     fn compile_step(&self, program: &Program, rows: bool) -> Option<Advance> {
         let layout = &self.schedule.layout;

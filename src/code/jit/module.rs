@@ -20,6 +20,8 @@ pub(super) struct CodeModule {
     tables: Vec<Box<[f64]>>,
     /// For each operation the function that computes it, unless the hardware does.
     elementary: Vec<Option<FuncId>>,
+    /// The last function's instructions as text, when somebody wants to read them.
+    pub(super) written: Option<String>,
 }
 
 macro_rules! elementary {
@@ -91,7 +93,7 @@ impl CodeModule {
         }
         let context = module.make_context();
         let (module, scratch) = (ManuallyDrop::new(module), FunctionBuilderContext::new());
-        Ok(Self { module, context, scratch, tables: Vec::new(), elementary })
+        Ok(Self { module, context, scratch, tables: Vec::new(), elementary, written: None })
     }
 
     /// The type of addresses.
@@ -114,12 +116,16 @@ impl CodeModule {
         let table: Box<[f64]> = constants.into();
         let address = table.as_ptr();
         self.tables.push(table);
+        self.context.set_disasm(self.written.is_some());
         let mut builder = FunctionBuilder::new(&mut self.context.func, &mut self.scratch);
         let mut callees =
             Callees { module, constants: address, elementary: &self.elementary, referred: vec![None; ROWS.len()] };
         body(&mut builder, &mut callees);
         builder.finalize(module.target_config());
         module.define_function(id, &mut self.context)?;
+        if let Some(written) = &mut self.written {
+            *written = self.context.compiled_code().and_then(|code| code.vcode.clone()).unwrap_or_default();
+        }
         module.finalize_definitions()?;
         Ok(module.get_finalized_function(id))
     }

@@ -2,15 +2,13 @@
 //! cycle in the record, whose coefficients repeat each other (Morelli and Klein 1997, in the frequency domain):
 //! `D [sum_k sum_l S_k* R^-1 Svv(k, l) R^-1 S_l] D`, `Svv(k, l) = s(w_k)^(1/2) C s(w_l)^(1/2) rho(w_k - w_l)`.
 //!
-//! s is the local mean of the residuals' power over all runs, C the correlation of the outputs. What fitting took off the residuals is
-//! counted in independent coefficients, of which closer frequencies are worth less than their number.
+//! s is the local mean of the residuals' power over all runs, C the correlation of the outputs.
 
 use super::coloured::Corrected;
 use super::conclusion::Conclusion;
 use super::noise_colour::Uncorrected;
 use super::sandwich::Sandwich;
 use crate::estimate::iteration::priors::PriorRow;
-use crate::estimate::noise::Likelihood;
 use crate::estimate::problem::{Problem, ProblemRun};
 use crate::estimate::unknowns::Unknowns;
 use crate::simulate::Block;
@@ -31,7 +29,7 @@ pub(in crate::estimate) fn corrected_spectra(
     problem: &mut Problem<'_>,
     unknowns: &Unknowns,
     values: &[f64],
-    (conclusion, likelihood): (&Conclusion, &Likelihood),
+    conclusion: &Conclusion,
     priors: impl Iterator<Item = PriorRow>,
 ) -> Result<Corrected, Uncorrected> {
     let noise = conclusion.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
@@ -48,9 +46,7 @@ pub(in crate::estimate) fn corrected_spectra(
     let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
     let mut power = Power::of(&runs, q);
-    let freedom = Freedom::of(&runs, conclusion).ok_or(Uncorrected::NoDegreesOfFreedom)?;
-    let taken_off = |o: usize| if likelihood.estimates(o) { freedom.factor() } else { 1.0 };
-    power.settle(|o| 2.0 * noise.covariance[o * q + o] * taken_off(o));
+    power.settle(|o| 2.0 * noise.covariance[o * q + o]);
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
     let covariance = sandwich.covariance(&middles?, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
@@ -105,13 +101,6 @@ impl SpectralRows {
         let coefficients = run.response.coefficients().ok_or(Uncorrected::NotFinite)?;
         (rows.omega, rows.samples, rows.dt) = (coefficients.omega.to_vec(), coefficients.samples, coefficients.dt);
         Ok(rows)
-    }
-
-    /// The part of the coefficients that is independent.
-    fn independent(&self) -> f64 {
-        let cycle = self.samples as f64 * self.dt / std::f64::consts::TAU;
-        let span = |pair: &[f64]| ((pair[1] - pair[0]) * cycle).min(1.0);
-        (1.0 + self.omega.windows(2).map(span).sum::<f64>()) / self.omega.len().max(1) as f64
     }
 
     fn plane(&self, output: usize, column: usize) -> &[Complex64] {
@@ -221,31 +210,6 @@ impl Power {
             (_, Some((_, p))) | (Some((_, p)), None) => *p,
             (None, None) => 0.0,
         }
-    }
-}
-
-/// Compared numbers, what they are worth where frequencies are closer than one cycle in the record, and unknowns found from them.
-struct Freedom {
-    numbers: f64,
-    worth: f64,
-    unknowns: f64,
-}
-
-impl Freedom {
-    /// None when there is nothing left.
-    fn of(runs: &[SpectralRows], conclusion: &Conclusion) -> Option<Self> {
-        let compared = |run: &SpectralRows| 2.0 * run.residuals.iter().filter(|v| !v.is_nan()).count() as f64;
-        let unknowns = (conclusion.inverse.chosen.len() - conclusion.inverse.null.len()) as f64;
-        let numbers = runs.iter().map(compared).sum();
-        let worth = runs.iter().map(|run| compared(run) * run.independent()).sum();
-        let freedom = Self { numbers, worth, unknowns };
-        (freedom.worth - unknowns > 1e-6 * worth).then_some(freedom)
-    }
-
-    /// By how much a variance grows that had its degrees of freedom counted in numbers.
-    fn factor(&self) -> f64 {
-        let left = |all: f64| all / (all - self.unknowns);
-        left(self.worth) / left(self.numbers)
     }
 }
 

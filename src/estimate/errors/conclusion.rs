@@ -32,10 +32,10 @@ impl Correction<'_, '_, '_> {
         }
         if !self.fresh {
             self.linearise(&values, Some(self.weights.clone())).ok()?;
-            self.settle(&values);
+            self.settle();
         }
         if self.inverse.condition > ACCURATE || !self.priors.is_empty() {
-            self.refine(&values);
+            self.refine();
         }
         self.gather();
         if !self.quadratic.is_finite() {
@@ -44,9 +44,10 @@ impl Correction<'_, '_, '_> {
         let bounds = self.unknowns.lower.iter().zip(&self.unknowns.upper);
         let inside: Vec<bool> = values.iter().zip(bounds).map(|(v, (lo, hi))| lo < v && v < hi).collect();
         let chosen: Vec<usize> = (0..values.len()).filter(|j| inside[*j] && self.quadratic.scale[*j] > 0.0).collect();
-        let mut inverse = self.quadratic.invert(&chosen)?;
+        let moved = chosen.len();
+        let mut inverse = self.quadratic.invert(chosen, Inverse::default())?;
         let known = self.known_before(&inverse);
-        let noise = self.likelihood.corrected(&self.weights, (chosen.len() - inverse.null.len()) as f64 - known);
+        let noise = self.likelihood.corrected(&self.weights, (moved - inverse.null.len()) as f64 - known);
         if let Some(noise) = &noise {
             let factors = if self.likelihood.is_full() {
                 vec![(self.weights.covariance[0] / noise.covariance[0]).sqrt()]
@@ -55,7 +56,7 @@ impl Correction<'_, '_, '_> {
             };
             let priors = self.priors.rows(&values);
             self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, priors);
-            inverse = self.quadratic.invert(&chosen)?;
+            inverse = self.quadratic.invert(inverse.chosen.clone(), inverse)?;
         }
         let scale = self.quadratic.scale.clone();
         let without_priors = self.by_data_alone(&inside);
@@ -82,7 +83,7 @@ impl Correction<'_, '_, '_> {
         self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, std::iter::empty());
         let moved = |j: &usize| inside[*j] && self.quadratic.scale[*j] > 0.0;
         let chosen: Vec<usize> = (0..inside.len()).filter(moved).collect();
-        let inverse = self.quadratic.invert(&chosen)?;
+        let inverse = self.quadratic.invert(chosen, Inverse::default())?;
         Some((self.quadratic.scale.clone(), inverse))
     }
 }

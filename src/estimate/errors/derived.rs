@@ -13,6 +13,8 @@ pub struct DerivedName {
     pub unit: Option<String>,
     /// Whether it depends on a per-run parameter and so has a value in every run.
     pub per_run: bool,
+    /// Whether it is a declared parameter that is tied to others.
+    pub tied: bool,
 }
 
 type Evaluate<'a> = Box<dyn FnMut(&[f64], &mut [f64]) + Send + 'a>;
@@ -38,6 +40,7 @@ impl<'a> DerivedQuantities<'a> {
             name: d.quantity.name.clone(),
             unit: d.quantity.unit.as_ref().map(ToString::to_string),
             per_run: per_run[d.expr.index()],
+            tied: d.tied,
         };
         let (mut work, mut known) = (Workspace::new(dynamics), vec![0.0; dynamics.layout().known]);
         let range = dynamics.layout().derived.clone();

@@ -126,7 +126,7 @@ impl Statistics {
         values: &[f64],
     ) -> (Vec<ParameterEstimate>, Vec<usize>, Vec<usize>) {
         let (mut table, mut covered, mut members) = (Vec::new(), Vec::new(), Vec::new());
-        for (k, param) in problem.params.iter().enumerate() {
+        for (k, param) in problem.params.iter().enumerate().filter(|(_, p)| !p.is_recorded()) {
             let copies = if param.per_run { problem.runs.len() } else { 1 };
             for run in 0..copies {
                 let unknown = unknowns.of(run, k);
@@ -164,6 +164,9 @@ impl Statistics {
     ) -> Vec<ParameterEstimate> {
         let mut table = Vec::new();
         let names = problem.derived.names.clone();
+        if names.is_empty() {
+            return table;
+        }
         let rows: Vec<_> = (0..unknowns.runs).map(|run| self.derived_in(problem, unknowns, values, run)).collect();
         for (i, derived) in names.iter().enumerate() {
             let copies = if derived.per_run { problem.runs.len() } else { 1 };
@@ -176,7 +179,7 @@ impl Statistics {
                     standard_error,
                     corrected_error,
                     unit: derived.unit.clone(),
-                    status: Status::Derived,
+                    status: if derived.tied { Status::Tied } else { Status::Derived },
                     start: None,
                     lower: None,
                     upper: None,

@@ -176,7 +176,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let values = self.values.clone();
         self.weights = self.linearise(&values, None)?;
         self.evaluator.keep();
-        self.settle(&values);
+        self.settle();
         Ok(())
     }
 
@@ -230,22 +230,23 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
     }
 
     /// The quadratic at the current estimates, from products or, when they are too coarse, from triangles.
-    pub(in crate::estimate) fn settle(&mut self, values: &[f64]) {
+    pub(in crate::estimate) fn settle(&mut self) {
         self.fresh = true;
         self.gather();
         if self.inverse.condition > PRODUCTS {
-            self.refine(values);
+            self.refine();
         }
     }
 
     /// Evaluates again, summing triangles from now on. The model has just been evaluated at these values; should it
     /// fail now, the coarse quadratic stays.
-    pub(in crate::estimate) fn refine(&mut self, values: &[f64]) {
+    pub(in crate::estimate) fn refine(&mut self) {
         if std::mem::replace(&mut self.precise, true) {
             return;
         }
         self.evaluator.make_precise();
-        if self.linearise(values, Some(self.weights.clone())).is_ok() {
+        let values = self.values.clone();
+        if self.linearise(&values, Some(self.weights.clone())).is_ok() {
             self.fresh = true;
             self.gather();
         }
@@ -256,10 +257,14 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let factors = self.likelihood.factors(&self.weights);
         self.quadratic.gather(self.unknowns, self.evaluator.sums(), &factors, self.priors.rows(&self.values));
         let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
-        self.room = Room::at(&self.values, lower, upper, &self.quadratic.scale);
+        self.room.measure(&self.values, lower, upper, &self.quadratic.scale);
         let movable = self.room.movable(&self.quadratic);
-        let coarse = Inverse { chosen: movable.clone(), condition: f64::INFINITY, ..Inverse::default() };
-        self.inverse = self.quadratic.invert(&movable).unwrap_or(coarse);
+        let spent = std::mem::take(&mut self.inverse);
+        self.inverse = self.quadratic.invert(movable, spent).unwrap_or_else(|| Inverse {
+            chosen: self.room.movable(&self.quadratic),
+            condition: f64::INFINITY,
+            ..Inverse::default()
+        });
     }
 
     /// The undamped correction; false when it cannot be told.

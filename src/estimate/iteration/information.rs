@@ -30,6 +30,8 @@ pub(in crate::estimate) struct Sums {
     own: Vec<Option<(OutputRow, Vec<f64>)>>,
     /// The columns of each output and the sums of their planes, where these come instead of rows.
     planes: Vec<(Vec<u32>, PlaneSums)>,
+    /// Whether all sums of planes are finite.
+    finite: bool,
     /// Rows of all columns, waiting to be worked off.
     waiting: Vec<f64>,
     filled: usize,
@@ -41,7 +43,7 @@ impl Sums {
         let width = (columns + 1).next_multiple_of(LANES);
         let (values, own) = (vec![0.0; groups * (columns + 1) * width], vec![None; groups]);
         let (planes, waiting, work) = (Vec::new(), Vec::new(), Vec::new());
-        Self { columns, width, precise: false, values, own, planes, waiting, filled: 0, work }
+        Self { columns, width, precise: false, values, own, planes, finite: true, waiting, filled: 0, work }
     }
 
     /// One group, (columns + 1) by width.
@@ -57,9 +59,7 @@ impl Sums {
 
     /// Whether all sums are finite.
     pub(in crate::estimate) fn is_finite(&self) -> bool {
-        // exponents all ones are no numbers; the largest of all is found in vectors
-        let largest = self.values.iter().fold(0, |largest: u64, v| largest.max(v.to_bits() & (u64::MAX >> 1)));
-        f64::from_bits(largest).is_finite()
+        if self.planes.is_empty() { finite(&self.values) } else { self.finite }
     }
 
     /// Begins a run.
@@ -116,13 +116,20 @@ impl Sums {
     /// Ends a run: products of outputs with columns of their own go to their places among all columns.
     pub(in crate::estimate) fn end(&mut self) {
         let (size, width) = ((self.columns + 1) * self.width, self.width);
+        // zero, or no number
+        let mut rest = 0.0;
         for (values, (columns, sums)) in self.values.chunks_exact_mut(size).zip(&self.planes) {
             let place = |lane: usize| columns.get(lane).map_or(self.columns, |c| *c as usize);
             for i in 0..=columns.len() {
                 let row = &mut values[place(i) * width..][..width];
-                (i..=columns.len()).for_each(|j| row[place(j)] = sums.sum(i, j));
+                for j in i..=columns.len() {
+                    let sum = sums.sum(i, j);
+                    rest += 0.0 * sum;
+                    row[place(j)] = sum;
+                }
             }
         }
+        self.finite = rest == 0.0;
         for (values, own) in self.values.chunks_exact_mut(size).zip(&self.own) {
             let Some((row, products)) = own.as_ref().filter(|_| !self.precise) else { continue };
             let place = |lane: usize| row.columns.get(lane).map_or(self.columns, |c| *c as usize);
@@ -192,6 +199,13 @@ impl Sums {
             accumulate(rows, width, filled, width, order, sums);
         }
     }
+}
+
+/// Whether all numbers are finite.
+fn finite(values: &[f64]) -> bool {
+    // exponents all ones are no numbers; the largest of all is found in vectors
+    let largest = values.iter().fold(0, |largest: u64, v| largest.max(v.to_bits() & (u64::MAX >> 1)));
+    f64::from_bits(largest).is_finite()
 }
 
 /// Writes the residuals to the free lanes of the rows; where nothing was measured a row becomes zero.

@@ -29,7 +29,7 @@ impl Correction<'_, '_, '_> {
     /// Begins to project: affine unknowns go to their best values here, which is a correction by itself when it gains
     /// anything.
     pub(in crate::estimate) fn begin_projection(&mut self, refused: usize) -> Option<Accepted> {
-        self.refine(&self.values.clone());
+        self.refine();
         self.projecting = self.quadratic.is_precise();
         if !self.projecting {
             return None;

@@ -1,6 +1,6 @@
 //! The cost near one point as a quadratic of the correction, in parameters scaled to unit columns of the Jacobian.
 
-use super::cholesky::{backward, cholesky, forward, inverse_of, norm};
+use super::cholesky::{Cholesky, norm};
 use super::information::Sums;
 use super::priors::PriorRow;
 use super::triangle;
@@ -26,6 +26,12 @@ pub(in crate::estimate) struct Quadratic {
     width: usize,
     /// The scaled part of the second derivative that J'J misses, P by P; empty when it counts as zero.
     curvature: Vec<f64>,
+    /// The chosen unknowns whose products were inverted last (empty: none), and their factor; the undamped step asks for
+    /// the same.
+    factored: Vec<usize>,
+    factor: Cholesky,
+    /// Products of chosen unknowns.
+    chosen: Vec<f64>,
 }
 
 /// The inverse of the scaled information matrix on chosen unknowns.
@@ -58,6 +64,7 @@ impl Quadratic {
         self.rhs.resize(self.size, 0.0);
         self.triangle.clear();
         self.curvature.clear();
+        self.factored.clear();
         let (mut rows, mut work) = (Vec::new(), Vec::new());
         for (run, sums) in runs.enumerate() {
             for (group, factor) in factors.iter().copied().enumerate() {
@@ -268,12 +275,10 @@ impl Quadratic {
 
     /// (H + damping)^-1 `rhs` on the chosen unknowns, both scaled; the others stay 0. None when H is too coarse.
     pub(in crate::estimate) fn apply_inverse(&self, chosen: &[usize], damping: f64, rhs: &[f64]) -> Option<Vec<f64>> {
-        let (mut factor, n) = (self.products(chosen), chosen.len());
-        (0..n).for_each(|k| factor[k * n + k] += damping);
+        let (mut matrix, n) = (self.products(chosen), chosen.len());
+        (0..n).for_each(|k| matrix[k * n + k] += damping);
         let mut solution: Vec<f64> = chosen.iter().map(|j| rhs[*j]).collect();
-        cholesky(&mut factor, n)?;
-        forward(&factor, n, &mut solution);
-        backward(&factor, n, &mut solution);
+        Cholesky::new(matrix, n)?.solve(&mut solution);
         let mut all = vec![0.0; self.size];
         chosen.iter().zip(&solution).for_each(|(j, s)| all[*j] = *s);
         Some(all)
@@ -298,17 +303,7 @@ impl Quadratic {
     }
 
     fn solve_products(&self, chosen: &[usize], damping: f64, step: &[f64]) -> Option<Vec<f64>> {
-        let mut factor = self.products(chosen);
-        let n = chosen.len();
         let bent = self.bends(damping);
-        for (k, f) in factor.iter_mut().enumerate() {
-            if k / n == k % n {
-                *f += damping;
-            }
-            if bent {
-                *f += self.curvature[chosen[k / n] * self.size + chosen[k % n]];
-            }
-        }
         let taken = |row: &[f64]| row.iter().zip(step).map(|(h, s)| h * s).sum::<f64>();
         let row = |j: usize| j * self.size..(j + 1) * self.size;
         let rest = |j: &usize| self.rhs[*j] - taken(&self.hessian[row(*j)]);
@@ -317,10 +312,23 @@ impl Quadratic {
             let turned = chosen.iter().map(|j| taken(&self.curvature[row(*j)]));
             solution.iter_mut().zip(turned).for_each(|(s, t)| *s -= t);
         }
-        cholesky(&mut factor, n)?;
-        forward(&factor, n, &mut solution);
-        backward(&factor, n, &mut solution);
+        if !bent && damping == 0.0 && !chosen.is_empty() && self.factored == chosen {
+            self.factor.solve(&mut solution);
+        } else {
+            self.factored(chosen, damping, bent)?.solve(&mut solution);
+        }
         Some(solution)
+    }
+
+    /// The factor of the products of chosen unknowns, damped or bent.
+    fn factored(&self, chosen: &[usize], damping: f64, bent: bool) -> Option<Cholesky> {
+        let (mut matrix, n) = (self.products(chosen), chosen.len());
+        (0..n).for_each(|k| matrix[k * n + k] += damping);
+        if bent {
+            let curvature = |k: usize| self.curvature[chosen[k / n] * self.size + chosen[k % n]];
+            matrix.iter_mut().enumerate().for_each(|(k, v)| *v += curvature(k));
+        }
+        Cholesky::new(matrix, n)
     }
 
     /// Whether the missing part of the second derivative counts: damped corrections do without.
@@ -377,9 +385,7 @@ impl Quadratic {
                 *length -= v[(a, i)] / values[a] * turned;
             }
         }
-        cholesky(&mut factor, rank)?;
-        forward(&factor, rank, lengths);
-        backward(&factor, rank, lengths);
+        Cholesky::new(factor, rank)?.solve(lengths);
         Some(())
     }
 
@@ -392,21 +398,28 @@ impl Quadratic {
     }
 
     fn products(&self, chosen: &[usize]) -> Vec<f64> {
-        chosen.iter().flat_map(|i| chosen.iter().map(move |j| self.hessian[i * self.size + j])).collect()
+        let mut products = Vec::with_capacity(chosen.len() * chosen.len());
+        self.put_products(chosen, &mut products);
+        products
     }
 
-    /// The inverse of the information on the chosen unknowns; none when products do not suffice for it.
-    pub(in crate::estimate) fn invert(&self, chosen: &[usize]) -> Option<Inverse> {
+    fn put_products(&self, chosen: &[usize], products: &mut Vec<f64>) {
+        products.clear();
+        for i in chosen {
+            let row = &self.hessian[i * self.size..][..self.size];
+            products.extend(chosen.iter().map(|j| row[*j]));
+        }
+    }
+
+    /// The inverse of the information on the chosen unknowns, in the memory of one that is not needed any more; none when
+    /// products do not suffice for it.
+    pub(in crate::estimate) fn invert(&mut self, chosen: Vec<usize>, spent: Inverse) -> Option<Inverse> {
         let n = chosen.len();
-        let chosen = chosen.to_vec();
         if n == 0 {
             return Some(Inverse { condition: 1.0, ..Inverse::default() });
         }
         if self.triangle.is_empty() {
-            let matrix = self.products(&chosen);
-            let values = inverse_of(&matrix, n)?;
-            let condition = (norm(&matrix, n) * norm(&values, n)).sqrt();
-            return Some(Inverse { chosen, values, condition, null: Vec::new() });
+            return self.invert_products(chosen, spent.values);
         }
         let (_, singular, v) = self.decompose(&chosen);
         let largest = singular.first().copied().unwrap_or(0.0);
@@ -423,5 +436,20 @@ impl Quadratic {
             }
         }
         Some(inverse)
+    }
+
+    fn invert_products(&mut self, chosen: Vec<usize>, mut values: Vec<f64>) -> Option<Inverse> {
+        let (n, mut matrix) = (chosen.len(), std::mem::take(&mut self.chosen));
+        self.put_products(&chosen, &mut matrix);
+        self.factored.clear();
+        let (size, definite) = (norm(&matrix, n), self.factor.renew(&matrix, n));
+        self.chosen = matrix;
+        if !definite {
+            return None;
+        }
+        self.factored.extend_from_slice(&chosen);
+        self.factor.invert(&mut values);
+        let condition = (size * norm(&values, n)).sqrt();
+        Some(Inverse { chosen, values, condition, null: Vec::new() })
     }
 }

@@ -127,10 +127,10 @@ impl Correction<'_, '_, '_> {
     fn lost(&mut self) -> usize {
         let values = self.values.clone();
         if !self.fresh && self.linearise(&values, Some(self.weights.clone())).is_ok() {
-            self.settle(&values);
+            self.settle();
         }
         if self.inverse.condition > crate::estimate::errors::conclusion::ACCURATE {
-            self.refine(&values);
+            self.refine();
         }
         let inside = |j: &usize| self.unknowns.lower[*j] < values[*j] && values[*j] < self.unknowns.upper[*j];
         let idle = (0..values.len()).filter(inside).filter(|j| self.quadratic.scale[*j] == 0.0).count();

@@ -30,14 +30,18 @@ impl Secant {
 
     /// Compares the gradient at `values` with the last one; `learn` says whether S is to change (or to begin).
     pub(in crate::estimate) fn visit(&mut self, values: &[f64], quadratic: &Quadratic, learn: bool) {
-        let gradient: Vec<f64> = quadratic.rhs.iter().zip(&quadratic.scale).map(|(r, s)| -r * s).collect();
+        let parts = quadratic.rhs.iter().zip(&quadratic.scale).map(|(r, s)| -r * s);
         if learn && self.values.len() == values.len() {
+            let gradient: Vec<f64> = parts.clone().collect();
             let step: Vec<f64> = values.iter().zip(&self.values).map(|(a, b)| a - b).collect();
             let change: Vec<f64> = gradient.iter().zip(&self.gradient).map(|(a, b)| a - b).collect();
             self.matrix.resize(values.len() * values.len(), 0.0);
             self.update(&step, &change, &quadratic.times(&step));
         }
-        (self.values, self.gradient) = (values.to_vec(), gradient);
+        self.gradient.clear();
+        self.gradient.extend(parts);
+        self.values.clear();
+        self.values.extend_from_slice(values);
     }
 
     /// Makes S map `step` to what the `change` of the gradient has beyond `explained`, by the smallest symmetric

@@ -14,12 +14,19 @@ pub(in crate::estimate) struct Room {
 impl Room {
     /// The room that is left at `values`.
     pub(in crate::estimate) fn at(values: &[f64], lower: &[f64], upper: &[f64], scale: &[f64]) -> Self {
-        let scaled = |bound: &[f64]| {
+        let mut room = Self::default();
+        room.measure(values, lower, upper, scale);
+        room
+    }
+
+    /// The same in place.
+    pub(in crate::estimate) fn measure(&mut self, values: &[f64], lower: &[f64], upper: &[f64], scale: &[f64]) {
+        for (room, bound) in [(&mut self.down, lower), (&mut self.up, upper)] {
             let distance = bound.iter().zip(values).zip(scale);
+            room.clear();
             // an unknown without influence has scale 0 and does not move; infinity times 0 must not become NaN
-            distance.map(|((b, v), s)| if *b == *v || *s == 0.0 { 0.0 } else { (b - v) * s }).collect()
-        };
-        Self { down: scaled(lower), up: scaled(upper) }
+            room.extend(distance.map(|((b, v), s)| if *b == *v || *s == 0.0 { 0.0 } else { (b - v) * s }));
+        }
     }
 
     /// Unknowns that can move: not those that stand at a bound with the cost falling beyond it, nor those without
@@ -90,6 +97,9 @@ pub(in crate::estimate) fn constrained_among(
         if !descend(quadratic, room, &mut free, damping, step) {
             return false;
         }
+        if free.len() == unknowns.iter().filter(|j| quadratic.scale[**j] > 0.0).count() {
+            break;
+        }
         let slope = quadratic.slope(damping, step);
         let least = FLAT * slope.iter().chain(&quadratic.rhs).fold(0.0_f64, |m, s| m.max(s.abs()));
         let inwards = |j: usize| match slope[j] {
@@ -120,17 +130,15 @@ fn descend(quadratic: &Quadratic, room: &Room, free: &mut Vec<usize>, damping: f
                 ((bound - step[j]) / (wanted[j] - step[j])).max(0.0)
             }
         };
-        let parts: Vec<f64> = free.iter().map(|j| part(*j)).collect();
-        let least = parts.iter().copied().fold(1.0, f64::min);
-        for (j, part) in free.iter().zip(&parts) {
-            step[*j] = match () {
-                () if least == 1.0 => wanted[*j],
-                () if *part == least => room.clip(*j, wanted[*j]),
-                () => room.clip(*j, step[*j] + least * (wanted[*j] - step[*j])),
-            };
-        }
+        let least = free.iter().map(|j| part(*j)).fold(1.0, f64::min);
         if least == 1.0 {
+            step.copy_from_slice(&wanted);
             break;
+        }
+        let parts: Vec<f64> = free.iter().map(|j| part(*j)).collect();
+        for (j, part) in free.iter().zip(&parts) {
+            let further = if *part == least { wanted[*j] } else { step[*j] + least * (wanted[*j] - step[*j]) };
+            step[*j] = room.clip(*j, further);
         }
         let mut blocked = parts.iter().map(|p| *p == least);
         free.retain(|_| !blocked.next().unwrap_or(false));

@@ -17,6 +17,9 @@ const HOPELESS: f64 = 1e15;
 const BELIEF: f64 = 0.75;
 /// Part of what a shortened step promises that it must gain to be taken.
 const WORTH: f64 = 0.25;
+/// Part of what it promises that a long step must gain which lands on a bound: one that gains less went by a slope that does not hold so
+/// far, and what stands on a bound seldom leaves it again.
+const LANDING: f64 = 0.75;
 /// How often a refused full step is halved before it is damped.
 const HALVINGS: usize = 2;
 /// Trials in a row after which damping rises faster, and steps are so short that they need no bending.
@@ -193,13 +196,13 @@ impl Correction<'_, '_, '_> {
         self.evaluator.keep();
         self.weights = weights;
         self.trial = std::mem::replace(&mut self.values, trial);
-        let values = self.values.clone();
-        self.settle(&values);
+        self.settle();
         Some(gain)
     }
 
     fn compare(&mut self, trial: &[f64], unmeasurable: bool, bold: bool) -> Option<Weights> {
         let allowed = if unmeasurable { self.weights.cost + self.weights.rounding } else { self.weights.cost };
+        let allowed = allowed - if unmeasurable { 0.0 } else { self.least_gain(trial) };
         let better = |w: &Weights| w.cost < allowed || (unmeasurable && w.cost == allowed);
         if bold {
             return self.linearise(trial, None).ok().filter(better);
@@ -211,6 +214,17 @@ impl Correction<'_, '_, '_> {
             return None;
         }
         self.linearise(trial, Some(weights)).ok()
+    }
+
+    /// What a trial must gain at least.
+    fn least_gain(&self, trial: &[f64]) -> f64 {
+        let (lower, upper) = (&self.unknowns.lower, &self.unknowns.upper);
+        let lands = |j: usize| trial[j] != self.values[j] && (trial[j] == lower[j] || trial[j] == upper[j]);
+        if !(0..trial.len()).any(lands) || self.largest_in_errors() <= 1.0 {
+            return 0.0;
+        }
+        let promise = self.quadratic.reduction(&self.step);
+        if promise > 1.0 && promise.is_finite() { LANDING * promise } else { 0.0 }
     }
 
     fn damp_more(&mut self, factor: f64) {

@@ -1,5 +1,8 @@
 //! Householder reduction of tall matrices to a triangle, a block of rows at a time: rank is decided on J, never on J'J.
 
+/// Squares of columns below this are zero: on the way to the smallest numbers a reflection loses its digits and overflows.
+const NOTHING: f64 = 1e-280;
+
 /// Reduces `block` (rows by width, row-major) into the upper triangle `triangle` (order by width), so that
 /// triangle' triangle grows by block' block. The block is overwritten. Only the first `order` columns are meant;
 /// lanes beyond them must be zero.
@@ -20,7 +23,7 @@ pub(in crate::estimate) fn reduce(
             *v = block[b * width + j];
             square += *v * *v;
         }
-        if square == 0.0 {
+        if square < NOTHING {
             continue;
         }
         let row = &mut triangle[j * width..(j + 1) * width];
@@ -52,6 +55,20 @@ pub(in crate::estimate) fn reduce(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn columns_on_the_way_to_zero_count_as_zero() {
+        for tiny in [1e-150, 1e-158, 1e-162, 5e-324] {
+            let (mut triangle, mut work) = (vec![0.0; 2 * 8], Vec::new());
+            for _ in 0..3 {
+                let mut block: Vec<f64> =
+                    (0..4).flat_map(|k| [1.0, tiny * f64::from(k), 0., 0., 0., 0., 0., 0.]).collect();
+                reduce(&mut triangle, 2, &mut block, 8, &mut work);
+            }
+            assert!(triangle.iter().all(|v| v.is_finite()), "{tiny}: {triangle:?}");
+            assert!((triangle[0].abs() - 12f64.sqrt()).abs() < 1e-14);
+        }
+    }
 
     #[test]
     fn products_are_kept_and_small_singular_values_survive() {

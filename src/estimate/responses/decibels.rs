@@ -153,14 +153,14 @@ impl Decibels {
     ) -> Result<Self, Unanswered> {
         let (mut linear, mut values) = (linear.clone(), Values::default());
         linear.evaluate(theta, &mut values).map_err(Unanswered::Trim)?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let (omega, mut responses) = (&measured.estimate.omega, Vec::new());
-        for input in 0..structure.inputs {
+        for input in (0..structure.inputs).filter(|k| measured.slopes[*k].is_none()) {
             let wanted: Vec<usize> = (0..pairs.len()).filter(|p| pairs[*p].input == input).collect();
             if wanted.is_empty() {
                 continue;
             }
-            let spectrum = unit(structure.inputs, structure.outputs, input, omega);
+            let spectrum = unit(&measured.slopes, structure.outputs, input, omega);
             let response = FrequencyResponse::new(&structure, &values, &spectrum, &EndTerms::Omitted, plans);
             responses.push((response.map_err(Unanswered::Frequency)?, wanted));
         }
@@ -255,11 +255,14 @@ impl Response for Decibels {
     }
 }
 
-/// One input that is 1 at all frequencies.
-fn unit(inputs: usize, outputs: usize, input: usize, omega: &[f64]) -> Spectrum {
-    let count = omega.len();
+/// One input that is 1 at all frequencies, its derivative `j w`.
+fn unit(slopes: &[Option<usize>], outputs: usize, input: usize, omega: &[f64]) -> Spectrum {
+    let (inputs, count) = (slopes.len(), omega.len());
     let mut given = vec![Complex64::ZERO; inputs * count];
     given[input * count..][..count].fill(Complex64::ONE);
+    for k in (0..inputs).filter(|k| slopes[*k] == Some(input)) {
+        given[k * count..][..count].iter_mut().zip(omega).for_each(|(d, w)| *d = Complex64::new(0.0, *w));
+    }
     Spectrum {
         name: "frequency responses".into(),
         omega: omega.to_vec(),

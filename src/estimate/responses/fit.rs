@@ -193,7 +193,10 @@ impl Setting {
     fn new(model: &Model, runs: &[Run], options: &ResponseOptions) -> Result<Self, ResponseError> {
         checked_model(model, runs)?;
         let definition = model.definition();
-        if let Some(hidden) = definition.inputs.iter().find(|i| !i.is_declared()) {
+        // the response to an input is the response to its derivative too
+        let source = |k: usize| definition.inputs[k].slope.map_or(k, |slope| slope.of as usize);
+        let mut hidden = (0..definition.inputs.len()).filter(|k| !definition.inputs[source(*k)].is_declared());
+        if let Some(hidden) = hidden.next().map(|k| &definition.inputs[k]) {
             return Err(ResponseError::Hidden(hidden.quantity.name.clone()));
         }
         if definition.inputs.is_empty() {
@@ -290,8 +293,13 @@ fn wanted(
     options: &ResponseOptions,
 ) -> Result<Vec<(usize, usize)>, ResponseError> {
     let definition = model.definition();
-    let (q, m) = (definition.outputs.len(), definition.inputs.len());
-    let reached: Vec<Vec<bool>> = (0..m).map(|i| reached(structure, i)).collect();
+    let (q, m) = (definition.outputs.len(), definition.inputs.iter().filter(|i| i.is_declared()).count());
+    let driven = |i: usize| {
+        let own = definition.inputs.iter().enumerate();
+        let own = own.map(|(k, input)| k == i || input.slope.is_some_and(|s| s.of as usize == i));
+        own.collect::<Vec<bool>>()
+    };
+    let reached: Vec<Vec<bool>> = (0..m).map(|i| reached(structure, &driven(i))).collect();
     if options.pairs.is_empty() {
         let all = (0..q).flat_map(|o| (0..m).map(move |i| (o, i)));
         return Ok(all.filter(|(o, i)| reached[*i][*o]).collect());
@@ -299,7 +307,7 @@ fn wanted(
     let there = |names: Vec<&String>| names.into_iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
     let (outputs, inputs): (Vec<_>, Vec<_>) = (
         definition.outputs.iter().map(|o| &o.quantity.name).collect(),
-        definition.inputs.iter().map(|i| &i.quantity.name).collect(),
+        definition.inputs[..m].iter().map(|i| &i.quantity.name).collect(),
     );
     let find = |role, list: &Vec<&String>, name: &String| {
         let missing = || ResponseError::NoChannel { role, name: name.clone(), there: there(list.clone()) };
@@ -318,8 +326,8 @@ fn wanted(
     Ok(found)
 }
 
-/// The outputs to which an input finds a way through the coefficients.
-fn reached(structure: &Structure, input: usize) -> Vec<bool> {
+/// The outputs to which some inputs find a way through the coefficients.
+fn reached(structure: &Structure, inputs: &[bool]) -> Vec<bool> {
     let n = structure.states;
     let mut rows = vec![false; n + structure.outputs];
     let source = |signal: usize| match signal.checked_sub(n + structure.inputs) {
@@ -331,7 +339,7 @@ fn reached(structure: &Structure, input: usize) -> Vec<bool> {
         for term in &structure.terms {
             let moved = match source(term.signal as usize) {
                 Signal::State(k) => rows[k as usize],
-                Signal::Input(k) => k as usize == input,
+                Signal::Input(k) => inputs[k as usize],
             };
             rows[term.row as usize] |= moved;
         }

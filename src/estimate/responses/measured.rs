@@ -26,6 +26,8 @@ pub(super) struct Measured {
     pub(super) lengths: Vec<f64>,
     /// Length of the segments that speak at each frequency (M), as their averages tell.
     pub(super) spoken: Vec<f64>,
+    /// For each input of the model the one of which it is the derivative.
+    pub(super) slopes: Vec<Option<usize>>,
 }
 
 impl Measured {
@@ -38,7 +40,7 @@ impl Measured {
         let durations: Vec<f64> = runs.iter().map(duration).collect();
         let (low, high) = band(model, runs, options)?;
         let lengths = match &options.segments[..] {
-            [] => lengths(&durations, model.definition().inputs.len(), high),
+            [] => lengths(&durations, how.inputs.len(), high),
             given => checked(given, &durations)?,
         };
         let longest = lengths.iter().copied().fold(0.0, f64::max);
@@ -47,13 +49,18 @@ impl Measured {
             given => given.clone(),
         };
         too_many(&choice, how.inputs.len() + how.outputs.len())?;
-        let estimate = FrequencyResponseEstimate::composite(runs, &choice, &lengths, OVERLAP, Window::Hann, &how)
+        let definition = model.definition();
+        let declared: Vec<usize> = (0..how.inputs.len()).collect();
+        let outputs: Vec<usize> = (0..definition.outputs.len()).collect();
+        let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(&declared, &outputs)).collect();
+        let slopes = definition.inputs.iter().map(|i| i.slope.map(|s| s.of as usize)).collect();
+        let estimate = FrequencyResponseEstimate::composite(&runs, &choice, &lengths, OVERLAP, Window::Hann, &how)
             .map_err(ResponseError::Spectrum)?;
         // averages are in proportion to what a length leaves of the records
         let averages = || estimate.averages.iter().copied();
         let fewest = averages().fold(f64::INFINITY, f64::min);
         let spoken = averages().map(|a| longest * (fewest / a).min(1.0)).collect();
-        Ok(Self { estimate, lengths, spoken })
+        Ok(Self { estimate, lengths, spoken, slopes })
     }
 
     /// Coherence of a pair (M): of the output with this input, what the others do taken out.
@@ -76,7 +83,7 @@ impl Measured {
 fn names(model: &Model) -> SpectrumOptions {
     let definition = model.definition();
     SpectrumOptions {
-        inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
+        inputs: definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.clone()).collect(),
         outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
         ..SpectrumOptions::default()
     }
@@ -106,7 +113,7 @@ fn band(model: &Model, runs: &[Run], options: &ResponseOptions) -> Result<(Optio
             Ok((*lowest, *highest))
         }
         Frequencies::Grid { lowest, highest: None } => {
-            let inputs = model.definition().inputs.len();
+            let inputs = names(model).inputs.len();
             let all = all_spectra(model, runs, &Frequencies::Grid { lowest: None, highest: None })?;
             Ok((*lowest, all.iter().map(|s| moved(s, inputs)).fold(0.0, f64::max)))
         }

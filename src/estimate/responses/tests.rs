@@ -47,7 +47,7 @@ fn sweep(t: f64, duration: f64, low: f64, high: f64) -> f64 {
 /// What the model gives for these inputs, with noise of a part of the deviation of every output.
 fn flown(model: &Model, name: &str, dt: f64, inputs: &[Vec<f64>], noise: f64, seed: u64) -> Run {
     let (n, q) = (inputs[0].len(), model.layout().outputs);
-    let mut run = Run {
+    let run = Run {
         name: name.into(),
         time: (0..n).map(|k| dt * k as f64).collect(),
         inputs: (0..n).flat_map(|k| inputs.iter().map(move |u| u[k])).collect(),
@@ -56,6 +56,7 @@ fn flown(model: &Model, name: &str, dt: f64, inputs: &[Vec<f64>], noise: f64, se
         input_gaps: vec![0; inputs.len()],
         output_gaps: vec![0; q],
     };
+    let mut run = run.with_measured(model.definition()).expect("complete");
     let mut y = run.measured.clone();
     let mut simulator = Simulator::new(model.dynamics(), &run, 4).expect("suited");
     simulator.simulate(&model.definition().start(), &mut y).expect("finite");
@@ -71,7 +72,11 @@ fn flown(model: &Model, name: &str, dt: f64, inputs: &[Vec<f64>], noise: f64, se
 
 /// Two sweeps of the second order with delay.
 pub(super) fn second_order(noise: f64, seed: u64) -> (Model, Vec<Run>) {
-    let model = model(SECOND_ORDER);
+    swept(model(SECOND_ORDER), noise, seed)
+}
+
+/// Two sweeps of one input.
+fn swept(model: Model, noise: f64, seed: u64) -> (Model, Vec<Run>) {
     let (dt, duration) = (0.02, 90.0);
     let n = (duration / dt) as usize;
     let run = |k: u64| {
@@ -149,6 +154,18 @@ fn a_second_order_with_delay_is_found_from_sweeps() {
     let worse = fit_responses(&model, &runs, &without, &mut ()).expect("a fit");
     println!("without {:?}", worse.cost());
     assert!(worse.cost().expect("compared") > 3.0 * cost.max(20.0), "{:?}", worse.cost());
+}
+
+#[test]
+fn the_response_to_an_input_is_that_to_its_derivative_too() {
+    let text =
+        "model m { input u; state y, z; param K = 1.5, Ts = 1.2, a1 = 2.4, a0 = 4.0, tau = 0.18 in [0, 2], c = 0.4;
+        der(y) = z; der(z) = -a0*y - a1*z + delay(K*(u + Ts*der(u)), tau); output y_m = y, a_m = der(z) + c*der(u); }";
+    let (model, runs) = swept(model(text), 0.05, 1);
+    let fit = fit_responses(&model, &runs, &options(&model), &mut ()).expect("a fit");
+    let pairs: Vec<_> = fit.pairs.iter().map(|p| (p.output.as_str(), p.input.as_str())).collect();
+    assert_eq!(pairs, [("y_m", "u"), ("a_m", "u")]);
+    check(&model, &fit, 3.0);
 }
 
 #[test]

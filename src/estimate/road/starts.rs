@@ -160,7 +160,8 @@ fn one_start(
 }
 
 fn summary(number: usize, estimate: &Estimate) -> StartSummary {
-    let open = estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived));
+    let open =
+        estimate.parameters.iter().filter(|p| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied));
     StartSummary {
         number,
         cost: estimate.cost.filter(|c| c.is_finite()),

@@ -38,7 +38,7 @@ pub enum SpectralError {
         unknowns: usize,
         /// Of these, end values.
         ends: usize,
-        /// Frequencies of all runs together.
+        /// Frequencies of all runs together; those that are closer than one cycle in the record count for what they are worth.
         frequencies: usize,
         /// Outputs.
         outputs: usize,

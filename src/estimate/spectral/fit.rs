@@ -20,7 +20,7 @@ use crate::estimate::termination::Termination;
 use crate::linear::Trim;
 use crate::model::Model;
 use crate::record::Run;
-use crate::spectrum::Frequencies;
+use crate::spectrum::{Frequencies, Spectrum};
 use fdm_grammar::carried::CarriedTerm;
 use nalgebra::DMatrix;
 use num_complex::Complex64;
@@ -52,6 +52,8 @@ pub struct SpectralFit {
     pub spectra: Vec<RunSpectrum>,
     /// Lowest and highest frequency, in cycles per unit of time.
     pub band: (f64, f64),
+    /// How many independent frequencies those of all runs are worth.
+    pub independent: f64,
     /// Nonlinear terms that were carried in as known inputs.
     pub carried: Vec<CarriedTerm>,
     /// Where the model was linearised, when that matters.
@@ -138,6 +140,7 @@ pub fn fit_spectra(
         first,
         spectra: compared(&setting, &found),
         band: band(&setting.spectra),
+        independent: setting.spectra.iter().map(Spectrum::independent).sum(),
         ends,
         carried,
         trim,

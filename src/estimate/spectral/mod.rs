@@ -13,6 +13,7 @@ pub(super) mod finish;
 pub(super) mod first;
 mod fit;
 pub(super) mod hidden;
+mod known_inputs;
 mod offsets;
 mod options;
 pub(super) mod response;

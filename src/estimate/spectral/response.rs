@@ -38,7 +38,7 @@ impl SpectralResponse {
     ) -> Result<Self, Unanswered> {
         let (mut linear, mut values) = (linear.clone(), Values::default());
         linear.evaluate(theta, &mut values).map_err(Unanswered::Trim)?;
-        let structure = Arc::new(linear.structure().clone());
+        let structure = linear.structure().clone();
         let response =
             FrequencyResponse::new(&structure, &values, spectrum, ends, plans).map_err(Unanswered::Frequency)?;
         Ok(Self {

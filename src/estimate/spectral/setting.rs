@@ -2,6 +2,7 @@
 
 use super::fault::SpectralError;
 use super::hidden::longest;
+use super::known_inputs::with_areas;
 use super::options::{Nonlinear, SpectralOptions};
 use super::response::{Reason, SpectralResponse};
 use super::unanswered::Unanswered;
@@ -124,7 +125,7 @@ impl Setting {
     /// Whether there are more numbers than unknowns.
     fn enough(&self) -> Result<(), SpectralError> {
         let outputs = self.linear.structure().outputs;
-        let frequencies = self.spectra.iter().map(|s| s.omega.len()).sum::<usize>();
+        let frequencies = self.spectra.iter().map(Spectrum::independent).sum::<f64>().round() as usize;
         let ends = (self.params.len() - self.own()) * self.spectra.len();
         let own = self.params[..self.own()].iter().filter(|p| !p.fixed);
         let unknowns = ends + own.map(|p| if p.per_run { self.spectra.len() } else { 1 }).sum::<usize>();
@@ -315,14 +316,21 @@ fn transformed(model: &Model, runs: &[Run], choice: &Frequencies, ends: Ends) ->
     let how = SpectrumOptions {
         ends,
         allow_unmeasured: true,
+        vanishing: definition.vanishing().collect(),
         inputs: definition.inputs.iter().map(|i| i.quantity.name.clone()).collect(),
         outputs: definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
         ..SpectrumOptions::default()
     };
     let of = |choice: &Frequencies| -> Result<Vec<Spectrum>, SpectralError> {
         let one = |run: &Run| {
-            let wrong = |reason| SpectralError::Spectrum { run: run.name.clone(), reason };
-            Spectrum::of(run, choice, &how).map_err(wrong)
+            let of = |run: &Run| {
+                let wrong = |reason| SpectralError::Spectrum { run: run.name.clone(), reason };
+                Spectrum::of(run, choice, &how).map_err(wrong)
+            };
+            let spectrum = of(run)?;
+            let Some(areas) = with_areas(run, definition) else { return Ok(spectrum) };
+            // outputs see samples, states what lies between them
+            Ok(Spectrum { sampled_inputs: spectrum.sampled_inputs, ..of(&areas)? })
         };
         runs.iter().map(one).collect()
     };

@@ -24,7 +24,7 @@ fn scaled(spectrum: &Spectrum, factor: f64) -> Spectrum {
         let coefficients = [&mut scaled.inputs, &mut scaled.sampled_inputs, &mut scaled.outputs];
         coefficients.into_iter().flatten().for_each(|v| *v *= factor);
         let ends = scaled.input_ends.iter_mut().chain(&mut scaled.output_ends);
-        ends.flatten().chain(&mut scaled.input_samples).for_each(|v| *v *= factor);
+        ends.flatten().chain(&mut scaled.input_samples).chain(&mut scaled.input_before).for_each(|v| *v *= factor);
     }
     scaled
 }

@@ -52,7 +52,7 @@ pub struct LengthFit {
 impl LengthFit {
     pub(in crate::estimate) fn new(runs: &[Run], fit: &Fit) -> Self {
         let ends = runs.iter().filter_map(|r| r.time.last());
-        let open = |p: &&ParameterEstimate| !matches!(p.status, Status::Fixed | Status::Derived);
+        let open = |p: &&ParameterEstimate| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied);
         Self {
             length: ends.copied().fold(0.0, f64::max),
             samples: runs.iter().map(Run::len).sum(),

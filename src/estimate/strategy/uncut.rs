@@ -15,7 +15,10 @@ impl Uncut<'_> {
     pub(in crate::estimate) fn of(&self, estimate: Estimate, gaps: f64) -> Estimate {
         let own = |name: &str| self.params.param(name).is_some();
         let kept: Vec<usize> = (0..estimate.parameters.len())
-            .filter(|k| estimate.parameters[*k].status == Status::Derived || own(&estimate.parameters[*k].name))
+            .filter(|k| {
+                matches!(estimate.parameters[*k].status, Status::Derived | Status::Tied)
+                    || own(&estimate.parameters[*k].name)
+            })
             .collect();
         let rows: Vec<usize> = (0..estimate.covered.len()).filter(|i| kept.contains(&estimate.covered[*i])).collect();
         let covered = rows.iter().filter_map(|i| kept.iter().position(|k| *k == estimate.covered[*i])).collect();

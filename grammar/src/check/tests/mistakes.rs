@@ -26,12 +26,6 @@ fn names_and_functions() {
         ("output w = sinn(x);", &["2:12 E0204 `sinn` is not a function; did you mean `sin`?"]),
         ("output w = sin(x, u);", &["2:12 E0205 `sin` takes 1 argument, 2 given; `sin(x)`"]),
         ("output w = clip(x);", &["2:12 E0205 `clip` takes 3 arguments, 1 given; `clip(x, lower, upper)`"]),
-        (
-            "output w = lag(x, 1);",
-            &[
-                "2:12 E0405 `lag` belongs to the language, but this version does not compile it yet; write its equations with a `state`",
-            ],
-        ),
         ("output w = a(x);", &["2:12 E0204 `a` is not a function; a product is written with a sign: `a*(...)`"]),
         (
             "let p = q; let q = r + 1; let r = p; output w = p;",
@@ -164,9 +158,7 @@ fn equations() {
         ("der(xx) = 1;", &["2:5 E0201 `xx` is not declared; did you mean `x`?"]),
         (
             "2*der(x) = 1;",
-            &[
-                "2:1 E0405 an equation is solved for one derivative; other left sides are not compiled yet; solve it by hand: `der(x) = ...;`",
-            ],
+            &["2:1 E0402 2 equations determine `der(x)`; as many equations as derivatives are needed: remove one"],
         ),
         (
             "x + u = 1;",
@@ -175,19 +167,17 @@ fn equations() {
             ],
         ),
         ("der(x, u) = 1;", &["2:1 E0205 `der` takes 1 argument, 2 given; `der(x)`"]),
-        ("der(2*x) = 1;", &["2:1 E0403 `der` is taken of a state, by its name; declare a `state` for this quantity"]),
         (
-            "output w = der(u);",
-            &[
-                "2:12 E0405 the derivative of the input `u` is not compiled yet; record the derivative as an input of its own, or filter the input with a state",
-            ],
+            "der(2*x) = 1;",
+            &["2:1 E0402 2 equations determine `der(x)`; as many equations as derivatives are needed: remove one"],
         ),
         (
-            "output w = der(x);",
-            &[
-                "2:12 E0405 `der(...)` stands on the left side of an equation only; name the right side of its equation: `let x_dot = ...; der(x) = x_dot;`",
-            ],
+            "der(2*u) = 1;",
+            &["2:1 E0403 no state is in this derivative; an equation says how states change: `der(x) = ...;`"],
         ),
+        ("output w = der(u);", &[]),
+        ("output w = der(x) + der(x*u + t);", &[]),
+        ("output w = der(a);", &["2:12 E0207 `a` is a param: it does not change, so that its derivative is zero"]),
     ]);
 }
 

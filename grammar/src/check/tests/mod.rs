@@ -1,11 +1,17 @@
 //! The checker's behaviour, told from texts: what mistakes are told, and what models come out.
 
+mod arrays;
+mod blocks;
+mod implicit;
 mod limits;
 mod mistakes;
 mod models;
 mod random;
-
+mod submodels;
+mod tables;
+mod ties;
 mod units;
+mod written_out;
 
 use crate::{Diagnostic, Model, Source, check::check, syntax::parse};
 
@@ -24,7 +30,8 @@ fn told(text: &str) -> Vec<String> {
             findings
         }
     };
-    let line = |f: &Diagnostic| f.line(&source).replace("m:", "").replace(": error[", " ").replace(": warning[", " ");
+    let line =
+        |f: &Diagnostic| f.line(&source).replacen("m:", "", 1).replace(": error[", " ").replace(": warning[", " ");
     findings.iter().map(|f| line(f).replacen("]: ", " ", 1)).collect()
 }
 

@@ -6,12 +6,19 @@
 //!
 //! Tangents are propagated forward, one leaf at a time, because a choice (`if`, `min`, `abs`) must choose between
 //! derivatives: a reverse sweep would multiply the branch not taken by zero, and zero times infinity is NaN
-//! (`if x > 0 then sqrt(x) else 0` at x = 0). Structural zeros never become nodes.
+//! (`if x > 0 then sqrt(x) else 0` at x = 0). Structural zeros never become nodes. Where sweeps of all leaves would come over the
+//! same long ways again and again, a way behind which nothing chooses is gone once for all of them (`funnels.rs`).
+
+mod funnels;
+mod sweep;
+#[cfg(test)]
+mod tests;
 
 use crate::graph::{Graph, Leaf};
 use crate::model::Model;
-use crate::op::{ExprId, Tangents};
+use crate::op::ExprId;
 use std::collections::BTreeMap;
+use sweep::{Column, Sweep};
 
 /// Which entries of a Jacobian can be other than zero, row by row.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -80,8 +87,20 @@ pub struct Derivatives {
     pub tau: Jacobian,
 }
 
+/// The graph of a model's derivatives has more nodes than were allowed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Swollen;
+
 /// Differentiates every equation of the model by every leaf it depends on; new nodes join the model's graph.
 pub fn differentiate(model: &mut Model) -> Derivatives {
+    differentiate_within(model, u32::MAX as usize).unwrap_or_default()
+}
+
+/// The same, as long as the graph does not have more nodes than `most` by then.
+///
+/// # Errors
+/// [`Swollen`]; what joined the graph by then is still there.
+pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivatives, Swollen> {
     let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
     let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
     let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
@@ -89,11 +108,12 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
     let roots = [&rates[..], &outputs[..], &initial[..], &tau[..]].concat();
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
-    let columns = sweep.tangents(&mut model.graph, |leaf| match leaf {
+    let wanted = |leaf| match leaf {
         Leaf::Time => false,
         Leaf::Param(k) => free[k as usize],
         _ => true,
-    });
+    };
+    let columns = sweep.tangents(&mut model.graph, wanted, most)?;
     let block = |from: usize, len: usize, kind: fn(Leaf) -> Option<u32>| gather(&columns, from, len, kind);
     let partials = |from: usize, len: usize| Partials {
         state: block(from, len, |l| if let Leaf::State(k) = l { Some(k) } else { None }),
@@ -102,12 +122,12 @@ pub fn differentiate(model: &mut Model) -> Derivatives {
         param: block(from, len, by_param),
     };
     let (n, q) = (rates.len(), outputs.len());
-    Derivatives {
+    Ok(Derivatives {
         rates: partials(0, n),
         outputs: partials(n, q),
         initial: block(n + q, n, by_param),
         tau: block(n + q + n, tau.len(), by_param),
-    }
+    })
 }
 
 /// The derivatives of expressions by the leaves that `wanted` accepts: for each leaf (root, derivative), structural zeros
@@ -117,15 +137,12 @@ pub(crate) fn tangents(
     roots: &[ExprId],
     wanted: impl Fn(Leaf) -> bool,
 ) -> BTreeMap<Leaf, Vec<(u32, ExprId)>> {
-    Sweep::new(graph, roots).tangents(graph, wanted)
+    Sweep::new(graph, roots).tangents(graph, wanted, u32::MAX as usize).unwrap_or_default()
 }
 
 fn by_param(leaf: Leaf) -> Option<u32> {
     if let Leaf::Param(k) = leaf { Some(k) } else { None }
 }
-
-/// The tangents of all roots by one leaf: (root, derivative), structural zeros left out.
-type Column = Vec<(u32, ExprId)>;
 
 fn gather(columns: &BTreeMap<Leaf, Column>, from: usize, len: usize, kind: impl Fn(Leaf) -> Option<u32>) -> Jacobian {
     let mut rows: Vec<Vec<(u32, ExprId)>> = vec![Vec::new(); len];
@@ -146,70 +163,4 @@ fn gather(columns: &BTreeMap<Leaf, Column>, from: usize, len: usize, kind: impl 
         jacobian.pattern.rows.push(jacobian.entries.len() as u32);
     }
     jacobian
-}
-
-/// What one forward sweep needs: the nodes below the roots, and who uses whom.
-struct Sweep {
-    roots: Vec<ExprId>,
-    users: Vec<Vec<u32>>,
-    leaves: Vec<(ExprId, Leaf)>,
-}
-
-impl Sweep {
-    fn new(graph: &Graph, roots: &[ExprId]) -> Self {
-        let mut users = vec![Vec::new(); graph.nodes().len()];
-        let mut leaves = Vec::new();
-        for e in graph.reachable(roots.iter().copied()) {
-            graph.operands(e).iter().for_each(|a| users[a.index()].push(e.0));
-            if let crate::graph::Node::Leaf(leaf) = graph.node(e) {
-                leaves.push((e, leaf));
-            }
-        }
-        Self { roots: roots.to_vec(), users, leaves }
-    }
-
-    fn tangents(&self, graph: &mut Graph, wanted: impl Fn(Leaf) -> bool) -> BTreeMap<Leaf, Column> {
-        let mut tangent: Vec<Option<ExprId>> = vec![None; self.users.len()];
-        let mut columns = BTreeMap::new();
-        for (e, leaf) in self.leaves.iter().filter(|(_, l)| wanted(*l)) {
-            let touched = self.dependents(*e);
-            tangent[e.index()] = Some(crate::op::Build::number(graph, 1.0));
-            for k in touched.iter().skip(1) {
-                tangent[*k as usize] = tangent_of(graph, ExprId(*k), &tangent);
-            }
-            let hit = |r: &ExprId| tangent[r.index()];
-            let column = self.roots.iter().enumerate().filter_map(|(i, r)| hit(r).map(|d| (i as u32, d))).collect();
-            columns.insert(*leaf, column);
-            touched.iter().for_each(|k| tangent[*k as usize] = None);
-        }
-        columns
-    }
-
-    /// A leaf and every node that depends on it, in topological order.
-    fn dependents(&self, leaf: ExprId) -> Vec<u32> {
-        let mut order = vec![leaf.0];
-        let mut seen = vec![false; self.users.len()];
-        seen[leaf.index()] = true;
-        let mut next = 0;
-        while next < order.len() {
-            for u in &self.users[order[next] as usize] {
-                if !std::mem::replace(&mut seen[*u as usize], true) {
-                    order.push(*u);
-                }
-            }
-            next += 1;
-        }
-        order.sort_unstable();
-        order
-    }
-}
-
-fn tangent_of(graph: &mut Graph, e: ExprId, tangent: &[Option<ExprId>]) -> Option<ExprId> {
-    let crate::graph::Node::Apply(op, args) = graph.node(e) else { return None };
-    let mut tangents: Tangents = [None; 3];
-    for (t, a) in tangents.iter_mut().zip(&args[..op.row().arity]) {
-        *t = tangent[a.index()];
-    }
-    let d = (op.row().tangent)(graph, args, e, tangents)?;
-    (graph.constant(d) != Some(0.0)).then_some(d)
 }

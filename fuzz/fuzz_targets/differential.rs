@@ -1,0 +1,50 @@
+//! Models that fit the grammar: the tape and machine code give the same bits, and every partial is the one that a
+//! complex step finds.
+#![no_main]
+
+use arbitrary::Unstructured;
+use fdm::code::{Engine, Nominal, compile, verify};
+use fdm::dynamics::{Dynamics, Point, Workspace};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|data: &[u8]| {
+    let Ok(model) = fdm_fuzz::Model::arbitrary(&mut Unstructured::new(data)) else { return };
+    let text = model.text();
+    let Some(compiled) = fdm_fuzz::compile(&text) else { return };
+    let (tape, jit) = (compile(&compiled.schedule, Engine::Tape), compile(&compiled.schedule, Engine::Jit));
+    let theta = compiled.model.start();
+    for seed in 0..4 {
+        assert_eq!(bits(&*tape, &theta, seed), bits(&*jit, &theta, seed), "{text}");
+    }
+    let verdict = verify(&compiled.model, &compiled.schedule, &Nominal::start(&compiled.model));
+    assert!(verdict.failures.is_empty(), "{text}\n{:?}", verdict.failures);
+});
+
+/// Everything that an engine computes at a point, with one NaN.
+fn bits(dynamics: &dyn Dynamics, theta: &[f64], seed: u64) -> Vec<u64> {
+    let layout = dynamics.layout();
+    let mut work = Workspace::new(dynamics);
+    let mut known = vec![0.0; layout.known];
+    dynamics.prepare(theta, &mut known, &mut work);
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut number = || {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        (state >> 11) as f64 / (1_u64 << 53) as f64 * 6.0 - 3.0
+    };
+    let x: Vec<f64> = (0..layout.states).map(|_| number()).collect();
+    let drive: Vec<f64> = (0..layout.drive()).map(|_| number()).collect();
+    let at = Point { t: number().abs(), x: &x, drive: &drive, known: &known };
+    let mut all = known.clone();
+    let mut rates = vec![0.0; layout.rate_slots()];
+    dynamics.rates_and_partials(at, &mut rates, &mut work);
+    let mut outputs = vec![0.0; layout.output_slots()];
+    dynamics.outputs_and_partials(at, &mut outputs, &mut work);
+    let mut inputs = vec![0.0; layout.input_slots()];
+    dynamics.by_input(at, &mut inputs, &mut work);
+    for part in [rates, outputs, inputs] {
+        all.extend(part);
+    }
+    all.iter().map(|v| if v.is_nan() { f64::NAN.to_bits() } else { v.to_bits() }).collect()
+}

@@ -1,0 +1,275 @@
+//! The rate of every state: right sides as they stand, and equations solved for the derivatives in them.
+//!
+//! Structure first: which equation determines which derivative, and which equations hang together (block triangular form).
+//! An equation `der(x) = ...` that needs no other stays as it is; sets that are coupled are solved together, and must be
+//! linear in their derivatives.
+
+use super::elimination::{self, Entry, MOST_WORK, Row, Singular};
+use super::equations::Equation;
+use super::expressions::{Expressions, Indices};
+use super::kinds::Kinds;
+use super::matching::Matching;
+use super::names::{Scope, SymbolId};
+use super::order::components;
+use super::start::Start;
+use super::substitution::{Form, Obstacle, Substitution, equated};
+use crate::diagnostic::{Code, Diagnostic};
+use crate::model::{Origin, Param};
+use crate::op::{Build, ExprId};
+use crate::syntax::{Role, Value};
+use std::collections::BTreeMap;
+
+/// Most equations that are solved together.
+const MOST_COUPLED: usize = 256;
+/// Most derivatives that the equations of a model may mention, each counted in each.
+const MOST_MENTIONS: usize = 4_000_000;
+
+/// By state of the model its rate, `None` for those without; the expressions hold no derivatives afterwards, unless a mistake is
+/// told or was told before.
+pub(super) fn solve(
+    scope: &Scope<'_>,
+    equations: &[Equation],
+    kinds: &Kinds,
+    indices: &Indices,
+    expressions: &mut Expressions,
+    params: &[Param],
+    findings: &mut Vec<Diagnostic>,
+) -> Vec<Option<ExprId>> {
+    let states: Vec<SymbolId> = scope.valid().filter(|(_, s)| s.role == Role::State).map(|(s, _)| s).collect();
+    let mut rates = vec![None; states.len()];
+    let plain = !equations.iter().any(|e| e.implicit) && !expressions.holds_derivatives();
+    if plain {
+        for equation in equations {
+            if let Some(s) = equation.state {
+                rates[indices.of[s] as usize] = Some(expressions.of(equation.right));
+            }
+        }
+        return rates;
+    }
+    let known = |e: &Equation| {
+        let left = e.state.is_some() || e.implicit && !kinds.of(e.left).broken;
+        left && !kinds.of(e.right).broken
+    };
+    if scope.is_partial() || !equations.iter().all(known) {
+        return rates;
+    }
+    let old = std::mem::take(&mut expressions.graph);
+    let derivatives = expressions.derivatives.clone();
+    let mut solver = Solver {
+        scope,
+        equations,
+        sides: equations.iter().map(|e| (expressions.of(e.left), expressions.of(e.right))).collect(),
+        own: equations.iter().map(|e| e.state.map(|s| indices.of[s] as usize)).collect(),
+        states,
+        into: Substitution::new(&old, &derivatives),
+        findings,
+    };
+    let begin: Vec<Option<ExprId>> = solver
+        .states
+        .iter()
+        .map(|s| match scope.symbols[*s].declaration.value {
+            Some(Value::Expr(root)) if !kinds.of(root).broken => Some(expressions.of(root)),
+            Some(_) => None,
+            None => Some(expressions.nothing),
+        })
+        .collect();
+    if solver.run(params, &begin).is_some() {
+        match expressions.transfer(&mut solver.into) {
+            Ok(()) => {
+                rates = std::mem::take(&mut solver.into.rates);
+                expressions.graph = std::mem::take(&mut solver.into.graph);
+                return rates;
+            }
+            Err(obstacle) => {
+                let finding = solver.obstacle(obstacle, scope.tree.name.span, &[]);
+                solver.findings.push(finding);
+            }
+        }
+    }
+    expressions.graph = old;
+    rates
+}
+
+/// The equations on their way to rates.
+pub(super) struct Solver<'a, 'b> {
+    pub(super) scope: &'b Scope<'a>,
+    pub(super) equations: &'b [Equation],
+    /// Left and right sides in the old graph.
+    sides: Vec<(ExprId, ExprId)>,
+    /// By equation: the state whose derivative is the left side.
+    own: Vec<Option<usize>>,
+    /// The symbols of the states.
+    pub(super) states: Vec<SymbolId>,
+    into: Substitution<'b>,
+    findings: &'b mut Vec<Diagnostic>,
+}
+
+impl Solver<'_, '_> {
+    /// Finds all rates; `None` when a mistake was told.
+    fn run(&mut self, params: &[Param], begin: &[Option<ExprId>]) -> Option<()> {
+        let (now, all) = self.mentions()?;
+        let pairs = Matching::new(&now, self.states.len(), &self.own);
+        if !self.complete(&pairs, &now) {
+            return None;
+        }
+        let equation_of = |rate: &usize| pairs.of_rate[*rate];
+        let needs: Vec<Vec<usize>> = all
+            .iter()
+            .enumerate()
+            .map(|(k, rates)| rates.iter().filter_map(equation_of).filter(|other| *other != k).collect())
+            .collect();
+        let values: Vec<f64> = params
+            .iter()
+            .map(|p| if matches!(p.origin, Origin::FreeInitial(_)) { f64::NAN } else { p.value })
+            .collect();
+        let mut start = Start::new(&values, self.states.len());
+        let mut initial = Vec::with_capacity(begin.len());
+        for e in begin {
+            initial.push(e.and_then(|e| self.into.moved(e).ok()));
+        }
+        start.look(&self.into.graph);
+        start.begin(initial.into_iter().map(|e| e.map_or(f64::NAN, |e| start.value(e))).collect());
+        let mut sound = true;
+        for group in components(&needs) {
+            let explicit = match group[..] {
+                [k] => self.own[k].filter(|own| pairs.of_equation[k] == Some(*own) && !self.mentions_itself(k, *own)),
+                _ => None,
+            };
+            let solved = match explicit {
+                Some(state) => self.explicit(group[0], state),
+                None => self.coupled(&group, &pairs, &mut start),
+            };
+            if let Err(finding) = solved {
+                sound = false;
+                self.findings.push(*finding);
+                // consequences are not told
+                let nothing = self.into.graph.number(f64::NAN);
+                group.iter().filter_map(|k| pairs.of_equation[*k]).for_each(|s| self.into.rates[s] = Some(nothing));
+            }
+        }
+        sound.then_some(())
+    }
+
+    fn mentions_itself(&self, k: usize, state: usize) -> bool {
+        let (now, earlier) = self.into.rates_in(self.sides[k].1);
+        now.contains(&state) || earlier.contains(&state)
+    }
+
+    /// By equation: the derivatives in it, and those with derivatives at earlier times.
+    #[expect(clippy::type_complexity, reason = "two lists of the same shape")]
+    fn mentions(&mut self) -> Option<(Vec<Vec<usize>>, Vec<Vec<usize>>)> {
+        let (mut now, mut all, mut count) = (Vec::new(), Vec::new(), 0);
+        for (k, (left, right)) in self.sides.clone().into_iter().enumerate() {
+            let (mut own, mut earlier) = (Vec::new(), Vec::new());
+            if self.equations[k].implicit {
+                (own, earlier) = self.into.rates_in(left);
+            }
+            own.extend(self.own[k]);
+            let (more, more_earlier) = self.into.rates_in(right);
+            own.extend(more);
+            earlier.extend(more_earlier);
+            own.sort_unstable();
+            own.dedup();
+            let mut both = [&own[..], &earlier].concat();
+            both.sort_unstable();
+            both.dedup();
+            count += both.len();
+            if count > MOST_MENTIONS {
+                let span = self.place(k);
+                let message = format!("the equations mention more than {MOST_MENTIONS} derivatives");
+                self.findings.push(Diagnostic::new(Code::TooLarge, span, message));
+                return None;
+            }
+            now.push(own);
+            all.push(both);
+        }
+        Some((now, all))
+    }
+
+    /// Tells of equations and derivatives that have no counterpart.
+    fn complete(&mut self, pairs: &Matching, incidence: &[Vec<usize>]) -> bool {
+        let before = self.findings.len();
+        let mut told = vec![false; self.equations.len()];
+        for k in (0..self.equations.len()).filter(|k| pairs.of_equation[*k].is_none()) {
+            if told[k] {
+                continue;
+            }
+            let (equations, rates) = pairs.too_many(incidence, k);
+            equations.iter().for_each(|k| told[*k] = true);
+            let finding = self.too_many(k, &equations, &rates);
+            self.findings.push(finding);
+        }
+        let mut told = vec![false; self.states.len()];
+        for rate in (0..self.states.len()).filter(|r| pairs.of_rate[*r].is_none()) {
+            if told[rate] {
+                continue;
+            }
+            let (equations, rates) = pairs.too_few(incidence, rate);
+            rates.iter().for_each(|r| told[*r] = true);
+            let finding = self.too_few(rate, &equations, &rates);
+            self.findings.push(finding);
+        }
+        self.findings.len() == before
+    }
+
+    fn explicit(&mut self, k: usize, state: usize) -> Result<(), Box<Diagnostic>> {
+        let rate = self.into.moved(self.sides[k].1);
+        let rate = rate.map_err(|obstacle| Box::new(self.obstacle(obstacle, self.place(k), &[k])))?;
+        self.into.rates[state] = Some(rate);
+        Ok(())
+    }
+
+    fn coupled(&mut self, group: &[usize], pairs: &Matching, start: &mut Start<'_>) -> Result<(), Box<Diagnostic>> {
+        let mut group = group.to_vec();
+        group.sort_unstable();
+        let mut unknown: Vec<usize> = group.iter().filter_map(|k| pairs.of_equation[*k]).collect();
+        unknown.sort_unstable();
+        if group.len() > MOST_COUPLED {
+            let limit = format!("{MOST_COUPLED} is the limit");
+            return Err(Box::new(self.too_large(&group, &unknown, &limit)));
+        }
+        let mut rows = Vec::with_capacity(group.len());
+        for k in &group {
+            rows.push(self.row(*k).map_err(|obstacle| Box::new(self.obstacle(obstacle, self.place(*k), &group)))?);
+        }
+        start.look(&self.into.graph);
+        for entry in rows.iter_mut().flat_map(|r| r.terms.values_mut()) {
+            entry.scale = start.value(entry.expr).abs();
+        }
+        match elimination::solve(&mut self.into.graph, rows, start) {
+            Ok(solved) => {
+                solved.into_iter().for_each(|(state, rate)| self.into.rates[state] = Some(rate));
+                Ok(())
+            }
+            Err(Singular::TooLong(leaves)) => {
+                let limit = format!(
+                    "solving them takes more than {} products, each with derivatives by {leaves} names, while \
+                     {MOST_WORK} is the limit of both together",
+                    MOST_WORK / leaves.max(1)
+                );
+                Err(Box::new(self.too_large(&group, &unknown, &limit)))
+            }
+            Err(Singular::Always(rows)) => Err(Box::new(self.singular(&group, &rows, &unknown, ""))),
+            Err(Singular::AtStart(rows)) => {
+                Err(Box::new(self.singular(&group, &rows, &unknown, " at the start values")))
+            }
+        }
+    }
+
+    /// An equation as a sum over the derivatives of its set.
+    fn row(&mut self, k: usize) -> Result<Row, Obstacle> {
+        let (left, right) = self.sides[k];
+        let right = self.into.form(right)?;
+        let left = match self.own[k] {
+            Some(state) => {
+                let one = self.into.graph.number(1.0);
+                let zero = self.into.graph.number(0.0);
+                Form { rest: zero, terms: BTreeMap::from([(state, one)]) }
+            }
+            None => self.into.form(left)?,
+        };
+        let form = equated(&mut self.into.graph, &left, &right);
+        let terms = form.terms.into_iter().map(|(s, expr)| (s, Entry { expr, scale: 0.0 })).collect();
+        Ok(Row { terms, rest: form.rest })
+    }
+}

@@ -1,0 +1,106 @@
+//! An effect at a place of a model, and what comes of it there.
+
+use super::definition::{Effect, Kind};
+use super::extension::Extension;
+use super::rewrite;
+use super::scales::Scales;
+use super::subject::Subject;
+use crate::diagnostic::Diagnostic;
+use crate::syntax::{EffectLine, SlotKind};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Values for params and nuisances of an effect, by their names in the effect; what is not named starts at its first
+/// trial, or at its null value.
+pub type Choice = HashMap<String, f64>;
+
+/// Where the effects of a catalogue fit a model.
+#[derive(Debug, Clone, Default)]
+pub struct Places {
+    /// In the order of the catalogue, then of the model's text.
+    pub candidates: Vec<Candidate>,
+    /// Effects that fit more places than are tried.
+    pub crowded: Vec<Crowded>,
+}
+
+impl Places {
+    /// The candidate that is written `effect(target, ...)`, with or without blanks.
+    pub fn find(&self, written: &str) -> Option<&Candidate> {
+        let plain = |s: &str| s.chars().filter(|c| !c.is_whitespace()).collect::<String>();
+        let wanted = plain(written);
+        self.candidates.iter().find(|c| plain(&c.to_string()) == wanted)
+    }
+}
+
+/// An effect that fits more places than the limit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Crowded {
+    /// Its name.
+    pub effect: String,
+    /// The places that are tried.
+    pub limit: usize,
+}
+
+/// An effect attached to names of a model. Displayed as `input_delay(stick)`.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    effect: Arc<Effect>,
+    targets: Vec<String>,
+    kinds: Vec<SlotKind>,
+}
+
+impl Candidate {
+    pub(super) fn new(effect: Arc<Effect>, targets: Vec<String>, kinds: Vec<SlotKind>) -> Self {
+        Self { effect, targets, kinds }
+    }
+
+    /// The effect.
+    pub fn effect(&self) -> &Effect {
+        &self.effect
+    }
+
+    /// The names that it is attached to, one for each slot.
+    pub fn targets(&self) -> &[String] {
+        &self.targets
+    }
+
+    /// What these are.
+    pub fn kinds(&self) -> &[SlotKind] {
+        &self.kinds
+    }
+
+    /// What a search can do with it.
+    pub fn kind(&self) -> Kind {
+        self.effect.kind()
+    }
+
+    /// What it is, with the names of the model.
+    pub fn doc(&self) -> String {
+        let slots = self.effect.tree().slots.iter().map(|s| &s.name.text);
+        slots
+            .zip(&self.targets)
+            .fold(self.effect.doc().to_string(), |doc, (slot, target)| doc.replace(&format!("{{{slot}}}"), target))
+    }
+
+    /// The state into whose equation a noise enters (`noise der(x) = q;`); `None` for an effect that is an equation.
+    pub fn noise(&self) -> Option<&str> {
+        self.effect.tree().lines.iter().find_map(|(line, _)| match line {
+            EffectLine::Noise(place, _) => self.targets.get(self.effect.slot(&place.name.text)?).map(String::as_str),
+            _ => None,
+        })
+    }
+
+    /// The model with this effect in it, as text and tree.
+    ///
+    /// # Errors
+    /// Why it cannot be written into this model.
+    pub fn apply(&self, subject: &Subject, scales: &dyn Scales, choice: &Choice) -> Result<Extension, Diagnostic> {
+        rewrite::apply(self, subject, scales, choice)
+    }
+}
+
+impl std::fmt::Display for Candidate {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}({})", self.effect.name(), self.targets.join(", "))
+    }
+}

@@ -1,0 +1,101 @@
+//! Where an effect does not fit: the tests behind `unless` and `when`.
+
+use super::definition::Effect;
+use super::subject::{Subject, Target};
+use crate::graph::Leaf;
+use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
+
+/// What a node of a test is.
+#[derive(Debug, Clone, Copy)]
+enum Part {
+    Truth(bool),
+    /// The thing that a slot stands for, by slot.
+    Thing(usize),
+    /// The rate of that state.
+    Rate(usize),
+    /// Nothing that has a meaning; the definition was checked, so this is a function of slots that cannot be.
+    Nothing,
+}
+
+/// Whether all conditions of an effect are met by these targets, one for each slot.
+pub(super) fn fits(effect: &Effect, subject: &Subject, targets: &[&Target]) -> bool {
+    let tree = effect.tree();
+    let used = |slot: usize| {
+        let name = &targets[slot].name;
+        let own = (targets[slot].kind == SlotKind::State).then_some(name.as_str());
+        targets[slot].kind == SlotKind::Output || !subject.uses(name, own).is_empty()
+    };
+    let replaced = tree.lines.iter().filter_map(|(line, _)| match line {
+        EffectLine::Replace(name, _) => effect.slot(&name.text),
+        _ => None,
+    });
+    // what nothing uses cannot be replaced
+    if !replaced.into_iter().all(used) {
+        return false;
+    }
+    tree.conditions.iter().all(|condition| {
+        let mut parts: Vec<Part> = Vec::with_capacity(condition.test.0 as usize + 1);
+        for k in 0..=condition.test.0 {
+            let part = node(effect, subject, targets, ExprRef(k), &parts);
+            parts.push(part);
+        }
+        match parts[condition.test.0 as usize] {
+            Part::Truth(holds) => holds != condition.unless,
+            _ => true,
+        }
+    })
+}
+
+fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, parts: &[Part]) -> Part {
+    let at = |e: &ExprRef| parts[e.0 as usize];
+    let truth = |e: &ExprRef| matches!(at(e), Part::Truth(true));
+    match effect.tree().pool.expr(e) {
+        Expr::Name(name) => effect.slot(name).map_or(Part::Nothing, Part::Thing),
+        Expr::Unary(UnarySign::Not, a) => Part::Truth(!truth(a)),
+        Expr::Binary(BinarySign::And, a, b, _) => Part::Truth(truth(a) && truth(b)),
+        Expr::Binary(BinarySign::Or, a, b, _) => Part::Truth(truth(a) || truth(b)),
+        Expr::Binary(sign, a, b, _) => {
+            let order = |p: Part| match p {
+                Part::Thing(k) | Part::Rate(k) => Some((targets[k].order, matches!(p, Part::Rate(_)))),
+                _ => None,
+            };
+            let (Some(a), Some(b)) = (order(at(a)), order(at(b))) else { return Part::Nothing };
+            match sign {
+                BinarySign::Equal => Part::Truth(a == b),
+                BinarySign::NotEqual => Part::Truth(a != b),
+                BinarySign::Less => Part::Truth(a < b),
+                BinarySign::Greater => Part::Truth(a > b),
+                _ => Part::Nothing,
+            }
+        }
+        Expr::Call(name, arguments) => match (name.text.as_str(), &arguments[..]) {
+            ("der", [a]) => match at(a) {
+                Part::Thing(k) => Part::Rate(k),
+                _ => Part::Nothing,
+            },
+            ("known", [a]) => match at(a) {
+                Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
+                _ => Part::Nothing,
+            },
+            ("depends", [a, b]) => match (at(a), at(b)) {
+                (Part::Rate(k) | Part::Thing(k), Part::Thing(z)) => {
+                    Part::Truth(depends(subject, &targets[k].name, &targets[z].name))
+                }
+                _ => Part::Nothing,
+            },
+            _ => Part::Nothing,
+        },
+        _ => Part::Nothing,
+    }
+}
+
+/// Whether no parameter stands in the rate of a state or the value of an output: nothing was left to be found there.
+fn is_known(subject: &Subject, name: &str) -> bool {
+    subject.reached(name).is_some_and(|leaves| !leaves.iter().any(|l| matches!(l, Leaf::Param(_))))
+}
+
+/// Whether the rate of a state or the value of an output depends on something, lets looked through.
+fn depends(subject: &Subject, name: &str, on: &str) -> bool {
+    let leaf = subject.leaf(on);
+    subject.reached(name).is_some_and(|leaves| leaf.is_some_and(|l| leaves.contains(&l)))
+}

@@ -1,0 +1,193 @@
+//! Effects on small models: where they fit, what they write, what is left untouched.
+
+use super::*;
+use crate::syntax::{parse_effects, print_effect};
+use crate::{Source, compile};
+
+fn subject(text: &str) -> Subject {
+    let source = Source::new("model.fdm", text);
+    let base = compile(&source).unwrap_or_else(|f| panic!("{f:?}"));
+    Subject::new(&source, &base.model).unwrap()
+}
+
+fn catalogue(text: &str) -> Catalogue {
+    let (catalogue, findings) = Catalogue::read(&Source::new("effects.fdm", text));
+    assert!(findings.is_empty(), "{findings:?}");
+    catalogue
+}
+
+fn extended(text: &str, effect: &str) -> Extension {
+    let subject = subject(text);
+    let places = Catalogue::standard().places(&subject);
+    let candidate = places.find(effect).unwrap_or_else(|| panic!("{effect} fits nowhere"));
+    let extension = candidate.apply(&subject, &Nominal, &Choice::new()).unwrap();
+    let compiled = extension.compile().unwrap_or_else(|f| panic!("{}\n{f:?}", extension.text()));
+    assert!(matches!(extension.null(&compiled.model), Null::Identity | Null::Limit), "{}", extension.text());
+    extension
+}
+
+const SHORT: &str = "model a { input u; state x; param k = 1; der(x) = u - k*x; output y = x; }";
+
+#[test]
+fn the_standard_catalogue_is_printed_as_it_is_read() {
+    let (trees, findings) = parse_effects(&Source::new("effects.fdm", STANDARD));
+    assert!(findings.is_empty() && trees.len() > 25);
+    let printed: String = trees.iter().map(print_effect).collect();
+    let (again, findings) = parse_effects(&Source::new("printed.fdm", printed.as_str()));
+    assert!(findings.is_empty(), "{findings:?}\n{printed}");
+    assert_eq!(again.iter().map(print_effect).collect::<String>(), printed);
+}
+
+#[test]
+fn a_model_on_one_line_stays_a_model() {
+    for effect in ["input_delay(u)", "actuator_lag(u)", "quadratic_damping(x)", "sensor_lag(y)", "unmodelled_mode(x)"] {
+        extended(SHORT, effect);
+    }
+    let text = extended(SHORT, "output_bias_drift(y)").text().to_string();
+    assert!(text.starts_with("model a { input u; state x; param k = 1;\n"), "{text}");
+    assert!(text.contains("output y = x + drift_y*(t/T_y - 0.5); }"), "{text}");
+}
+
+#[test]
+fn everything_else_is_untouched_to_the_byte() {
+    let text = "model a {\r\n\tinput  u, w [m];   // two inputs\r\n\tstate x [m] = (x0) , z [m];\r\n\tparam k=1 [1/s] , x0 = 0 [m]; /* start */\r\n\
+        \tlet sum = u + /* both */ w;\r\n\tder(x) = ((sum - x)*k) // slow\r\n\t  ;\r\n\tder(z) = if x > 0 * x0 then k*x else -k*(z);\r\n\
+        \toutput y \"seen\" [m] = (x) , y2 [m] = z ;\r\n}\r\n";
+    let at = |effect: &str| extended(text, effect).text().to_string();
+    let damped = at("missing_coupling(x, z)");
+    assert!(damped.contains("der(x) = ((sum - x)*k) + c_x_z*z // slow\r\n\t  ;"), "{damped}");
+    assert!(damped.contains("/* start */\r\n\tparam c_x_z = 0 [1/s]"), "{damped}");
+    let choice = at("constant_force(z)");
+    assert!(choice.contains("der(z) = (if x > 0 * x0 then k*x else -k*(z)) + force_z;"), "{choice}");
+    let scaled = at("output_scale(y)");
+    assert!(
+        scaled.contains("output y \"seen\" [m] = (1 + k_y)*((x)) , y2 [m] = z ;") || scaled.contains("(1 + k_y)*(x) ,"),
+        "{scaled}"
+    );
+    let mode = at("unmodelled_mode(x)");
+    assert!(mode.contains("let x_rate = ((sum - x)*k) // slow\r\n\t  ;\r\n\tder(x) = x_rate + "), "{mode}");
+    // taking the new lines out again leaves the old text
+    let kept: Vec<&str> = at("input_saturation(u)").leak().lines().filter(|l| !l.contains("clipped")).collect();
+    assert!(text.lines().filter(|l| !l.contains("sum = u")).all(|l| kept.contains(&l)));
+}
+
+#[test]
+fn names_do_not_collide_and_effects_follow_each_other() {
+    let text = "model a { input u; state x, u_delayed; param tau_u = 1, k = 2; der(x) = u*tau_u - k*x; der(u_delayed) = x - k*u_delayed + u; output y = u_delayed; }";
+    let once = extended(text, "input_delay(u)");
+    assert!(once.text().contains("let u_delayed_2 = delay(u, tau_u_2);"), "{}", once.text());
+    assert!(
+        once.text().contains("u_delayed_2*tau_u - k*x") && once.text().contains("k*u_delayed + u_delayed_2"),
+        "{}",
+        once.text()
+    );
+    let twice = extended(once.text(), "input_dead_zone(u)");
+    assert!(twice.text().contains("delay(u_felt, tau_u_2)"), "{}", twice.text());
+    let thrice = extended(twice.text(), "quadratic_damping(x)");
+    let names: Vec<_> =
+        compile(thrice.source()).unwrap().model.params.iter().map(|p| p.quantity.name.clone()).collect();
+    assert_eq!(names, ["tau_u", "k", "tau_u_2", "width_u", "drag_x"]);
+}
+
+#[test]
+fn words_of_effects_are_names_in_models() {
+    subject(
+        "model a { input add; state replace; param with = 1, unless = 2, nuisance = 1, try = 3, when = 1; \
+         der(replace) = with*add - unless*replace*nuisance - when; output y = try*replace; }",
+    );
+}
+
+#[test]
+fn conditions_look_through_lets_and_know_the_order() {
+    let text = "model a { input u; state x, z, phi; param k = 1; let part = k*z; der(x) = part - k*x; der(z) = u - k*z; \
+                der(phi) = x; output y = phi; }";
+    let places = Catalogue::standard().places(&subject(text));
+    let names = |effect: &str| -> Vec<String> {
+        let of = places.candidates.iter().filter(|c| c.effect().name() == effect);
+        of.map(|c| c.targets().join(" ")).collect()
+    };
+    assert_eq!(names("missing_coupling"), ["x phi", "z x", "z phi"]);
+    assert_eq!(names("missing_control"), ["x u"]);
+    assert_eq!(names("product_term").len(), 2 * 6);
+    assert_eq!(names("constant_force"), ["x", "z"]);
+    assert_eq!(names("sensor_position"), ["y x", "y z"]);
+    let noises: Vec<_> = places.candidates.iter().filter_map(|c| c.noise()).collect();
+    assert_eq!(noises, ["x", "z"]);
+}
+
+#[test]
+fn units_follow_from_the_model_and_are_converted() {
+    let model = "model a { time [min]; input u [deg]; state x [m]; param k = 1 [m/(min*deg)], d = 1 [1/min]; der(x) = k*u - d*x; output y [m] = x; }";
+    let subject = subject(model);
+    let own = catalogue(
+        "effect late(i: input) \"late\" { param tau = 0 [s] in [0, 90] try 30; replace i with delay(i, tau); }",
+    );
+    let candidate = own.places(&subject).candidates[0].clone();
+    let late = candidate.apply(&subject, &Nominal, &Choice::new()).unwrap();
+    assert!(late.text().contains("param tau_u = 0.5 in [0, 1.5] [min] \"late\";"), "{}", late.text());
+    assert_eq!((late.params()[0].null, late.params()[0].upper), (0.0, 1.5));
+    let wrong =
+        catalogue("effect late(i: input) \"late\" { param tau = 0 [m] in [0, 1]; replace i with delay(i, tau); }");
+    let refused = wrong.places(&subject).candidates[0].apply(&subject, &Nominal, &Choice::new()).unwrap_err();
+    assert!(refused.message.contains("`tau` is in m, and in min where it is used"), "{}", refused.message);
+    let mode = extended(model, "unmodelled_mode(x)");
+    let units: Vec<_> = mode.params().iter().map(|p| p.unit.clone().unwrap().text().to_string()).collect();
+    assert_eq!(units, ["1", "1/min", "1"]);
+}
+
+#[test]
+fn a_chosen_value_is_written() {
+    let subject = subject(SHORT);
+    let places = Catalogue::standard().places(&subject);
+    let candidate = places.find("coulomb_friction( x )").unwrap();
+    let choice = Choice::from([("friction".to_string(), 0.25), ("v0".to_string(), 1e-5)]);
+    let made = candidate.apply(&subject, &Nominal, &choice).unwrap();
+    assert!(
+        made.text().contains("param friction_x = 0.25 ") && made.text().contains("param v0_x = 1e-5 "),
+        "{}",
+        made.text()
+    );
+    assert!(made.params()[1].fixed && made.params()[1].nuisance);
+}
+
+#[test]
+fn a_user_replaces_an_effect_of_the_catalogue() {
+    let mut all = Catalogue::standard();
+    let before = all.effects().count();
+    all.extend(catalogue("effect quadratic_damping(z: state) \"mine\" { param c = 0; add der(z) += c*z*abs(z); }"));
+    assert_eq!(all.effects().count(), before);
+    assert!(all.effects().any(|e| e.doc() == "mine"));
+}
+
+#[test]
+fn no_text_makes_the_reader_panic_or_slow() {
+    let step = STANDARD.len() / 25;
+    for cut in (0..STANDARD.len()).step_by(step) {
+        if let Some(part) = STANDARD.get(..cut) {
+            let _ = parse_effects(&Source::new("cut.fdm", part));
+        }
+        if let Some(part) = STANDARD.get(cut..) {
+            let _ = parse_effects(&Source::new("cut.fdm", part));
+        }
+    }
+    let deep =
+        format!("effect a(x: state) {{ param c = 0; add der(x) += {}x{}; }}", "(".repeat(5000), ")".repeat(5000));
+    let (_, findings) = parse_effects(&Source::new("deep.fdm", deep));
+    assert!(findings[0].message.starts_with("nested deeper"), "{}", findings[0].message);
+    let many = "effect a(x: state) { param c = 0; add der(x) += c*x; }\n".repeat(1100);
+    let (trees, findings) = parse_effects(&Source::new("many.fdm", many));
+    assert!(trees.len() == 1000 && findings.len() == 1, "{} {findings:?}", trees.len());
+}
+
+#[test]
+fn blocks_of_the_language_serve_in_effects() {
+    let own = catalogue(
+        "effect lagging(y: output) \"lag of {y}\" { param T = 0 [s] in [0, 1] try 0.1; replace y with lag(y, T); }",
+    );
+    let subject =
+        subject("model a { input u [m]; state x [m] = 1; param k = 1 [1/s]; der(x) = k*(u - x); output y [m] = 2*x; }");
+    let made = own.places(&subject).candidates[0].apply(&subject, &Nominal, &Choice::new()).unwrap();
+    assert!(made.text().contains("output y [m] = lag(2*x, T_y);"), "{}", made.text());
+    let compiled = made.compile().unwrap_or_else(|f| panic!("{f:?}"));
+    assert_eq!(made.null(&compiled.model), Null::Limit);
+}

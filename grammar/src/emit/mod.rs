@@ -1,0 +1,74 @@
+//! Programs as source text: stand-alone C and Rust that computes what the tape computes, to the bit.
+//!
+//! **In** a checked [`Model`] and its [`Schedule`]. **Out** [`stand_alone`]: one source file without any dependency on this
+//! project; and [`statements`], the lines of one program, which `model!` prints too. **Never** an operation that a compiler
+//! could round otherwise: no contraction, no reordering, our own minimum, maximum and sign; the elementary functions are
+//! bound by whoever compiles. **Start** at [`stand_alone`].
+//!
+//! Long programs are cut into functions of bounded length, which hand over what they share in one array, so that the
+//! time that a compiler needs stays in proportion to the model.
+
+mod c;
+mod entry;
+mod identifier;
+mod notation;
+mod pieces;
+mod rust;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+pub use notation::{Notation, RustNotation, statements};
+
+use crate::model::Model;
+use crate::schedule::Schedule;
+
+/// What is printed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Language {
+    /// C99. Elementary functions are `fdm_sin`, `fdm_cos`, ..., by default those of `<math.h>`; whoever compiles may bind them to others.
+    C,
+    /// Rust, one module.
+    Rust(Elementary),
+}
+
+/// Where generated Rust finds `sin`, `exp` and the like.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Elementary {
+    /// A crate or module with functions `sin(f64) -> f64`, ...: `libm` gives the bits of this project.
+    Path(String),
+    /// The methods of `f64`, as the system's C library computes them.
+    Std,
+}
+
+/// A program that would need more stack than any thread has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TooLong {
+    /// Numbers that wait at the same time.
+    pub places: u32,
+}
+
+impl std::fmt::Display for TooLong {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "a function of this model would hold {} numbers at a time, more than the {} that are put on a stack",
+            self.places,
+            pieces::MOST_PLACES
+        )
+    }
+}
+
+impl std::error::Error for TooLong {}
+
+/// A source file that computes initial values, delays, rates, outputs, all their partials, and the right side of the sensitivity
+/// equations, with the names, units, start values and bounds of the model as tables.
+///
+/// # Errors
+/// [`TooLong`] when a function would need more than half a mebibyte of stack.
+pub fn stand_alone(model: &Model, schedule: &Schedule, language: &Language) -> Result<String, TooLong> {
+    match language {
+        Language::C => c::file(model, schedule),
+        Language::Rust(elementary) => rust::file(model, schedule, elementary),
+    }
+}

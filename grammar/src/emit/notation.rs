@@ -1,0 +1,131 @@
+//! How operations and numbers are written, and a program as statements.
+
+use crate::op::{Form, Op};
+use crate::schedule::{Instruction, Operand, Program};
+
+/// A language's way to write numbers, operations and definitions.
+pub trait Notation {
+    /// A number that comes back with the same bits (NaN as any NaN).
+    fn number(&self, value: f64) -> String;
+
+    /// The call of a function; `name` is that of [`crate::math`].
+    fn call(&self, name: &str, operands: &[String]) -> String;
+
+    /// The definition of value `k`.
+    fn define(&self, k: usize, expression: &str) -> String;
+
+    /// An operation on operands that need no brackets.
+    fn apply(&self, op: Op, operands: &[String]) -> String {
+        let name = match (op, operands) {
+            (Op::Add | Op::Sub | Op::Mul | Op::Div, [a, b, ..]) => return format!("{a} {} {b}", op.row().name),
+            (Op::Neg, [a, ..]) => return format!("-{a}"),
+            _ => function(op),
+        };
+        self.call(name, &operands[..op.row().arity])
+    }
+}
+
+/// The function of [`crate::math`] that computes an operation; empty for what every language has a sign for.
+pub(super) fn function(op: Op) -> &'static str {
+    match op {
+        Op::Add | Op::Sub | Op::Mul | Op::Div | Op::Neg => "",
+        Op::Pow => "pow",
+        Op::Less => "less",
+        Op::LessEqual => "less_equal",
+        Op::Equal => "equal",
+        Op::Select => "select",
+        _ => {
+            debug_assert_eq!(op.row().form, Form::Function, "{} has no name", op.row().name);
+            op.row().name
+        }
+    }
+}
+
+/// A program as one definition for each instruction; values are `v0`, `v1`, ..., and `place` says where everything else that
+/// is read stands.
+pub fn statements(
+    notation: &dyn Notation,
+    program: &Program,
+    instructions: std::ops::Range<usize>,
+    place: &dyn Fn(Operand) -> String,
+) -> Vec<String> {
+    let line = |k: usize| {
+        let Instruction { op, args } = program.instructions[k];
+        let operands = args.map(|o| operand(notation, program, o, place));
+        notation.define(k, &notation.apply(op, &operands))
+    };
+    instructions.map(line).collect()
+}
+
+/// What is read, as text.
+pub(super) fn operand(
+    notation: &dyn Notation,
+    program: &Program,
+    operand: Operand,
+    place: &dyn Fn(Operand) -> String,
+) -> String {
+    match operand {
+        Operand::Constant(k) => notation.number(program.constants[k as usize]),
+        other => place(other),
+    }
+}
+
+/// Rust; functions stand in the modules named.
+#[derive(Debug, Clone, Copy)]
+pub struct RustNotation<'a> {
+    /// Path in front of the elementary functions, `::` included.
+    pub elementary: &'a str,
+    /// Path in front of minimum, maximum, sign, absolute value, choices.
+    pub exact: &'a str,
+}
+
+impl Notation for RustNotation<'_> {
+    fn number(&self, value: f64) -> String {
+        if value.is_finite() { format!("{value:?}") } else { format!("f64::from_bits({:#x})", value.to_bits()) }
+    }
+
+    fn call(&self, name: &str, operands: &[String]) -> String {
+        let path = if is_exact(name) { self.exact } else { self.elementary };
+        format!("{path}{name}({})", operands.join(", "))
+    }
+
+    fn define(&self, k: usize, expression: &str) -> String {
+        format!("let v{k} = {expression};")
+    }
+}
+
+/// C99; `own` stands in front of minimum, maximum, sign and choices, `fdm_` in front of elementary functions.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CNotation<'a> {
+    pub(super) own: &'a str,
+}
+
+impl Notation for CNotation<'_> {
+    fn number(&self, value: f64) -> String {
+        match value {
+            v if v.is_nan() => "(HUGE_VAL - HUGE_VAL)".into(),
+            f64::INFINITY => "HUGE_VAL".into(),
+            f64::NEG_INFINITY => "(-HUGE_VAL)".into(),
+            v if v.is_sign_negative() => format!("({v:?})"),
+            v => format!("{v:?}"),
+        }
+    }
+
+    fn call(&self, name: &str, operands: &[String]) -> String {
+        let operands = operands.join(", ");
+        match name {
+            "abs" => format!("fabs({operands})"),
+            _ if is_exact(name) => format!("{}{name}({operands})", self.own),
+            _ => format!("fdm_{name}({operands})"),
+        }
+    }
+
+    fn define(&self, k: usize, expression: &str) -> String {
+        format!("const double v{k} = {expression};")
+    }
+}
+
+/// Whether a function is defined by comparisons and signs alone, so that it is written out.
+pub(super) fn is_exact(name: &str) -> bool {
+    matches!(name, "abs" | "sign" | "min" | "max" | "less" | "less_equal" | "equal" | "select")
+}

@@ -1,0 +1,356 @@
+//! Pieces to lines: statements one to a line, the user's line ends inside them, blocks moved in, single blank lines.
+
+use super::pieces::{Piece, Shape};
+use super::wrap::wrap;
+use super::{STEP, WIDTH};
+use crate::syntax::{TokenKind, WordUse, word_use};
+
+/// A line to be written.
+#[derive(Debug, Clone)]
+pub(super) enum Line<'a> {
+    /// Nothing.
+    Blank,
+    /// A comment that has its line for itself.
+    Comment { indent: usize, text: &'a str },
+    /// Words of a statement.
+    Words(Words<'a>),
+}
+
+/// The words of one line.
+#[derive(Debug, Clone)]
+pub(super) struct Words<'a> {
+    pub(super) indent: usize,
+    /// With the spaces before each.
+    pub(super) pieces: Vec<(usize, &'a Piece<'a>)>,
+    /// Comments at its end.
+    pub(super) comments: Vec<&'a str>,
+    /// Column of the first comment, when it is lined up.
+    pub(super) comment_at: usize,
+    /// Whether a statement begins here.
+    pub(super) begins: bool,
+    /// The keyword of the statement when the line begins with one of its items: lines of the same kind may be lined up.
+    pub(super) items: Option<Items<'a>>,
+}
+
+/// What is listed in a statement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Items<'a> {
+    /// `param`, `prior`, ...; empty for equations.
+    pub(super) keyword: &'a str,
+    /// Index of the first piece of the first item on this line.
+    pub(super) from: usize,
+}
+
+impl Words<'_> {
+    /// Characters without the comments.
+    pub(super) fn width(&self) -> usize {
+        self.indent + self.pieces.iter().map(|(spaces, p)| spaces + p.width()).sum::<usize>()
+    }
+}
+
+/// Cuts a text into lines.
+pub(super) fn lines<'a>(pieces: &'a [Piece<'a>]) -> Vec<Line<'a>> {
+    let mut cutter = Cutter { pieces, partners: partners(pieces), lines: Vec::new(), depth: 0 };
+    let mut at = 0;
+    while at < pieces.len() {
+        at = cutter.next(at);
+    }
+    cutter.lines
+}
+
+/// For every opening bracket the one that closes it.
+fn partners(pieces: &[Piece<'_>]) -> Vec<Option<usize>> {
+    let mut partners = vec![None; pieces.len()];
+    let mut open = Vec::new();
+    for (k, piece) in pieces.iter().enumerate() {
+        if piece.is_word(TokenKind::Open) {
+            open.push(k);
+        } else if piece.is_word(TokenKind::Close)
+            && let Some(opened) = open.pop()
+        {
+            partners[opened] = Some(k);
+        }
+    }
+    partners
+}
+
+struct Cutter<'a> {
+    pieces: &'a [Piece<'a>],
+    partners: Vec<Option<usize>>,
+    lines: Vec<Line<'a>>,
+    depth: usize,
+}
+
+impl<'a> Cutter<'a> {
+    /// Writes what begins at a piece between statements; returns the index of the first piece behind it.
+    fn next(&mut self, at: usize) -> usize {
+        let piece = &self.pieces[at];
+        if piece.is_comment() {
+            self.comment(at);
+            return at + 1;
+        }
+        if piece.is(";")
+            && let Some(Line::Words(last)) = self.lines.last_mut()
+        {
+            last.pieces.push((0, piece));
+            return at + 1;
+        }
+        if piece.is("}") {
+            self.depth = self.depth.saturating_sub(1);
+            if matches!(self.lines.last(), Some(Line::Blank)) {
+                self.lines.pop();
+            }
+            self.lines.push(Line::Words(self.words(self.depth * STEP, vec![(0, piece)])));
+            return at + 1;
+        }
+        self.blank(at);
+        let (end, opens) = self.statement(at);
+        let lines = Statement::new(&self.pieces[at..end], self.depth * STEP).lines();
+        self.lines.extend(lines);
+        self.depth += usize::from(opens);
+        end
+    }
+
+    fn words(&self, indent: usize, pieces: Vec<(usize, &'a Piece<'a>)>) -> Words<'a> {
+        Words { indent, pieces, comments: Vec::new(), comment_at: 0, begins: true, items: None }
+    }
+
+    /// A comment outside of statements: at the end of the line before, or a line of its own.
+    fn comment(&mut self, at: usize) {
+        let piece = &self.pieces[at];
+        if at > 0
+            && piece.line_ends == 0
+            && let Some(Line::Words(last)) = self.lines.last_mut()
+            && !is_full(&last.comments)
+        {
+            last.comments.push(&piece.text);
+            return;
+        }
+        self.blank(at);
+        self.lines.push(Line::Comment { indent: self.depth * STEP, text: &piece.text });
+    }
+
+    /// Keeps one of the blank lines before a piece, but none at the edges of a block.
+    fn blank(&mut self, at: usize) {
+        let opened = match self.lines.last() {
+            None | Some(Line::Blank) => true,
+            Some(Line::Words(last)) => last.pieces.last().is_some_and(|(_, p)| p.is("{")),
+            Some(Line::Comment { .. }) => false,
+        };
+        if self.pieces[at].line_ends > 1 && !opened {
+            self.lines.push(Line::Blank);
+        }
+    }
+
+    /// The index behind the statement that begins here, and whether it ends with the opening of a block.
+    fn statement(&self, start: usize) -> (usize, bool) {
+        let mut at = start;
+        while let Some(piece) = self.pieces.get(at) {
+            if piece.is(";") {
+                return (at + 1, false);
+            }
+            if piece.is("}") && at > start {
+                return (at, false);
+            }
+            match self.partners[at] {
+                Some(close) if piece.is("{") && self.is_block(start, at, close) => {
+                    if !self.is_short(start, at, close) {
+                        return (at + 1, true);
+                    }
+                    let closed = self.pieces.get(close + 1).is_some_and(|p| p.is(";") && p.line_ends == 0);
+                    return (close + 1 + usize::from(closed), false);
+                }
+                Some(close) => at = close + 1,
+                None if piece.is("{") => return (at + 1, true),
+                None => at += 1,
+            }
+        }
+        (at, false)
+    }
+
+    /// Whether braces hold statements: a table's hold points.
+    fn is_block(&self, start: usize, open: usize, close: usize) -> bool {
+        let word = |w: &str| self.pieces[start].is(w);
+        word("model") || word("trim") || word("effect") || (open..close).any(|k| self.pieces[k].is(";"))
+    }
+
+    /// Whether a block stands on one line and may stay there.
+    fn is_short(&self, start: usize, open: usize, close: usize) -> bool {
+        let inside = &self.pieces[open + 1..=close];
+        let flat = inside.iter().all(|p| p.line_ends == 0 && !p.is_comment() && !p.is("{"));
+        let width = |p: &Piece<'_>| p.width() + usize::from(p.space);
+        // the semicolon behind it counts
+        let whole = self.depth * STEP + self.pieces[start..=close].iter().map(width).sum::<usize>() + 1;
+        flat && !self.pieces[start].is("model") && whole <= WIDTH
+    }
+}
+
+/// One statement, on its way to lines.
+struct Statement<'a> {
+    pieces: &'a [Piece<'a>],
+    indent: usize,
+    /// The keyword of a statement that lists something; empty for an equation.
+    keyword: Option<&'a str>,
+    /// Column at which further items begin.
+    hang: usize,
+}
+
+impl<'a> Statement<'a> {
+    fn new(pieces: &'a [Piece<'a>], indent: usize) -> Self {
+        let first = &pieces[0];
+        let keyword = match word_use(&first.text) {
+            Some(WordUse::Statement) if matches!(&*first.text, "model" | "time" | "trim" | "table" | "use") => None,
+            Some(WordUse::Statement) => Some(&*first.text),
+            Some(WordUse::Planned) => None,
+            // one name or derivative on the left; longer left sides would move their neighbours far apart
+            _ => pieces.iter().filter(|p| !p.is_comment()).take(LEFT_SIDE).any(|p| p.is("=")).then_some(""),
+        };
+        // a keyword that stands alone on its line has its items below it, moved in
+        let alone = pieces.get(1).is_none_or(|p| p.line_ends > 0);
+        let hang = indent + if alone { STEP } else { first.width() + 1 };
+        Self { pieces, indent, keyword, hang }
+    }
+
+    fn lists(&self) -> bool {
+        self.keyword.is_some_and(|k| !k.is_empty())
+    }
+
+    fn lines(&self) -> Vec<Line<'a>> {
+        let mut lines = Vec::new();
+        let mut row: Vec<&'a Piece<'a>> = Vec::new();
+        let mut comments: Vec<&'a str> = Vec::new();
+        let mut state = Position { depth: 0, item: !self.lists(), hanging: false };
+        let mut beginning = state;
+        for (k, piece) in self.pieces.iter().enumerate() {
+            let ends_row = !row.is_empty() && (piece.line_ends > 0 || !comments.is_empty());
+            if piece.is_comment() {
+                let next = self.pieces.get(k + 1);
+                let last = piece.shape == Shape::LineComment || next.is_none_or(|n| n.line_ends > 0);
+                if ends_row && (piece.line_ends > 0 || is_full(&comments)) || row.is_empty() && last {
+                    self.flush(&mut row, &mut comments, beginning, &mut lines);
+                    lines.push(Line::Comment { indent: self.hang.max(self.indent + STEP), text: &piece.text });
+                    beginning = state;
+                } else if last || !comments.is_empty() {
+                    comments.push(&piece.text);
+                } else {
+                    row.push(piece);
+                }
+                continue;
+            }
+            let clings = piece.is(";") || piece.is(",") || piece.is_index;
+            if clings && row.is_empty() {
+                if let Some(Line::Words(last)) = lines.iter_mut().rev().find(|l| matches!(l, Line::Words(_))) {
+                    last.pieces.push((0, piece));
+                    state.pass(piece, self.lists());
+                    beginning = state;
+                    continue;
+                }
+            } else if ends_row && !clings {
+                self.flush(&mut row, &mut comments, beginning, &mut lines);
+                beginning = state;
+            }
+            row.push(piece);
+            state.pass(piece, self.lists());
+        }
+        self.flush(&mut row, &mut comments, beginning, &mut lines);
+        lines
+    }
+
+    /// Ends a line of the user's: it is written on one or, where it is too long, on several.
+    fn flush(
+        &self,
+        row: &mut Vec<&'a Piece<'a>>,
+        comments: &mut Vec<&'a str>,
+        mut state: Position,
+        lines: &mut Vec<Line<'a>>,
+    ) {
+        let mut rest = &std::mem::take(row)[..];
+        let mut first = !lines.iter().any(|l| matches!(l, Line::Words(_)));
+        while !rest.is_empty() {
+            let begins = !first && self.lists() && state.item && state.depth == 0;
+            state.hanging |= begins;
+            let indent = match () {
+                _ if first => self.indent,
+                _ if begins => self.hang,
+                _ if rest[0].is_word(TokenKind::Close) => self.indent,
+                _ if state.hanging => self.hang + STEP,
+                _ => self.indent + STEP,
+            };
+            let end = wrap(rest, indent, state.depth);
+            let (line, more) = rest.split_at(end);
+            rest = more;
+            let spaces = |(k, p): (usize, &&'a Piece<'a>)| (usize::from(p.space && k > 0), *p);
+            let items = match self.keyword {
+                Some("") if first => Some(Items { keyword: "", from: 0 }),
+                Some(keyword) if self.lists() && first && line.len() > 1 => Some(Items { keyword, from: 1 }),
+                Some(keyword) if begins => Some(Items { keyword, from: 0 }),
+                _ => None,
+            };
+            let pieces = line.iter().enumerate().map(spaces).collect();
+            let comments = if rest.is_empty() { std::mem::take(comments) } else { Vec::new() };
+            lines.push(Line::Words(Words { indent, pieces, comments, comment_at: 0, begins: first, items }));
+            line.iter().for_each(|p| state.pass(p, self.lists()));
+            first = false;
+        }
+    }
+}
+
+/// Pieces up to the sign of `der(x[1]) = ...`.
+const LEFT_SIDE: usize = 6;
+
+/// Whether nothing can stand behind these comments on their line.
+fn is_full(comments: &[&str]) -> bool {
+    comments.last().is_some_and(|c| c.starts_with("//"))
+}
+
+/// Where in a statement a line begins.
+#[derive(Debug, Clone, Copy)]
+struct Position {
+    /// Brackets that are open.
+    depth: usize,
+    /// Whether an item of the list begins.
+    item: bool,
+    /// Whether an item began a line before.
+    hanging: bool,
+}
+
+impl Position {
+    fn pass(&mut self, piece: &Piece<'_>, lists: bool) {
+        match piece.shape {
+            Shape::Word(TokenKind::Open) => self.depth += 1,
+            Shape::Word(TokenKind::Close) => self.depth = self.depth.saturating_sub(1),
+            _ => {}
+        }
+        // the keyword itself and every comma of the list end what was before
+        self.item = lists && self.depth == 0 && (piece.is(",") || self.item && piece.is_word(TokenKind::Keyword));
+    }
+}
+
+/// The text of lines.
+pub(super) fn print(lines: &[Line<'_>]) -> String {
+    let mut out = String::new();
+    let spaces = |out: &mut String, count: usize| out.extend(std::iter::repeat_n(' ', count));
+    for line in lines {
+        match line {
+            Line::Blank => {}
+            Line::Comment { indent, text } => {
+                spaces(&mut out, *indent);
+                out.push_str(text);
+            }
+            Line::Words(words) => {
+                spaces(&mut out, words.indent);
+                for (before, piece) in &words.pieces {
+                    spaces(&mut out, *before);
+                    out.push_str(&piece.text);
+                }
+                let gap = words.comment_at.saturating_sub(words.width()).max(2);
+                for (k, comment) in words.comments.iter().enumerate() {
+                    spaces(&mut out, if k == 0 { gap } else { 1 });
+                    out.push_str(comment);
+                }
+            }
+        }
+        out.push('\n');
+    }
+    out
+}

@@ -1,0 +1,65 @@
+//! Every place that a tree holds.
+
+use super::tree::*;
+use crate::source::Span;
+
+impl SyntaxTree {
+    /// Visits every place.
+    pub(super) fn each_span(&mut self, mut visit: impl FnMut(&mut Span)) {
+        let visit = &mut visit;
+        visit(&mut self.name.span);
+        optional(&mut self.doc, visit);
+        for statement in &mut self.statements {
+            visit(&mut statement.span);
+            of_statement(&mut statement.kind, visit);
+        }
+        for (expr, span) in &mut self.expressions {
+            visit(span);
+            match expr {
+                Expr::Binary(.., sign) => visit(sign),
+                Expr::Call(name, _) | Expr::Element(name, _) => visit(&mut name.span),
+                Expr::Number(_) | Expr::Name(_) | Expr::Unary(..) | Expr::If(..) | Expr::Vector(_) => {}
+            }
+        }
+    }
+}
+
+fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
+    match kind {
+        StatementKind::Declare(_, list) => list.iter_mut().for_each(|d| of_declaration(d, visit)),
+        StatementKind::Time(unit) => visit(&mut unit.span),
+        StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+            list.iter_mut().for_each(|(name, _)| visit(&mut name.span));
+        }
+        StatementKind::Table(table) => {
+            [&mut table.name, &mut table.argument, &mut table.method].into_iter().for_each(|n| visit(&mut n.span));
+            optional(&mut table.argument_unit, visit);
+            optional(&mut table.doc, visit);
+            optional(&mut table.unit, visit);
+        }
+        StatementKind::Use(submodel) => {
+            visit(&mut submodel.path.span);
+            visit(&mut submodel.alias.span);
+            submodel.connections.iter_mut().for_each(|(name, _)| visit(&mut name.span));
+        }
+        StatementKind::Equation(..) | StatementKind::Prior(_) => {}
+    }
+}
+
+fn of_declaration(d: &mut Declaration, visit: &mut impl FnMut(&mut Span)) {
+    visit(&mut d.name.span);
+    visit(&mut d.span);
+    optional(&mut d.doc, visit);
+    optional(&mut d.unit, visit);
+    if let Some(Value::Free(span)) = &mut d.value {
+        visit(span);
+    }
+    let rest = [d.shape.as_mut().map(|s| &mut s.span), d.bounds.as_mut().map(|b| &mut b.span)];
+    rest.into_iter().chain([d.fixed.as_mut(), d.per_run.as_mut()]).flatten().for_each(visit);
+}
+
+fn optional(name: &mut Option<Name>, visit: &mut impl FnMut(&mut Span)) {
+    if let Some(name) = name {
+        visit(&mut name.span);
+    }
+}

@@ -1,0 +1,113 @@
+//! `fdm fmt`: models in the one layout.
+
+use crate::failure::{Failure, NUMBERS, print};
+use clap::Args;
+use fdm::ModelError;
+use fdm_grammar::Source;
+use fdm_grammar::format::{Refusal, format};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// What `fdm fmt` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Model files (.fdm), and folders in which all of them are laid out
+    #[arg(value_name = "FILE", required_unless_present = "stdin")]
+    files: Vec<PathBuf>,
+    /// Change nothing; list the files that are not laid out and end with 1 when there are any
+    #[arg(long)]
+    check: bool,
+    /// Lay out what comes from standard input, and print it
+    #[arg(long, conflicts_with = "files")]
+    stdin: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    if arguments.stdin {
+        return standard_input(arguments.check);
+    }
+    let mut files = Vec::new();
+    for path in &arguments.files {
+        models(path, true, &mut files)?;
+    }
+    let (mut changed, mut failures) = (String::new(), Vec::new());
+    for file in &files {
+        match lay_out(file, arguments.check) {
+            Ok(true) => changed.push_str(&format!("{}\n", file.display())),
+            Ok(false) => {}
+            Err(failure) => failures.push(failure),
+        }
+    }
+    // the others are laid out although some cannot be read
+    let printed = print(&changed);
+    if let Some(last) = failures.pop() {
+        for failure in &failures {
+            failure.report();
+        }
+        return Err(last);
+    }
+    let good = printed && (changed.is_empty() || !arguments.check);
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+fn standard_input(check: bool) -> Result<ExitCode, Failure> {
+    let mut bytes = Vec::new();
+    std::io::stdin().lock().read_to_end(&mut bytes).map_err(|e| Failure::input([e]))?;
+    let text = String::from_utf8(bytes).map_err(|_| Failure::input(["standard input is not UTF-8 text"]))?;
+    let laid_out = laid_out(&Source::new("standard input", &*text))?;
+    if check {
+        return Ok(if laid_out == text { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) });
+    }
+    Ok(if print(&laid_out) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// The file, or all models in the folder and below it, in the order of their names.
+fn models(path: &Path, named: bool, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
+    let unreadable = |e: std::io::Error| Failure::input([format!("{}: {}", path.display(), fdm::store::reason(&e))]);
+    // a link to a folder may lead back
+    let folder = if named { path.is_dir() } else { path.symlink_metadata().is_ok_and(|m| m.is_dir()) };
+    if folder {
+        let entries = std::fs::read_dir(path).and_then(Iterator::collect::<Result<Vec<_>, _>>).map_err(unreadable)?;
+        let mut paths: Vec<PathBuf> = entries.into_iter().map(|e| e.path()).collect();
+        paths.sort();
+        paths.iter().try_for_each(|p| models(p, false, found))?;
+    } else if named || path.extension().is_some_and(|e| e == "fdm") {
+        found.push(path.into());
+    }
+    Ok(())
+}
+
+/// Lays a file out where it stands; says whether it was not.
+fn lay_out(path: &Path, check: bool) -> Result<bool, Failure> {
+    let source = fdm::read_source(path)?;
+    let laid_out = laid_out(&source)?;
+    if laid_out == source.text() {
+        return Ok(false);
+    }
+    if !check {
+        replace(path, &laid_out)
+            .map_err(|e| Failure::input([format!("{}: {}", path.display(), fdm::store::reason(&e))]))?;
+    }
+    Ok(true)
+}
+
+/// Writes beside the file and takes its place in one instant; a link stays a link.
+fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    let path = path.canonicalize()?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes())?;
+    file.as_file().set_permissions(std::fs::metadata(&path)?.permissions())?;
+    file.persist(&path)?;
+    Ok(())
+}
+
+fn laid_out(source: &Source) -> Result<String, Failure> {
+    format(source).map_err(|refusal| match refusal {
+        Refusal::Mistakes(diagnostics) => ModelError::Invalid { text: source.clone(), diagnostics }.into(),
+        Refusal::Meaning => {
+            Failure::input([format!("{}: is left as it is: laid out it would mean something else", source.name())])
+        }
+    })
+}

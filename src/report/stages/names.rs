@@ -1,0 +1,133 @@
+//! What every name of a model is, and its equations after everything was put in its place.
+
+use super::Shown;
+use crate::Model;
+use crate::report::table::{aligned_right, plain, trimmed};
+use fdm_grammar::graph::{Leaf, Names, Signal, show};
+use fdm_grammar::model::{Input, Origin, Param, Quantity};
+use fdm_grammar::syntax::{Printer, Role, StatementKind, parse_recovering};
+use serde_json::{Value, json};
+
+/// What is said of a declaration.
+struct Declared {
+    name: String,
+    role: &'static str,
+    unit: Option<String>,
+    value: Option<f64>,
+    more: String,
+    doc: String,
+}
+
+pub(super) fn names(model: &Model) -> Shown {
+    let declared = declared(model);
+    let definition = model.definition();
+    let mut table = plain(&["name", "is a", "unit", "value", "", "meaning"]);
+    for d in &declared {
+        let unit = d.unit.as_deref().unwrap_or_default();
+        let value = d.value.map(|v| v.to_string()).unwrap_or_default();
+        table.add_row([&d.name, d.role, unit, &value, &d.more, &d.doc]);
+    }
+    aligned_right(&mut table, 3);
+    let doc = if definition.doc.is_empty() { String::new() } else { format!(": {}", definition.doc) };
+    let mut text = format!("{}{doc}\ntimes are in {}\n\n{}", model.name(), definition.time, trimmed(&table));
+    let equations = equations(model);
+    let widest = equations.iter().map(|(left, _)| left.chars().count()).max().unwrap_or(0);
+    text.push('\n');
+    equations.iter().for_each(|(left, right)| text += &format!("{left:widest$} = {right}\n"));
+    Shown { text, json: as_json(model, &declared, &equations) }
+}
+
+fn as_json(model: &Model, declared: &[Declared], equations: &[(String, String)]) -> Value {
+    let name = |d: &Declared| {
+        json!({
+            "name": d.name, "role": d.role, "unit": d.unit, "value": d.value, "attributes": d.more, "doc": d.doc,
+        })
+    };
+    json!({
+        "model": model.name(),
+        "time": model.definition().time.to_string(),
+        "names": declared.iter().map(name).collect::<Vec<_>>(),
+        "equations": equations.iter().map(|(left, right)| json!({ "left": left, "right": right })).collect::<Vec<_>>(),
+    })
+}
+
+fn declared(model: &Model) -> Vec<Declared> {
+    let m = model.definition();
+    let row = |role, q: &Quantity, value, more| {
+        let unit = q.unit.as_ref().map(ToString::to_string);
+        Declared { name: q.name.clone(), role, unit, value, more, doc: q.doc.clone() }
+    };
+    let from = |input: &Input| match (input.measured, &input.computed) {
+        (Some(o), _) => format!("the record of {}", m.outputs[o as usize].quantity.name),
+        (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
+        (None, None) => String::new(),
+    };
+    let inputs = m.inputs.iter().map(|i| row("input", &i.quantity, None, from(i)));
+    let states = m.states.iter().map(|s| row("state", &s.quantity, None, String::new()));
+    let params = m.params.iter().map(|p| match p.origin {
+        Origin::Declared => row("param", &p.quantity, Some(p.value), attributes(p)),
+        Origin::FreeInitial(_) => row("free initial value", &p.quantity, Some(p.value), attributes(p)),
+        Origin::FirstSample(_) => row("first sample", &p.quantity, None, String::new()),
+    });
+    let derived = m.derived.iter().map(|d| match d.tied {
+        true => row("tied param", &d.quantity, None, format!("= {}", show(&m.graph, d.expr, m))),
+        false => row("derived param", &d.quantity, None, String::new()),
+    });
+    let noise = |noise: Option<f64>| noise.map(|n| format!("noise {n}")).unwrap_or_default();
+    let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, None, noise(o.noise)));
+    let written = definitions(model);
+    inputs.chain(states).chain(params).chain(derived).chain(written).chain(outputs).collect()
+}
+
+/// Names for numbers and expressions: they are put in their places, and only the text knows them.
+fn definitions(model: &Model) -> Vec<Declared> {
+    let (Some(tree), _) = parse_recovering(model.source()) else { return Vec::new() };
+    let printer = Printer::with_source(&tree, model.source());
+    let text = |name: &Option<fdm_grammar::syntax::Name>| name.as_ref().map(|n| n.text.clone());
+    let mut found = Vec::new();
+    for statement in &tree.statements {
+        if let StatementKind::Table(table) = &statement.kind {
+            let (name, doc, unit) = (table.name.text.clone(), text(&table.doc).unwrap_or_default(), text(&table.unit));
+            let written = printer.statement(statement);
+            let more = written.split_once(" = ").map_or(String::new(), |(_, curve)| format!("= {curve}"));
+            let more = more.trim_end_matches(';').to_string();
+            found.push(Declared { name, role: Role::Table.keyword(), unit, value: None, more, doc });
+            continue;
+        }
+        let StatementKind::Declare(role @ (Role::Const | Role::Let), declarations) = &statement.kind else { continue };
+        for d in declarations {
+            let Some(fdm_grammar::syntax::Value::Expr(e)) = d.value else { continue };
+            let (name, doc) = (d.name.text.clone(), text(&d.doc).unwrap_or_default());
+            let more = format!("= {}", printer.expression(e));
+            found.push(Declared { name, role: role.keyword(), unit: text(&d.unit), value: None, more, doc });
+        }
+    }
+    found
+}
+
+fn attributes(p: &Param) -> String {
+    let bounds =
+        (p.lower > f64::NEG_INFINITY || p.upper < f64::INFINITY).then(|| format!("in [{}, {}]", p.lower, p.upper));
+    let fixed = p.fixed.then(|| "fixed".to_string());
+    let per_run = p.per_run.then(|| "per run".to_string());
+    let prior = p.prior.map(|prior| format!("~ normal({}, {})", prior.mean, prior.deviation));
+    [bounds, fixed, per_run, prior].into_iter().flatten().collect::<Vec<_>>().join(" ")
+}
+
+/// Left and right sides: rates, initial values that are not free, derived parameters, outputs, the trim.
+fn equations(model: &Model) -> Vec<(String, String)> {
+    let m = model.definition();
+    let shown = |e| show(&m.graph, e, m);
+    let free = |k: usize| m.params.iter().any(|p| p.origin == Origin::FreeInitial(k as u32));
+    let rates = m.states.iter().map(|s| (format!("der({})", s.quantity.name), shown(s.rate)));
+    let initial = m.states.iter().enumerate().filter(|(k, _)| !free(*k));
+    let initial = initial.map(|(_, s)| (format!("{}(0)", s.quantity.name), shown(s.initial)));
+    let derived = m.derived.iter().map(|d| (d.quantity.name.clone(), shown(d.expr)));
+    let outputs = m.outputs.iter().map(|o| (o.quantity.name.clone(), shown(o.expr)));
+    let signal = |s: &Signal| match *s {
+        Signal::State(k) => m.leaf(Leaf::State(k)),
+        Signal::Input(k) => m.leaf(Leaf::Input(k)),
+    };
+    let trim = m.trim.iter().map(|(s, e)| (format!("{} at the trim", signal(s)), shown(*e)));
+    rates.chain(initial).chain(derived).chain(outputs).chain(trim).collect()
+}
