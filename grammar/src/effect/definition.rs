@@ -495,7 +495,7 @@ impl<'a> Check<'a> {
             let mut open = vec![root];
             while let Some(e) = open.pop() {
                 used[e.0 as usize] = true;
-                super::subject::operands(tree.pool.expr(e), |o| open.push(o));
+                tree.pool.expr(e).each_operand(|o| open.push(o));
             }
         };
         for (line, _) in &tree.lines {

@@ -125,7 +125,7 @@ impl Solver<'_> {
         wanted[root.0 as usize] = true;
         for k in (0..=root.0).rev() {
             if wanted[k as usize] {
-                super::subject::operands(pool.expr(ExprRef(k)), |o| wanted[o.0 as usize] = true);
+                pool.expr(ExprRef(k)).each_operand(|o| wanted[o.0 as usize] = true);
             }
         }
         let mut values = vec![Measure::Unknown; root.0 as usize + 1];

@@ -7,7 +7,7 @@ use super::edit::{Editor, Line};
 use super::extension::{Extension, NewParam};
 use super::names::Taken;
 use super::scales::{Answers, Beginning, NAMED_REQUESTS, REQUESTS, Scales, rounded};
-use super::subject::{Subject, operands};
+use super::subject::Subject;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::gather;
 use crate::source::Source;
@@ -320,7 +320,7 @@ impl<'a> Rewrite<'a> {
                     let own = matches!(pool.expr(arguments[0]), Expr::Name(n) if n == wanted);
                     count += usize::from(rate && own);
                 }
-                expr => operands(expr, |o| open.push(o)),
+                expr => expr.each_operand(|o| open.push(o)),
             }
         }
         count
@@ -616,7 +616,7 @@ fn asks(pool: &SyntaxTree, root: ExprRef) -> bool {
         match pool.expr(e) {
             Expr::Name(name) if NAMED_REQUESTS.contains(&name.as_str()) => return true,
             Expr::Call(name, _) if REQUESTS.iter().any(|(n, ..)| *n == name.text) => return true,
-            expr => operands(expr, |o| open.push(o)),
+            expr => expr.each_operand(|o| open.push(o)),
         }
     }
     false
@@ -628,7 +628,7 @@ fn within(pool: &SyntaxTree, root: ExprRef, name: &str) -> bool {
         if matches!(pool.expr(e), Expr::Name(n) if n == name) {
             return true;
         }
-        operands(pool.expr(e), |o| open.push(o));
+        pool.expr(e).each_operand(|o| open.push(o));
     }
     false
 }
@@ -640,7 +640,7 @@ fn is_argument(pool: &SyntaxTree, root: ExprRef, name: &str) -> bool {
     while let Some(e) = open.pop() {
         match pool.expr(e) {
             Expr::Call(_, arguments) if arguments.iter().any(is) => return true,
-            expr => operands(expr, |o| open.push(o)),
+            expr => expr.each_operand(|o| open.push(o)),
         }
     }
     false

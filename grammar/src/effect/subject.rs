@@ -165,7 +165,7 @@ impl Subject {
                     // the record is not changed, and a derivative of a state is no use of it
                     Expr::Call(call, _) if call.text == "measured" => {}
                     Expr::Call(call, _) if call.text == "der" && self.is_state(name) => {}
-                    expr => operands(expr, |o| roots.push(o)),
+                    expr => expr.each_operand(|o| roots.push(o)),
                 }
             }
         }
@@ -187,17 +187,6 @@ pub(super) fn derived(tree: &SyntaxTree, left: ExprRef) -> Option<&str> {
             _ => None,
         },
         _ => None,
-    }
-}
-
-/// Visits the operands of an expression.
-pub(super) fn operands(expr: &Expr, mut visit: impl FnMut(ExprRef)) {
-    match expr {
-        Expr::Number(_) | Expr::Name(_) | Expr::Element(..) => {}
-        Expr::Unary(_, a) => visit(*a),
-        Expr::Binary(_, a, b, _) => [*a, *b].into_iter().for_each(visit),
-        Expr::If(c, a, b) => [*c, *a, *b].into_iter().for_each(visit),
-        Expr::Call(_, arguments) | Expr::Vector(arguments) => arguments.iter().copied().for_each(visit),
     }
 }
 

@@ -72,7 +72,7 @@ pub(super) fn statement(
     builder: &mut Builder,
 ) -> Result<(Option<StatementKind>, Vec<Diagnostic>), Refusal> {
     let pair = read(Rule::statement, text, offset)?;
-    let mut build = Build { text, offset, builder, findings: Vec::new(), sound: true };
+    let mut build = Build::new(text, offset, builder);
     let kind = pair.into_inner().next().and_then(|p| build.statement(p)).filter(|_| build.sound);
     Ok((kind, build.findings))
 }
@@ -144,7 +144,12 @@ struct Build<'a> {
     sound: bool,
 }
 
-impl Build<'_> {
+impl<'a> Build<'a> {
+    /// Reads a text that begins at byte `offset` of the source; expressions go to the builder.
+    fn new(text: &'a str, offset: usize, builder: &'a mut Builder) -> Self {
+        Self { text, offset, builder, findings: Vec::new(), sound: true }
+    }
+
     fn statement(&mut self, pair: Pair<Rule>) -> Option<StatementKind> {
         let rule = pair.as_rule();
         let mut parts = pair.into_inner();

@@ -22,7 +22,7 @@ pub(in crate::syntax) fn effect_header(
     builder: &mut Builder,
 ) -> Result<(Option<EffectHeader>, Vec<Diagnostic>), Refusal> {
     let pair = read(Rule::effect_header, text, offset)?;
-    let mut build = Build { text, offset, builder, findings: Vec::new(), sound: true };
+    let mut build = Build::new(text, offset, builder);
     let header = build.effect_header(pair.into_inner()).filter(|_| build.sound);
     Ok((header, build.findings))
 }
@@ -34,7 +34,7 @@ pub(in crate::syntax) fn effect_statement(
     builder: &mut Builder,
 ) -> Result<(Option<EffectLine>, Vec<Diagnostic>), Refusal> {
     let pair = read(Rule::effect_statement, text, offset)?;
-    let mut build = Build { text, offset, builder, findings: Vec::new(), sound: true };
+    let mut build = Build::new(text, offset, builder);
     let line = pair.into_inner().next().and_then(|p| build.effect_line(p)).filter(|_| build.sound);
     Ok((line, build.findings))
 }

@@ -57,23 +57,29 @@ fn deep_nesting_is_told_once_at_the_bracket_that_exceeds_the_limit() {
 #[test]
 fn long_chains_take_no_stack_and_linear_time() {
     let n = 200_000;
-    let cases = [
-        (vec!["x"; n].join(" + "), 2 * n - 1),
-        (format!("{}x", "-".repeat(n)), n + 1),
-        (vec!["x"; n].join("^"), 2 * n - 1),
-        (format!("f({})", vec!["x"; n].join(",")), n + 1),
-        (format!("{}c", "if a then b else ".repeat(n / 4)), n / 4 * 3 + 1),
-        (vec!["a < b"; n / 4].join(" and "), n - 1),
-    ];
-    for (text, expressions) in cases {
+    let cases = |n: usize| {
+        [
+            (vec!["x"; n].join(" + "), 2 * n - 1),
+            (format!("{}x", "-".repeat(n)), n + 1),
+            (vec!["x"; n].join("^"), 2 * n - 1),
+            (format!("f({})", vec!["x"; n].join(",")), n + 1),
+            (format!("{}c", "if a then b else ".repeat(n / 4)), n / 4 * 3 + 1),
+            (vec!["a < b"; n / 4].join(" and "), n - 1),
+        ]
+    };
+    let took = |(text, expressions): &(String, usize)| {
         let ((tree, found), took) = on_small_stack({
             let text = text.clone();
             move || timed(|| read(&text))
         });
         assert_eq!(found, vec![]);
         assert_eq!(tree.unwrap().expressions.len(), expressions + 2);
-        // Under a second of the processor, unoptimised; a quadratic algorithm would take minutes.
-        assert!(took < Duration::from_secs(6), "{took:?} for {}...", &text[..20]);
+        took
+    };
+    for (short, long) in cases(n / 8).iter().zip(&cases(n)) {
+        let (few, many) = (took(short), took(long));
+        // eight times as much takes eight times as long; a quadratic algorithm 64 times
+        assert!(many < 24 * few + Duration::from_millis(100), "{few:?}, then {many:?} for {}...", &long.0[..20]);
     }
 }
 
@@ -99,10 +105,15 @@ fn much_that_is_wrong_takes_linear_time() {
         "1.2.3",
     ];
     for piece in cases {
-        let source = Source::new("m", format!("model m {{ {}", piece.repeat(n)));
-        let ((_, found), took) = timed(|| parse_recovering(&source));
-        assert!((1..=21).contains(&found.len()), "{piece}");
-        assert!(took < Duration::from_secs(6), "{took:?} for {piece}");
+        let read = |n: usize| {
+            let source = Source::new("m", format!("model m {{ {}", piece.repeat(n)));
+            timed(|| parse_recovering(&source))
+        };
+        let ((_, few), short) = read(n / 8);
+        let ((_, many), long) = read(n);
+        assert!((1..=21).contains(&few.len()) && (1..=21).contains(&many.len()), "{piece}");
+        // eight times as much takes eight times as long; a quadratic algorithm 64 times
+        assert!(long < 24 * short + Duration::from_millis(100), "{short:?}, then {long:?} for {piece}");
     }
 }
 
