@@ -1,22 +1,8 @@
-//! What a fitted model gets wrong: candidates are scored against the residuals, and judged against what noise alone would do.
+//! What a fitted model gets wrong: the misfit, its cause, the model with the cause in it, and the gain.
 //!
-//! **In** residuals, sensitivities and one simulated direction for each candidate and size, run by run. **Out** a
-//! [`Screening`]: statistic, size, chance of each candidate, and the chance that the best of all is noise. **Never**
-//! simulates or fits: directions come from whoever can extend a model. **Start** at [`screen`]; its road is
-//! `lines` (cosine transform) -> `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `score` ->
-//! `calibration` (what noise does to the best of many).
+//! **In** a model with its text, measured runs, a catalogue of effects. **Out** what is wrong and where, the effects that explain it
+//! (or the groups of effects that these data cannot tell apart), the extended text, and what it gains on runs that
+//! took no part. **Never** reads or writes files, prints, or judges a model by the noise that it made for itself.
+//! **Start** at `search`; sub-rooms: `screen` (candidates against the residuals, and what noise alone would do).
 
-mod calibration;
-mod cells;
-mod lines;
-mod noise;
-mod projection;
-mod score;
-mod screening;
-#[cfg(test)]
-mod tests;
-
-pub use lines::{Record, Signals};
-pub use noise::LogSpectrum;
-pub use score::{Direction, Shape};
-pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};
+pub mod screen;
