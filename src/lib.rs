@@ -1,6 +1,7 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
 pub mod code;
+pub mod diagnose;
 pub mod dynamics;
 pub mod estimate;
 pub mod frequency;

@@ -39,6 +39,7 @@ const FDM: &[&str] = &[
     "quality",
     "regression",
     "estimate",
+    "diagnose",
     "store",
     "report",
     "lsp",

@@ -1,0 +1,22 @@
+//! Candidates are scored against the residuals, and judged against what noise alone would do.
+//!
+//! **In** residuals, sensitivities and one simulated direction for each candidate and size, run by run. **Out** a
+//! [`Screening`]: statistic, size, chance of each candidate, and the chance that the best of all is noise. **Never**
+//! simulates or fits: directions come from whoever can extend a model. **Start** at [`screen`]; its road is
+//! `lines` (cosine transform) -> `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `score` ->
+//! `calibration` (what noise does to the best of many).
+
+mod calibration;
+mod cells;
+mod lines;
+mod noise;
+mod projection;
+mod score;
+mod screening;
+#[cfg(test)]
+mod tests;
+
+pub use lines::{Record, Signals};
+pub use noise::LogSpectrum;
+pub use score::{Direction, Shape};
+pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};
