@@ -27,11 +27,11 @@ macro_rules! elementary {
 
         /// What makes the generated code call through the table.
         fn header() -> String {
-            let mut text = String::from("struct table {\n");
+            let mut text = String::from("#ifndef BOUND\n#define BOUND\nstruct table {\n");
             $(text += concat!("double (*", stringify!($name), ")(", elementary!(@c $($x)*), ");\n");)*
             text += "};\nextern struct table bound;\n";
             $(text += concat!("#define fdm_", stringify!($name), " bound.", stringify!($name), "\n");)*
-            text
+            text + "#endif\n"
         }
     };
     (@f64 $x:ident) => { f64 };
