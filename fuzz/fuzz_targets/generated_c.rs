@@ -83,7 +83,9 @@ fn library(written: &str) -> (tempfile::TempDir, Library) {
     write("elementary.h", &header());
     write("all.c", AROUND);
     let mut command = Command::new("cc");
-    command.current_dir(folder.path()).args(["-O1", "-std=c99", "-w", "-shared", "-fPIC", "all.c", "-o", "all.so", "-lm"]);
+    command
+        .current_dir(folder.path())
+        .args(["-O1", "-std=c99", "-w", "-shared", "-fPIC", "all.c", "-o", "all.so", "-lm"]);
     let told = command.output().expect("a C compiler");
     assert!(told.status.success(), "{}\n{written}", String::from_utf8_lossy(&told.stderr));
     // SAFETY: generated code has no initialisers.
