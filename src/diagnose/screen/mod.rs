@@ -17,6 +17,7 @@ mod screening;
 mod tests;
 
 pub use lines::{Record, Signals};
+pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use score::{Direction, Shape};
 pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};

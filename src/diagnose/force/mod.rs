@@ -1,0 +1,20 @@
+//! Where something unknown enters: an input, the equation of a state, or a sensor.
+//!
+//! **In** a fitted model and its runs with residuals and sensitivities. **Out** a [`Localisation`]: evidence for a random
+//! force at every place with the force's course;
+//! **Never** fits, and never a test on a noise that has swallowed what is looked for.
+//! **Start** at [`localise`]; its road is `sheet` (cosine transform) -> `driven` (exact responses to forces) -> `hats` ->
+//! `likelihood` (noise and force found together) -> `localise` -> `attribution`.
+
+mod driven;
+mod hats;
+mod likelihood;
+mod localise;
+mod place;
+mod sheet;
+mod spectra;
+#[cfg(test)]
+mod tests;
+
+pub use localise::{Localisation, Ordinate, Site, localise, noise_alone};
+pub use place::{ForceError, Kind, Passage, Place, places};
