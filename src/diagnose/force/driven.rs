@@ -82,7 +82,9 @@ impl Driven {
                     }
                 }
             };
-            simulator.stream(&theta, &columns, copy).map_err(|divergence| ForceError::Diverged { run: at, at: divergence })?;
+            simulator
+                .stream(&theta, &columns, copy)
+                .map_err(|divergence| ForceError::Diverged { run: at, at: divergence })?;
             for (column, response) in responses.into_iter().enumerate() {
                 take(column / part.len(), batch * self.signals + column % part.len(), response);
             }

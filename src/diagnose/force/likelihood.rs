@@ -136,8 +136,9 @@ impl Force {
     fn new(gram: DMatrix<f64>, cross: &DMatrix<f64>, p: usize) -> Self {
         let eigen = SymmetricEigen::new(gram);
         let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-        let kept: Vec<usize> =
-            (0..eigen.eigenvalues.len()).filter(|k| eigen.eigenvalues[*k] > SILENT * largest && largest > 0.0).collect();
+        let kept: Vec<usize> = (0..eigen.eigenvalues.len())
+            .filter(|k| eigen.eigenvalues[*k] > SILENT * largest && largest > 0.0)
+            .collect();
         let values = DVector::from_fn(kept.len(), |k, _| eigen.eigenvalues[kept[k]]);
         let vectors = eigen.eigenvectors.select_columns(&kept);
         let mut turned = vectors.tr_mul(cross);
@@ -214,8 +215,7 @@ fn strongest(products: &[Products]) -> Level {
     }
     let power = |exponent: f64| at(10_f64.powf(exponent) / largest);
     let grid: Vec<(f64, Level)> = STRENGTHS.map(|e| (f64::from(e), power(f64::from(e)))).collect();
-    let Some((exponent, level)) =
-        grid.iter().copied().max_by(|a, b| a.1.log_likelihood.total_cmp(&b.1.log_likelihood))
+    let Some((exponent, level)) = grid.iter().copied().max_by(|a, b| a.1.log_likelihood.total_cmp(&b.1.log_likelihood))
     else {
         return none;
     };

@@ -98,8 +98,7 @@ pub fn localise(model: &Model, passages: &[Passage<'_>]) -> Result<Localisation,
     let driven = Driven::new(model, &places);
     let knots: Vec<Knots> = sheets.iter().map(|s| Knots::new(s, band)).collect();
     let hats = responses(&driven, places.len(), passages, &sheets, &knots)?;
-    let tried: Vec<Tried> =
-        hats.par_iter().map(|own| Tried::best(&sheets, &knots, own, &null, band)).collect();
+    let tried: Vec<Tried> = hats.par_iter().map(|own| Tried::best(&sheets, &knots, own, &null, band)).collect();
     let mut forces: Vec<(Site, f64)> = places
         .into_iter()
         .zip(&tried)

@@ -110,3 +110,13 @@ impl Place {
         }
     }
 }
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.kind {
+            Kind::Input => write!(f, "the input {}", self.name),
+            Kind::Equation => write!(f, "der({})", self.name),
+            Kind::Output => write!(f, "the sensor of {}", self.name),
+        }
+    }
+}

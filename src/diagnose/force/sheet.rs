@@ -37,6 +37,15 @@ impl Cosines {
         let scale = (2.0 / n as f64).sqrt();
         into.iter_mut().zip(&self.buffer[DROPPED..]).for_each(|(line, value)| *line = value * scale);
     }
+
+    /// The samples that have these lines.
+    pub(super) fn samples(&mut self, lines: &[f64]) -> Vec<f64> {
+        self.buffer[..DROPPED].fill(0.0);
+        self.buffer[DROPPED..].copy_from_slice(lines);
+        self.transform.process_dct3(&mut self.buffer);
+        let scale = (2.0 / self.buffer.len() as f64).sqrt();
+        self.buffer.iter().map(|v| v * scale).collect()
+    }
 }
 
 /// One run.

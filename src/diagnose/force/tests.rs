@@ -173,8 +173,7 @@ impl Case {
             }
             for c in 0..q {
                 let size = rms(&still, c);
-                let e: Vec<f64> =
-                    if pinkish { pink(n, &mut normal) } else { (0..n).map(|_| normal.next()).collect() };
+                let e: Vec<f64> = if pinkish { pink(n, &mut normal) } else { (0..n).map(|_| normal.next()).collect() };
                 let drift = coloured(n, &mut normal, 0.97);
                 for k in 0..n {
                     y[k * q + c] += noise * size * e[k];
@@ -283,7 +282,10 @@ fn responses_to_forces_are_differences_of_simulations() {
             let inputs = (0..400).flat_map(|k| [run.inputs[k], size * course[k]]).collect();
             let driven = record(0, 400, 0.05, inputs, 2, q);
             let mut y = vec![0.0; 400 * q];
-            Simulator::new(model.dynamics(), &driven, case.steps[0].clone()).unwrap().simulate(&case.theta, &mut y).unwrap();
+            Simulator::new(model.dynamics(), &driven, case.steps[0].clone())
+                .unwrap()
+                .simulate(&case.theta, &mut y)
+                .unwrap();
             y
         };
         let (with, without) = (simulated(1.0), simulated(0.0));
@@ -295,14 +297,21 @@ fn responses_to_forces_are_differences_of_simulations() {
     }
     let states = driven.states(0, case.passages()[0]).unwrap();
     assert_eq!(states.len(), 800);
-    assert!((states[2 * 200 + 1] + case.theta[6] + case.records[0].residual[200 * q + 1] - case.runs[0].measured[200 * q + 1]).abs() < 1e-9);
+    assert!(
+        (states[2 * 200 + 1] + case.theta[6] + case.records[0].residual[200 * q + 1]
+            - case.runs[0].measured[200 * q + 1])
+            .abs()
+            < 1e-9
+    );
 }
 
 #[test]
 #[ignore = "a study: some minutes in release"]
 fn places_of_forces() {
     let repeats: u64 = std::env::var("FDM_REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(40);
-    println!("| family | hidden | noise | colour | runs | evidence > 3 | right | in group | median evidence | group | largest sensor |");
+    println!(
+        "| family | hidden | noise | colour | runs | evidence > 3 | right | in group | median evidence | group | largest sensor |"
+    );
     for family in &FAMILIES {
         let hidden = [
             (Hidden::Nothing, 0.0),
