@@ -16,7 +16,6 @@ mod screening;
 #[cfg(test)]
 mod tests;
 
-pub(in crate::diagnose) use calibration::{Normal, exceedance};
 pub use lines::{Record, Signals};
 pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
