@@ -74,7 +74,7 @@ pub fn attribute(base: Evidence<'_>, best: Option<Explained<'_>>) -> Attribution
     let force = by_force > CLEAR && by_force > effect + CLEAR;
     let unexplained = |e: &Explained<'_>| {
         let left = e.evidence.leftover.repeatable < CHANCE || e.evidence.places.evidence() > UNKNOWN;
-        left && effect < PART * by_force.max(effect + e.evidence.places.evidence())
+        left && effect < PART * (effect + rest(e.evidence))
     };
     let verdict = if force && !repeats {
         Verdict::Disturbance
@@ -86,6 +86,12 @@ pub fn attribute(base: Evidence<'_>, best: Option<Explained<'_>>) -> Attribution
         Verdict::Nothing
     };
     Attribution { verdict, by_effect, by_force, by_both, warnings }
+}
+
+/// Evidence for what is left, in log-likelihood: of a force, or of the band that looks least like noise.
+fn rest(evidence: Evidence<'_>) -> f64 {
+    let band = evidence.leftover.coherences.first().map_or(0.0, |c| -c.chance.max(f64::MIN_POSITIVE).ln());
+    evidence.places.evidence().max(band)
 }
 
 /// What says that residuals are not noise.

@@ -276,7 +276,7 @@ impl<'a> Judge<'a> {
             told.push((test.output, test.partner));
             let name = |k: usize| outputs[k].quantity.name.clone();
             let partner = match signals.functions.get(test.partner) {
-                Some(function) if function.linear => Partner::Input(function.text.clone()),
+                Some(function) if function.input => Partner::Input(function.text.clone()),
                 Some(function) => Partner::Function(function.text.clone()),
                 None => Partner::Output(name(test.partner - self.signals)),
             };

@@ -6,7 +6,7 @@ use super::likelihood::{Hats, Settled, course, settle};
 use super::place::{ForceError, Kind, Passage, Place, places};
 use super::sheet::{Sheet, band, sheets};
 use super::spectra::Spectra;
-use crate::diagnose::screen::LogSpectrum;
+use super::spectrum::SmoothSpectrum;
 use crate::model::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -57,7 +57,7 @@ pub struct Localisation {
     /// The same with the best force in it, less its cost; that of noise alone when no force is better.
     pub with_force: f64,
     /// Spectrum of each output's noise when there is no force.
-    pub spectra: Vec<LogSpectrum>,
+    pub spectra: Vec<SmoothSpectrum>,
     /// The frequency up to which forces were followed.
     pub band: f64,
 }

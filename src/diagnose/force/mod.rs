@@ -11,6 +11,7 @@ mod attribution;
 mod driven;
 mod hats;
 mod leftover;
+mod library;
 mod likelihood;
 mod localise;
 mod place;
@@ -18,12 +19,15 @@ mod quadrature;
 mod sheet;
 mod signals;
 mod spectra;
+mod spectrum;
 #[cfg(test)]
 mod tests;
 
 pub use attribution::{Attribution, Evidence, Explained, Verdict, attribute};
 pub use leftover::{Coherence, Leftover, Partner, leftover};
+pub use library::{Suggestion, SuggestionError, Suggestions, suggestions};
 pub use localise::{Localisation, Ordinate, Site, localise, noise_alone};
 pub use place::{ForceError, Kind, Passage, Place, places};
 pub(in crate::diagnose) use quadrature::late;
 pub use signals::Function;
+pub use spectrum::SmoothSpectrum;

@@ -14,13 +14,15 @@ pub struct Function {
     /// As it would be written in the model: `q*abs(q)`.
     pub text: String,
     /// Whether it is an input as it is.
-    pub linear: bool,
+    pub input: bool,
 }
 
 /// Courses of functions in every run (runs, functions, N).
 pub(super) struct Signals {
     pub(super) functions: Vec<Function>,
     pub(super) courses: Vec<Vec<Vec<f64>>>,
+    /// A course is its factor times the function: variables are divided by their largest values.
+    pub(super) factors: Vec<f64>,
 }
 
 /// How a function follows from its variables.
@@ -43,6 +45,17 @@ impl Form {
             Self::Cube(a) => format!("{}^3", names[a]),
             Self::Sign(a) => format!("sign({})", names[a]),
             Self::Product(a, b) => format!("{}*{}", names[a], names[b]),
+        }
+    }
+
+    /// By what dividing every variable by its size multiplies it.
+    fn factor(self, size: &[f64]) -> f64 {
+        match self {
+            Self::Itself(a) => 1.0 / size[a],
+            Self::Square(a) | Self::Sided(a) => size[a].powi(-2),
+            Self::Cube(a) => size[a].powi(-3),
+            Self::Sign(_) => 1.0,
+            Self::Product(a, b) => 1.0 / (size[a] * size[b]),
         }
     }
 
@@ -96,15 +109,17 @@ impl Signals {
                 .collect()
         };
         let functions =
-            forms.iter().map(|f| Function { text: f.text(&names), linear: matches!(f, Form::Itself(_)) }).collect();
+            forms.iter().map(|f| Function { text: f.text(&names), input: matches!(f, Form::Itself(a) if *a >= n) }).collect();
+        let factors = forms.iter().map(|f| f.factor(&size)).collect();
         let courses = rows.iter().map(|rows| forms.iter().map(|f| course(*f, rows)).collect()).collect();
-        Ok(Self { functions, courses })
+        Ok(Self { functions, courses, factors })
     }
 }
 
 fn forms(alive: &[usize], states: usize) -> Vec<Form> {
     let each = |form: fn(usize) -> Form| alive.iter().map(move |k| form(*k));
-    let mut forms: Vec<Form> = alive.iter().filter(|k| **k >= states).map(|k| Form::Itself(*k)).collect();
+    let (moved, driven): (Vec<usize>, Vec<usize>) = alive.iter().partition(|k| **k < states);
+    let mut forms: Vec<Form> = driven.into_iter().chain(moved).map(Form::Itself).collect();
     let linear = forms.len();
     forms.extend(each(Form::Sided).chain(each(Form::Square)).chain(each(Form::Cube)).chain(each(Form::Sign)));
     for (i, a) in alive.iter().enumerate() {

@@ -2,14 +2,12 @@
 
 use super::likelihood::Rest;
 use super::sheet::Sheet;
-use crate::diagnose::screen::{Left, LogSpectrum};
+use super::spectrum::{Left, PRICE, SmoothSpectrum};
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// Ratio of the frequencies at which neighbouring cells begin, and the fewest lines of one.
 const WIDTH: f64 = 1.25;
 const FEWEST: usize = 4;
-/// What a hat function of a spectrum costs in log-likelihood.
-const PRICE: f64 = 1.5;
 /// Freedom of a cell below which it was fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
 /// The share of lines, at the upper end, in which a floor is looked for.
@@ -30,7 +28,7 @@ impl Density {
 /// A smooth spectrum for each output.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Spectra {
-    pub(super) channels: Vec<LogSpectrum>,
+    pub(super) channels: Vec<SmoothSpectrum>,
     /// By how much each beats a white one, less what it costs.
     pub(super) coloured: Vec<f64>,
 }
@@ -47,7 +45,7 @@ impl Spectra {
                 sum += sheet.residual.column(channel).rows(upper, lines - upper).norm_squared();
                 count += (lines - upper) as f64;
             }
-            LogSpectrum::white(sum / count)
+            SmoothSpectrum::white(sum / count)
         };
         Self { channels: (0..q).map(of).collect(), coloured: vec![0.0; q] }
     }
@@ -57,7 +55,7 @@ impl Spectra {
         let (channels, coloured) = (0..q)
             .map(|channel| {
                 let left = cells(sheets, rests, channel);
-                let (own, white) = (LogSpectrum::fit(&left), LogSpectrum::level(&left));
+                let (own, white) = (SmoothSpectrum::fit(&left), SmoothSpectrum::level(&left));
                 let gain = 0.5 * (white.twice_loss(&left) - own.twice_loss(&left)) - PRICE * (own.size() - 1) as f64;
                 (own, gain)
             })

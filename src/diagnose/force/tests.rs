@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::diagnose::screen::Record;
-use crate::estimate::{FitOptions, Iteration, Observer, fit};
+use crate::estimate::{FitOptions, fit};
 use crate::model::Model;
 use crate::record::Run;
 use crate::simulate::{Simulator, Steps};
@@ -11,7 +11,6 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
-use std::ops::ControlFlow;
 
 /// An aeroplane's short period.
 const SHORT_PERIOD: &str = "model short_period {
@@ -48,6 +47,8 @@ struct Family {
     effect: (&'static str, &'static str),
     /// Something that no catalogue has.
     strange: (&'static str, &'static str),
+    /// Coefficients of a lightly damped mode between the input and the last but one output: rate of change, damping, strength.
+    mode: (f64, f64, f64),
 }
 
 const FAMILIES: [Family; 2] = [
@@ -59,6 +60,7 @@ const FAMILIES: [Family; 2] = [
         scale: 1.0,
         effect: ("q", "-12*q*abs(q)"),
         strange: ("q", "-1.2*sin(25*al)*abs(q)"),
+        mode: (12.0, 0.03, 0.3),
     },
     Family {
         name: "ship",
@@ -68,6 +70,7 @@ const FAMILIES: [Family; 2] = [
         scale: 20.0,
         effect: ("r", "-8*r*abs(r)"),
         strange: ("r", "-0.05*r*abs(sin(200*v))"),
+        mode: (0.8, 0.03, 0.01),
     },
 ];
 
@@ -89,6 +92,8 @@ enum Hidden {
     Wander(usize),
     Effect,
     Strange,
+    /// A narrow mode in the sensor of the second output.
+    Mode,
 }
 
 /// Most of the power in first-order noise of a corner far below the band, the rest white.
@@ -114,14 +119,6 @@ fn pink(n: usize, normal: &mut Normal) -> Vec<f64> {
     sum
 }
 
-struct Quiet;
-
-impl Observer for Quiet {
-    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-}
-
 /// A fitted model with all that is asked for.
 struct Case {
     model: Model,
@@ -132,7 +129,7 @@ struct Case {
 }
 
 impl Case {
-    fn new(family: &Family, hidden: Hidden, pinkish: bool, noise: f64, strength: f64, seed: u64) -> Self {
+    fn new(family: &Family, hidden: Hidden, pinkish: bool, noise: f64, strength: f64, n: usize, seed: u64) -> Self {
         let mut normal = Normal(ChaCha8Rng::seed_from_u64(seed));
         let model = Model::from_text("nominal.fdm", family.text).unwrap();
         let mut text = family.text.replace("input ", "input gust, ");
@@ -145,9 +142,19 @@ impl Case {
         if let Some((state, term)) = place {
             text = text.replace(&format!("der({state}) = "), &format!("der({state}) = {term} + "));
         }
+        if hidden == Hidden::Mode {
+            let (omega, zeta, size) = family.mode;
+            let name = family.text.split("input ").nth(1).unwrap().split(';').next().unwrap();
+            text = text.replace("state ", "state mode, mode_rate, ");
+            let equations = format!(
+                "der(mode) = mode_rate; der(mode_rate) = {omega}^2*({name} - mode) - 2*{zeta}*{omega}*mode_rate; output "
+            );
+            text = text.replacen("output ", &equations, 1);
+            let second = ["qm = q", "rm = r"].iter().find(|o| text.contains(**o)).unwrap();
+            text = text.replace(*second, &format!("{second} + {size}*mode_rate/{omega}"));
+        }
         let truth = Model::from_text("truth.fdm", text).unwrap();
         let q = model.layout().outputs;
-        let n = 400;
         let mut runs = Vec::new();
         let mut clean = Vec::new();
         for run in 0..2 {
@@ -191,7 +198,7 @@ impl Case {
 
     fn fitted(model: &Model, runs: Vec<Run>) -> Self {
         let options = FitOptions { bare: true, per_interval: Some(1), ..FitOptions::default() };
-        let fitted = fit(model, &runs, &options, &mut Quiet).unwrap();
+        let fitted = fit(model, &runs, &options, &mut ()).unwrap();
         let theta: Vec<f64> = model
             .definition()
             .params
@@ -220,6 +227,12 @@ impl Case {
             })
             .collect();
         Self { model: model.clone(), runs, steps, theta, records }
+    }
+
+    /// The same runs with another model.
+    fn refitted(&self, text: String) -> Self {
+        let model = Model::from_text("extended.fdm", text).unwrap();
+        Self::fitted(&model, self.runs.clone())
     }
 
     fn passages(&self) -> Vec<Passage<'_>> {
@@ -255,7 +268,7 @@ fn input(samples: usize, interval: f64, run: usize, scale: f64) -> Vec<f64> {
 
 #[test]
 fn responses_to_forces_are_differences_of_simulations() {
-    let case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.05, 0.0, 3);
+    let case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.05, 0.0, 400, 3);
     let places = places(&case.model);
     assert_eq!(places.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["de", "al", "q"]);
     let driven = driven::Driven::new(&case.model, &places);
@@ -305,6 +318,44 @@ fn responses_to_forces_are_differences_of_simulations() {
     );
 }
 
+/// Short records: these tests run without optimisation.
+const SHORT: usize = 160;
+
+#[test]
+fn a_gust_is_found_in_its_equation() {
+    for (family, at) in [(&FAMILIES[0], 0), (&FAMILIES[0], 1), (&FAMILIES[1], 1)] {
+        let case = Case::new(family, Hidden::Gust(at), false, 0.01, 0.1, SHORT, 7);
+        let found = localise(&case.model, &case.passages()).unwrap();
+        assert!(found.evidence() > 10.0, "{}: {:?}", family.name, found.forces);
+        assert!(found.group().any(|s| s.place.name == family.states[at]), "{}: {:?}", family.name, found.forces);
+        let site = found.forces.iter().find(|s| s.place.name == family.states[at]).unwrap();
+        assert!(site.course.len() == 2 && site.size > 0.0);
+        assert!(site.course.iter().flatten().all(|o| o.value.is_finite() && o.deviation >= 0.0));
+    }
+}
+
+#[test]
+fn a_wandering_sensor_is_no_disturbance() {
+    for family in &FAMILIES {
+        let case = Case::new(family, Hidden::Wander(1), false, 0.01, 0.1, SHORT, 3);
+        let found = localise(&case.model, &case.passages()).unwrap();
+        assert!(found.evidence() < 3.0, "{}: {:?}", family.name, found.forces);
+        let output = &case.model.definition().outputs[1].quantity.name;
+        assert!(found.sensors[0].place.name == *output && found.sensors[0].evidence > 3.0, "{:?}", found.sensors);
+    }
+}
+
+#[test]
+fn too_little_is_refused_in_words() {
+    let case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.01, 0.0, SHORT, 3);
+    assert_eq!(localise(&case.model, &[]).unwrap_err(), ForceError::Nothing);
+    let mut short = case.records[0].clone();
+    short.residual.truncate(3 * 20);
+    short.fitted.iter_mut().flatten().for_each(|f| f.truncate(3 * 20));
+    let passage = Passage { record: &short, ..case.passages()[0] };
+    assert!(matches!(leftover(&case.model, &[passage]).unwrap_err(), ForceError::TooShort { samples: 20, .. }));
+}
+
 #[test]
 #[ignore = "a study: some minutes in release"]
 fn places_of_forces() {
@@ -328,7 +379,7 @@ fn places_of_forces() {
                 let rows: Vec<(f64, bool, bool, usize, String)> = (0..repeats)
                     .into_par_iter()
                     .map(|seed| {
-                        let case = Case::new(family, hidden, pinkish, 0.03, strength, seed);
+                        let case = Case::new(family, hidden, pinkish, 0.03, strength, 400, seed);
                         let found = localise(&case.model, &case.passages()).unwrap();
                         let wanted = match hidden {
                             Hidden::Gust(k) => family.states[k],
@@ -356,5 +407,84 @@ fn places_of_forces() {
                 );
             }
         }
+    }
+}
+
+#[test]
+#[ignore = "a study: some minutes in release"]
+fn verdicts() {
+    let repeats: u64 = std::env::var("FDM_REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(40);
+    println!("| family | hidden | colour | runs | repeats < 1 % | common < 1 % | repeats < 5 % | common < 5 % | with the effect: repeats, common < 1 %, force > 3 | nothing | effect | disturbance | unknown | warned |");
+    for family in &FAMILIES {
+        let hidden = [
+            (Hidden::Nothing, 0.0),
+            (Hidden::Gust(0), 0.1),
+            (Hidden::Gust(1), 0.1),
+            (Hidden::Wander(1), 0.1),
+            (Hidden::Effect, 0.0),
+            (Hidden::Strange, 0.0),
+            (Hidden::Mode, 0.0),
+        ];
+        for (hidden, strength) in hidden {
+            for pinkish in [false, true] {
+                let count = if hidden == Hidden::Nothing { 3 * repeats } else { repeats };
+                let rows: Vec<(Leftover, Leftover, f64, Attribution)> = (0..count)
+                    .into_par_iter()
+                    .map(|seed| {
+                        let base = Case::new(family, hidden, pinkish, 0.03, strength, 400, 1000 + seed);
+                        let state = family.effect.0;
+                        let with = format!("param c = 0; der({state}) = c*{state}*abs({state}) + ");
+                        let best = base.refitted(family.text.replace(&format!("der({state}) = "), &with));
+                        let asked = |case: &Case| {
+                            let places = localise(&case.model, &case.passages()).unwrap();
+                            (places, leftover(&case.model, &case.passages()).unwrap())
+                        };
+                        let (base, best) = (asked(&base), asked(&best));
+                        let evidence = Evidence { places: &base.0, leftover: &base.1 };
+                        let explained =
+                            Explained { evidence: Evidence { places: &best.0, leftover: &best.1 }, params: 1 };
+                        let verdict = attribute(evidence, Some(explained));
+                        (base.1, best.1, best.0.evidence(), verdict)
+                    })
+                    .collect();
+                let share = |test: &dyn Fn(&(Leftover, Leftover, f64, Attribution)) -> bool| {
+                    rows.iter().filter(|r| test(r)).count()
+                };
+                let verdict = |v: Verdict| share(&move |r| r.3.verdict == v);
+                println!(
+                    "| {} | {hidden:?} | {} | {count} | {} | {} | {} | {} | {}, {}, {} | {} | {} | {} | {} | {} |",
+                    family.name,
+                    if pinkish { "1/f" } else { "white" },
+                    share(&|r| r.0.repeatable < 0.01),
+                    share(&|r| r.0.common < 0.01),
+                    share(&|r| r.0.repeatable < 0.05),
+                    share(&|r| r.0.common < 0.05),
+                    share(&|r| r.1.repeatable < 0.01),
+                    share(&|r| r.1.common < 0.01),
+                    share(&|r| r.2 > 3.0),
+                    verdict(Verdict::Nothing),
+                    verdict(Verdict::Effect),
+                    verdict(Verdict::Disturbance),
+                    verdict(Verdict::UnknownCause),
+                    share(&|r| r.3.verdict == Verdict::UnknownCause || !r.3.warnings.is_empty()),
+                );
+                if let Some((_, _, _, verdict)) = rows.first() {
+                    println!("  e.g. {:?} {:?} {:?} {:?}", verdict.by_effect, verdict.by_force, verdict.by_both, verdict.warnings);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+#[ignore = "a study: how long it takes"]
+fn pace() {
+    let case = Case::new(&FAMILIES[0], Hidden::Gust(1), true, 0.03, 0.1, 400, 5);
+    for _ in 0..2 {
+        let begun = std::time::Instant::now();
+        let found = localise(&case.model, &case.passages()).unwrap();
+        let located = begun.elapsed();
+        let rest = leftover(&case.model, &case.passages()).unwrap();
+        println!("{located:?} {:?} {} {}", begun.elapsed() - located, found.evidence(), rest.chance);
     }
 }

@@ -16,8 +16,8 @@ mod screening;
 #[cfg(test)]
 mod tests;
 
+pub(in crate::diagnose) use calibration::{Normal, exceedance};
 pub use lines::{Record, Signals};
-pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use score::{Direction, Shape};
 pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};

@@ -16,13 +16,13 @@ const SETTLED: f64 = 1e-9;
 
 /// What is left of the lines of a cell.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::diagnose) struct Left {
+pub(super) struct Left {
     /// log f
-    pub(in crate::diagnose) log_frequency: f64,
+    pub(super) log_frequency: f64,
     /// Mean square of what is left: its sum over `freedom`.
-    pub(in crate::diagnose) power: f64,
+    pub(super) power: f64,
     /// Lines less leverage, n - h.
-    pub(in crate::diagnose) freedom: f64,
+    pub(super) freedom: f64,
 }
 
 /// The spectrum of one output's noise.
@@ -38,27 +38,10 @@ pub struct LogSpectrum {
 
 impl LogSpectrum {
     /// Fits what is left of one output.
-    pub(in crate::diagnose) fn fit(left: &[Left]) -> Self {
+    pub(super) fn fit(left: &[Left]) -> Self {
         let tried = SIZES.iter().filter_map(|size| Self::of_size(left, *size));
         let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
         best.map_or_else(Self::nothing, |(_, spectrum)| spectrum)
-    }
-
-    /// White noise of a given density.
-    pub(in crate::diagnose) fn white(density: f64) -> Self {
-        let value = DVector::from_element(1, density.max(f64::MIN_POSITIVE).ln());
-        Self { knots: vec![0.0], values: value, spread: DMatrix::zeros(1, 1) }
-    }
-
-    /// White noise as strong as what is left.
-    pub(in crate::diagnose) fn level(left: &[Left]) -> Self {
-        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
-        Self::white(left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom.max(f64::MIN_POSITIVE))
-    }
-
-    /// Minus twice the logarithm of the likelihood of what is left.
-    pub(in crate::diagnose) fn twice_loss(&self, left: &[Left]) -> f64 {
-        left.iter().map(|l| l.freedom * (self.at(l.log_frequency).ln() + l.power / self.at(l.log_frequency))).sum()
     }
 
     /// An output without noise.
