@@ -7,5 +7,10 @@
 //! the model as it stands to the extended one).
 
 pub mod diagnosis;
+//! **Start** at `search`; sub-rooms: `screen` (candidates against the residuals, and what noise alone would do),
+//! `force` (where something unknown enters), `misfit` (what is wrong before anything is explained).
+
+pub mod force;
+pub mod misfit;
 pub mod screen;
 pub mod search;

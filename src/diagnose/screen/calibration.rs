@@ -19,18 +19,18 @@ const DRAWS: usize = 4000;
 const TAIL: f64 = 0.99;
 
 /// Standard normal numbers, the same on every machine.
-pub(super) struct Normal {
+pub(in crate::diagnose) struct Normal {
     random: ChaCha8Rng,
     second: Option<f64>,
 }
 
 impl Normal {
-    pub(super) fn new(seed: u64) -> Self {
+    pub(in crate::diagnose) fn new(seed: u64) -> Self {
         Self { random: ChaCha8Rng::seed_from_u64(seed), second: None }
     }
 
     /// Box and Muller.
-    pub(super) fn next(&mut self) -> f64 {
+    pub(in crate::diagnose) fn next(&mut self) -> f64 {
         if let Some(second) = self.second.take() {
             return second;
         }
@@ -111,7 +111,7 @@ fn root(gram: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The chance of a value at least this large among draws; beyond them an exponential tail through the largest tenth.
-pub(super) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
+pub(in crate::diagnose) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
     draws.sort_by(|a, b| b.total_cmp(a));
     let count = draws.len() as f64;
     let above = draws.partition_point(|d| *d >= value);

@@ -16,6 +16,7 @@ mod screening;
 #[cfg(test)]
 mod tests;
 
+pub(in crate::diagnose) use calibration::{Normal, exceedance};
 pub use lines::{Record, Signals};
 pub use noise::LogSpectrum;
 pub use score::{Direction, Shape};
