@@ -8,11 +8,13 @@
 
 mod calibration;
 mod cells;
+mod judge;
 mod lines;
 mod noise;
 mod projection;
 mod score;
 mod screening;
+mod shared;
 #[cfg(test)]
 mod tests;
 
