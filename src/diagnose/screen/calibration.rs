@@ -115,17 +115,24 @@ impl Marginals {
     }
 }
 
-/// The chance of a value at least this large among draws; beyond them an exponential tail through the largest tenth.
+/// Draws above a value by which its chance is counted; below, the tail is taken as exponential.
+const COUNTED: usize = 10;
+/// Share of the draws that the tail begins with.
+const UPPER: f64 = 0.05;
+
+/// The chance of a value at least this large among draws; where few are beyond it, by an exponential tail through the
+/// largest of them.
 pub(super) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
     draws.sort_by(|a, b| b.total_cmp(a));
     let count = draws.len() as f64;
     let above = draws.partition_point(|d| *d >= value);
-    let tenth = (draws.len() / 10).max(1);
-    if above >= tenth {
+    let tail = ((UPPER * count) as usize).max(COUNTED).min(draws.len().saturating_sub(1));
+    if above >= COUNTED.min(tail) {
         return (above as f64 + 1.0) / (count + 1.0);
     }
-    let edge = draws[tenth];
-    let mean = draws[..tenth].iter().map(|d| d - edge).sum::<f64>() / tenth as f64;
-    let share = tenth as f64 / count;
-    if mean > 0.0 { share * (-(value - edge).max(0.0) / mean).exp() } else { 1.0 / (count + 1.0) }
+    let edge = draws[tail];
+    let mean = draws[..tail].iter().map(|d| d - edge).sum::<f64>() / tail as f64;
+    let share = tail as f64 / count;
+    let counted = (above as f64 + 1.0) / (count + 1.0);
+    if mean > 0.0 { share * (-(value - edge).max(0.0) / mean).exp() } else { counted }
 }

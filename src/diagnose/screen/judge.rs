@@ -2,18 +2,27 @@
 
 use super::calibration::{Marginals, Normal, exceedance};
 use super::cells::{Cell, Cells};
+use super::consistency::{Consistency, consistencies};
 use super::noise::{Left, LogSpectrum};
 use super::projection::{Drawing, Frame, left_over, leverage};
-use super::score::{ABSORBED, Best, Direction, Trial, best};
+use super::score::{ABSORBED, Best, Direction, Shape, Trial, best};
 use super::screening::{Candidate, Screening};
 use super::shared::Shared;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Rounds of noise from residuals and projection by noise, before and after the shape inside cells is known.
 const ROUNDS: [usize; 2] = [2, 2];
 /// Lines of a cell below which it is taken to be fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
+/// Chances between which more draws are made, and how many times as many.
+const DOUBTFUL: std::ops::RangeInclusive<f64> = 1e-4..=0.12;
+const MORE: usize = 4;
+/// Family-wise chance by which an effect counts as detected.
+const DETECTED_AT: f64 = 0.01;
+/// Normal quantile of four fifths.
+const POWER: f64 = 0.8416;
 /// Draws that are weighed at once.
 const BATCH: usize = 32;
 
@@ -31,7 +40,7 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    fn new(shared: &Shared) -> Self {
+    pub(super) fn new(shared: &Shared) -> Self {
         let cells = Cells::new(shared, None);
         let level = levels(&cells);
         let spectra: Vec<LogSpectrum> = level.iter().map(|l| LogSpectrum::flat(*l)).collect();
@@ -102,6 +111,8 @@ pub(super) struct Judge<'a> {
     trials: Vec<Trial>,
     usable: Vec<bool>,
     marginals: Marginals,
+    /// Draws differ from one residual to another, or what they have by chance would be in every judgement.
+    seed: u64,
 }
 
 impl<'a> Judge<'a> {
@@ -115,7 +126,10 @@ impl<'a> Judge<'a> {
         trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &frame));
         let marginals = Marginals::new(&frame.directions, &trials, candidates);
         let residual = frame.residual(&noise.cells, &noise.density);
-        Self { shared, directions, candidates, noise, frame, residual, trials, usable, marginals }
+        let seed = residual.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, v| {
+            (hash ^ v.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
+        });
+        Self { shared, directions, candidates, noise, frame, residual, trials, usable, marginals, seed }
     }
 
     /// The least chance of any candidate, as minus its logarithm.
@@ -125,12 +139,12 @@ impl<'a> Judge<'a> {
     }
 
     /// The same for residuals of noise alone, drawn from spectra as likely as the one that was found.
-    pub(super) fn draws(&self, count: usize) -> Vec<f64> {
+    fn draws(&self, range: Range<usize>) -> Vec<f64> {
         let drawing = Drawing::new(&self.noise.cells, &self.frame);
         let held = self.frame.saturated();
         let batch = |first: usize| {
             let one = |seed: usize| self.draw(seed as u64, &drawing, &held);
-            let drawn: Vec<_> = (first..count.min(first + BATCH)).map(one).collect();
+            let drawn: Vec<_> = (first..range.end.min(first + BATCH)).map(one).collect();
             let weights = DMatrix::from_fn(self.noise.density.len(), drawn.len(), |c, k| 1.0 / drawn[k].1[c]);
             let metrics = drawing.metrics(&weights);
             let judged = |(k, (products, _)): (usize, &(DVector<f64>, Vec<f64>))| {
@@ -140,29 +154,45 @@ impl<'a> Judge<'a> {
             };
             drawn.iter().enumerate().filter_map(judged).collect::<Vec<f64>>()
         };
-        let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
+        let starts: Vec<usize> = range.clone().step_by(BATCH).collect();
         starts.into_par_iter().map(batch).collect::<Vec<_>>().concat()
     }
 
     /// Products of the axes with a drawn residual, and the noise that it seems to have.
     fn draw(&self, seed: u64, drawing: &Drawing, held: &DMatrix<f64>) -> (DVector<f64>, Vec<f64>) {
-        let mut normal = Normal::new(seed + 1000);
+        let mut normal = Normal::new(self.seed.wrapping_add(seed));
         let spectra: Vec<LogSpectrum> = self.noise.spectra.iter().map(|s| s.drawn(&mut normal)).collect();
         let deviation = |cell: &Cell| spectra[cell.channel].at(cell.log_frequency).sqrt();
         let drawn = self.noise.cells.noise(deviation, &mut normal);
         // what a fit and the saturation take out, by the noise that was found
         let multiples = held * held.tr_mul(&drawing.products(&drawn, &self.noise.density));
-        let left: Vec<f64> =
-            drawn.iter().enumerate().map(|(k, own)| drawing.left_over(k, own, &multiples)).collect();
+        let left: Vec<f64> = drawn.iter().enumerate().map(|(k, own)| drawing.left_over(k, own, &multiples)).collect();
         let density = densities(&self.noise.cells, &self.noise.fitted(&left));
         (drawing.products(&drawn, &density), density)
     }
 
-    pub(super) fn verdict(self, mut drawn: Vec<f64>) -> Screening {
+    /// The chance that noise makes any candidate look this good, and the draws that say so; where it is neither plain noise nor
+    /// plainly none, more draws are made.
+    fn family_wise(&self, value: f64, count: usize) -> (f64, Vec<f64>) {
+        let mut drawn = self.draws(0..count);
+        let mut chance = exceedance(&mut drawn, value);
+        if DOUBTFUL.contains(&chance) {
+            drawn.extend(self.draws(count..MORE * count));
+            chance = exceedance(&mut drawn, value);
+        }
+        (chance, drawn)
+    }
+
+    /// The result, by so many draws.
+    pub(super) fn verdict(self, draws: usize) -> Screening {
         let rest = self.residual.rows(self.frame.eaten, self.frame.directions.nrows()).into_owned();
         let best = best(&self.trials, self.candidates, &self.frame.directions, None, &rest);
-        let family_wise = exceedance(&mut drawn, self.best_of(&best));
+        let (family_wise, drawn) = self.family_wise(self.best_of(&best), draws);
+        let needed = critical(&drawn, DETECTED_AT).map(|least| (-least).exp());
         let own = |k: usize| self.frame.directions.column(k).norm_squared();
+        let mut consistency = self.consistency(&best).into_iter();
+        let consistency: Vec<Option<Consistency>> =
+            best.iter().map(|b| b.trial.and_then(|_| consistency.next().flatten())).collect();
         let candidate = |(k, best): (usize, &Best)| {
             let direction = best.trial.map(|t| self.trials[t].members[0]);
             Candidate {
@@ -172,21 +202,86 @@ impl<'a> Judge<'a> {
                 chance: self.marginals.chance(k, best.equivalent),
                 distinct: direction.map_or(0.0, |d| own(d) / self.frame.energy[d]),
                 lead: best.equivalent - self.marginals.quantile(k, 0.01),
+                detectable: needed.and_then(|chance| self.detectable(k, self.marginals.quantile(k, chance))),
             }
         };
         let candidates: Vec<Candidate> = best.iter().enumerate().map(candidate).collect();
         let mut ranking: Vec<usize> = (0..candidates.len()).collect();
         ranking.sort_by(|a, b| candidates[*b].lead.total_cmp(&candidates[*a].lead));
-        let gram = self.frame.directions.tr_mul(&self.frame.directions);
+        let amounts = |best: &Best| {
+            let members = best.trial.map_or(&[][..], |t| &self.trials[t].members);
+            members.iter().copied().zip(best.score.amounts.iter().copied()).collect()
+        };
         Screening {
+            amounts: best.iter().map(amounts).collect(),
+            consistency,
             candidates,
             ranking,
             family_wise,
+            gram: self.frame.directions.tr_mul(&self.frame.directions),
             spectra: self.noise.spectra,
-            gram,
+            errors: self.frame.errors,
             compensation: self.frame.compensation,
         }
     }
+
+    /// The smallest size that would have been seen four times of five, for a statistic that is seen.
+    fn detectable(&self, candidate: usize, statistic: f64) -> Option<f64> {
+        let of = |trial: &Trial| {
+            // where the noise is known by few numbers, more is needed than under a known one
+            let nu = trial.freedom;
+            let needed = if nu > 1e6 {
+                statistic
+            } else {
+                nu * ((statistic / nu) * ((8.0 * nu + 3.0) / (8.0 * nu + 1.0)).powi(2)).exp_m1()
+            };
+            let least = trial.members.iter().map(|k| {
+                let direction = self.frame.directions.column(*k).norm();
+                (needed.sqrt() + POWER) / direction
+            });
+            let amount = least.fold(f64::INFINITY, f64::min);
+            let amount = match trial.shape {
+                Shape::Finite => amount.max(0.5),
+                _ => amount,
+            };
+            let size = self.directions[trial.members[0]].size.abs();
+            match trial.shape {
+                Shape::Finite | Shape::Smallest if amount > 2.0 => None,
+                _ => (amount * size).is_finite().then_some(amount * size),
+            }
+        };
+        let sizes = self.trials.iter().filter(|t| t.candidate == candidate).filter_map(of);
+        sizes.min_by(f64::total_cmp)
+    }
+
+    /// Run by run, for those candidates that have a trial.
+    fn consistency(&self, best: &[Best]) -> Vec<Option<Consistency>> {
+        let chosen: Vec<DVector<f64>> = best
+            .iter()
+            .filter_map(|b| {
+                let members = &self.trials[b.trial?].members;
+                let parts = members.iter().zip(&b.score.amounts);
+                let own = |k: usize| self.frame.directions.column(k).into_owned();
+                Some(match members[..] {
+                    [k] => own(k),
+                    // of several parameters at once: the combination that was found
+                    _ => parts.fold(own(members[0]) * 0.0, |sum, (k, amount)| sum + own(*k) * *amount),
+                })
+            })
+            .collect();
+        if chosen.is_empty() {
+            return Vec::new();
+        }
+        let eaten = self.residual.rows(0, self.frame.eaten).into_owned();
+        let density = |channel: usize, f: f64| self.noise.spectra[channel].at(f.ln());
+        consistencies(self.shared, &self.frame, &DMatrix::from_columns(&chosen), &eaten, density)
+    }
+}
+
+/// What so many of the draws exceed.
+fn critical(drawn: &[f64], share: f64) -> Option<f64> {
+    // sorted, falling
+    drawn.get((share * drawn.len() as f64) as usize).copied()
 }
 
 /// By how many real numbers the noise under a trial is known: 2 / variance of its logarithm, averaged as the trial's energy.

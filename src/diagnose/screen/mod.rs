@@ -8,6 +8,7 @@
 
 mod calibration;
 mod cells;
+mod consistency;
 mod judge;
 mod lines;
 mod noise;
@@ -18,6 +19,7 @@ mod shared;
 #[cfg(test)]
 mod tests;
 
+pub use consistency::Consistency;
 pub use lines::{Record, Signals};
 pub use noise::LogSpectrum;
 pub use score::{Direction, Shape};

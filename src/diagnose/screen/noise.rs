@@ -15,7 +15,7 @@ const SPACING: f64 = 0.3;
 /// Most knots.
 const MOST: usize = 24;
 /// Deviations of second differences that are weighed against each other, at the usual distance of knots.
-const CURVATURES: [f64; 4] = [0.01, 0.05, 0.2, 0.7];
+const CURVATURES: [f64; 3] = [0.04, 0.15, 0.6];
 /// Deviation of the slope d log S / d log f.
 const SLOPE: f64 = 1.0;
 /// Deviation of the level: any.

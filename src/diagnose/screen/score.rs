@@ -69,9 +69,8 @@ impl Trial {
         if let [k] = self.members[..] {
             return Score::single(self.shape, z[k], product(k, k));
         }
-        let gram = DMatrix::from_fn(self.members.len(), self.members.len(), |i, j| {
-            product(self.members[i], self.members[j])
-        });
+        let gram =
+            DMatrix::from_fn(self.members.len(), self.members.len(), |i, j| product(self.members[i], self.members[j]));
         let own = DVector::from_fn(self.members.len(), |i, _| z[self.members[i]]);
         Score::joint(gram, own)
     }

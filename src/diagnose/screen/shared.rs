@@ -49,14 +49,11 @@ impl Shared {
         each.iter().for_each(|own| gram += own);
         let scale = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
         let inverse = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
-        let eigen = SymmetricEigen::new(DMatrix::from_fn(count, count, |i, j| {
-            gram[(i, j)] * inverse[i] * inverse[j]
-        }));
+        let eigen = SymmetricEigen::new(DMatrix::from_fn(count, count, |i, j| gram[(i, j)] * inverse[i] * inverse[j]));
         let kept: Vec<usize> = (0..count).filter(|k| eigen.eigenvalues[*k] > LOST).collect();
         let root = |k: usize| eigen.eigenvalues[kept[k]].sqrt();
-        let combine = DMatrix::from_fn(count, kept.len(), |i, k| {
-            inverse[i] * eigen.eigenvectors[(i, kept[k])] / root(k)
-        });
+        let combine =
+            DMatrix::from_fn(count, kept.len(), |i, k| inverse[i] * eigen.eigenvectors[(i, kept[k])] / root(k));
         let carried = DMatrix::from_fn(kept.len(), count, |k, i| scale[i] * eigen.eigenvectors[(i, kept[k])] * root(k));
         let part = |l: Lines| Part {
             run: l.run,

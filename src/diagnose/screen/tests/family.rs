@@ -248,11 +248,12 @@ pub(super) fn hover() -> Family {
     Family::new(HOVER, 28, &[("tau", DELAYS), ("tal", DELAYS)], &plan)
 }
 
-pub(super) fn families() -> Vec<(&'static str, Family)> {
-    vec![
-        ("short period", short_period(2, false)),
-        ("ship", ship(300.0, 2, false)),
-        ("short ship", ship(75.0, 2, false)),
-        ("hover", hover()),
-    ]
-}
+/// A family by its name: made when it is wanted.
+pub(super) type Made = (&'static str, fn() -> Family);
+
+pub(super) const FAMILIES: [Made; 4] = [
+    ("short period", || short_period(2, false)),
+    ("ship", || ship(300.0, 2, false)),
+    ("short ship", || ship(75.0, 2, false)),
+    ("hover", hover),
+];

@@ -1,7 +1,7 @@
 //! Studies of the level and of the power: tables in docs/diagnosis.md.
 
 use super::colour::Colour;
-use super::family::{Family, families};
+use super::family::{FAMILIES, Family};
 use crate::diagnose::screen::calibration::Normal;
 use crate::diagnose::screen::*;
 use rayon::prelude::*;
@@ -13,6 +13,13 @@ fn number(name: &str, otherwise: u64) -> u64 {
 fn chosen(colours: &[Colour]) -> Vec<Colour> {
     let wanted = std::env::var("FDM_NOISE").unwrap_or_default();
     colours.iter().copied().filter(|c| wanted.is_empty() || wanted.contains(&format!("{c:?}"))).collect()
+}
+
+/// The families wanted by `FDM_FAMILY` (all of them without it).
+fn families() -> Vec<(&'static str, Family)> {
+    let wanted = std::env::var("FDM_FAMILY").unwrap_or_default();
+    let own = FAMILIES.iter().filter(|(name, _)| wanted.is_empty() || wanted.split(',').any(|w| w == *name));
+    own.map(|(name, make)| (*name, make())).collect()
 }
 
 fn options() -> ScreeningOptions {
