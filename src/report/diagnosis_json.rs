@@ -49,9 +49,15 @@ fn parameter(p: &NewValue) -> Value {
     })
 }
 
-/// Places where a force would enter, the likeliest first, as far as anything speaks for them.
+/// Whether the verdict rests on a force.
+fn is_force(d: &Diagnosis) -> bool {
+    matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause)
+}
+
+/// Places where a force would enter, the likeliest first, as far as anything speaks for them; none where an effect explains
+/// what there is.
 fn sites(d: &Diagnosis) -> Value {
-    let places = d.places.iter().flat_map(|p| &p.forces).filter(|site| site.evidence > 0.0);
+    let places = d.places.iter().flat_map(|p| &p.forces).filter(|site| is_force(d) && site.evidence > 0.0);
     let one = |site: &Site| {
         json!({ "name": site.place.name, "kind": site.place.kind, "evidence": site.evidence, "size": site.size })
     };
@@ -60,7 +66,6 @@ fn sites(d: &Diagnosis) -> Value {
 
 /// The course of the likeliest force, run by run, where the verdict rests on one.
 fn force(d: &Diagnosis) -> Value {
-    let shown = matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause);
-    let site = d.places.iter().flat_map(|p| p.forces.first()).find(|site| shown && site.evidence > 0.0);
+    let site = d.places.iter().flat_map(|p| p.forces.first()).find(|site| is_force(d) && site.evidence > 0.0);
     site.map_or(Value::Null, |site| json!({ "name": site.place.name, "kind": site.place.kind, "course": site.course }))
 }
