@@ -23,6 +23,8 @@ pub(super) struct Part {
     pub(super) basis: DMatrix<f64>,
     /// The residual.
     pub(super) residual: DVector<f64>,
+    /// A difference between runs that repeat each other: noise alone.
+    pub(super) reference: bool,
 }
 
 /// All runs in shared columns.
@@ -34,6 +36,8 @@ pub(super) struct Shared {
     pub(super) fitted: DMatrix<f64>,
     /// r by m directions.
     pub(super) directions: DMatrix<f64>,
+    /// The same, of unit norm.
+    pub(super) unit: DMatrix<f64>,
     /// Outputs q.
     pub(super) channels: usize,
 }
@@ -62,10 +66,15 @@ impl Shared {
             frequency: l.frequency,
             basis: l.columns * &combine,
             residual: l.residual,
+            reference: false,
         };
         let parts = lines.into_par_iter().map(part).collect();
         let directions = carried.columns(p, count - p).into_owned();
-        Self { parts, fitted: carried.columns(0, p).into_owned(), directions, channels }
+        let mut unit = directions.clone();
+        for mut column in unit.column_iter_mut() {
+            column.try_normalize_mut(0.0);
+        }
+        Self { parts, fitted: carried.columns(0, p).into_owned(), directions, unit, channels }
     }
 
     /// Shared columns r.
