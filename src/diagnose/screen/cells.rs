@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
-const WIDTH: f64 = 1.25;
+const WIDTH: f64 = 1.18;
 /// Fewest lines of a band, of the longest run.
 const FEWEST: usize = 4;
 /// What is left of a cell's products when they are factored, as a share of the largest.

@@ -14,8 +14,9 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rounds of noise from residuals and projection by noise, before and after the shape inside cells is known.
-const ROUNDS: [usize; 2] = [2, 2];
+/// Rounds of noise from residuals and projection by noise, before the shape inside cells is known and each time that it is
+/// known better.
+const ROUNDS: [usize; 3] = [2, 1, 1];
 /// Lines of a cell below which it is taken to be fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
 /// Lines of differences between runs by which alone an output's noise is judged.
@@ -57,8 +58,10 @@ impl Noise {
         let density = densities(&cells, &spectra);
         let mut noise = Self { cells, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
         noise.settle(shared, ROUNDS[0]);
-        noise.cells = Cells::new(shared, Some(&noise.spectra));
-        noise.settle(shared, ROUNDS[1]);
+        for rounds in &ROUNDS[1..] {
+            noise.cells = Cells::new(shared, Some(&noise.spectra));
+            noise.settle(shared, *rounds);
+        }
         noise
     }
 

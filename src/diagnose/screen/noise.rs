@@ -20,6 +20,9 @@ const CURVATURES: [f64; 3] = [0.04, 0.18, 0.8];
 const SLOPE: f64 = 1.0;
 /// Deviation of the level: any.
 const LEVEL: f64 = 1e3;
+/// How much wider than the normal approximation spectra are drawn: where few lines tell, what is said of a spectrum was
+/// measured to be too small by this much (lowest band beside a resonance).
+const EXCESS: f64 = 1.2;
 const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends.
 const SETTLED: f64 = 1e-6;
@@ -123,7 +126,7 @@ impl LogSpectrum {
             place < 0.0
         });
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
-        let mut change = DVector::from_fn(self.size(), |_, _| normal.next());
+        let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.next());
         part.precision.tr_solve_lower_triangular_mut(&mut change);
         Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new() }
     }

@@ -30,7 +30,7 @@ pub struct Direction {
 }
 
 /// Below this share of its energy a direction is what was fitted already.
-pub(super) const ABSORBED: f64 = 1e-8;
+pub(super) const ABSORBED: f64 = 1e-5;
 
 /// What is scored at once: a direction, or all of a group.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,8 +5,10 @@ use super::lines::Lines;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rayon::prelude::*;
 
-/// Columns of unit norm are carried but for this share of their energy.
-const LOST: f64 = 1e-11;
+/// Directions of unit norm are carried but for about this share of their energy.
+const LOST: f64 = 1e-8;
+/// Fitted columns count so many times as much: what a fit has taken out must be taken out here too.
+const FITTED: f64 = 100.0;
 
 /// One output of one run (or of a difference between runs) in the shared columns.
 #[derive(Debug, Clone)]
@@ -51,7 +53,8 @@ impl Shared {
         let each: Vec<DMatrix<f64>> = lines.par_iter().map(squares).collect();
         let mut gram = DMatrix::zeros(count, count);
         each.iter().for_each(|own| gram += own);
-        let scale = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
+        let mut scale = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
+        scale.rows_mut(0, p).unscale_mut(FITTED);
         let inverse = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
         let eigen = SymmetricEigen::new(DMatrix::from_fn(count, count, |i, j| gram[(i, j)] * inverse[i] * inverse[j]));
         let kept: Vec<usize> = (0..count).filter(|k| eigen.eigenvalues[*k] > LOST).collect();
