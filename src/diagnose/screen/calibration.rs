@@ -7,7 +7,7 @@
 //! taken out and the spectrum estimated anew each time.
 
 use super::score::{Trial, best};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -72,14 +72,15 @@ impl Marginals {
     pub(super) fn new(directions: &DMatrix<f64>, trials: &[Trial], candidates: usize) -> Self {
         // under a known spectrum statistics need no equivalent
         let known: Vec<Trial> = trials.iter().map(|t| Trial { freedom: f64::INFINITY, ..t.clone() }).collect();
+        let gram = directions.tr_mul(directions);
+        let back = directions.transpose();
         let draw = |batch: usize| {
             let mut normal = Normal::new(batch as u64);
+            let z = &back * DMatrix::from_fn(directions.nrows(), DRAWS / BATCHES, |_, _| normal.next());
             let mut lists = vec![Vec::with_capacity(DRAWS / BATCHES); candidates];
-            for _ in 0..DRAWS / BATCHES {
-                let residual = DVector::from_fn(directions.nrows(), |_, _| normal.next());
-                for (list, best) in lists.iter_mut().zip(best(&known, candidates, directions, None, &residual)) {
-                    list.push(best.equivalent);
-                }
+            for column in z.column_iter() {
+                let best = best(&known, candidates, column.as_slice(), |i, j| gram[(i, j)]);
+                lists.iter_mut().zip(best).for_each(|(list, best)| list.push(best.equivalent));
             }
             lists
         };

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
-const WIDTH: f64 = 1.25;
+const WIDTH: f64 = 1.18;
 /// Fewest lines of a band, of the longest run.
 const FEWEST: usize = 4;
 /// What is left of a cell's products when they are factored, as a share of the largest.
@@ -20,6 +20,8 @@ const NEGLIGIBLE: f64 = 1e-12;
 pub(super) struct Cell {
     /// The output.
     pub(super) channel: usize,
+    /// Of differences between runs that repeat each other.
+    pub(super) reference: bool,
     /// Mean logarithm of the frequencies.
     pub(super) log_frequency: f64,
     /// Number of lines.
@@ -56,22 +58,15 @@ impl Cells {
     /// Gathers lines; `shape` are spectra by which the level changes inside a cell.
     pub(super) fn new(shared: &Shared, shape: Option<&[LogSpectrum]>) -> Self {
         let edges = edges(&shared.parts);
-        let places: Vec<(usize, usize)> =
-            (0..shared.channels).flat_map(|c| (0..edges.len()).map(move |band| (c, band))).collect();
-        let one = |(channel, band): (usize, usize)| {
+        let places: Vec<(usize, usize, bool)> = (0..shared.channels)
+            .flat_map(|c| (0..edges.len()).flat_map(move |band| [(c, band, false), (c, band, true)]))
+            .collect();
+        let one = |(channel, band, reference): (usize, usize, bool)| {
             let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
-            Cell::of(shared, channel, edges[band]..high, shape.map(|s| &s[channel]))
+            Cell::of(shared, (channel, reference), edges[band]..high, shape.map(|s| &s[channel]))
         };
         let list = places.into_par_iter().filter_map(one).collect();
         Self { list, channels: shared.channels }
-    }
-
-    /// Products with a residual that has changed.
-    pub(super) fn renew(&mut self, shared: &Shared, shape: &[LogSpectrum]) {
-        for cell in &mut self.list {
-            let (columns, residual) = cell.gather(shared, Some(&shape[cell.channel]));
-            (cell.products, cell.residual) = (columns.tr_mul(&residual), residual.norm_squared());
-        }
     }
 
     /// Residuals of noise alone: standard normal numbers times the deviation of each cell.
@@ -87,18 +82,23 @@ impl Cells {
 }
 
 impl Cell {
-    fn of(shared: &Shared, channel: usize, band: Range<f64>, shape: Option<&LogSpectrum>) -> Option<Self> {
+    fn of(
+        shared: &Shared,
+        (channel, reference): (usize, bool),
+        band: Range<f64>,
+        shape: Option<&LogSpectrum>,
+    ) -> Option<Self> {
         let within = |(k, part): (usize, &Part)| {
             let first = part.frequency.partition_point(|f| *f < band.start);
             let rows = first..part.frequency.partition_point(|f| *f < band.end);
-            (part.channel == channel && !rows.is_empty()).then_some((k, rows))
+            (part.channel == channel && part.reference == reference && !rows.is_empty()).then_some((k, rows))
         };
         let rows: Vec<_> = shared.parts.iter().enumerate().filter_map(within).collect();
         let count: usize = rows.iter().map(|(_, rows)| rows.len()).sum();
         let logs = rows.iter().flat_map(|(k, rows)| &shared.parts[*k].frequency[rows.clone()]).map(|f| f.ln());
         let log_frequency = logs.sum::<f64>() / count as f64;
         let (factor, products) = (DMatrix::zeros(0, 0), DVector::zeros(0));
-        let mut cell = Self { channel, log_frequency, count, factor, products, residual: 0.0, rows };
+        let mut cell = Self { channel, reference, log_frequency, count, factor, products, residual: 0.0, rows };
         if count == 0 {
             return None;
         }

@@ -5,6 +5,8 @@ use super::cells::{Cell, Cells};
 use super::consistency::{Consistency, consistencies};
 use super::noise::{Left, LogSpectrum};
 use super::projection::{Drawing, Frame, left_over, leverage};
+use super::repeats::turned;
+use super::rest::{Outlier, Rest};
 use super::score::{ABSORBED, Best, Direction, Shape, Trial, best};
 use super::screening::{Candidate, Screening};
 use super::shared::Shared;
@@ -12,10 +14,15 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rounds of noise from residuals and projection by noise, before and after the shape inside cells is known.
-const ROUNDS: [usize; 2] = [2, 2];
+/// Rounds of noise from residuals and projection by noise, before the shape inside cells is known and each time that it is
+/// known better.
+const ROUNDS: [usize; 3] = [2, 1, 1];
 /// Lines of a cell below which it is taken to be fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
+/// Lines of differences between runs by which alone an output's noise is judged.
+const REFERENCE: usize = 100;
+/// Times that outliers are looked for.
+const CLIPS: usize = 3;
 /// Chances between which more draws are made, and how many times as many.
 const DOUBTFUL: std::ops::RangeInclusive<f64> = 1e-4..=0.12;
 const MORE: usize = 4;
@@ -35,20 +42,26 @@ pub(super) struct Noise {
     pub(super) density: Vec<f64>,
     /// What the projection leaves of each cell's lines.
     pub(super) freedom: Vec<f64>,
+    /// Combinations of shared columns that are taken out of the residual, and what they are together.
+    pub(super) taken: (DMatrix<f64>, DVector<f64>),
     /// Mean square of each output's residual.
     level: Vec<f64>,
 }
 
 impl Noise {
     pub(super) fn new(shared: &Shared) -> Self {
+        let turned = turned(shared);
+        let shared = turned.as_ref().unwrap_or(shared);
         let cells = Cells::new(shared, None);
         let level = levels(&cells);
         let spectra: Vec<LogSpectrum> = level.iter().map(|l| LogSpectrum::flat(*l)).collect();
         let density = densities(&cells, &spectra);
-        let mut noise = Self { cells, spectra, density, freedom: Vec::new(), level };
+        let mut noise = Self { cells, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
         noise.settle(shared, ROUNDS[0]);
-        noise.cells = Cells::new(shared, Some(&noise.spectra));
-        noise.settle(shared, ROUNDS[1]);
+        for rounds in &ROUNDS[1..] {
+            noise.cells = Cells::new(shared, Some(&noise.spectra));
+            noise.settle(shared, *rounds);
+        }
         noise
     }
 
@@ -58,9 +71,11 @@ impl Noise {
             let held = frame.saturated();
             let basis = &frame.axes * &held;
             let multiples = &basis * held.tr_mul(&frame.residual(&self.cells, &self.density));
-            let left: Vec<f64> = self.cells.list.iter().map(|cell| left_over(cell, &multiples)).collect();
+            let left: Vec<f64> = self.cells.list.par_iter().map(|cell| left_over(cell, &multiples)).collect();
             let own = self.cells.list.iter().zip(&self.density);
-            self.freedom = own.map(|(c, s)| (c.count as f64 - leverage(c, *s, &basis)).max(0.0)).collect();
+            let own: Vec<(&Cell, &f64)> = own.collect();
+            self.freedom = own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
+            self.taken = (basis, multiples);
             self.spectra = self.fitted(&left);
             self.density = densities(&self.cells, &self.spectra);
         }
@@ -70,6 +85,10 @@ impl Noise {
     fn fitted(&self, left: &[f64]) -> Vec<LogSpectrum> {
         let of = |channel: usize| {
             let own = self.cells.list.iter().zip(left).zip(&self.freedom);
+            // differences between runs know nothing of a misfit, even of one that no candidate explains
+            let lines = |c: &Cell| if c.channel == channel && c.reference { c.count } else { 0 };
+            let referred = self.cells.list.iter().map(lines).sum::<usize>() >= REFERENCE;
+            let own = own.filter(|((cell, _), _)| cell.reference || !referred);
             // a cell that was fitted away says nothing about its noise
             let told = own.filter(|((cell, _), freedom)| cell.channel == channel && **freedom > LEAST_FREEDOM);
             let left: Vec<Left> = told
@@ -101,7 +120,12 @@ fn densities(cells: &Cells, spectra: &[LogSpectrum]) -> Vec<f64> {
 
 /// Everything that a residual is judged by.
 pub(super) struct Judge<'a> {
-    shared: &'a Shared,
+    /// Outputs, or independent combinations of them.
+    shared: Shared,
+    outliers: Vec<Outlier>,
+    correlated: bool,
+    /// Spectra of the outputs themselves.
+    spectra: Vec<LogSpectrum>,
     directions: &'a [Direction],
     candidates: usize,
     noise: Noise,
@@ -109,17 +133,38 @@ pub(super) struct Judge<'a> {
     /// Products of the axes with the residual.
     residual: DVector<f64>,
     trials: Vec<Trial>,
-    usable: Vec<bool>,
     marginals: Marginals,
     /// Draws differ from one residual to another, or what they have by chance would be in every judgement.
     seed: u64,
 }
 
 impl<'a> Judge<'a> {
-    pub(super) fn new(shared: &'a Shared, directions: &'a [Direction]) -> Self {
+    pub(super) fn new(mut shared: Shared, directions: &'a [Direction]) -> Self {
         let candidates = directions.iter().map(|d| d.candidate + 1).max().unwrap_or(0);
-        let noise = Noise::new(shared);
-        let frame = Frame::new(shared, &noise.cells, &noise.density);
+        let mut noise = Noise::new(&shared);
+        let mut rest = Rest::new(&shared, &noise);
+        let mut outliers: Vec<Outlier> = Vec::new();
+        for _ in 0..CLIPS {
+            let found = rest.clip(&mut shared);
+            if found.is_empty() {
+                break;
+            }
+            // what is cut back again has been told, and was larger
+            let known = |o: &Outlier| (o.run, o.channel, o.place);
+            let new: Vec<Outlier> =
+                found.into_iter().filter(|new| outliers.iter().all(|old| known(old) != known(new))).collect();
+            outliers.extend(new);
+            noise = Noise::new(&shared);
+            rest = Rest::new(&shared, &noise);
+        }
+        let spectra = noise.spectra.clone();
+        let mixed = rest.decorrelated(&shared);
+        let correlated = mixed.is_some();
+        if let Some(mixed) = mixed {
+            shared = mixed;
+            noise = Noise::new(&shared);
+        }
+        let frame = Frame::new(&shared, &noise.cells, &noise.density);
         let own = |k: usize| frame.directions.column(k).norm_squared();
         let usable: Vec<bool> = (0..directions.len()).map(|k| own(k) > ABSORBED * frame.energy[k]).collect();
         let mut trials = Trial::all(directions, &usable);
@@ -129,7 +174,20 @@ impl<'a> Judge<'a> {
         let seed = residual.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, v| {
             (hash ^ v.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
         });
-        Self { shared, directions, candidates, noise, frame, residual, trials, usable, marginals, seed }
+        Self {
+            shared,
+            outliers,
+            correlated,
+            spectra,
+            directions,
+            candidates,
+            noise,
+            frame,
+            residual,
+            trials,
+            marginals,
+            seed,
+        }
     }
 
     /// The least chance of any candidate, as minus its logarithm.
@@ -150,7 +208,10 @@ impl<'a> Judge<'a> {
             let judged = |(k, (products, _)): (usize, &(DVector<f64>, Vec<f64>))| {
                 let (metric, score) = drawing.projected(metrics.column(k).as_slice(), products)?;
                 let directions = &self.frame.directions;
-                Some(self.best_of(&best(&self.trials, self.candidates, directions, Some(&metric), &score)))
+                let weighed = metric * directions;
+                let product = |i: usize, j: usize| directions.column(i).dot(&weighed.column(j));
+                let z = directions.tr_mul(&score);
+                Some(self.best_of(&best(&self.trials, self.candidates, z.as_slice(), product)))
             };
             drawn.iter().enumerate().filter_map(judged).collect::<Vec<f64>>()
         };
@@ -186,7 +247,9 @@ impl<'a> Judge<'a> {
     /// The result, by so many draws.
     pub(super) fn verdict(self, draws: usize) -> Screening {
         let rest = self.residual.rows(self.frame.eaten, self.frame.directions.nrows()).into_owned();
-        let best = best(&self.trials, self.candidates, &self.frame.directions, None, &rest);
+        let gram = self.frame.directions.transpose() * &self.frame.directions;
+        let z = self.frame.directions.tr_mul(&rest);
+        let best = best(&self.trials, self.candidates, z.as_slice(), |i, j| gram[(i, j)]);
         let (family_wise, drawn) = self.family_wise(self.best_of(&best), draws);
         let needed = critical(&drawn, DETECTED_AT).map(|least| (-least).exp());
         let own = |k: usize| self.frame.directions.column(k).norm_squared();
@@ -218,8 +281,10 @@ impl<'a> Judge<'a> {
             candidates,
             ranking,
             family_wise,
-            gram: self.frame.directions.tr_mul(&self.frame.directions),
-            spectra: self.noise.spectra,
+            gram,
+            spectra: self.spectra,
+            outliers: self.outliers,
+            correlated: self.correlated,
             errors: self.frame.errors,
             compensation: self.frame.compensation,
         }
@@ -274,7 +339,7 @@ impl<'a> Judge<'a> {
         }
         let eaten = self.residual.rows(0, self.frame.eaten).into_owned();
         let density = |channel: usize, f: f64| self.noise.spectra[channel].at(f.ln());
-        consistencies(self.shared, &self.frame, &DMatrix::from_columns(&chosen), &eaten, density)
+        consistencies(&self.shared, &self.frame, &DMatrix::from_columns(&chosen), &eaten, density)
     }
 }
 

@@ -11,15 +11,18 @@ use super::calibration::Normal;
 use nalgebra::{DMatrix, DVector};
 
 /// Distance of knots in log f.
-const SPACING: f64 = 0.3;
+const SPACING: f64 = 0.22;
 /// Most knots.
-const MOST: usize = 24;
-/// Deviations of second differences that are weighed against each other, at the usual distance of knots.
-const CURVATURES: [f64; 3] = [0.04, 0.15, 0.6];
+const MOST: usize = 32;
+/// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other.
+const CURVATURES: [f64; 3] = [0.04, 0.18, 0.8];
 /// Deviation of the slope d log S / d log f.
 const SLOPE: f64 = 1.0;
 /// Deviation of the level: any.
 const LEVEL: f64 = 1e3;
+/// How much wider than the normal approximation spectra are drawn: where few lines tell, what is said of a spectrum was
+/// measured to be too small by this much (lowest band beside a resonance).
+const EXCESS: f64 = 1.2;
 const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends.
 const SETTLED: f64 = 1e-6;
@@ -123,7 +126,7 @@ impl LogSpectrum {
             place < 0.0
         });
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
-        let mut change = DVector::from_fn(self.size(), |_, _| normal.next());
+        let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.next());
         part.precision.tr_solve_lower_triangular_mut(&mut change);
         Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new() }
     }
@@ -157,7 +160,7 @@ fn prior(knots: &[f64], curvature: f64) -> DMatrix<f64> {
     };
     add(&[(0, -1.0), (size - 1, 1.0)], SLOPE * (knots[size - 1] - knots[0]));
     // a walk of the slope: its deviation grows with the root of the distance
-    let deviation = curvature * (step / SPACING).powf(1.5);
+    let deviation = curvature * (step / 0.3).powf(1.5);
     for k in 1..size - 1 {
         add(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation);
     }

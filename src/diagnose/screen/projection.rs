@@ -1,9 +1,10 @@
 //! What the fit has eaten: coordinates in which the noise found is white, the fitted signals first and everything else
 //! beside them.
 
+use super::calibration::Normal;
 use super::cells::{Cell, Cells, Drawn};
 use super::shared::Shared;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
 
 /// Combinations of columns (of unit norm) with less than this of the largest energy are not determined.
 const UNDETERMINED: f64 = 1e-12;
@@ -11,6 +12,8 @@ const UNDETERMINED: f64 = 1e-12;
 const WEAK: f64 = 2e-4;
 /// Most combinations of directions that are taken out of the residual.
 const MOST: usize = 40;
+/// Rounds in which these are found.
+const POWERS: usize = 6;
 
 /// Coordinates of all signals in the metric of a noise.
 #[derive(Debug, Clone)]
@@ -45,26 +48,25 @@ fn metric(cells: &Cells, density: &[f64], width: usize) -> DMatrix<f64> {
 impl Frame {
     /// With the noise's density in every cell.
     pub(super) fn new(shared: &Shared, cells: &Cells, density: &[f64]) -> Self {
-        let eigen = SymmetricEigen::new(metric(cells, density, shared.width()));
-        let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-        let own: Vec<usize> = (0..shared.width()).filter(|k| eigen.eigenvalues[*k] > 1e-14 * largest).collect();
-        let root = |k: usize| eigen.eigenvalues[own[k]].sqrt();
-        let vector = |i: usize, k: usize| eigen.eigenvectors[(i, own[k])];
-        let white = DMatrix::from_fn(shared.width(), own.len(), |i, k| vector(i, k) / root(k));
-        let back = DMatrix::from_fn(own.len(), shared.width(), |k, i| vector(i, k) * root(k));
-        let (fitted, directions) = (&back * &shared.fitted, back * &shared.directions);
+        let factor = root(metric(cells, density, shared.width()));
+        let (fitted, directions) = (factor.tr_mul(&shared.fitted), factor.tr_mul(&shared.directions));
         let combine = orthonormal(&(fitted.transpose() * &fitted));
-        let eaten = fitted * &combine;
-        let rest = beside(&eaten);
-        let along = eaten.transpose() * &directions;
-        let mut axes = DMatrix::zeros(shared.width(), eaten.ncols() + rest.ncols());
-        axes.columns_mut(0, eaten.ncols()).copy_from(&(&white * &eaten));
-        axes.columns_mut(eaten.ncols(), rest.ncols()).copy_from(&(white * &rest));
+        let eaten = combine.ncols();
+        // all of Q: the first columns span what is fitted, the others the space beside it
+        let turn = QR::new(fitted * &combine);
+        let mut directions = directions;
+        let energy = directions.column_iter().map(|d| d.norm_squared()).collect();
+        turn.q_tr_mul(&mut directions);
+        let mut axes = DMatrix::identity(shared.width(), shared.width());
+        turn.q_tr_mul(&mut axes);
+        let mut axes = axes.transpose();
+        factor.tr_solve_lower_triangular_mut(&mut axes);
+        let along = directions.rows(0, eaten).into_owned();
         Self {
             axes,
-            eaten: eaten.ncols(),
-            energy: directions.column_iter().map(|d| d.norm_squared()).collect(),
-            directions: rest.transpose() * directions,
+            eaten,
+            energy,
+            directions: directions.rows(eaten, shared.width() - eaten).into_owned(),
             compensation: &combine * along,
             errors: combine.row_iter().map(|row| row.norm()).collect(),
         }
@@ -83,29 +85,56 @@ impl Frame {
     /// fitted first (d by k).
     pub(super) fn saturated(&self) -> DMatrix<f64> {
         let strong = strongest(&self.directions);
-        let mut basis = DMatrix::zeros(self.axes.ncols(), self.eaten + strong.len());
+        let mut basis = DMatrix::zeros(self.axes.ncols(), self.eaten + strong.ncols());
         basis.view_mut((0, 0), (self.eaten, self.eaten)).fill_with_identity();
-        for (k, column) in strong.iter().enumerate() {
-            basis.view_mut((self.eaten, self.eaten + k), (column.len(), 1)).copy_from(column);
-        }
+        basis.view_mut((self.eaten, self.eaten), strong.shape()).copy_from(&strong);
         basis
     }
 }
 
-/// Directions of the most energy among these of unit norm, orthonormal.
-fn strongest(directions: &DMatrix<f64>) -> Vec<DVector<f64>> {
+/// Directions of the most energy among these of unit norm, orthonormal (iteration of a subspace: it need not be the very
+/// strongest that are taken out).
+fn strongest(directions: &DMatrix<f64>) -> DMatrix<f64> {
     let mut unit = directions.clone();
     for mut column in unit.column_iter_mut() {
-        let norm = column.norm();
-        column *= if norm > 0.0 { 1.0 / norm } else { 0.0 };
+        column.try_normalize_mut(0.0);
     }
-    let eigen = SymmetricEigen::new(&unit * unit.transpose());
-    let mut order: Vec<usize> = (0..unit.nrows()).collect();
+    let size = unit.nrows();
+    if size == 0 {
+        return DMatrix::zeros(0, 0);
+    }
+    let mut normal = Normal::new(0);
+    let mut subspace = DMatrix::from_fn(size, size.min(MOST + MOST / 2), |_, _| normal.next());
+    let back = unit.transpose();
+    for _ in 0..POWERS {
+        subspace = QR::new(&unit * (&back * subspace)).q();
+    }
+    let seen = &back * &subspace;
+    let eigen = SymmetricEigen::new(seen.transpose() * &seen);
+    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
     let largest = order.first().map_or(0.0, |k| eigen.eigenvalues[*k]);
     order.truncate(MOST);
     order.retain(|k| eigen.eigenvalues[*k] > WEAK * largest && eigen.eigenvalues[*k] > 0.0);
-    order.iter().map(|k| eigen.eigenvectors.column(*k).into_owned()).collect()
+    subspace * DMatrix::from_fn(eigen.eigenvalues.len(), order.len(), |i, k| eigen.eigenvectors[(i, order[k])])
+}
+
+/// L with L L' of a metric; what has no weight gets a little.
+fn root(mut metric: DMatrix<f64>) -> DMatrix<f64> {
+    let least = 1e-13 * metric.trace() / metric.nrows().max(1) as f64;
+    let mut add = 0.0;
+    loop {
+        let mut held = metric.clone();
+        (0..held.nrows()).for_each(|k| held[(k, k)] += add);
+        if let Some(factor) = held.cholesky() {
+            return factor.unpack();
+        }
+        add = if add > 0.0 { add * 100.0 } else { least };
+        if !(add.is_finite() && add < 1e6 * metric.trace()) {
+            metric = DMatrix::identity(metric.nrows(), metric.ncols());
+            add = 0.0;
+        }
+    }
 }
 
 /// Combinations of columns, orthonormal by these products; those that nothing determines are left out.
@@ -118,16 +147,6 @@ fn orthonormal(products: &DMatrix<f64>) -> DMatrix<f64> {
     let own: Vec<usize> = (0..size).filter(|k| eigen.eigenvalues[*k] > UNDETERMINED * largest).collect();
     let entry = |i: usize, k: usize| scale[i] * eigen.eigenvectors[(i, own[k])] / eigen.eigenvalues[own[k]].sqrt();
     DMatrix::from_fn(size, own.len(), entry)
-}
-
-/// Orthonormal columns that fill the space beside these.
-fn beside(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let size = columns.nrows();
-    let eigen = SymmetricEigen::new(columns * columns.transpose());
-    let mut order: Vec<usize> = (0..size).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-    let rest = size.saturating_sub(columns.ncols());
-    DMatrix::from_fn(size, rest, |i, k| eigen.eigenvectors[(i, order[k])])
 }
 
 /// Leverage of orthonormal combinations (of shared columns) in a cell: how many of its lines they take out.

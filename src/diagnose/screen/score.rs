@@ -30,7 +30,7 @@ pub struct Direction {
 }
 
 /// Below this share of its energy a direction is what was fitted already.
-pub(super) const ABSORBED: f64 = 1e-8;
+pub(super) const ABSORBED: f64 = 1e-5;
 
 /// What is scored at once: a direction, or all of a group.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,9 +63,8 @@ impl Trial {
         trials
     }
 
-    /// From the directions' coordinates, a metric of these and products of the residual with the directions.
-    pub(super) fn score(&self, directions: &DMatrix<f64>, weighed: &DMatrix<f64>, z: &DVector<f64>) -> Score {
-        let product = |i: usize, j: usize| directions.column(i).dot(&weighed.column(j));
+    /// From products of the residual with the directions and of these with each other.
+    pub(super) fn score(&self, z: &[f64], product: impl Fn(usize, usize) -> f64) -> Score {
         if let [k] = self.members[..] {
             return Score::single(self.shape, z[k], product(k, k));
         }
@@ -138,19 +137,11 @@ pub(super) struct Best {
     pub(super) equivalent: f64,
 }
 
-/// Scores all trials of all candidates.
-pub(super) fn best(
-    trials: &[Trial],
-    candidates: usize,
-    directions: &DMatrix<f64>,
-    metric: Option<&DMatrix<f64>>,
-    residual: &DVector<f64>,
-) -> Vec<Best> {
-    let z = directions.tr_mul(residual);
-    let weighed = metric.map(|m| m * directions);
+/// Scores all trials of all candidates, by products of the residual with the directions and of these with each other.
+pub(super) fn best(trials: &[Trial], candidates: usize, z: &[f64], product: impl Fn(usize, usize) -> f64) -> Vec<Best> {
     let mut best = vec![Best::default(); candidates];
     for (k, trial) in trials.iter().enumerate() {
-        let score = trial.score(directions, weighed.as_ref().unwrap_or(directions), &z);
+        let score = trial.score(z, &product);
         let equivalent = trial.equivalent(score.statistic);
         let place = &mut best[trial.candidate];
         if place.trial.is_none() || equivalent > place.equivalent {

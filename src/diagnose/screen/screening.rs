@@ -4,6 +4,7 @@ use super::consistency::Consistency;
 use super::judge::Judge;
 use super::lines::{Lines, Record};
 use super::noise::LogSpectrum;
+use super::rest::Outlier;
 use super::score::Direction;
 use super::shared::Shared;
 use nalgebra::DMatrix;
@@ -101,6 +102,10 @@ pub struct Screening {
     pub family_wise: f64,
     /// Spectrum of each output's noise.
     pub spectra: Vec<LogSpectrum>,
+    /// Lines and samples that were cut back because noise does not make them.
+    pub outliers: Vec<Outlier>,
+    /// Whether noise that outputs share was found, and was taken into account.
+    pub correlated: bool,
     /// G: products of the projected directions.
     pub gram: DMatrix<f64>,
     /// What the fitted parameters were moved by, for one unit of each direction (p by m).
@@ -147,7 +152,7 @@ pub fn screen(
     options: &ScreeningOptions,
 ) -> Result<Screening, ScreeningError> {
     let shared = gathered(records, channels, directions, options)?;
-    let judge = Judge::new(&shared, directions);
+    let judge = Judge::new(shared, directions);
     Ok(judge.verdict(options.draws))
 }
 

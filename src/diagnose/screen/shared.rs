@@ -5,8 +5,10 @@ use super::lines::Lines;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rayon::prelude::*;
 
-/// Columns of unit norm are carried but for this share of their energy.
-const LOST: f64 = 1e-11;
+/// Directions of unit norm are carried but for about this share of their energy.
+const LOST: f64 = 1e-8;
+/// Fitted columns count so many times as much: what a fit has taken out must be taken out here too.
+const FITTED: f64 = 100.0;
 
 /// One output of one run (or of a difference between runs) in the shared columns.
 #[derive(Debug, Clone)]
@@ -23,6 +25,8 @@ pub(super) struct Part {
     pub(super) basis: DMatrix<f64>,
     /// The residual.
     pub(super) residual: DVector<f64>,
+    /// A difference between runs that repeat each other: noise alone.
+    pub(super) reference: bool,
 }
 
 /// All runs in shared columns.
@@ -34,6 +38,8 @@ pub(super) struct Shared {
     pub(super) fitted: DMatrix<f64>,
     /// r by m directions.
     pub(super) directions: DMatrix<f64>,
+    /// The same, of unit norm.
+    pub(super) unit: DMatrix<f64>,
     /// Outputs q.
     pub(super) channels: usize,
 }
@@ -47,7 +53,8 @@ impl Shared {
         let each: Vec<DMatrix<f64>> = lines.par_iter().map(squares).collect();
         let mut gram = DMatrix::zeros(count, count);
         each.iter().for_each(|own| gram += own);
-        let scale = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
+        let mut scale = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 0.0 });
+        scale.rows_mut(0, p).unscale_mut(FITTED);
         let inverse = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
         let eigen = SymmetricEigen::new(DMatrix::from_fn(count, count, |i, j| gram[(i, j)] * inverse[i] * inverse[j]));
         let kept: Vec<usize> = (0..count).filter(|k| eigen.eigenvalues[*k] > LOST).collect();
@@ -62,10 +69,15 @@ impl Shared {
             frequency: l.frequency,
             basis: l.columns * &combine,
             residual: l.residual,
+            reference: false,
         };
         let parts = lines.into_par_iter().map(part).collect();
         let directions = carried.columns(p, count - p).into_owned();
-        Self { parts, fitted: carried.columns(0, p).into_owned(), directions, channels }
+        let mut unit = directions.clone();
+        for mut column in unit.column_iter_mut() {
+            column.try_normalize_mut(0.0);
+        }
+        Self { parts, fitted: carried.columns(0, p).into_owned(), directions, unit, channels }
     }
 
     /// Shared columns r.

@@ -73,7 +73,9 @@ fn resonant(samples: usize, normal: &mut Normal) -> Vec<f64> {
         (b, a) = (a, e);
         e / 4.2
     };
-    (0..50).for_each(|_| drop(next()));
+    for _ in 0..50 {
+        next();
+    }
     (0..samples).map(|_| next()).collect()
 }
 

@@ -3,4 +3,5 @@
 
 mod colour;
 mod family;
+mod screened;
 mod studies;

@@ -119,3 +119,86 @@ fn power() {
         }
     }
 }
+/// 300 directions of 100 candidates, as forces that are made of inputs and states drive outputs of common modes.
+fn many(runs: usize, samples: usize, channels: usize) -> (Vec<Record>, Vec<Direction>) {
+    let mut normal = Normal::new(4);
+    let mut records = Vec::new();
+    for run in 0..runs {
+        let base: Vec<Vec<f64>> = (0..12)
+            .map(|b| {
+                let (pole, mut x) = ([1.0, 0.1, 0.02][b / 4], 0.0);
+                let u = |n: usize| if (n / (31 + 13 * run + 17 * (b % 4))) % 2 == 0 { 1.0 } else { -0.6 };
+                let mut next = |n: usize| {
+                    x += pole * (u(n) - x);
+                    x
+                };
+                (0..samples).map(&mut next).collect()
+            })
+            .collect();
+        let mut random = Normal::new(8);
+        let mut signal = |k: usize| -> Signals {
+            let mut pick = || (random.uniform() * 12.0) as usize;
+            let (i, j, delay) = (pick(), pick(), pick());
+            let force = |n: usize| {
+                let (a, b) = (base[i][n.saturating_sub(delay)], base[j][n]);
+                [a, a * b, a * a.abs(), a * a * a][k % 4]
+            };
+            let weights: Vec<f64> = (0..channels).map(|_| random.next()).collect();
+            let mut all = vec![0.0; samples * channels];
+            let mut modes = [[0.0; 2]; 3];
+            for n in 0..samples {
+                for (mode, [x, v]) in modes.iter_mut().enumerate() {
+                    let pole = [0.03, 0.08, 0.2][mode];
+                    *v += pole * (pole * (force(n) - *x) - 0.8 * *v);
+                    *x += *v;
+                }
+                for (c, weight) in weights.iter().enumerate() {
+                    all[n * channels + c] = weight * modes[c % 3][0] + 0.2 * modes[(c + k) % 3][1];
+                }
+            }
+            all
+        };
+        records.push(Record {
+            interval: 0.02,
+            fitted: (0..25).map(|k| Some(signal(k))).collect(),
+            directions: (0..300).map(&mut signal).collect(),
+            residual: (0..samples * channels).map(|_| normal.next()).collect(),
+        });
+    }
+    let shape = |k: usize| if k % 3 == 0 { Shape::Smallest } else { Shape::Finite };
+    let directions = (0..300).map(|k| Direction { candidate: k / 3, size: 1.0, shape: shape(k) }).collect();
+    (records, directions)
+}
+
+#[test]
+#[ignore = "a measurement of time"]
+fn speed() {
+    let (records, directions) = many(3, 2000, 8);
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for draws in [0, number("FDM_DRAWS", 400) as usize] {
+        let options = ScreeningOptions { draws, ..ScreeningOptions::default() };
+        let start = std::time::Instant::now();
+        let found = one.install(|| screen(&records, 8, &directions, &options).unwrap());
+        println!(
+            "{draws} draws: {:.2} s on one thread (chance {:.2})",
+            start.elapsed().as_secs_f64(),
+            found.family_wise
+        );
+    }
+}
+
+/// Runs that repeat each other.
+#[test]
+#[ignore = "a study: some minutes in release"]
+fn false_alarms_repeated() {
+    println!("| family | noise | runs | at 20 % | at 5 % | at 1 % | candidates in front |");
+    let made = [
+        ("short period, 2 equal runs", super::family::short_period(2, true)),
+        ("ship, 3 equal runs", super::family::ship(300.0, 3, true)),
+    ];
+    for (name, family) in made {
+        for colour in chosen(&Colour::ALONE) {
+            alarms(name, &family, colour);
+        }
+    }
+}
