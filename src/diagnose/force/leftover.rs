@@ -10,7 +10,7 @@ use super::driven::Driven;
 use super::likelihood::settle;
 use super::place::{ForceError, Passage};
 use super::quadrature::Quadrature;
-use super::sheet::{Cosines, DROPPED, Sheet, sheets};
+use super::sheet::{Cosines, Sheet, sheets};
 use super::signals::Signals;
 use super::spectra::{Density, Spectra};
 use crate::diagnose::screen::{Normal, exceedance};
@@ -18,6 +18,7 @@ use crate::model::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, Gamma};
 
 /// Widths of bands: ratio of their ends, and the fewest lines of the longest run.
 const WIDTHS: [(f64, usize); 3] = [(1.06, 6), (1.25, 10), (2.0, 20)];
@@ -117,21 +118,51 @@ pub fn leftover(model: &Model, passages: &[Passage<'_>]) -> Result<Leftover, For
 type Rows = std::ops::Range<usize>;
 
 /// One band: where it lies, and its lines in every run.
+#[derive(Debug, Clone)]
 struct Band {
+    /// Which of the widths it has, and whether it is one of those that do not overlap.
+    width: usize,
+    disjoint: bool,
     low: f64,
     high: f64,
     rows: Vec<Rows>,
 }
 
-/// An output against a partner in a band: share and chance.
+/// An output against a partner in a band, or in all bands of a width together: share and chance.
 #[derive(Debug, Clone, Copy)]
 struct Test {
     output: usize,
     /// Signals first, then outputs.
     partner: usize,
-    band: usize,
+    /// None for all.
+    band: Option<usize>,
     share: f64,
     chance: f64,
+}
+
+/// Bands that do not overlap, taken together.
+#[derive(Debug, Clone, Copy, Default)]
+struct Together {
+    follows: f64,
+    total: f64,
+    /// Sum of minus the logarithms of the chances.
+    logs: f64,
+    bands: usize,
+}
+
+impl Together {
+    fn add(&mut self, follows: f64, total: f64, chance: f64) {
+        self.follows += follows;
+        self.total += total;
+        self.logs -= chance.max(f64::MIN_POSITIVE).ln();
+        self.bands += 1;
+    }
+
+    /// Fisher's: minus the logarithms of chances are exponential variates, their sum is a gamma variate.
+    fn test(&self, output: usize, partner: usize) -> Test {
+        let chance = Gamma::new(self.bands as f64, 1.0).map_or(1.0, |gamma| gamma.sf(self.logs));
+        Test { output, partner, band: None, share: self.follows / self.total, chance }
+    }
 }
 
 struct Judge<'a> {
@@ -200,26 +231,31 @@ impl<'a> Judge<'a> {
             })
             .collect();
         let mut tests = Vec::with_capacity(self.bands.len() * q * (self.signals + q));
-        let mut test = |output: usize, partner: usize, band: usize, basis: &DMatrix<f64>| {
-            let lines = &own[output][band];
-            let (total, free) = (lines.norm_squared(), lines.nrows() as f64 - 2.0);
-            if basis.ncols() < 2 || total <= 0.0 {
-                return;
+        let mut test = |output: usize, partner: usize, bases: &[DMatrix<f64>]| {
+            let mut together = [Together::default(); WIDTHS.len()];
+            for (k, (band, basis)) in self.bands.iter().zip(bases).enumerate() {
+                let lines = &own[output][k];
+                let (total, free) = (lines.norm_squared(), lines.nrows() as f64 - 2.0);
+                if basis.ncols() < 2 || total <= 0.0 {
+                    continue;
+                }
+                let follows = basis.tr_mul(lines).norm_squared();
+                let share = (follows / total).min(1.0);
+                let chance = (1.0 - share).powf(free / 2.0);
+                tests.push(Test { output, partner, band: Some(k), share, chance });
+                if band.disjoint {
+                    together[band.width].add(follows, total, chance);
+                }
             }
-            let share = (basis.tr_mul(lines).norm_squared() / total).min(1.0);
-            tests.push(Test { output, partner, band, share, chance: (1.0 - share).powf(free / 2.0) });
+            tests.extend(together.iter().filter(|t| t.bands > 1).map(|t| t.test(output, partner)));
         };
         for (signal, bases) in self.bases.iter().enumerate() {
-            for (band, basis) in bases.iter().enumerate() {
-                (0..q).for_each(|output| test(output, signal, band, basis));
-            }
+            (0..q).for_each(|output| test(output, signal, bases));
         }
         for other in 0..q.saturating_sub(1) {
             let lines: Vec<DMatrix<f64>> = (0..white.len()).map(|run| self.late(run, &white[run], other)).collect();
-            for band in 0..self.bands.len() {
-                let basis = basis(&gathered(&lines, &self.bands[band]));
-                (other + 1..q).for_each(|output| test(output, self.signals + other, band, &basis));
-            }
+            let bases: Vec<DMatrix<f64>> = self.bands.iter().map(|band| basis(&gathered(&lines, band))).collect();
+            (other + 1..q).for_each(|output| test(output, self.signals + other, &bases));
         }
         tests
     }
@@ -280,12 +316,16 @@ impl<'a> Judge<'a> {
                 Some(function) => Partner::Function(function.text.clone()),
                 None => Partner::Output(name(test.partner - self.signals)),
             };
-            let band = &self.bands[test.band];
+            let ends = |band: Option<usize>| match band {
+                Some(band) => (self.bands[band].low, self.bands[band].high),
+                None => self.bands.iter().fold((f64::INFINITY, 0.0_f64), |a, b| (a.0.min(b.low), a.1.max(b.high))),
+            };
+            let (low, high) = ends(test.band);
             coherences.push(Coherence {
                 output: name(test.output),
                 partner,
-                low: band.low,
-                high: band.high,
+                low,
+                high,
                 share: test.share,
                 chance: test.chance,
             });
@@ -328,17 +368,20 @@ fn bands(sheets: &[Sheet]) -> Vec<Band> {
     let Some(longest) = sheets.iter().max_by_key(|s| s.frequency.len()) else { return Vec::new() };
     let f = &longest.frequency;
     let mut bands = Vec::new();
-    for (ratio, fewest) in WIDTHS {
-        let mut first = 0;
+    for (width, (ratio, fewest)) in WIDTHS.into_iter().enumerate() {
+        let (mut first, mut free) = (0, 0);
         while first + fewest <= f.len() {
             let last = f.partition_point(|v| *v < f[first] * ratio).max(first + fewest).min(f.len());
             let (low, high) = (f[first], f[last - 1]);
             let rows = |s: &Sheet| s.frequency.partition_point(|v| *v < low)..s.below(high);
-            bands.push(Band { low, high, rows: sheets.iter().map(rows).collect() });
+            let disjoint = first >= free;
+            if disjoint {
+                free = last;
+            }
+            bands.push(Band { width, disjoint, low, high, rows: sheets.iter().map(rows).collect() });
             // each begins in the middle of the one before
             first += ((last - first) / 2).max(1);
         }
     }
-    debug_assert!(f.first().is_none_or(|v| *v > 0.0 && DROPPED > 0));
     bands
 }

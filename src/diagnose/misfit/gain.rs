@@ -57,7 +57,8 @@ impl Lines {
 /// In-phase and late part of the record, and what is known of them.
 #[derive(Debug, Clone, Copy, Default)]
 struct Parts {
-    squares: f64,
+    /// Products of the response with itself, with the late response, and of that with itself.
+    squares: [f64; 3],
     in_phase: f64,
     late: f64,
     total: f64,
@@ -70,7 +71,7 @@ impl Parts {
         let mut parts = Self { count: rows.len(), ..Self::default() };
         for k in rows {
             let (z, y, h) = (lines.measured[k], lines.response[k], lines.late[k]);
-            parts.squares += 0.5 * (y * y + h * h);
+            parts.squares.iter_mut().zip([y * y, y * h, h * h]).for_each(|(sum, v)| *sum += v);
             parts.in_phase += z * y;
             parts.late += z * h;
             parts.total += z * z;
@@ -80,7 +81,7 @@ impl Parts {
 
     fn with(self, other: Self) -> Self {
         Self {
-            squares: self.squares + other.squares,
+            squares: std::array::from_fn(|k| self.squares[k] + other.squares[k]),
             in_phase: self.in_phase + other.in_phase,
             late: self.late + other.late,
             total: self.total + other.total,
@@ -90,16 +91,24 @@ impl Parts {
 
     /// Multiples of the response and of the late response that make the record, and their deviation.
     fn solved(self) -> (f64, f64, f64) {
-        let (a, b) = (self.in_phase / self.squares, self.late / self.squares);
+        let [own, cross, late] = self.squares;
+        let determinant = own * late - cross * cross;
+        let a = (late * self.in_phase - cross * self.late) / determinant;
+        let b = (own * self.late - cross * self.in_phase) / determinant;
         let left = (self.total - a * self.in_phase - b * self.late).max(0.0);
         let free = self.count.saturating_sub(2).max(1) as f64;
-        (a, b, (left / free / self.squares).sqrt())
+        (a, b, (left / free * (own + late) / 2.0 / determinant).sqrt())
+    }
+
+    /// Power of the response.
+    fn power(self) -> f64 {
+        self.squares[0]
     }
 
     fn is_off(self) -> Option<(bool, bool)> {
         let (a, b, deviation) = self.solved();
         let far = |value: f64| value.abs() > CLEAR * deviation;
-        (far(a - 1.0) || far(b)).then_some((a > 1.0, b > 0.0))
+        (deviation.is_finite() && (far(a - 1.0) || far(b))).then_some((a > 1.0, b > 0.0))
     }
 }
 
@@ -116,12 +125,12 @@ pub(super) fn gains(channels: &[Channel<'_>]) -> Vec<Gain> {
         let (low, high) = (f[first], f.get(last).copied().unwrap_or(f64::INFINITY));
         let runs: Vec<Parts> = lines.iter().map(|l| Parts::of(l, low, high)).collect();
         let all = runs.iter().fold(Parts::default(), |a, b| a.with(*b));
-        if all.squares > POWER * power
+        if all.power() > POWER * power
             && let Some(sides) = all.is_off()
         {
             let (a, b, deviation) = all.solved();
             let powerful: Vec<&Parts> =
-                runs.iter().filter(|r| r.squares > 0.1 * all.squares / runs.len() as f64).collect();
+                runs.iter().filter(|r| r.power() > 0.1 * all.power() / runs.len() as f64).collect();
             let (by_gain, by_phase) = ((a - 1.0).abs() > b.abs(), sides);
             let agrees = |parts: &&&Parts| {
                 let (own, late, _) = parts.solved();
