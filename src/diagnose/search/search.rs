@@ -374,7 +374,7 @@ impl Search<'_> {
         let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
         match attribution.map(|a| a.verdict) {
             Some(force::Verdict::Disturbance) => Verdict::Disturbance,
-            Some(force::Verdict::UnknownCause) if clear => Verdict::UnknownCause,
+            // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
             _ if clear => Verdict::UnknownCause,
             _ => Verdict::NoEffectFound,
