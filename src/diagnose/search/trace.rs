@@ -162,9 +162,10 @@ impl Bench<'_> {
             return Err("the records leave no value to try".into());
         }
         let level = self.level(&points).ok_or("the extended model has no response at any value that is tried")?;
-        let steps: Vec<Steps> = (0..self.runs.len()).map(|r| self.steps(r, level)).collect();
+        // those of held-out runs too, for the fits
+        let steps: Vec<Steps> = (0..self.stage.steps.len()).map(|r| self.steps(r, level)).collect();
         let mut benches = Vec::new();
-        for (r, steps) in steps.iter().enumerate() {
+        for (r, steps) in steps.iter().enumerate().take(self.runs.len()) {
             benches.push(self.run(r, steps).ok_or("the extended model cannot be simulated over these runs")?);
         }
         let (mut kept, mut signals) = (Vec::new(), Vec::new());
