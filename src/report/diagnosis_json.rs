@@ -58,9 +58,7 @@ fn is_force(d: &Diagnosis) -> bool {
 /// what there is.
 fn sites(d: &Diagnosis) -> Value {
     let places = d.places.iter().flat_map(|p| &p.forces).filter(|site| is_force(d) && site.evidence > 0.0);
-    let one = |site: &Site| {
-        json!({ "name": site.place.name, "kind": site.place.kind, "evidence": site.evidence, "size": site.size })
-    };
+    let one = |site: &Site| json!({ "name": site.place.name, "kind": site.place.kind, "evidence": site.evidence, "size": site.size });
     places.map(one).collect()
 }
 

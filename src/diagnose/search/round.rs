@@ -30,8 +30,9 @@ const FOLLOWED: usize = 2;
 /// Corrections of a first look, and of a fit.
 const LOOK: usize = 3;
 const WHOLE: usize = 40;
-/// Contenders that stay this far behind the best are not judged by the second noise.
+/// Contenders that stay this far behind the best, and below this part of its gain, are not judged by the second noise.
 const BEHIND: f64 = 40.0;
+const PART: f64 = 0.25;
 
 /// The runs of a diagnosis: those that are learned from, then those that are held out.
 #[derive(Clone, Copy)]
@@ -92,6 +93,8 @@ pub(super) struct Contest {
     pub(super) metric: Metric,
     /// The best score first.
     pub(super) contenders: Vec<Contender>,
+    /// Those that stayed far behind, by the first noise.
+    pub(super) far: Vec<Contender>,
 }
 
 /// The price of a parameter in log-likelihood.
@@ -163,17 +166,17 @@ impl<'a> Round<'a> {
         drop(beside);
         sort(&mut contenders);
         let Some(best) = contenders.first() else {
-            return Ok(Contest { metric, contenders });
+            return Ok(Contest { metric, contenders, far: Vec::new() });
         };
         // the noise that the best model leaves judges all
         let metric = self.renewed(best).unwrap_or(metric);
         let base = self.base(&metric, &base.theta)?;
-        let near = contenders[0].gain - BEHIND;
-        contenders.retain(|c| c.gain >= near);
+        let near = (contenders[0].gain - BEHIND).min(PART * contenders[0].gain);
+        let (mut contenders, far): (Vec<_>, Vec<_>) = contenders.into_iter().partition(|c| c.gain >= near);
         let base_held = self.base_held(&metric, &base);
         contenders.par_iter_mut().for_each(|c| self.judge(c, &metric, &base, base_held.as_ref()));
         sort(&mut contenders);
-        Ok(Contest { metric, contenders })
+        Ok(Contest { metric, contenders, far })
     }
 
     /// Candidates that are worth a fit: the best by lead, and all whose promise is within reach of the best.
@@ -232,8 +235,7 @@ impl<'a> Round<'a> {
         };
         let look = |(k, (_, amount, point, _)): (usize, &(f64, f64, usize, Vec<f64>))| {
             let values = trace.points[*point].at(*amount, attached.params());
-            let starts: Vec<Vec<f64>> =
-                (0..self.runs.train).map(|r| attached.theta(self.stage, r, &values)).collect();
+            let starts: Vec<Vec<f64>> = (0..self.runs.train).map(|r| attached.theta(self.stage, r, &values)).collect();
             Some((posed.fit(&starts, LOOK)?, k))
         };
         let mut looks: Vec<(Fitting, usize)> = promised.iter().enumerate().filter_map(look).collect();

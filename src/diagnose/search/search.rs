@@ -1,6 +1,7 @@
 //! The road from a model as it stands to a diagnosis.
 
 use super::attached::Attached;
+use super::beside::cosine;
 use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
 use super::evidence::Seen;
@@ -10,7 +11,7 @@ use super::measured::Measured;
 use super::metric::Metric;
 use super::options::{SearchOptions, Watcher};
 use super::refit::{Fitting, Posed};
-use super::round::{Contest, Round, Runs, new_values, place};
+use super::round::{Contender, Contest, PRICE, Round, Runs, new_values, place};
 use super::search_error::SearchError;
 use super::stage::Stage;
 use crate::diagnose::diagnosis::{Cause, Diagnosis, Rejected, Round as Told, Verdict};
@@ -25,6 +26,12 @@ use std::collections::BTreeSet;
 const DIGITS: usize = 5;
 /// Part of the whole gain below which another effect is not looked for.
 const MARGINAL: f64 = 0.01;
+/// Contenders whose second effects are looked at, where the best one leaves much.
+const BEGINNINGS: usize = 3;
+/// Part of the best score that such a contender has.
+const RIVAL: f64 = 0.25;
+/// Cosine above which two contenders are one beginning.
+const ALIKE: f64 = 0.97;
 
 /// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
 /// and accepts what holds; again, until nothing more is justified.
@@ -49,7 +56,9 @@ pub fn search(
     }
     watcher("fitting the model as it stands");
     let first = first_stage(model, runs, options)?;
-    Search { runs, catalogue, options, watcher, accepted: Vec::new(), rejected: Vec::new(), told: Vec::new() }.run(first)
+    let own = names(&first.model);
+    let (accepted, rejected, told) = (Vec::new(), Vec::new(), Vec::new());
+    Search { runs, catalogue, options, watcher, own, accepted, rejected, told }.run(first)
 }
 
 /// The model at its fit by plain output error.
@@ -99,6 +108,8 @@ struct Search<'a> {
     catalogue: &'a Catalogue,
     options: &'a SearchOptions,
     watcher: &'a Watcher<'a>,
+    /// Everything that the user gave a name.
+    own: BTreeSet<String>,
     accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     told: Vec<Told>,
@@ -116,13 +127,12 @@ struct End {
 
 impl Search<'_> {
     fn run(mut self, first: Stage) -> Result<Diagnosis, SearchError> {
-        let own: BTreeSet<String> = names(&first.model);
         let mut grown: Option<Stage> = None;
         let mut end: Option<End> = None;
         loop {
             let stage = grown.as_ref().unwrap_or(&first);
             let measured = Measured::new(stage, self.runs.all);
-            let candidates = self.candidates(stage, &own);
+            let candidates = self.candidates(stage);
             let number = self.told.len() + 1;
             (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
             let mut round = Round::new(stage, self.runs, &candidates, &measured, self.options)?;
@@ -171,11 +181,11 @@ impl Search<'_> {
     }
 
     /// Candidates that attach to what the user wrote, and are not in the model yet.
-    fn candidates(&self, stage: &Stage, own: &BTreeSet<String>) -> Vec<Candidate> {
+    fn candidates(&self, stage: &Stage) -> Vec<Candidate> {
         let places = self.catalogue.places(&stage.subject);
         let fresh = |c: &Candidate| {
             let there = self.accepted.iter().any(|a| a.cause.place == place(c));
-            !there && c.targets().iter().all(|t| own.contains(t))
+            !there && c.targets().iter().all(|t| self.own.contains(t))
         };
         places.candidates.into_iter().filter(fresh).collect()
     }
@@ -188,28 +198,98 @@ impl Search<'_> {
         measured: &Measured,
         number: usize,
     ) -> Result<Option<Stage>, SearchError> {
-        let mut taken = None;
+        let mut fit = Vec::new();
         for (k, contender) in contest.contenders.iter().enumerate() {
             match objection(round, contender) {
-                None => {
-                    taken = Some(k);
-                    break;
-                }
+                None => fit.push(k),
                 Some(reason) => self.rejected.push(rejected(round, number, contender, reason)),
             }
         }
-        let Some(k) = taken else { return Ok(None) };
+        let Some((k, stage)) = self.best_beginning(round, contest, measured, &fit)? else { return Ok(None) };
         let (contender, cause) = (&contest.contenders[k], cause(round, contest, k));
-        let others = contest.contenders.iter().skip(k + 1);
-        for other in others.filter(|c| cause.group.iter().all(|r| r.place != place(&round.traces[c.trace].attached.candidate))) {
+        let grouped = |t: usize| {
+            let own = place(&round.traces[t].attached.candidate);
+            cause.group.iter().any(|rival| rival.place == own)
+        };
+        let others = fit.iter().map(|o| &contest.contenders[*o]).chain(&contest.far);
+        for other in others.filter(|o| !grouped(o.trace)) {
             let behind = contender.score() - other.score();
-            let reason = format!("{behind:.1} behind {} in score", cause.place);
+            let reason = match behind >= 0.0 {
+                true => format!("{behind:.1} behind {} in score", cause.place),
+                false => format!("with a second effect it stays behind {} with one", cause.place),
+            };
             self.rejected.push(rejected(round, number, other, reason));
         }
         let attached = &round.traces[contender.trace].attached;
-        let accepted = Accepted::new(attached, &contender.fitting, cause);
-        let text = Attached::new(&attached.candidate, round.stage, measured, &accepted.choice)
-            .map_err(SearchError::NoFit)?;
+        (self.watcher)(&format!("accepted {}", cause.place));
+        self.accepted.push(Accepted::new(attached, &contender.fitting, cause));
+        Ok(Some(stage))
+    }
+
+    /// The contender to go on with: the best one, unless it leaves much and another one leads further with a second effect.
+    fn best_beginning(
+        &self,
+        round: &Round<'_>,
+        contest: &Contest,
+        measured: &Measured,
+        fit: &[usize],
+    ) -> Result<Option<(usize, Stage)>, SearchError> {
+        let Some(best) = fit.first().copied() else { return Ok(None) };
+        let stage = self.stage_with(round, &contest.contenders[best], measured)?;
+        let score = contest.contenders[best].score();
+        let mut others: Vec<usize> = Vec::new();
+        for k in fit.iter().skip(1).copied() {
+            let own = &contest.contenders[k];
+            let alike = |o: &usize| cosine(&own.direction, &contest.contenders[*o].direction).abs() > ALIKE;
+            let enough = own.score() > RIVAL * score && others.len() + 1 < BEGINNINGS;
+            if enough && !alike(&best) && !others.iter().any(alike) {
+                others.push(k);
+            }
+        }
+        if others.is_empty() || self.accepted.len() + 2 > self.options.most {
+            return Ok(Some((best, stage)));
+        }
+        let costs = |k: usize| PRICE * contest.contenders[k].cost as f64;
+        let Some(first) = self.second_effect(&stage, &contest.metric)? else { return Ok(Some((best, stage))) };
+        (self.watcher)(&format!("the best one leaves much: trying {} other beginnings", others.len()));
+        let mut found = (first + costs(best), best, stage);
+        for k in others {
+            let Ok(stage) = self.stage_with(round, &contest.contenders[k], measured) else { continue };
+            if let Ok(Some(total)) = self.second_effect(&stage, &contest.metric)
+                && total + costs(k) < found.0
+            {
+                found = (total + costs(k), k, stage);
+            }
+        }
+        Ok(Some((found.1, found.2)))
+    }
+
+    /// The cost of the best second effect beside a first one, by a common noise, with the price of its parameters; none where
+    /// nothing is left to be found.
+    fn second_effect(&self, stage: &Stage, metric: &Metric) -> Result<Option<f64>, SearchError> {
+        let measured = Measured::new(stage, self.runs.all);
+        let mut round = Round::new(stage, self.runs, &self.candidates(stage), &measured, self.options)?;
+        if round.screening.family_wise >= self.options.alpha {
+            return Ok(None);
+        }
+        let contest = round.contest(&|_| ())?;
+        let Some(best) = contest.contenders.first() else { return Ok(None) };
+        let posed = Posed {
+            params: best.model.definition().params.clone(),
+            dynamics: best.model.dynamics(),
+            runs: self.runs.train(),
+            steps: &best.steps[..self.runs.train],
+            metric,
+        };
+        let price = PRICE * best.cost as f64;
+        Ok(posed.fit(&best.fitting.theta, 60).map(|fitting| fitting.cost + price))
+    }
+
+    /// The model with a contender in its text, fitted jointly.
+    fn stage_with(&self, round: &Round<'_>, contender: &Contender, measured: &Measured) -> Result<Stage, SearchError> {
+        let attached = &round.traces[contender.trace].attached;
+        let choice = written(attached, &contender.fitting.theta[0]);
+        let text = Attached::new(&attached.candidate, round.stage, measured, &choice).map_err(SearchError::NoFit)?;
         let model = grown(&round.stage.model, &text, round.stage)?;
         let mut theta = contender.fitting.theta.clone();
         match &contender.held {
@@ -219,9 +299,7 @@ impl Search<'_> {
                 theta.extend((self.runs.train..self.runs.all.len()).map(|r| attached.theta(round.stage, r, &values)));
             }
         }
-        (self.watcher)(&format!("accepted {}", accepted.cause.place));
-        self.accepted.push(accepted);
-        Stage::new(model, self.runs.all, theta).map(Some)
+        Stage::new(model, self.runs.all, theta)
     }
 
     /// The last fits by one noise, and everything that is told of them.
@@ -272,7 +350,14 @@ impl Search<'_> {
             detectable: end.detectable,
             left_out: end.left_out,
             biased: if found { biased(&before.fitting.estimates, &after.fitting.estimates) } else { Vec::new() },
-            outputs: output_gains(&first.model, all, train, (&old, &new), metric),
+            // before: as a plain fit of the model has them
+            outputs: output_gains(
+                &first.model,
+                all,
+                train,
+                (&first.response, if found { &new } else { &first.response }),
+                metric,
+            ),
             gains: if found { run_gains(all, train, (&old, &new), metric) } else { Vec::new() },
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),
@@ -289,7 +374,7 @@ impl Search<'_> {
         let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
         match attribution.map(|a| a.verdict) {
             Some(force::Verdict::Disturbance) => Verdict::Disturbance,
-            Some(force::Verdict::UnknownCause) if clear => Verdict::UnknownCause,
+            // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
             _ if clear => Verdict::UnknownCause,
             _ => Verdict::NoEffectFound,

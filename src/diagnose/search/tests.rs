@@ -16,7 +16,8 @@ use rand_chacha::rand_core::SeedableRng;
 const ROLL: &str = "model roll { state phi = free; state p = 0; param w2 = 5 in [0, 100], d = 0.1; \
                     der(phi) = p; der(p) = -w2*phi - d*p DRAG; output roll = phi; }";
 /// A motor with a delay before it.
-const MOTOR: &str = "model motor { input u; state v = 0; param a = 1, b = 2; der(v) = b*INPUT - a*v; output speed = v; }";
+const MOTOR: &str =
+    "model motor { input u; state v = 0; param a = 1, b = 2; der(v) = b*INPUT - a*v; output speed = v; }";
 /// Four effects, so that tests are quick.
 const SOME: &str = "
 effect quadratic_damping(x: state) unless known(der(x)) \"drag\" { param drag = 0; add der(x) += -drag*x*abs(x); }

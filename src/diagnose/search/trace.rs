@@ -74,12 +74,7 @@ impl Point {
 ///
 /// # Errors
 /// Why it is left out, in words.
-pub(super) fn trace(
-    candidate: &Candidate,
-    stage: &Stage,
-    runs: &[Run],
-    measured: &Measured,
-) -> Result<Trace, String> {
+pub(super) fn trace(candidate: &Candidate, stage: &Stage, runs: &[Run], measured: &Measured) -> Result<Trace, String> {
     let attached = Attached::new(candidate, stage, measured, &Choice::new())?;
     if !runs.iter().all(|run| attached.takes(run)) {
         return Err("it needs records that the runs do not have".into());
@@ -103,7 +98,8 @@ fn points(attached: &Attached) -> Vec<Point> {
     let nulls: Vec<f64> = params.iter().map(|p| p.null).collect();
     let mut grids = vec![nulls];
     for (k, param) in params.iter().enumerate().filter(|(_, p)| p.nuisance && p.begins_as.is_none()) {
-        let tried: Vec<f64> = param.trials.iter().copied().filter(|v| (param.lower..=param.upper).contains(v)).collect();
+        let tried: Vec<f64> =
+            param.trials.iter().copied().filter(|v| (param.lower..=param.upper).contains(v)).collect();
         let with = |values: &Vec<f64>, v: f64| {
             let mut values = values.clone();
             values[k] = v;
@@ -166,9 +162,10 @@ impl Bench<'_> {
             return Err("the records leave no value to try".into());
         }
         let level = self.level(&points).ok_or("the extended model has no response at any value that is tried")?;
-        let steps: Vec<Steps> = (0..self.runs.len()).map(|r| self.steps(r, level)).collect();
+        // those of held-out runs too, for the fits
+        let steps: Vec<Steps> = (0..self.stage.steps.len()).map(|r| self.steps(r, level)).collect();
         let mut benches = Vec::new();
-        for (r, steps) in steps.iter().enumerate() {
+        for (r, steps) in steps.iter().enumerate().take(self.runs.len()) {
             benches.push(self.run(r, steps).ok_or("the extended model cannot be simulated over these runs")?);
         }
         let (mut kept, mut signals) = (Vec::new(), Vec::new());
