@@ -108,8 +108,10 @@ impl Signals {
                 })
                 .collect()
         };
-        let functions =
-            forms.iter().map(|f| Function { text: f.text(&names), input: matches!(f, Form::Itself(a) if *a >= n) }).collect();
+        let functions = forms
+            .iter()
+            .map(|f| Function { text: f.text(&names), input: matches!(f, Form::Itself(a) if *a >= n) })
+            .collect();
         let factors = forms.iter().map(|f| f.factor(&size)).collect();
         let courses = rows.iter().map(|rows| forms.iter().map(|f| course(*f, rows)).collect()).collect();
         Ok(Self { functions, courses, factors })

@@ -282,7 +282,9 @@ fn responses_to_forces_are_differences_of_simulations() {
         })
         .unwrap();
     let q = 3;
-    for (place, edit) in [(0, ("de;", "de, w;")), (1, ("der(al) =", "der(al) = w +")), (2, ("der(q) =", "der(q) = w +"))] {
+    for (place, edit) in
+        [(0, ("de;", "de, w;")), (1, ("der(al) =", "der(al) = w +")), (2, ("der(q) =", "der(q) = w +"))]
+    {
         let mut text = SHORT_PERIOD.replace("input de;", "input de, w;");
         if place == 0 {
             text = text.replace("*de", "*(de + w)");
@@ -414,7 +416,9 @@ fn places_of_forces() {
 #[ignore = "a study: some minutes in release"]
 fn verdicts() {
     let repeats: u64 = std::env::var("FDM_REPEATS").ok().and_then(|r| r.parse().ok()).unwrap_or(40);
-    println!("| family | hidden | colour | runs | repeats < 1 % | common < 1 % | repeats < 5 % | common < 5 % | with the effect: repeats, common < 1 %, force > 3 | nothing | effect | disturbance | unknown | warned |");
+    println!(
+        "| family | hidden | colour | runs | repeats < 1 % | common < 1 % | repeats < 5 % | common < 5 % | with the effect: repeats, common < 1 %, force > 3 | nothing | effect | disturbance | unknown | warned |"
+    );
     for family in &FAMILIES {
         let hidden = [
             (Hidden::Nothing, 0.0),
@@ -469,7 +473,10 @@ fn verdicts() {
                     share(&|r| r.3.verdict == Verdict::UnknownCause || !r.3.warnings.is_empty()),
                 );
                 if let Some((_, _, _, verdict)) = rows.first() {
-                    println!("  e.g. {:?} {:?} {:?} {:?}", verdict.by_effect, verdict.by_force, verdict.by_both, verdict.warnings);
+                    println!(
+                        "  e.g. {:?} {:?} {:?} {:?}",
+                        verdict.by_effect, verdict.by_force, verdict.by_both, verdict.warnings
+                    );
                 }
             }
         }

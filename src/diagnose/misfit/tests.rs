@@ -38,11 +38,8 @@ fn described(response: impl Fn(usize, f64) -> f64, record: impl Fn(usize, f64) -
         records.push(Record { interval: INTERVAL, residual, fitted: Vec::new(), directions: Vec::new() });
     }
     let steps = Steps::from(1);
-    let passages: Vec<Passage<'_>> = runs
-        .iter()
-        .zip(&records)
-        .map(|(run, record)| Passage { run, steps: &steps, theta: &[-1.0], record })
-        .collect();
+    let passages: Vec<Passage<'_>> =
+        runs.iter().zip(&records).map(|(run, record)| Passage { run, steps: &steps, theta: &[-1.0], record }).collect();
     let mut all = misfit(&model, &passages);
     assert_eq!(all.len(), 1);
     all.remove(0)
@@ -68,7 +65,11 @@ fn a_late_record_is_late_where_it_is() {
 #[test]
 fn noise_is_called_noise() {
     let found = described(|run, t| tones(run, t, 0.0), |run, t| tones(run, t, 0.0), 0.05);
-    assert!(found.sentences.len() == 1 && found.sentences[0].contains("is the noise of the record"), "{:?}", found.sentences);
+    assert!(
+        found.sentences.len() == 1 && found.sentences[0].contains("is the noise of the record"),
+        "{:?}",
+        found.sentences
+    );
     assert!(found.above_floor < 0.1 && found.gains.is_empty(), "{found:?}");
 }
 
