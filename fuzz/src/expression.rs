@@ -7,9 +7,8 @@ use fdm_grammar::math;
 pub const LEAVES: [&str; 6] = ["x1", "x2", "u", "a", "b", "t"];
 
 const NUMBERS: [f64; 10] = [0.0, 1.0, 2.0, 0.5, 3.0, 10.0, 1e-3, 1e6, 0.1, 7.25];
-const ONE: [&str; 15] = [
-    "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "sign",
-];
+const ONE: [&str; 15] =
+    ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "log10", "sqrt", "abs", "sign"];
 const TWO: [&str; 4] = ["atan2", "min", "max", "hypot"];
 const SIGNS: [&str; 5] = ["+", "-", "*", "/", "^"];
 const COMPARISONS: [&str; 6] = ["<", ">", "<=", ">=", "==", "!="];
@@ -71,10 +70,10 @@ impl Expression {
         }
     }
 
-    /// What it is worth, computed in the order of the text, simplified by nothing.
-    pub fn value(&self, leaves: &[f64; LEAVES.len()]) -> f64 {
-        let v = |e: &Self| e.value(leaves);
-        match self {
+    /// What it is worth, computed in the order of the text, simplified by nothing; every zero on the way is this one.
+    pub fn value(&self, leaves: &[f64; LEAVES.len()], zero: f64) -> f64 {
+        let v = |e: &Self| e.value(leaves, zero);
+        let found = match self {
             Number(value) => *value,
             Leaf(k) => leaves[*k],
             Minus(a) => -v(a),
@@ -102,7 +101,8 @@ impl Expression {
                 };
                 if holds { v(c) } else { v(d) }
             }
-        }
+        };
+        if found == 0.0 { zero } else { found }
     }
 }
 

@@ -84,7 +84,7 @@ pub(super) struct Expressions {
     pub(super) nodes: Vec<ExprId>,
     /// By symbol: what its name stands for.
     symbols: Vec<ExprId>,
-    /// Constants that are not finite although their operands are, with the roots that contain them.
+    /// Constants that are not finite although their operands are, and quotients by zero, with the roots that contain them.
     pub(super) singular: Vec<(ExprRef, ExprRef)>,
     /// Every delay.
     pub(super) delays: Vec<DelayCall>,
@@ -300,7 +300,7 @@ impl Expressions {
             return;
         }
         let expr = scope.tree.expr(e);
-        let infinite = |e: ExprRef| self.constant(e).is_some_and(|v| !v.is_finite());
+        let infinite = |e: ExprRef| self.graph.is_singular(self.of(e));
         let own = match expr {
             Expr::Name(name) => name == "inf",
             _ => true,

@@ -8,6 +8,7 @@ use super::names::Scope;
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::op::ExprId;
+use crate::source::Span;
 use crate::syntax::{Role, Size, Value};
 
 /// Tells constants that are not finite, and what goes wrong at the start values (by param of the model).
@@ -19,13 +20,16 @@ pub(super) fn check(
     start: &[f64],
     findings: &mut Vec<Diagnostic>,
 ) {
-    let infinite = constants_not_finite(&expressions.graph);
+    let infinite = singular(&expressions.graph);
     let mut told = vec![false; scope.tree.expressions.len()];
     for (e, root) in &expressions.singular {
         let present = infinite[expressions.of(*root).index()] && !kinds.of(*root).broken;
         if present && !std::mem::replace(&mut told[root.0 as usize], true) {
-            let value = expressions.constant(*e).unwrap_or(f64::NAN);
-            let message = if value.is_nan() { "this value is not defined" } else { "this value is infinite" };
+            let message = match expressions.constant(*e) {
+                None => "this is divided by 0",
+                Some(value) if value.is_nan() => "this value is not defined",
+                Some(_) => "this value is infinite",
+            };
             let finding = Diagnostic::new(Code::NotFinite, scope.tree.span(*e), message);
             findings.push(
                 finding.hint("look for a division by zero, an overflow, or a root or logarithm of a negative number"),
@@ -33,16 +37,20 @@ pub(super) fn check(
         }
     }
     at_start(scope, kinds, expressions, known, start, &infinite, findings);
+    // a block that must not be given a zero has said so
+    let blocks: Vec<Span> = findings.iter().filter(|f| f.code == Code::BadBlock).map(|f| f.span).collect();
+    let inside = |f: &Diagnostic| blocks.iter().any(|b| f.span.start <= b.start && b.end <= f.span.end);
+    findings.retain(|f| f.code != Code::NotFinite || !inside(f));
 }
 
-/// For each node whether it contains a constant that is not finite.
-fn constants_not_finite(graph: &Graph) -> Vec<bool> {
+/// For each node whether it contains a constant that is not finite, or a division by zero.
+fn singular(graph: &Graph) -> Vec<bool> {
     let mut flags: Vec<bool> = Vec::with_capacity(graph.nodes().len());
-    for node in graph.nodes() {
+    for (k, node) in graph.nodes().iter().enumerate() {
+        let own = graph.is_singular(ExprId(k as u32));
         flags.push(match node {
-            Node::Constant(bits) => !f64::from_bits(*bits).is_finite(),
-            Node::Leaf(_) => false,
-            Node::Apply(op, args) => args[..op.row().arity].iter().any(|a| flags[a.index()]),
+            Node::Apply(op, args) => own || args[..op.row().arity].iter().any(|a| flags[a.index()]),
+            _ => own,
         });
     }
     flags

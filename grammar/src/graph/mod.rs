@@ -115,6 +115,15 @@ impl Graph {
         }
     }
 
+    /// Whether a node is a constant that is not finite, or a quotient by the constant 0.
+    pub fn is_singular(&self, e: ExprId) -> bool {
+        match self.node(e) {
+            Node::Constant(bits) => !f64::from_bits(bits).is_finite(),
+            Node::Apply(Op::Div, [_, under, ..]) => self.constant(under) == Some(0.0),
+            _ => false,
+        }
+    }
+
     /// The nodes that `roots` need, in topological order.
     pub fn reachable(&self, roots: impl IntoIterator<Item = ExprId>) -> Vec<ExprId> {
         let mut wanted = vec![false; self.nodes.len()];

@@ -3,21 +3,29 @@
 //! **In** residuals, sensitivities and one simulated direction for each candidate and size, run by run. **Out** a
 //! [`Screening`]: statistic, size, chance of each candidate, and the chance that the best of all is noise. **Never**
 //! simulates or fits: directions come from whoever can extend a model. **Start** at [`screen`]; its road is
-//! `lines` (cosine transform) -> `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `score` ->
-//! `calibration` (what noise does to the best of many).
+//! `lines` (cosine transform) -> `shared` (the few columns that carry all signals) -> `repeats` (runs that repeat each other) ->
+//! `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `rest` (outliers, noise that outputs
+//! share) -> `score` -> `calibration` (what noise does to the best of many); `judge` goes it, `consistency` compares runs.
 
 mod calibration;
 mod cells;
+mod consistency;
+mod judge;
 mod lines;
 mod noise;
 mod projection;
+mod repeats;
+mod rest;
 mod score;
 mod screening;
+mod shared;
 #[cfg(test)]
 mod tests;
 
 pub(in crate::diagnose) use calibration::{Normal, exceedance};
+pub use consistency::Consistency;
 pub use lines::{Record, Signals};
 pub use noise::LogSpectrum;
+pub use rest::{Outlier, Place};
 pub use score::{Direction, Shape};
 pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};

@@ -1,20 +1,16 @@
 //! The screening of all candidates: noise, scores, chances.
 
-use super::calibration::{Marginals, Normal, exceedance};
-use super::cells::{Cell, Cells, Drawn};
-use super::lines::Record;
-use super::noise::{Left, LogSpectrum};
-use super::projection::{Projected, beside, left_over, leverage};
-use super::score::{ABSORBED, Direction, Score, best};
-use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
+use super::consistency::Consistency;
+use super::judge::Judge;
+use super::lines::{Lines, Record};
+use super::noise::LogSpectrum;
+use super::rest::Outlier;
+use super::score::Direction;
+use super::shared::Shared;
+use nalgebra::DMatrix;
 
 /// Fewest samples of a run: below them no spectrum can be had.
 const LEAST: usize = 32;
-/// Rounds of noise from residuals and projection by noise.
-const ROUNDS: usize = 3;
-/// Lines of a cell below which it is taken to be fitted away.
-const LEAST_FREEDOM: f64 = 0.2;
 
 /// Why runs cannot be screened.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -32,6 +28,15 @@ pub enum ScreeningError {
         /// The least number.
         least: usize,
     },
+    /// A signal that is not a number, or does not have the length of the residual.
+    #[error("run {run}: a residual, sensitivity or direction is not finite where something was measured")]
+    NotFinite {
+        /// Index of the run.
+        run: usize,
+    },
+    /// All residuals are zero.
+    #[error("the model reproduces every measurement exactly: nothing is wrong, and there is no noise to judge by")]
+    NothingWrong,
     /// More is fitted than there are lines.
     #[error("{fitted} values were fitted to {lines} lines: nothing is left to judge by")]
     TooMany {
@@ -74,6 +79,16 @@ pub struct Candidate {
     pub distinct: f64,
     /// The statistic beyond what noise gives it once in a hundred times: by this candidates are ranked.
     pub lead: f64,
+    /// The smallest size that would have been seen, at a family-wise chance of 1 %, four times of five; none where no size
+    /// that was tried would, or where no draws were made.
+    pub detectable: Option<f64>,
+}
+
+impl Candidate {
+    /// The gain in log-likelihood that it promises.
+    pub fn gain(&self) -> f64 {
+        self.statistic / 2.0
+    }
 }
 
 /// The result of screening.
@@ -87,10 +102,43 @@ pub struct Screening {
     pub family_wise: f64,
     /// Spectrum of each output's noise.
     pub spectra: Vec<LogSpectrum>,
+    /// Lines and samples that were cut back because noise does not make them.
+    pub outliers: Vec<Outlier>,
+    /// Whether noise that outputs share was found, and was taken into account.
+    pub correlated: bool,
     /// G: products of the projected directions.
     pub gram: DMatrix<f64>,
     /// What the fitted parameters were moved by, for one unit of each direction (p by m).
     pub compensation: DMatrix<f64>,
+    /// Standard errors of the fitted parameters under this noise (p).
+    pub errors: Vec<f64>,
+    /// The directions that each candidate's statistic is of and their multiples: several where parameters are joined.
+    pub amounts: Vec<Vec<(usize, f64)>>,
+    /// Whether each candidate's effect is of the same size in all runs; none with one run.
+    pub consistency: Vec<Option<Consistency>>,
+}
+
+impl Screening {
+    /// How far the fitted parameters have been moved by the absence of a candidate's effect, in standard errors (p): what they
+    /// are too large by.
+    pub fn bias(&self, candidate: usize) -> Vec<f64> {
+        let moved = |j: usize| -> f64 {
+            self.amounts[candidate].iter().map(|(k, amount)| self.compensation[(j, *k)] * amount).sum()
+        };
+        let bias = |j: usize| if self.errors[j] > 0.0 { moved(j) / self.errors[j] } else { 0.0 };
+        (0..self.errors.len()).map(bias).collect()
+    }
+
+    /// Cosine of the angle between what two candidates add, beside what was fitted, as each promises the most: near 1 or -1
+    /// these runs cannot tell them apart, and of a gain by one the other has the square of this as a share.
+    pub fn cosine(&self, a: usize, b: usize) -> f64 {
+        let product = |a: usize, b: usize| -> f64 {
+            let pairs = self.amounts[a].iter().flat_map(|i| self.amounts[b].iter().map(move |j| (i, j)));
+            pairs.map(|((i, x), (j, y))| x * y * self.gram[(*i, *j)]).sum()
+        };
+        let sizes = product(a, a) * product(b, b);
+        if sizes > 0.0 { (product(a, b) / sizes.sqrt()).clamp(-1.0, 1.0) } else { 0.0 }
+    }
 }
 
 /// Screens directions against the residuals of a fit.
@@ -103,11 +151,9 @@ pub fn screen(
     directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Screening, ScreeningError> {
-    let cells = gathered(records, channels, directions, options)?;
-    let candidates = directions.iter().map(|d| d.candidate + 1).max().unwrap_or(0);
-    let judge = Judge::new(&cells, directions, candidates);
-    let drawn = judge.draws(options.draws);
-    Ok(judge.verdict(drawn))
+    let shared = gathered(records, channels, directions, options)?;
+    let judge = Judge::new(shared, directions);
+    Ok(judge.verdict(options.draws))
 }
 
 fn gathered(
@@ -115,155 +161,43 @@ fn gathered(
     channels: usize,
     directions: &[Direction],
     options: &ScreeningOptions,
-) -> Result<Cells, ScreeningError> {
+) -> Result<Shared, ScreeningError> {
     if records.is_empty() || channels == 0 || directions.is_empty() {
         return Err(ScreeningError::Nothing);
     }
     let least = LEAST.max(2 * options.dropped);
-    let samples = |r: &Record| r.samples(channels);
-    if let Some((run, n)) = records.iter().map(samples).enumerate().find(|(_, n)| *n < least) {
-        return Err(ScreeningError::TooShort { run, samples: n, least });
+    let samples = |r: &Record| (0..channels).map(|c| r.measured(channels, c).len()).max().unwrap_or(0);
+    if let Some((run, samples)) = records.iter().map(samples).enumerate().find(|(_, n)| *n < least) {
+        return Err(ScreeningError::TooShort { run, samples, least });
     }
-    let lines: usize = records.iter().map(|r| channels * (samples(r) - options.dropped)).sum();
+    if let Some(run) = records.iter().position(|r| !is_finite(r)) {
+        return Err(ScreeningError::NotFinite { run });
+    }
+    let mut lines = Lines::of(records, channels, options.dropped, least);
     let fitted = records[0].fitted.len();
-    if 2 * fitted > lines {
-        return Err(ScreeningError::TooMany { fitted, lines });
+    let count: usize = lines.iter().map(|l| l.frequency.len()).sum();
+    if 2 * fitted > count {
+        return Err(ScreeningError::TooMany { fitted, lines: count });
     }
-    Ok(Cells::new(records, channels, options.dropped))
+    let right: Vec<bool> = (0..channels)
+        .map(|c| lines.iter().filter(|l| l.channel == c).all(|l| l.residual.norm_squared() == 0.0))
+        .collect();
+    lines.retain(|l| !right[l.channel]);
+    if lines.is_empty() {
+        return Err(ScreeningError::NothingWrong);
+    }
+    Ok(Shared::new(lines, channels, fitted))
 }
 
-/// Residual, noise and projection that belong together.
-struct Judge<'a> {
-    cells: &'a Cells,
-    directions: &'a [Direction],
-    candidates: usize,
-    spectra: Vec<LogSpectrum>,
-    /// S of each cell.
-    density: Vec<f64>,
-    projected: Projected,
-    /// Combinations that are taken out of the residual before its noise is judged.
-    basis: DMatrix<f64>,
-    /// What they leave of each cell's lines.
-    freedom: Vec<f64>,
-    usable: Vec<bool>,
-    marginals: Marginals,
-}
-
-impl<'a> Judge<'a> {
-    fn new(cells: &'a Cells, directions: &'a [Direction], candidates: usize) -> Self {
-        let mut density = first_density(cells);
-        let mut projected = Projected::new(cells, &density);
-        let (mut basis, mut freedom, mut spectra) = (DMatrix::zeros(0, 0), Vec::new(), Vec::new());
-        for _ in 0..ROUNDS {
-            let held;
-            (basis, held) = projected.saturated();
-            freedom = cells
-                .list
-                .iter()
-                .zip(&density)
-                .map(|(cell, s)| (cell.count as f64 - leverage(cell, *s, &basis)).max(0.0))
-                .collect();
-            let multiples = &basis * held;
-            let rest = |cell: &Cell| {
-                let products = cell.signals.as_ref().map(|s| &s.residual);
-                left_over(cell, cell.residual, products, &multiples)
-            };
-            let left: Vec<f64> = cells.list.iter().map(rest).collect();
-            spectra = fitted_spectra(cells, &left, &freedom);
-            density = densities(cells, &spectra);
-            projected = Projected::new(cells, &density);
-        }
-        let energy = super::projection::weighed(cells, &density).0.diagonal();
-        let own = |k: usize| projected.gram[(k, k)];
-        let usable: Vec<bool> =
-            (0..directions.len()).map(|k| own(k) > ABSORBED * energy[cells.fitted + k]).collect();
-        let marginals = Marginals::new(&projected.gram, directions, candidates, &usable);
-        Self { cells, directions, candidates, spectra, density, projected, basis, freedom, usable, marginals }
-    }
-
-    /// The least chance of any candidate, as minus its logarithm.
-    fn best_of(&self, best: &[(usize, Score)]) -> f64 {
-        let chance = |(k, (_, score)): (usize, &(usize, Score))| self.marginals.chance(k, score.statistic);
-        -best.iter().enumerate().map(chance).fold(1.0, f64::min).ln()
-    }
-
-    /// The same for residuals of noise alone, drawn from spectra as likely as the one that was found.
-    fn draws(&self, count: usize) -> Vec<f64> {
-        (0..count as u64).into_par_iter().map(|seed| self.draw(seed)).collect()
-    }
-
-    fn draw(&self, seed: u64) -> f64 {
-        let mut normal = Normal::new(seed + 1000);
-        let spectra: Vec<LogSpectrum> = self.spectra.iter().map(|s| s.drawn(|| normal.next())).collect();
-        let deviation = |cell: &Cell| spectra[cell.channel].at(cell.log_frequency).sqrt();
-        let drawn = self.cells.noise(deviation, &mut normal);
-        // what a fit and the saturation take out, by the noise that was found
-        let mut held = DVector::zeros(self.basis.ncols());
-        for (own, s) in drawn.iter().zip(&self.density) {
-            if let Some(products) = &own.products {
-                held += self.basis.tr_mul(products) / *s;
-            }
-        }
-        let multiples = &self.basis * held;
-        let rest = |(cell, own): (&Cell, &Drawn)| left_over(cell, own.squares, own.products.as_ref(), &multiples);
-        let left: Vec<f64> = self.cells.list.iter().zip(&drawn).map(rest).collect();
-        let spectra = fitted_spectra(self.cells, &left, &self.freedom);
-        let (z, own) = beside(self.cells, &drawn, &densities(self.cells, &spectra));
-        self.best_of(&best(self.directions, self.candidates, z.as_slice(), own.as_slice(), &self.usable))
-    }
-
-    fn verdict(self, mut drawn: Vec<f64>) -> Screening {
-        let (z, own) = (&self.projected.score, self.projected.gram.diagonal());
-        let best = best(self.directions, self.candidates, z.as_slice(), own.as_slice(), &self.usable);
-        let family_wise = exceedance(&mut drawn, self.best_of(&best));
-        let energy = super::projection::weighed(self.cells, &self.density).0.diagonal();
-        let candidates: Vec<Candidate> = best
-            .iter()
-            .enumerate()
-            .map(|(k, (direction, score))| Candidate {
-                direction: self.usable.get(*direction).copied().unwrap_or(false).then_some(*direction),
-                statistic: score.statistic,
-                amount: score.amount,
-                chance: self.marginals.chance(k, score.statistic),
-                distinct: self.projected.gram[(*direction, *direction)] / energy[self.cells.fitted + direction],
-                lead: score.statistic - self.marginals.quantile(k, 0.01),
-            })
-            .collect();
-        let mut ranking: Vec<usize> = (0..candidates.len()).collect();
-        ranking.sort_by(|a, b| candidates[*b].lead.total_cmp(&candidates[*a].lead));
-        let Projected { gram, compensation, .. } = self.projected;
-        Screening { candidates, ranking, family_wise, spectra: self.spectra, gram, compensation }
-    }
-}
-
-/// The mean square of each output's residual: where the iteration begins.
-fn first_density(cells: &Cells) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0); cells.channels];
-    for cell in &cells.list {
-        sums[cell.channel].0 += cell.residual;
-        sums[cell.channel].1 += cell.count;
-    }
-    let mean = |cell: &Cell| (sums[cell.channel].0 / sums[cell.channel].1 as f64).max(f64::MIN_POSITIVE);
-    cells.list.iter().map(mean).collect()
-}
-
-fn fitted_spectra(cells: &Cells, left: &[f64], freedom: &[f64]) -> Vec<LogSpectrum> {
-    let of = |channel: usize| {
-        let own = cells.list.iter().zip(left).zip(freedom).filter(|((cell, _), _)| cell.channel == channel);
-        // a cell that was fitted away says nothing about its noise
-        let told = own.filter(|(_, freedom)| **freedom > LEAST_FREEDOM);
-        let left: Vec<Left> = told
-            .map(|((cell, left), freedom)| Left {
-                log_frequency: cell.log_frequency,
-                power: left / freedom,
-                freedom: *freedom,
-            })
-            .collect();
-        LogSpectrum::fit(&left)
+/// Whether every signal is a number wherever something was measured, and has the residual's length.
+fn is_finite(record: &Record) -> bool {
+    let fits = |signal: &[f64]| {
+        let mut pairs = signal.iter().zip(&record.residual);
+        signal.len() == record.residual.len() && pairs.all(|(value, residual)| residual.is_nan() || value.is_finite())
     };
-    (0..cells.channels).map(of).collect()
-}
-
-fn densities(cells: &Cells, spectra: &[LogSpectrum]) -> Vec<f64> {
-    cells.list.iter().map(|cell| spectra[cell.channel].at(cell.log_frequency)).collect()
+    record.interval > 0.0
+        && record.interval.is_finite()
+        && fits(&record.residual)
+        && record.fitted.iter().flatten().all(|s| fits(s))
+        && record.directions.iter().all(|s| fits(s))
 }
