@@ -61,6 +61,9 @@ impl Driven {
         courses: &[Vec<f64>],
         take: &mut dyn FnMut(usize, usize, Vec<f64>),
     ) -> Result<(), ForceError> {
+        if self.places == 0 {
+            return Ok(());
+        }
         let theta = self.theta(passage);
         let (n, q) = (passage.run.len(), self.outputs);
         let all = self.model.layout().outputs;

@@ -33,7 +33,7 @@ struct Products {
 
 /// The force's part: U = S^-1/2 X V L^-1/2.
 struct Force {
-    /// L, largest first not needed.
+    /// L, in no order.
     values: DVector<f64>,
     /// V (hats by eigenvalues).
     vectors: DMatrix<f64>,
@@ -133,7 +133,11 @@ fn weighed(columns: &DMatrix<f64>, weight: &DVector<f64>) -> DMatrix<f64> {
 }
 
 impl Force {
-    fn new(gram: DMatrix<f64>, cross: &DMatrix<f64>, p: usize) -> Self {
+    fn new(mut gram: DMatrix<f64>, cross: &DMatrix<f64>, p: usize) -> Self {
+        // numbers that overflow have no eigenvalues: the force is silent there
+        if !gram.iter().chain(cross.iter()).all(|v| v.is_finite()) {
+            gram.fill(0.0);
+        }
         let eigen = SymmetricEigen::new(gram);
         let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
         let kept: Vec<usize> = (0..eigen.eigenvalues.len())

@@ -100,9 +100,10 @@ pub fn localise(model: &Model, passages: &[Passage<'_>]) -> Result<Localisation,
     let hats = responses(&driven, places.len(), passages, &sheets, &knots)?;
     let tried: Vec<Tried> = hats.par_iter().map(|own| Tried::best(&sheets, &knots, own, &null, band)).collect();
     // noise alone may begin where any force has left it
-    let null = tried.iter().map(|t| settle(&sheets, None, &t.settled.spectra)).fold(null, |best, other| {
-        if other.score > best.score { other } else { best }
-    });
+    let null = tried
+        .iter()
+        .map(|t| settle(&sheets, None, &t.settled.spectra))
+        .fold(null, |best, other| if other.score > best.score { other } else { best });
     let mut forces: Vec<(Site, f64)> = places
         .into_iter()
         .zip(&tried)

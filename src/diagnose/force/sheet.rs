@@ -152,6 +152,11 @@ fn orthogonal(sheets: &mut [Sheet]) {
             }
         }
     }
+    // numbers that overflow are not determined by anything
+    products.apply(|v| *v = if v.is_finite() { *v } else { 0.0 });
+    if p == 0 {
+        return;
+    }
     let scale = products.diagonal().map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
     let unit = DMatrix::from_fn(p, p, |i, j| products[(i, j)] * scale[i] * scale[j]);
     let eigen = SymmetricEigen::new(unit);

@@ -282,7 +282,9 @@ fn responses_to_forces_are_differences_of_simulations() {
         })
         .unwrap();
     let q = 3;
-    for (place, edit) in [(0, ("de;", "de, w;")), (1, ("der(al) =", "der(al) = w +")), (2, ("der(q) =", "der(q) = w +"))] {
+    for (place, edit) in
+        [(0, ("de;", "de, w;")), (1, ("der(al) =", "der(al) = w +")), (2, ("der(q) =", "der(q) = w +"))]
+    {
         let mut text = SHORT_PERIOD.replace("input de;", "input de, w;");
         if place == 0 {
             text = text.replace("*de", "*(de + w)");
