@@ -130,8 +130,8 @@ pub struct Screened {
     pub chance: f64,
     /// What is left of it beside the fitted parameters, as a share.
     pub distinct: f64,
-    /// The size that promises it, of the parameter `parameter`.
-    pub size: f64,
+    /// The size that promises it, of the parameter `parameter`; none where the fitted parameters make up for all of it.
+    pub size: Option<f64>,
     /// The parameter.
     pub parameter: String,
 }

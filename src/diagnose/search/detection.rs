@@ -21,7 +21,7 @@ impl Round<'_> {
         let (candidate, attached) = (&self.screening.candidates[t], &self.traces[t].attached);
         let point = candidate.direction.map(|d| &self.traces[t].points[self.owner[d].1]);
         let lead = point.map_or(attached.size(), |p| p.lead);
-        let size = point.map_or(f64::NAN, |p| p.at(candidate.amount, attached.params())[p.lead]);
+        let size = point.map(|p| p.at(candidate.amount, attached.params())[p.lead]);
         Screened {
             place: place(&attached.candidate),
             gain: 0.5 * candidate.statistic,
