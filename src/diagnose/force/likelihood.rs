@@ -92,7 +92,7 @@ pub(super) fn settle(sheets: &[Sheet], hats: Option<&[Hats]>, start: &Spectra) -
         }
         spectra = next;
     }
-    best.unwrap_or_else(|| Settled { spectra, strength: 0.0, score: f64::NEG_INFINITY, profile: f64::NEG_INFINITY })
+    best.unwrap_or(Settled { spectra, strength: 0.0, score: f64::NEG_INFINITY, profile: f64::NEG_INFINITY })
 }
 
 fn products(sheets: &[Sheet], hats: Option<&[Hats]>, densities: &[Density]) -> Vec<Products> {

@@ -72,7 +72,7 @@ impl Sheet {
         let seen: Vec<bool> = record.residual.iter().map(|r| !r.is_nan()).collect();
         let mut residual = DMatrix::zeros(lines, q);
         let mut fitted = vec![DMatrix::zeros(lines, record.fitted.len()); q];
-        for channel in 0..q {
+        for (channel, fitted) in fitted.iter_mut().enumerate() {
             let own = |values: &[f64]| -> Vec<f64> {
                 let cells = (channel..samples * q).step_by(q);
                 cells.map(|at| if seen[at] { values[at] } else { 0.0 }).collect()
@@ -80,7 +80,7 @@ impl Sheet {
             cosines.lines(own(&record.residual).into_iter(), residual.column_mut(channel).as_mut_slice());
             for (k, column) in record.fitted.iter().enumerate() {
                 if let Some(column) = column {
-                    let (values, mut lines) = (own(column), fitted[channel].column_mut(k));
+                    let (values, mut lines) = (own(column), fitted.column_mut(k));
                     let energy: f64 = values.iter().map(|v| v * v).sum();
                     cosines.lines(values.into_iter(), lines.as_mut_slice());
                     // the rounding of a constant is not a signal

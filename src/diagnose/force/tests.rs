@@ -12,6 +12,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
+/// What is left of the model and of the best extended one, the evidence for a force, and what they come to.
+type Row = (Leftover, Leftover, f64, Attribution);
+
 /// An aeroplane's short period.
 const SHORT_PERIOD: &str = "model short_period {
   input de;
@@ -451,9 +454,7 @@ fn verdicts() {
                         (base.1, best.1, best.0.evidence(), verdict)
                     })
                     .collect();
-                let share = |test: &dyn Fn(&(Leftover, Leftover, f64, Attribution)) -> bool| {
-                    rows.iter().filter(|r| test(r)).count()
-                };
+                let share = |test: &dyn Fn(&Row) -> bool| rows.iter().filter(|r| test(r)).count();
                 let verdict = |v: Verdict| share(&move |r| r.3.verdict == v);
                 println!(
                     "| {} | {hidden:?} | {} | {count} | {} | {} | {} | {} | {}, {}, {} | {} | {} | {} | {} | {} |",

@@ -56,12 +56,15 @@ pub(super) struct Lines {
     pub(super) residual: DVector<f64>,
 }
 
+/// A run, an output, its measured samples, and their transform.
+type Planned = (usize, usize, Vec<usize>, Arc<dyn Dct2<f64>>);
+
 impl Lines {
     /// Transforms every output with at least `least` measured samples; the first `dropped` lines (the mean and the slowest
     /// drift) are left out.
     pub(super) fn of(records: &[Record], channels: usize, dropped: usize, least: usize) -> Vec<Self> {
         let mut planner = DctPlanner::new();
-        let mut planned: Vec<(usize, usize, Vec<usize>, Arc<dyn Dct2<f64>>)> = Vec::new();
+        let mut planned: Vec<Planned> = Vec::new();
         for (run, record) in records.iter().enumerate() {
             for channel in 0..channels {
                 let samples = record.measured(channels, channel);
@@ -71,7 +74,7 @@ impl Lines {
                 }
             }
         }
-        let transformed = |(run, channel, samples, dct): (usize, usize, Vec<usize>, Arc<dyn Dct2<f64>>)| {
+        let transformed = |(run, channel, samples, dct): Planned| {
             Self::one(&records[run], (run, channel, channels), samples, dropped, &*dct)
         };
         planned.into_par_iter().map(transformed).collect()

@@ -127,7 +127,7 @@ fn many(runs: usize, samples: usize, channels: usize) -> (Vec<Record>, Vec<Direc
         let base: Vec<Vec<f64>> = (0..12)
             .map(|b| {
                 let (pole, mut x) = ([1.0, 0.1, 0.02][b / 4], 0.0);
-                let u = |n: usize| if (n / (31 + 13 * run + 17 * (b % 4))) % 2 == 0 { 1.0 } else { -0.6 };
+                let u = |n: usize| if (n / (31 + 13 * run + 17 * (b % 4))).is_multiple_of(2) { 1.0 } else { -0.6 };
                 let mut next = |n: usize| {
                     x += pole * (u(n) - x);
                     x
@@ -165,7 +165,7 @@ fn many(runs: usize, samples: usize, channels: usize) -> (Vec<Record>, Vec<Direc
             residual: (0..samples * channels).map(|_| normal.next()).collect(),
         });
     }
-    let shape = |k: usize| if k % 3 == 0 { Shape::Smallest } else { Shape::Finite };
+    let shape = |k: usize| if k.is_multiple_of(3) { Shape::Smallest } else { Shape::Finite };
     let directions = (0..300).map(|k| Direction { candidate: k / 3, size: 1.0, shape: shape(k) }).collect();
     (records, directions)
 }
