@@ -1,4 +1,4 @@
-//! Studies of the level and of the power: tables in docs/diagnosis.md.
+//! Studies of the level and of the power: tables in docs/screening.md.
 
 use super::colour::Colour;
 use super::family::{FAMILIES, Family};
