@@ -8,7 +8,7 @@ use crate::estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
 
 /// Scores that differ by less cannot be told apart (odds 20 : 1).
-const LEAD: f64 = 3.0;
+pub(super) const LEAD: f64 = 3.0;
 /// Least score of an effect that is named.
 const LEAST: f64 = 3.0;
 /// Least size of an effect, in its standard errors.

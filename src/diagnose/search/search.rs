@@ -2,7 +2,7 @@
 
 use super::attached::Attached;
 use super::beside::cosine;
-use super::elimination::{Accepted, eliminate};
+use super::elimination::{Accepted, eliminate, revise};
 use super::evenly::{apart, evenly};
 use super::evidence::Seen;
 use super::gains::{biased, output_gains, responses, run_gains};
@@ -30,6 +30,8 @@ const MARGINAL: f64 = 0.01;
 const BEGINNINGS: usize = 3;
 /// Part of the best score that such a contender has.
 const RIVAL: f64 = 0.25;
+/// Contenders that are looked at again beside later effects.
+const NEAR: usize = 5;
 /// Cosine above which two contenders are one beginning.
 const ALIKE: f64 = 0.97;
 
@@ -222,7 +224,11 @@ impl Search<'_> {
         }
         let attached = &round.traces[contender.trace].attached;
         (self.watcher)(&format!("accepted {}", cause.place));
-        self.accepted.push(Accepted::new(attached, &contender.fitting, cause));
+        let near = contest.contenders.iter().enumerate().filter(|(o, _)| *o != k).take(NEAR).map(|(_, c)| {
+            let other = &round.traces[c.trace].attached;
+            (other.candidate.clone(), written(other, &c.fitting.theta[0]))
+        });
+        self.accepted.push(Accepted::new(attached, &contender.fitting, cause, near.collect()));
         Ok(Some(stage))
     }
 
@@ -311,6 +317,7 @@ impl Search<'_> {
             (self.watcher)("fitting the extended model");
             let (stage, dropped) = eliminate(stage, &first, self.runs, metric, &mut self.accepted)?;
             self.rejected.extend(dropped);
+            let stage = revise(stage, &first, self.runs, metric, &mut self.accepted)?;
             last = (!self.accepted.is_empty()).then_some(stage);
         }
         let after = match &last {
@@ -397,6 +404,15 @@ pub(super) struct Whole {
     pub(super) fitting: Fitting,
     /// All runs.
     pub(super) theta: Vec<Vec<f64>>,
+    /// Cost on the held-out runs; 0 without any.
+    held: f64,
+}
+
+impl Whole {
+    /// Cost of all runs.
+    pub(super) fn cost(&self) -> f64 {
+        self.fitting.cost + self.held
+    }
 }
 
 /// Fits a stage by a noise.
@@ -408,12 +424,15 @@ pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Resul
     let none = || SearchError::NoFit("it has no fit by the noise found".into());
     let fitting = posed.fit(&stage.theta[..runs.train], CORRECTIONS).ok_or_else(none)?;
     let mut theta = fitting.theta.clone();
+    let mut cost = 0.0;
     if !held.is_empty() {
         let starts = super::round::shared_from(&params, &theta[0], &stage.theta[runs.train..]);
         let posed = Posed { params, dynamics, runs: runs.held(), steps: held, metric }.held();
-        theta.extend(posed.fit(&starts, CORRECTIONS).map_or(starts, |f| f.theta));
+        let found = posed.fit(&starts, CORRECTIONS);
+        cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
+        theta.extend(found.map_or(starts, |f| f.theta));
     }
-    Ok(Whole { fitting, theta })
+    Ok(Whole { fitting, theta, held: cost })
 }
 
 /// The model of a stage with an effect in its text.
