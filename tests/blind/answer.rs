@@ -38,7 +38,8 @@ impl Answer {
         if !VERDICTS.contains(&verdict.as_str()) {
             return Err(format!("the verdict `{verdict}`"));
         }
-        let p = json["family_wise_p"].as_f64().filter(|p| (0.0..=1.0).contains(p)).ok_or("no family_wise_p in [0, 1]")?;
+        let p =
+            json["family_wise_p"].as_f64().filter(|p| (0.0..=1.0).contains(p)).ok_or("no family_wise_p in [0, 1]")?;
         let causes = json["causes"].as_array().ok_or("no causes")?;
         let causes = causes.iter().map(Named::read).collect::<Result<_, _>>()?;
         for key in ["misfit", "detectable"] {
@@ -128,7 +129,8 @@ pub(crate) fn ask(folder: &Path, limit: Duration) -> (Result<Answer, String>, f6
     let seconds = begun.elapsed().as_secs_f64();
     let text = std::fs::read_to_string(&printed).unwrap_or_default();
     let answer = status.and_then(|status| {
-        let last = || std::fs::read_to_string(&words).unwrap_or_default().lines().next().unwrap_or_default().to_string();
+        let last =
+            || std::fs::read_to_string(&words).unwrap_or_default().lines().next().unwrap_or_default().to_string();
         if status.success() || !text.is_empty() { Answer::read(&text) } else { Err(format!("{status}: {}", last())) }
     });
     (answer, seconds)
@@ -147,7 +149,8 @@ mod tests {
         let answer = Answer::read(text).unwrap();
         assert_eq!(answer.causes[0].place.to_string(), "input_delay(de)");
         assert_eq!((answer.causes[0].group.len(), answer.causes[0].parameters[0].1), (2, 0.2));
-        for (from, to) in [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"misfit\"", "\"x\"")] {
+        for (from, to) in [("effect_found", "perhaps"), ("0.001, \"causes\"", "2, \"causes\""), ("\"misfit\"", "\"x\"")]
+        {
             assert!(Answer::read(&text.replacen(from, to, 1)).is_err(), "{to}");
         }
     }

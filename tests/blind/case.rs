@@ -198,7 +198,8 @@ impl Ground {
         let menu = menu(self.spec.family, &self.base, if outside { &OUTSIDE } else { &INSIDE });
         let kinds: Vec<&Vec<Candidate>> = menu.values().collect();
         // every name has its turn, at a place that is drawn; after some failures the next name
-        let offset = self.spec.colour as usize * 7 + (self.spec.level * 1000.0) as usize;
+        let Spec { family, hides, colour, level, .. } = self.spec;
+        let offset = Chance::new(&format!("{} {hides:?} {colour:?} {level}", family.name)).below(1000);
         let mut chosen: Vec<&Candidate> = Vec::new();
         for k in 0..count {
             let turn = if k == 0 { self.spec.number + attempt / 5 + offset } else { chance.below(kinds.len()) };
@@ -302,7 +303,14 @@ impl Ground {
                 gain,
                 gain_holdout,
                 parts,
-                rivals: crate::twins::rivals(&self.base, &self.known, &oracle, whole, &drives.clean(&whole.model, &theta)?, &base.theta),
+                rivals: crate::twins::rivals(
+                    &self.base,
+                    &self.known,
+                    &oracle,
+                    whole,
+                    &drives.clean(&whole.model, &theta)?,
+                    &base.theta,
+                ),
             };
             return Some((runs, base, truth));
         }

@@ -17,6 +17,8 @@ pub(crate) struct Loop {
     /// They read `reference`, outputs, and `noise_NAME` of the outputs they name in `felt`; they define `let INPUT`.
     pub(crate) lines: &'static str,
     pub(crate) felt: &'static [&'static str],
+    /// The reference is one of the input, beside what the controller does; otherwise of the first output that is felt.
+    pub(crate) of_input: bool,
     /// Largest deviation of the reference.
     pub(crate) amplitude: f64,
 }
@@ -68,9 +70,10 @@ pub(crate) const FAMILIES: &[Family] = &[
         multisines: false,
         control: Some(Loop {
             input: "de",
-            lines: "state held [rad];\n  der(held) = 0.3*(q_m + noise_q_m) - 0.2*held;\n  \
-                    let de = reference + 0.25*(q_m + noise_q_m) + held;",
+            lines: "const P = 0.25 [s], I = 0.3 [1], fade = 0.2 [1/s];\n  let rate = q_m + noise_q_m;\n  state held [rad];\n  \
+                    der(held) = I*rate - fade*held;\n  let de = reference + P*rate + held;",
             felt: &["q_m"],
+            of_input: true,
             amplitude: 0.05,
         }),
         senseless: &[],
@@ -118,6 +121,7 @@ pub(crate) const FAMILIES: &[Family] = &[
             lines: "state pushed [rad];\n  let missing = reference - speed - noise_speed;\n  der(pushed) = missing;\n  \
                     const P = 0.1 [V*s/rad], I = 0.5 [V/rad];\n  let volts = P*missing + I*pushed;",
             felt: &["speed"],
+            of_input: false,
             amplitude: 60.0,
         }),
         senseless: &[],
@@ -160,6 +164,7 @@ pub(crate) const FAMILIES: &[Family] = &[
             lines: "state pushed [K*s];\n  let missing = reference - sensor - noise_sensor;\n  der(pushed) = missing;\n  \
                     const P = 0.8 [1/K], I = 0.006 [1/(K*s)];\n  let heater = P*missing + I*pushed;",
             felt: &["sensor"],
+            of_input: false,
             amplitude: 15.0,
         }),
         senseless: NO_FRICTION,
@@ -175,8 +180,10 @@ pub(crate) const FAMILIES: &[Family] = &[
         multisines: false,
         control: Some(Loop {
             input: "torque",
-            lines: "let torque = reference - 6*(angle + noise_angle) - 0.8*(rate + noise_rate);",
+            lines: "const P = 6 [1/(s^2*rad)], D = 0.8 [1/(s*rad)];\n  \
+                    let torque = reference - P*(angle + noise_angle) - D*(rate + noise_rate);",
             felt: &["angle", "rate"],
+            of_input: true,
             amplitude: 15.0,
         }),
         senseless: &[],

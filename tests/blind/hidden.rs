@@ -4,6 +4,8 @@ use crate::chance::Chance;
 use crate::families::Family;
 use fdm::Model;
 use fdm::effect::{Candidate, Catalogue, Choice, Kind, NewParam, Scales, Subject};
+use fdm_grammar::graph::{Leaf, Node};
+use fdm_grammar::op::ExprId;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
 
@@ -55,17 +57,12 @@ pub(crate) fn sites(place: &Place, base: &Model) -> Vec<(Part, String)> {
     match place.effect.as_str() {
         // shaken by the input, seen by the sensor
         "driven_mode" => vec![(Part::Sensor, first.clone()), (Part::Input, place.targets[1].clone())],
-        // every equation that the parameter or the clipped state is in
+        // every equation or sensor that the parameter or the clipped state is in
         "time_varying_parameter" | "state_saturation" => {
-            let subject = &base.source().text();
-            let uses = |name: &str| subject.lines().filter_map(|l| l.trim().strip_prefix("der(")).any(|l| l.starts_with(name));
-            definition
-                .states
-                .iter()
-                .map(|s| s.quantity.name.clone())
-                .filter(|s| uses(s) && equation_uses(subject, s, first))
-                .map(|s| (Part::Equation, s))
-                .collect()
+            let states = definition.states.iter().map(|s| (Part::Equation, &s.quantity.name, s.rate));
+            let outputs = definition.outputs.iter().map(|o| (Part::Sensor, &o.quantity.name, o.expr));
+            let reached = states.chain(outputs).filter(|(_, name, root)| *name != first && reaches(base, *root, first));
+            reached.map(|(part, name, _)| (part, name.clone())).collect()
         }
         _ if input(first) => own(Part::Input),
         _ if output(first) => own(Part::Sensor),
@@ -73,11 +70,13 @@ pub(crate) fn sites(place: &Place, base: &Model) -> Vec<(Part, String)> {
     }
 }
 
-/// Whether the line `der(state) = ...;` names something.
-fn equation_uses(text: &str, state: &str, name: &str) -> bool {
-    let line = text.lines().find(|l| l.trim().starts_with(&format!("der({state})")));
-    let right = line.and_then(|l| l.split_once('=')).map_or("", |(_, right)| right);
-    right.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == name)
+/// Whether an expression depends on a parameter or a state.
+fn reaches(base: &Model, root: ExprId, name: &str) -> bool {
+    let definition = base.definition();
+    let state = definition.states.iter().position(|s| s.quantity.name == name).map(|k| Leaf::State(k as u32));
+    let leaf = state.or(definition.param(name).map(|k| Leaf::Param(k as u32)));
+    let below = definition.graph.reachable([root]);
+    leaf.is_some_and(|leaf| below.into_iter().any(|e| definition.graph.node(e) == Node::Leaf(leaf)))
 }
 
 /// A parameter that sets the size of an effect: for a size s it is `factor*s`, or `factor/s` where the effect vanishes at infinity.
@@ -130,7 +129,8 @@ impl Structure {
         let mut made = Self { model, ..self.clone() };
         made.places.push(Place::of(candidate));
         let mut knobs = Vec::new();
-        let sizes: Vec<&NewParam> = extension.params().iter().filter(|p| !p.nuisance && p.begins_as.is_none()).collect();
+        let sizes: Vec<&NewParam> =
+            extension.params().iter().filter(|p| !p.nuisance && p.begins_as.is_none()).collect();
         for p in extension.params().iter().filter(|p| p.nuisance || p.begins_as.is_some()) {
             made.values.insert(p.name.clone(), choice.get(&p.local).copied().unwrap_or(p.start));
         }
@@ -145,7 +145,13 @@ impl Structure {
             } else {
                 1.0
             };
-            knobs.push(Knob { name: p.name.clone(), factor: sign * share * scale, inverse, lower: p.lower, upper: p.upper });
+            knobs.push(Knob {
+                name: p.name.clone(),
+                factor: sign * share * scale,
+                inverse,
+                lower: p.lower,
+                upper: p.upper,
+            });
         }
         let typical = match sizes.first()? {
             p if p.null.is_infinite() => 1.0 / p.trials.get(p.trials.len() / 2)?,

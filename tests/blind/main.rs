@@ -83,7 +83,8 @@ fn families_compile_and_have_something_to_hide() {
 
 #[test]
 fn cases_are_the_same_again_and_gain_what_was_asked_for() {
-    let spec = Spec { family: Family::named("motor"), hides: Hides::Effect, colour: Colour::White, level: 0.02, number: 3 };
+    let spec =
+        Spec { family: Family::named("motor"), hides: Hides::Effect, colour: Colour::White, level: 0.02, number: 3 };
     let (first, again) = (Case::new(spec), Case::new(spec));
     assert_eq!(first.truth.places, again.truth.places);
     let same = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());

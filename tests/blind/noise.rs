@@ -195,7 +195,8 @@ mod tests {
             let mut chance = Chance::new(colour.name());
             let noise = Noise::new(colour, vec![3.0], 400, &mut chance);
             let power: f64 =
-                (0..60).map(|_| noise.draw(400, &mut chance).iter().map(|x| x * x).sum::<f64>() / 400.0).sum::<f64>() / 60.0;
+                (0..60).map(|_| noise.draw(400, &mut chance).iter().map(|x| x * x).sum::<f64>() / 400.0).sum::<f64>()
+                    / 60.0;
             assert!((power / 9.0 - 1.0).abs() < 0.25, "{}: {power}", colour.name());
         }
     }

@@ -16,8 +16,7 @@ pub(crate) enum Hides {
 }
 
 impl Hides {
-    pub(crate) const ALL: [Self; 6] =
-        [Self::Nothing, Self::Effect, Self::Pair, Self::Gust, Self::Outside, Self::Loop];
+    pub(crate) const ALL: [Self; 6] = [Self::Nothing, Self::Effect, Self::Pair, Self::Gust, Self::Outside, Self::Loop];
 
     pub(crate) fn name(self) -> &'static str {
         ["nothing", "effect", "pair", "gust", "outside", "loop"][self as usize]

@@ -40,7 +40,8 @@ fn closed(
     let outputs: Vec<&str> = model.definition().outputs.iter().map(|o| o.quantity.name.as_str()).collect();
     let felt: Vec<usize> =
         control.felt.iter().map(|n| outputs.iter().position(|o| o == n).expect("an output")).collect();
-    let both = Model::from_text("loop", with_controller(model.source().text(), control)).expect("a loop that compiles");
+    let both =
+        Model::from_text("loop", with_controller(model, control)).unwrap_or_else(|e| panic!("{}: {e}", family.name));
     let recorded = both.layout().outputs - 1;
     let mut numbers = both.definition().start();
     for (param, value) in model.definition().params.iter().zip(theta) {
@@ -66,13 +67,21 @@ fn closed(
 }
 
 /// The text with the controller in the place of its input.
-fn with_controller(text: &str, control: &crate::families::Loop) -> String {
+fn with_controller(model: &Model, control: &crate::families::Loop) -> String {
+    let (text, definition) = (model.source().text(), model.definition());
+    let outputs = definition.outputs.iter().map(|o| &o.quantity);
+    let quantities = definition.inputs.iter().map(|i| &i.quantity).chain(outputs);
+    let unit = |name: &str| {
+        let quantity = quantities.clone().find(|q| q.name == name).expect("a name of the family");
+        quantity.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"))
+    };
     let declared = format!("  input {} ", control.input);
     let mut made = String::new();
     for line in text.lines() {
         if line.starts_with(&declared) {
-            made.push_str("  input reference;\n");
-            control.felt.iter().for_each(|y| made.push_str(&format!("  input noise_{y};\n")));
+            let of_reference = unit(if control.of_input { control.input } else { control.felt[0] });
+            made.push_str(&format!("  input reference{of_reference};\n"));
+            control.felt.iter().for_each(|y| made.push_str(&format!("  input noise_{y}{};\n", unit(y))));
             made.push_str(&format!("  {}\n", control.lines));
         } else {
             made.push_str(line);

@@ -42,7 +42,8 @@ impl Known {
             (0..m).for_each(|k| values[k].push(run.inputs.iter().skip(k).step_by(m).copied().collect()));
             (0..q).for_each(|k| values[m + k].push(y.iter().skip(k).step_by(q).copied().collect()));
         }
-        let signals = names.into_iter().zip(&values).map(|(name, runs)| (name, Signal::new(runs, family.step))).collect();
+        let signals =
+            names.into_iter().zip(&values).map(|(name, runs)| (name, Signal::new(runs, family.step))).collect();
         Self { step: family.step, duration: family.duration(), signals }
     }
 

@@ -43,7 +43,8 @@ pub(crate) fn study(plan: &Plan) -> Vec<Outcome> {
     let specs: Vec<Spec> = plan.specs().into_iter().filter(|s| !finished.contains(&s.name())).collect();
     println!("{}: {} cases to run, {} finished", folder.display(), specs.len(), finished.len());
     let mut options = OpenOptions::new();
-    let file = options.create(true).append(true).open(folder.join("results.jsonl")).expect("a file that can be written");
+    let file =
+        options.create(true).append(true).open(folder.join("results.jsonl")).expect("a file that can be written");
     let (file, next, begun) = (Mutex::new(file), AtomicUsize::new(0), Instant::now());
     let limit = Duration::from_secs(number("FDM_BLIND_TIMEOUT", 300) as u64);
     let until = Duration::from_secs(60 * number("FDM_BLIND_MINUTES", 100_000) as u64);

@@ -68,7 +68,19 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
     println!("\n{title}");
     println!(
         "{:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {:>5} {:>6} {:>5} {:>5} | {:>4} {:>5} {:>5}",
-        "gain over 15:", "n", "found", "top-1", "group", "size", "only", "place", "h-med", "h-5%", "n", "found", "group"
+        "gain over 15:",
+        "n",
+        "found",
+        "top-1",
+        "group",
+        "size",
+        "only",
+        "place",
+        "h-med",
+        "h-5%",
+        "n",
+        "found",
+        "group"
     );
     println!("{:>26} | {:>57} | {:>16}", "", "", "gain 5 to 15");
     let mut groups = grouped(lines, key);
@@ -149,7 +161,10 @@ fn gusts(all: &[Outcome]) {
     if lines.is_empty() {
         return;
     }
-    println!("\ndisturbances\n{:>26} | {:>4} {:>12} {:>15} {:>13}", "", "n", "disturbance", "right equation", "effect named");
+    println!(
+        "\ndisturbances\n{:>26} | {:>4} {:>12} {:>15} {:>13}",
+        "", "n", "disturbance", "right equation", "effect named"
+    );
     let mut groups = grouped(&lines, |o| o.family.clone());
     groups.extend(grouped(&lines, |o| o.colour.clone()));
     groups.insert("~ all".into(), lines.clone());

@@ -68,8 +68,7 @@ impl Cells {
     pub(super) fn new(records: &[Record], channels: usize, dropped: usize) -> Self {
         let (fitted, directions) = records.first().map_or((0, 0), |r| (r.fitted.len(), r.directions.len()));
         let mut planner = DctPlanner::new();
-        let lines: Vec<Lines> =
-            records.iter().flat_map(|r| Lines::of(r, channels, dropped, &mut planner)).collect();
+        let lines: Vec<Lines> = records.iter().flat_map(|r| Lines::of(r, channels, dropped, &mut planner)).collect();
         let edges = edges(&lines);
         let energy = energies(&lines);
         let mut list = Vec::with_capacity(channels * edges.len());
@@ -79,7 +78,8 @@ impl Cells {
                 let own = lines.iter().filter(|l| l.channel == channel);
                 let parts: Vec<_> = own
                     .map(|l| {
-                        let rows = l.frequency.partition_point(|f| *f < low)..l.frequency.partition_point(|f| *f < high);
+                        let rows =
+                            l.frequency.partition_point(|f| *f < low)..l.frequency.partition_point(|f| *f < high);
                         (l, rows)
                     })
                     .filter(|(_, rows)| !rows.is_empty())
@@ -133,12 +133,7 @@ fn energies(lines: &[Lines]) -> Vec<f64> {
     energies
 }
 
-fn cell(
-    channel: usize,
-    parts: &[(&Lines, std::ops::Range<usize>)],
-    columns: usize,
-    energy: &[f64],
-) -> Option<Cell> {
+fn cell(channel: usize, parts: &[(&Lines, std::ops::Range<usize>)], columns: usize, energy: &[f64]) -> Option<Cell> {
     let count: usize = parts.iter().map(|(_, rows)| rows.len()).sum();
     if count == 0 {
         return None;

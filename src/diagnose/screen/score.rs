@@ -52,7 +52,13 @@ impl Score {
 }
 
 /// The best direction of every candidate by products with the residual z and with itself G; `usable` says which count.
-pub(super) fn best(directions: &[Direction], candidates: usize, z: &[f64], own: &[f64], usable: &[bool]) -> Vec<(usize, Score)> {
+pub(super) fn best(
+    directions: &[Direction],
+    candidates: usize,
+    z: &[f64],
+    own: &[f64],
+    usable: &[bool],
+) -> Vec<(usize, Score)> {
     let mut best = vec![(usize::MAX, Score::default()); candidates];
     for (k, direction) in directions.iter().enumerate() {
         let score = if usable[k] { Score::new(direction.shape, z[k], own[k]) } else { Score::default() };

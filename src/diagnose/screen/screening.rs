@@ -175,8 +175,7 @@ impl<'a> Judge<'a> {
         }
         let energy = super::projection::weighed(cells, &density).0.diagonal();
         let own = |k: usize| projected.gram[(k, k)];
-        let usable: Vec<bool> =
-            (0..directions.len()).map(|k| own(k) > ABSORBED * energy[cells.fitted + k]).collect();
+        let usable: Vec<bool> = (0..directions.len()).map(|k| own(k) > ABSORBED * energy[cells.fitted + k]).collect();
         let marginals = Marginals::new(&projected.gram, directions, candidates, &usable);
         Self { cells, directions, candidates, spectra, density, projected, basis, freedom, usable, marginals }
     }
