@@ -5,6 +5,7 @@
 mod check;
 mod codegen;
 mod delivery;
+mod diagnose;
 mod effects;
 mod explain;
 mod extend;
@@ -50,6 +51,8 @@ struct Arguments {
 enum Verb {
     /// Check a model: every mistake of its text, then every derivative against a complex step
     Check(check::Arguments),
+    /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
+    Diagnose(Box<diagnose::Arguments>),
     /// List what may be missing from a model: the effects of the catalogue and the places where they fit
     Effects(effects::Arguments),
     /// Write effects into a model's own text, and print what changes
@@ -88,6 +91,7 @@ fn main() -> ExitCode {
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),
+        Verb::Diagnose(a) => diagnose::run(a),
         Verb::Effects(a) => effects::run(a),
         Verb::Extend(a) => extend::run(a),
         Verb::Simulate(a) => simulate::run(a),

@@ -3,6 +3,9 @@
 //! **In** a model with its text, measured runs, a catalogue of effects. **Out** what is wrong and where, the effects that explain it
 //! (or the groups of effects that these data cannot tell apart), the extended text, and what it gains on runs that
 //! took no part. **Never** reads or writes files, prints, or judges a model by the noise that it made for itself.
-//! **Start** at `search`; sub-rooms: `screen` (candidates against the residuals, and what noise alone would do).
+//! **Start** at [`search`]; sub-rooms: `screen` (candidates against the residuals, and what noise alone would do), `search` (from
+//! the model as it stands to the extended one).
 
+pub mod diagnosis;
 pub mod screen;
+pub mod search;

@@ -4,6 +4,8 @@
 //! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
 
 mod confidence;
+mod diagnosis_json;
+mod diagnosis_table;
 mod diagnostic;
 mod fitted_responses;
 mod history;
@@ -23,6 +25,8 @@ mod table;
 mod validation;
 
 pub use confidence::{confidence, way};
+pub use diagnosis_json::diagnosis_json;
+pub use diagnosis_table::diagnosis_text;
 pub use diagnostic::render;
 pub use fitted_responses::{fitted_response_columns, fitted_response_json, fitted_response_table};
 pub use history::history_table;

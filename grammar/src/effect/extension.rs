@@ -6,7 +6,7 @@ use crate::model::Model;
 use crate::source::Source;
 use crate::syntax::{StatementKind, SyntaxTree, parse};
 use crate::unit::Unit;
-use crate::{Compiled, compile_tree};
+use crate::{Compiled, compile_tree, examine_tree};
 
 /// A parameter that an effect brings.
 #[derive(Debug, Clone)]
@@ -85,6 +85,15 @@ impl Extension {
     /// Why the effect does not fit this model, with places in [`Extension::source`].
     pub fn compile(&self) -> Result<Compiled, Vec<Diagnostic>> {
         compile_tree(&self.source, self.tree()?, Vec::new())
+    }
+
+    /// The checked model of the tree without programs, for those who choose what is differentiated.
+    ///
+    /// # Errors
+    /// As [`Extension::compile`].
+    pub fn model(&self) -> Result<Model, Vec<Diagnostic>> {
+        let (loose, _) = examine_tree(&self.source, self.tree()?, Vec::new())?;
+        Ok(loose.tied(&[]))
     }
 
     /// How the effect vanishes at its null values: the extended model compared with the base model, at random points.

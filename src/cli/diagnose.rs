@@ -1,0 +1,166 @@
+//! `fdm diagnose`: what a model gets wrong, the cause, the extended text, and the gain.
+
+use crate::effects::Effects;
+use crate::failure::{Failure, NUMBERS, print};
+use crate::progress::Progress;
+use crate::records::{Records, load, notes};
+use crate::subject::Subject;
+use clap::Args;
+use fdm::Model;
+use fdm::diagnose::diagnosis::Diagnosis;
+use fdm::diagnose::screen::ScreeningOptions;
+use fdm::diagnose::search::{SearchError, SearchOptions, search};
+use fdm::estimate::FitOptions;
+use fdm::record::Run;
+use fdm::report::{diagnosis_json, diagnosis_text};
+use serde_json::Value;
+use similar::TextDiff;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+/// What `fdm diagnose` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    subject: Subject,
+    #[command(flatten)]
+    records: Records,
+    /// Run that takes no part in fits: an effect must gain there too; may be given several times
+    #[arg(long, value_name = "RUN", help_heading = "Data")]
+    holdout: Vec<PathBuf>,
+    #[command(flatten)]
+    effects: Effects,
+    /// Keep a parameter at its start value
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    fix: Vec<String>,
+    /// Estimate a parameter that the model declares `fixed`
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    free: Vec<String>,
+    /// Chance of a false alarm, over the whole catalogue, at which an effect is believed
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability, help_heading = "Search")]
+    alpha: f64,
+    /// Most effects that are accepted, one after the other
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
+    most: u16,
+    /// Write the model with the accepted effects: your own text with the new lines in their place. Your start values stay; new
+    /// parameters start at their estimates
+    #[arg(long, value_name = "FILE", help_heading = "Result")]
+    write: Option<PathBuf>,
+    /// Write text, JSON, the extended model and the difference to a folder
+    #[arg(long, value_name = "DIR", help_heading = "Result")]
+    out: Option<PathBuf>,
+    /// Print JSON instead of tables
+    #[arg(long, help_heading = "Result")]
+    json: bool,
+    /// Say nothing while working
+    #[arg(short, long, help_heading = "Result")]
+    quiet: bool,
+}
+
+/// A number between 0 and 1.
+fn probability(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    if value > 0.0 && value < 1.0 { Ok(value) } else { Err("a probability is between 0 and 1".into()) }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let catalogue = arguments.effects.read()?;
+    let model = arguments.subject.load()?;
+    let (runs, held) = read(arguments, &model)?;
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).map_err(|e| unwritten(folder, &e))?;
+    }
+    let options = SearchOptions {
+        alpha: arguments.alpha,
+        most: arguments.most.into(),
+        fit: FitOptions { changes: arguments.subject.changes(&arguments.fix, &arguments.free), ..FitOptions::default() }
+            .with_declared_noise(&model),
+        screening: ScreeningOptions::default(),
+    };
+    let progress = Mutex::new(Progress::new(arguments.quiet));
+    let say = |text: &str| {
+        if let Ok(progress) = progress.lock() {
+            progress.say(text);
+        }
+    };
+    let found = search(&model, &runs, &held, &catalogue, &options, &say);
+    if let Ok(progress) = progress.lock() {
+        progress.finish();
+    }
+    let found = found.map_err(refused)?;
+    deliver(arguments, &model, &found)
+}
+
+/// Runs that are learned from, and those that are held out.
+fn read(arguments: &Arguments, model: &Model) -> Result<(Vec<Run>, Vec<Run>), Failure> {
+    let mut records = arguments.records.load(model, true)?;
+    let held = load(&arguments.holdout, &arguments.records.options(), model)?;
+    let learned = records.len();
+    records.extend(held);
+    if !arguments.quiet {
+        notes(&records);
+    }
+    let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    for k in learned..runs.len() {
+        // a held-out file may have the name of another
+        while runs[..k].iter().any(|r| r.name == runs[k].name) {
+            runs[k].name.push_str(" (held out)");
+        }
+    }
+    let held = runs.split_off(learned);
+    Ok((runs, held))
+}
+
+fn refused(error: SearchError) -> Failure {
+    match error {
+        SearchError::Model(e) => Failure::Model(e),
+        other => Failure::input([other]),
+    }
+}
+
+/// Prints the result and writes what was asked for.
+fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> Result<ExitCode, Failure> {
+    let difference = found.extended.as_ref().map_or(String::new(), |text| difference(arguments, model, text));
+    let written = arguments.write.as_ref().filter(|_| found.extended.is_some());
+    if let (Some(file), Some(text)) = (written, &found.extended) {
+        std::fs::write(file, text).map_err(|e| unwritten(file, &e))?;
+    }
+    let path = written.map(|file| file.display().to_string());
+    let json = diagnosis_json(found, path.as_deref());
+    let mut text = diagnosis_text(found);
+    if !difference.is_empty() {
+        text.push_str(&format!("\n{difference}"));
+    }
+    if arguments.write.is_some() && found.extended.is_none() {
+        text.push_str("nothing was written: no effect was accepted\n");
+    }
+    if let Some(folder) = &arguments.out {
+        write(folder, &text, &json, &difference, found)?;
+    }
+    let printed = print(&if arguments.json { format!("{json}\n") } else { text });
+    Ok(if printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+fn difference(arguments: &Arguments, model: &Model, text: &str) -> String {
+    let name = arguments.subject.model.display().to_string();
+    let diff = TextDiff::from_lines(model.source().text(), text);
+    diff.unified_diff().context_radius(1).header(&name, "extended").to_string()
+}
+
+fn write(folder: &Path, text: &str, json: &Value, difference: &str, found: &Diagnosis) -> Result<(), Failure> {
+    let json = format!("{json}\n");
+    let mut files = vec![("diagnosis.txt", text), ("diagnosis.json", json.as_str())];
+    if let Some(extended) = &found.extended {
+        files.extend([("extended.fdm", extended.as_str()), ("extended.diff", difference)]);
+    }
+    for (name, contents) in files {
+        let path = folder.join(name);
+        std::fs::write(&path, contents).map_err(|e| unwritten(&path, &e))?;
+    }
+    Ok(())
+}
+
+fn unwritten(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::input([format!("{}: {}", path.display(), fdm::store::reason(error))])
+}

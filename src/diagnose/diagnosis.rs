@@ -1,0 +1,254 @@
+//! What a diagnosis came to: the verdict, the causes with their rivals, what was rejected, what would have been seen.
+
+use serde::Serialize;
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// An effect of the catalogue explains it.
+    EffectFound,
+    /// A force that no effect makes enters the model: gusts, waves.
+    Disturbance,
+    /// Something is wrong that no effect of the catalogue explains.
+    UnknownCause,
+    /// The records say nothing against the model.
+    NoEffectFound,
+}
+
+/// An effect at its place.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct EffectAt {
+    /// Its name in the catalogue.
+    pub effect: String,
+    /// The names that it is attached to.
+    pub targets: Vec<String>,
+}
+
+impl std::fmt::Display for EffectAt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}({})", self.effect, self.targets.join(", "))
+    }
+}
+
+/// A parameter that an effect brought.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NewValue {
+    /// Its name in the extended model.
+    pub name: String,
+    /// What it is.
+    pub doc: String,
+    /// Its estimate.
+    pub value: f64,
+    /// Its standard error, under the colour of the noise; none at a bound, or where it is not estimated.
+    pub standard_error: Option<f64>,
+    /// Its unit, where the model has units.
+    pub unit: Option<String>,
+    /// The value at which the effect vanishes; none for a nuisance.
+    pub null: Option<f64>,
+}
+
+/// A rival that these data cannot tell from the best effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rival {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// Gain in log-likelihood on the runs that were fitted.
+    pub gain_train: f64,
+    /// Gain on the runs that were held out.
+    pub gain_holdout: Option<f64>,
+    /// Gains less the price of its parameters.
+    pub score: f64,
+    /// Cosine of the angle between what both add, beside what is fitted.
+    pub cosine: f64,
+}
+
+/// A cause that was found, and what it explains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cause {
+    /// Which effect, where.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// In words.
+    pub doc: String,
+    /// Its parameters.
+    pub parameters: Vec<NewValue>,
+    /// Gain in log-likelihood on the runs that were fitted, by the noise of the better model.
+    pub gain_train: f64,
+    /// Gain on the runs that were held out, where only what belongs to a run is estimated; none without such runs.
+    pub gain_holdout: Option<f64>,
+    /// What screening had promised.
+    pub gain_predicted: f64,
+    /// Gains less 3 for each parameter.
+    pub score: f64,
+    /// The chance that noise alone makes any effect look as good as the best one.
+    pub p: f64,
+    /// The effects that these data cannot tell from this one, itself included.
+    pub group: Vec<Rival>,
+    /// The experiment that would.
+    pub separating_experiment: Option<String>,
+}
+
+/// An effect that was fitted and not accepted, or accepted and taken out again.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rejected {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// The search, from 1, in which that was.
+    pub round: usize,
+    /// Gain in log-likelihood on the runs that were fitted.
+    pub gain_train: f64,
+    /// Gain on the runs that were held out.
+    pub gain_holdout: Option<f64>,
+    /// Why.
+    pub reason: String,
+}
+
+/// A candidate that could not be tried.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeftOut {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// Why.
+    pub reason: String,
+}
+
+/// What screening says of a candidate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Screened {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// The gain in log-likelihood that it promises.
+    pub gain: f64,
+    /// The chance that noise gives this candidate as much.
+    pub chance: f64,
+    /// What is left of it beside the fitted parameters, as a share.
+    pub distinct: f64,
+    /// The size that promises it, of the parameter `parameter`.
+    pub size: f64,
+    /// The parameter.
+    pub parameter: String,
+}
+
+/// One search for one more effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Round {
+    /// The chance that noise alone makes any candidate look as good as the best one.
+    pub family_wise_p: f64,
+    /// Candidates by rank, the likeliest first.
+    pub ranking: Vec<Screened>,
+    /// The effect that was accepted.
+    pub accepted: Option<EffectAt>,
+}
+
+/// How small an effect would have been seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Detectable {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// The parameter that is its size.
+    pub parameter: String,
+    /// The value that would be seen in four of five records like these; none where the fitted parameters make up for it.
+    pub smallest: Option<f64>,
+    /// Its unit, where the model has units.
+    pub unit: Option<String>,
+    /// What is left of it beside the fitted parameters, as a share.
+    pub distinct: f64,
+}
+
+/// A parameter that the missing effect had moved.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Biased {
+    /// Its name.
+    pub name: String,
+    /// Its run, where it belongs to one.
+    pub run: Option<String>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The estimate without the effects, with its standard error.
+    pub before: f64,
+    /// See `before`.
+    pub before_error: Option<f64>,
+    /// The estimate with them.
+    pub after: f64,
+    /// See `after`.
+    pub after_error: Option<f64>,
+    /// How far it moved, in standard errors that the fit without the effects claims.
+    pub moved: Option<f64>,
+}
+
+/// How an output of a run is matched before and after.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OutputGain {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    pub held_out: bool,
+    /// The output.
+    pub output: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Root mean square of the residual without the effects.
+    pub rms_before: Option<f64>,
+    /// And with them.
+    pub rms_after: Option<f64>,
+    /// What noise leaves, by the spectrum that was found.
+    pub noise_floor: f64,
+    /// Theil's inequality coefficient, before.
+    pub tic_before: Option<f64>,
+    /// And after.
+    pub tic_after: Option<f64>,
+    /// Share of the measured variance that is explained, before.
+    pub r2_before: Option<f64>,
+    /// And after.
+    pub r2_after: Option<f64>,
+}
+
+/// The gain of all accepted effects on one run, by the last noise.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunGain {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    pub held_out: bool,
+    /// Gain in log-likelihood.
+    pub gain: f64,
+    /// Deviation of that gain, from how unevenly it is spread over the lines of the spectrum.
+    pub deviation: f64,
+}
+
+/// What a diagnosis came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// In one word.
+    pub verdict: Verdict,
+    /// The chance that noise alone makes any effect look as good as the best one, for the model as it was given.
+    pub family_wise_p: f64,
+    /// In the order in which they were accepted.
+    pub causes: Vec<Cause>,
+    /// What was fitted and not accepted.
+    pub rejected: Vec<Rejected>,
+    /// Each search.
+    pub rounds: Vec<Round>,
+    /// How small each effect could have been in the last search.
+    pub detectable: Vec<Detectable>,
+    /// Candidates that could not be tried in the first search.
+    pub left_out: Vec<LeftOut>,
+    /// Parameters that moved.
+    pub biased: Vec<Biased>,
+    /// How outputs are matched.
+    pub outputs: Vec<OutputGain>,
+    /// What each run gains.
+    pub gains: Vec<RunGain>,
+    /// Number of hat functions of each output's noise spectrum; 1 is white.
+    pub noise_knots: Vec<usize>,
+    /// The user's text with the accepted effects; none when there are none.
+    pub extended: Option<String>,
+    /// Why the search ended, in a sentence.
+    pub ended: String,
+}

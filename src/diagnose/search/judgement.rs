@@ -1,0 +1,108 @@
+//! Which effect is named: scores, the group that cannot be told apart, and what makes an effect acceptable.
+
+use super::beside::cosine;
+use super::experiment::separating;
+use super::round::{Contender, Contest, PRICE, Round, place};
+use crate::diagnose::diagnosis::{Cause, NewValue, Rejected, Rival};
+use crate::estimate::ParameterEstimate;
+use fdm_grammar::effect::NewParam;
+
+/// Scores that differ by less cannot be told apart (odds 20 : 1).
+const LEAD: f64 = 3.0;
+/// Least score of an effect that is named.
+const LEAST: f64 = 3.0;
+/// Least size of an effect, in its standard errors.
+const SIZE: f64 = 2.0;
+
+/// Why a contender is not accepted; none when it is.
+pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<String> {
+    let params = round.traces[contender.trace].attached.params();
+    if contender.score() < LEAST {
+        return Some(format!(
+            "the gain of {:.1} does not pay for {} (3 each)",
+            contender.score() + PRICE * contender.cost as f64,
+            if contender.cost == 1 { "its parameter".into() } else { format!("its {} parameters", contender.cost) }
+        ));
+    }
+    if let Some((gain, _)) = &contender.held
+        && *gain <= 0.0
+    {
+        return Some(format!("on the held-out runs it loses {:.1} in log-likelihood", -gain));
+    }
+    let sizes = params.iter().filter(|p| !p.nuisance);
+    let sizes: Vec<f64> = sizes.filter_map(|p| size(p, contender.fitting.shared(&p.name)?)).collect();
+    let largest = sizes.iter().copied().fold(0.0, f64::max);
+    (!sizes.is_empty() && largest < SIZE)
+        .then(|| format!("its size is {largest:.1} standard errors only, less than {SIZE}"))
+}
+
+/// How many standard errors an estimate is from its null; none where it has no error.
+pub(super) fn size(param: &NewParam, estimate: &ParameterEstimate) -> Option<f64> {
+    let error = estimate.error().filter(|e| *e > 0.0)?;
+    // a limit vanishes as its inverse does, whose relative error is the same
+    let away = if param.null.is_finite() { estimate.value - param.null } else { estimate.value };
+    Some((away / error).abs())
+}
+
+/// The contender as a cause, with the group of those that score about as much.
+pub(super) fn cause(round: &Round<'_>, contest: &Contest, chosen: usize) -> Cause {
+    let contender = &contest.contenders[chosen];
+    let attached = &round.traces[contender.trace].attached;
+    let least = contender.score() - LEAD;
+    let others = contest.contenders.iter().enumerate();
+    let close = others.filter(|(k, c)| *k == chosen || c.score() > least.max(LEAST - LEAD));
+    let rival = |(_, c): (usize, &Contender)| Rival {
+        place: place(&round.traces[c.trace].attached.candidate),
+        gain_train: c.gain,
+        gain_holdout: c.held.as_ref().map(|(gain, _)| *gain),
+        score: c.score(),
+        cosine: cosine(&c.direction, &contender.direction).abs(),
+    };
+    let mut group: Vec<Rival> = close.map(rival).collect();
+    let own = place(&attached.candidate);
+    group.sort_by_key(|r| r.place != own);
+    let separating_experiment = group.get(1).map(|other| separating(&own, &other.place));
+    Cause {
+        place: own,
+        doc: attached.candidate.doc(),
+        parameters: attached.params().iter().filter_map(|p| new_value(p, contender)).collect(),
+        gain_train: contender.gain,
+        gain_holdout: contender.held.as_ref().map(|(gain, _)| *gain),
+        gain_predicted: contender.predicted,
+        score: contender.score(),
+        p: round.screening.family_wise,
+        group,
+        separating_experiment,
+    }
+}
+
+fn new_value(param: &NewParam, contender: &Contender) -> Option<NewValue> {
+    if param.begins_as.is_some() {
+        return None;
+    }
+    let estimate = contender.fitting.shared(&param.name)?;
+    Some(value_of(param, estimate))
+}
+
+/// A new parameter with its estimate.
+pub(super) fn value_of(param: &NewParam, estimate: &ParameterEstimate) -> NewValue {
+    NewValue {
+        name: param.name.clone(),
+        doc: param.doc.clone(),
+        value: estimate.value,
+        standard_error: estimate.error(),
+        unit: param.unit.as_ref().map(|u| u.text().to_string()),
+        null: (!param.nuisance).then_some(param.null),
+    }
+}
+
+/// A contender that was not taken.
+pub(super) fn rejected(round: &Round<'_>, number: usize, contender: &Contender, reason: String) -> Rejected {
+    Rejected {
+        place: place(&round.traces[contender.trace].attached.candidate),
+        round: number,
+        gain_train: contender.gain,
+        gain_holdout: contender.held.as_ref().map(|(gain, _)| *gain),
+        reason,
+    }
+}

@@ -1,0 +1,37 @@
+//! One noise by which models are compared: a spectrum for each output, found once and then kept.
+
+use crate::diagnose::screen::LogSpectrum;
+
+/// The noise that all models of a comparison share.
+#[derive(Debug, Clone)]
+pub(super) struct Metric {
+    spectra: Vec<LogSpectrum>,
+    /// Lines at the low end of which the screening knows nothing.
+    dropped: usize,
+}
+
+impl Metric {
+    pub(super) fn new(spectra: &[LogSpectrum], dropped: usize) -> Self {
+        Self { spectra: spectra.to_vec(), dropped }
+    }
+
+    /// Standard deviation of the noise in line `k` of `n` of an output, with so much time between samples.
+    ///
+    /// The lowest lines carry the drift of the noise, and biases and trims that a fit needs: they keep a small weight, as if the
+    /// noise rose with the inverse square of the frequency.
+    pub(super) fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
+        let known = k.max(self.dropped).max(1) as f64;
+        let frequency = known / (2.0 * n as f64 * interval);
+        let rise = (known / (k as f64).max(0.5)).max(1.0);
+        self.spectra[output].at(frequency.ln()).sqrt() * rise
+    }
+
+    /// Root mean square of an output's noise in a run, in its unit.
+    pub(super) fn floor(&self, output: usize, n: usize, interval: f64) -> f64 {
+        let square = |k: usize| {
+            let frequency = k.max(self.dropped).max(1) as f64 / (2.0 * n as f64 * interval);
+            self.spectra[output].at(frequency.ln())
+        };
+        ((0..n).map(square).sum::<f64>() / n.max(1) as f64).sqrt()
+    }
+}

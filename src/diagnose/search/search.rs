@@ -1,0 +1,319 @@
+//! The road from a model as it stands to a diagnosis.
+
+use super::attached::Attached;
+use super::elimination::{Accepted, eliminate};
+use super::evenly::{apart, evenly};
+use super::gains::{biased, output_gains, responses, run_gains};
+use super::judgement::{cause, objection, rejected};
+use super::measured::Measured;
+use super::metric::Metric;
+use super::options::{SearchOptions, Watcher};
+use super::refit::{Fitting, Posed};
+use super::round::{Contest, Round, Runs, new_values, place};
+use super::search_error::SearchError;
+use super::stage::Stage;
+use crate::diagnose::diagnosis::{Diagnosis, Rejected, Round as Told, Verdict};
+use crate::estimate::{Changes, FitOptions, fit, starts};
+use crate::model::Model;
+use crate::record::Run;
+use fdm_grammar::effect::{Candidate, Catalogue, Choice};
+use std::collections::BTreeSet;
+
+/// Digits of a fitted value in the extended text.
+const DIGITS: usize = 5;
+/// Part of the whole gain below which another effect is not looked for.
+const MARGINAL: f64 = 0.01;
+
+/// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
+/// and accepts what holds; again, until nothing more is justified.
+///
+/// `held` are runs that take no part in fits: an effect must gain there too.
+///
+/// # Errors
+/// [`SearchError`]; a search that finds nothing is a [`Diagnosis`].
+pub fn search(
+    model: &Model,
+    runs: &[Run],
+    held: &[Run],
+    catalogue: &Catalogue,
+    options: &SearchOptions,
+    watcher: &Watcher<'_>,
+) -> Result<Diagnosis, SearchError> {
+    apart(runs, held)?;
+    let all: Vec<Run> = runs.iter().chain(held).map(evenly).collect::<Result<_, _>>()?;
+    let runs = Runs { all: &all, train: runs.len() };
+    if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
+        return Err(SearchError::NothingMeasured);
+    }
+    watcher("fitting the model as it stands");
+    let first = first_stage(model, runs, options)?;
+    Search { runs, catalogue, options, watcher, accepted: Vec::new(), rejected: Vec::new(), told: Vec::new() }.run(first)
+}
+
+/// The model at its fit by plain output error.
+fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    let mut how = options.fit.clone();
+    how.options.colour = false;
+    let fitted = fit(model, runs.train(), &how, &mut ())?;
+    if fitted.estimate.runs.is_empty() {
+        return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
+    }
+    let model = fitted.model.clone();
+    let reached = |run: &Run, start: &[f64], estimate: &crate::estimate::Estimate| -> Vec<f64> {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let start = starts(&model, runs.all, &how.changes);
+    let mut theta: Vec<Vec<f64>> =
+        runs.train().iter().zip(&start).map(|(run, start)| reached(run, start, &fitted.estimate)).collect();
+    if !runs.held().is_empty() {
+        let shared: Vec<(String, f64)> = model
+            .definition()
+            .params
+            .iter()
+            .zip(&theta[0])
+            .filter(|(p, _)| !p.per_run && !p.is_recorded())
+            .map(|(p, v)| (p.quantity.name.clone(), v.max(p.lower).min(p.upper)))
+            .collect();
+        let names = shared.iter().map(|(name, _)| name.clone()).collect();
+        let changes = Changes { set: shared, fix: names, free: Vec::new() };
+        let held = fit(&model, runs.held(), &FitOptions { changes, ..how.clone() }, &mut ())?;
+        for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
+            let mut own = reached(run, start, &held.estimate);
+            let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
+            each.filter(|(p, _)| !p.per_run).for_each(|(_, (own, shared))| *own = *shared);
+            theta.push(own);
+        }
+    }
+    Stage::new(model, runs.all, theta)
+}
+
+struct Search<'a> {
+    runs: Runs<'a>,
+    catalogue: &'a Catalogue,
+    options: &'a SearchOptions,
+    watcher: &'a Watcher<'a>,
+    accepted: Vec<Accepted>,
+    rejected: Vec<Rejected>,
+    told: Vec<Told>,
+}
+
+/// What is known when the search ends.
+struct End {
+    family_wise: f64,
+    left_out: Vec<crate::diagnose::diagnosis::LeftOut>,
+    detectable: Vec<crate::diagnose::diagnosis::Detectable>,
+    metric: Metric,
+    knots: Vec<usize>,
+    ended: String,
+}
+
+impl Search<'_> {
+    fn run(mut self, first: Stage) -> Result<Diagnosis, SearchError> {
+        let own: BTreeSet<String> = names(&first.model);
+        let mut grown: Option<Stage> = None;
+        let mut end: Option<End> = None;
+        loop {
+            let stage = grown.as_ref().unwrap_or(&first);
+            let measured = Measured::new(stage, self.runs.all);
+            let candidates = self.candidates(stage, &own);
+            let number = self.told.len() + 1;
+            (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
+            let mut round = Round::new(stage, self.runs, &candidates, &measured, self.options)?;
+            let (ranking, detectable) = (round.ranking(), round.detectable());
+            let (p, knots) = (round.screening.family_wise, round.screening.spectra.iter().map(|s| s.size()).collect());
+            self.told.push(Told { family_wise_p: p, ranking, accepted: None });
+            let metric = Metric::new(&round.screening.spectra, self.options.screening.dropped);
+            let left_out = std::mem::take(&mut round.left_out);
+            let last = end.get_or_insert_with(|| End {
+                family_wise: p,
+                left_out,
+                detectable: Vec::new(),
+                metric: metric.clone(),
+                knots: Vec::new(),
+                ended: String::new(),
+            });
+            (last.detectable, last.metric, last.knots) = (detectable, metric, knots);
+            if p >= self.options.alpha {
+                last.ended = format!("noise alone would make the best candidate look as good with probability {p:.2}");
+                break;
+            }
+            if self.accepted.len() >= self.options.most {
+                last.ended = format!("{} effects are the most that are looked for", self.options.most);
+                break;
+            }
+            let contest = round.contest(self.watcher)?;
+            last.metric = contest.metric.clone();
+            let Some(next) = self.accept(&round, &contest, &measured, number)? else {
+                last.ended = "no candidate that was fitted could be accepted".into();
+                break;
+            };
+            let accepted = self.accepted.last().map(|a| (a.cause.gain_train, a.cause.place.clone()));
+            if let (Some(told), Some((_, place))) = (self.told.last_mut(), &accepted) {
+                told.accepted = Some(place.clone());
+            }
+            drop(round);
+            grown = Some(next);
+            let whole: f64 = self.accepted.iter().map(|a| a.cause.gain_train).sum();
+            if let Some((gain, _)) = accepted.filter(|(gain, _)| *gain < MARGINAL * whole) {
+                last.ended = format!("the last effect gained {gain:.1}, less than a hundredth of the whole");
+                break;
+            }
+        }
+        let Some(end) = end else { return Err(SearchError::NoPlaces) };
+        self.conclude(first, grown, end)
+    }
+
+    /// Candidates that attach to what the user wrote, and are not in the model yet.
+    fn candidates(&self, stage: &Stage, own: &BTreeSet<String>) -> Vec<Candidate> {
+        let places = self.catalogue.places(&stage.subject);
+        let fresh = |c: &Candidate| {
+            let there = self.accepted.iter().any(|a| a.cause.place == place(c));
+            !there && c.targets().iter().all(|t| own.contains(t))
+        };
+        places.candidates.into_iter().filter(fresh).collect()
+    }
+
+    /// Takes the best contender that nothing speaks against; the model with it, fitted jointly.
+    fn accept(
+        &mut self,
+        round: &Round<'_>,
+        contest: &Contest,
+        measured: &Measured,
+        number: usize,
+    ) -> Result<Option<Stage>, SearchError> {
+        let mut taken = None;
+        for (k, contender) in contest.contenders.iter().enumerate() {
+            match objection(round, contender) {
+                None => {
+                    taken = Some(k);
+                    break;
+                }
+                Some(reason) => self.rejected.push(rejected(round, number, contender, reason)),
+            }
+        }
+        let Some(k) = taken else { return Ok(None) };
+        let (contender, cause) = (&contest.contenders[k], cause(round, contest, k));
+        let others = contest.contenders.iter().skip(k + 1);
+        for other in others.filter(|c| cause.group.iter().all(|r| r.place != place(&round.traces[c.trace].attached.candidate))) {
+            let behind = contender.score() - other.score();
+            let reason = format!("{behind:.1} behind {} in score", cause.place);
+            self.rejected.push(rejected(round, number, other, reason));
+        }
+        let attached = &round.traces[contender.trace].attached;
+        let accepted = Accepted::new(attached, &contender.fitting, cause);
+        let text = Attached::new(&attached.candidate, round.stage, measured, &accepted.choice)
+            .map_err(SearchError::NoFit)?;
+        let model = grown(&round.stage.model, &text, round.stage)?;
+        let mut theta = contender.fitting.theta.clone();
+        match &contender.held {
+            Some((_, held)) => theta.extend(held.theta.iter().cloned()),
+            None => {
+                let values = new_values(attached, &contender.fitting.theta[0]);
+                theta.extend((self.runs.train..self.runs.all.len()).map(|r| attached.theta(round.stage, r, &values)));
+            }
+        }
+        (self.watcher)(&format!("accepted {}", accepted.cause.place));
+        self.accepted.push(accepted);
+        Stage::new(model, self.runs.all, theta).map(Some)
+    }
+
+    /// The last fits by one noise, and everything that is told of them.
+    fn conclude(mut self, first: Stage, grown: Option<Stage>, end: End) -> Result<Diagnosis, SearchError> {
+        let metric = &end.metric;
+        let before = whole_fit(&first, self.runs, metric)?;
+        let mut last = grown;
+        if let Some(stage) = last.take() {
+            (self.watcher)("fitting the extended model");
+            let (stage, dropped) = eliminate(stage, &first, self.runs, metric, &mut self.accepted)?;
+            self.rejected.extend(dropped);
+            last = (!self.accepted.is_empty()).then_some(stage);
+        }
+        let after = match &last {
+            Some(stage) => whole_fit(stage, self.runs, metric)?,
+            None => before.clone(),
+        };
+        let (all, train) = (self.runs.all, self.runs.train);
+        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.steps, &fit.theta);
+        let old = at(&first, &before).unwrap_or_else(|| first.response.clone());
+        let new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
+        for accepted in &mut self.accepted {
+            accepted.renew(&after.fitting);
+        }
+        let found = !self.accepted.is_empty();
+        let verdict = match found {
+            true => Verdict::EffectFound,
+            false if end.family_wise < self.options.alpha => Verdict::UnknownCause,
+            false => Verdict::NoEffectFound,
+        };
+        Ok(Diagnosis {
+            verdict,
+            family_wise_p: end.family_wise,
+            causes: self.accepted.into_iter().map(|a| a.cause).collect(),
+            rejected: self.rejected,
+            rounds: self.told,
+            detectable: end.detectable,
+            left_out: end.left_out,
+            biased: if found { biased(&before.fitting.estimates, &after.fitting.estimates) } else { Vec::new() },
+            outputs: output_gains(&first.model, all, train, (&old, &new), metric),
+            gains: if found { run_gains(all, train, (&old, &new), metric) } else { Vec::new() },
+            noise_knots: end.knots,
+            extended: last.map(|stage| stage.model.source().text().to_string()),
+            ended: end.ended,
+        })
+    }
+}
+
+/// A model fitted to the runs that are learned from, and what belongs to each held-out run.
+#[derive(Clone)]
+pub(super) struct Whole {
+    pub(super) fitting: Fitting,
+    /// All runs.
+    pub(super) theta: Vec<Vec<f64>>,
+}
+
+/// Fits a stage by a noise.
+pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Result<Whole, SearchError> {
+    const CORRECTIONS: usize = 60;
+    let (params, dynamics) = (stage.params().to_vec(), stage.model.dynamics());
+    let (train, held) = stage.steps.split_at(runs.train);
+    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), steps: train, metric };
+    let none = || SearchError::NoFit("it has no fit by the noise found".into());
+    let fitting = posed.fit(&stage.theta[..runs.train], CORRECTIONS).ok_or_else(none)?;
+    let mut theta = fitting.theta.clone();
+    if !held.is_empty() {
+        let starts = super::round::shared_from(&params, &theta[0], &stage.theta[runs.train..]);
+        let posed = Posed { params, dynamics, runs: runs.held(), steps: held, metric }.held();
+        theta.extend(posed.fit(&starts, CORRECTIONS).map_or(starts, |f| f.theta));
+    }
+    Ok(Whole { fitting, theta })
+}
+
+/// The model of a stage with an effect in its text.
+pub(super) fn grown(model: &Model, text: &Attached, stage: &Stage) -> Result<Model, SearchError> {
+    let extended = model.extended(&text.extension)?;
+    let params = text.fitted_params(stage);
+    let same = params.len() == extended.definition().params.len();
+    Ok(if same { extended.with_params(params) } else { extended })
+}
+
+/// Everything that the user gave a name.
+fn names(model: &Model) -> BTreeSet<String> {
+    let definition = model.definition();
+    let inputs = definition.inputs.iter().map(|i| &i.quantity);
+    let states = definition.states.iter().map(|s| &s.quantity);
+    let outputs = definition.outputs.iter().map(|o| &o.quantity);
+    let params = definition.params.iter().map(|p| &p.quantity);
+    inputs.chain(states).chain(outputs).chain(params).map(|q| q.name.clone()).collect()
+}
+
+/// Values of the new parameters as they are written into the text.
+pub(super) fn written(attached: &Attached, theta: &[f64]) -> Choice {
+    let short = |v: f64| format!("{v:.*e}", DIGITS - 1).parse().unwrap_or(v);
+    let values = attached.params().iter().zip(new_values(attached, theta));
+    values.filter(|(p, _)| p.begins_as.is_none()).map(|(p, v)| (p.local.clone(), short(v))).collect()
+}

@@ -1,0 +1,86 @@
+//! Why nothing can be diagnosed, in the words of whoever brought the records.
+
+use crate::diagnose::screen::ScreeningError;
+use crate::estimate::FitError;
+use crate::model::ModelError;
+use crate::simulate::Unsuited;
+use fdm_grammar::Diagnostic;
+
+/// Why nothing can be diagnosed.
+#[derive(Debug, Clone, thiserror::Error)]
+pub enum SearchError {
+    /// The base model cannot be fitted.
+    #[error("{0}")]
+    Fit(#[from] FitError),
+    /// The base model has no response.
+    #[error("the model as it stands cannot be compared with the records: {0}")]
+    NoFit(String),
+    /// Candidates cannot be screened.
+    #[error("{0}")]
+    Screening(#[from] ScreeningError),
+    /// A run too short for a spectrum.
+    #[error("run `{run}` has {samples} samples; {least} are needed to tell noise from an effect")]
+    TooShort {
+        /// The run.
+        run: String,
+        /// Its samples.
+        samples: usize,
+        /// The least number.
+        least: usize,
+    },
+    /// Samples that are not evenly spaced.
+    #[error(
+        "run `{run}` is not sampled evenly, so that its noise has no spectrum; bring it to equal intervals first \
+         (gaps may stay empty)"
+    )]
+    Uneven {
+        /// The run.
+        run: String,
+    },
+    /// A gap that is no part of a run any more.
+    #[error("run `{run}` has a gap of {intervals} sampling intervals; give what stands before and behind it as two runs")]
+    LongGap {
+        /// The run.
+        run: String,
+        /// Its length.
+        intervals: usize,
+    },
+    /// A held-out run that is one of the others.
+    #[error("the held-out run `{held}` has the samples of `{run}`, from which the model is learned; it would prove nothing")]
+    HeldOutTwice {
+        /// The held-out run.
+        held: String,
+        /// The other.
+        run: String,
+    },
+    /// No output was measured.
+    #[error("no run has a measured output to compare with")]
+    NothingMeasured,
+    /// No effect fits.
+    #[error("no effect of the catalogue fits this model anywhere")]
+    NoPlaces,
+    /// The text cannot be extended.
+    #[error("{}", first(.0))]
+    Text(Vec<Diagnostic>),
+    /// An extended model cannot be compiled.
+    #[error("{0}")]
+    Model(Box<ModelError>),
+    /// A run that the model cannot be simulated over.
+    #[error("run `{run}`: {reason}")]
+    Unsuited {
+        /// The run.
+        run: String,
+        /// Why.
+        reason: Unsuited,
+    },
+}
+
+impl From<ModelError> for SearchError {
+    fn from(error: ModelError) -> Self {
+        Self::Model(Box::new(error))
+    }
+}
+
+fn first(findings: &[Diagnostic]) -> String {
+    findings.first().map_or_else(String::new, |f| f.message.clone())
+}

@@ -1,0 +1,163 @@
+//! A diagnosis as people read it: the verdict, the causes, what they explain, what was ruled out.
+
+use super::table::{aligned_right, digits, plain, trimmed};
+use crate::diagnose::diagnosis::{Cause, Diagnosis, Verdict};
+use std::fmt::Write;
+
+/// Rows of the table of what would have been seen.
+const SHOWN: usize = 12;
+/// Standard errors by which a parameter has moved before it is shown.
+const MOVED: f64 = 1.0;
+
+/// Sentences and tables.
+pub fn diagnosis_text(d: &Diagnosis) -> String {
+    let mut text = verdict(d);
+    for (k, cause) in d.causes.iter().enumerate() {
+        text.push_str(&one(k + 1, cause));
+    }
+    if d.causes.is_empty() {
+        text.push_str(&leading(d));
+    }
+    text.push_str(&matches(d));
+    text.push_str(&moved(d));
+    text.push_str(&ruled_out(d));
+    if d.causes.is_empty() {
+        text.push_str(&detectable(d));
+    }
+    let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
+    if !d.left_out.is_empty() {
+        let _ = writeln!(text, "{} candidates could not be tried (--json lists them with the reasons).", d.left_out.len());
+    }
+    text
+}
+
+fn verdict(d: &Diagnosis) -> String {
+    let p = chance(d.family_wise_p);
+    match d.verdict {
+        Verdict::EffectFound => format!("Something is missing from the model (chance of noise alone: {p}).\n"),
+        Verdict::Disturbance => format!("A force that no input explains disturbs the model (chance of noise alone: {p}).\n"),
+        Verdict::UnknownCause => format!(
+            "The model is wrong, but no effect of the catalogue explains how (chance of noise alone: {p}).\n"
+        ),
+        Verdict::NoEffectFound => format!("No effect found: noise alone would look as bad with probability {p}.\n"),
+    }
+}
+
+fn chance(p: f64) -> String {
+    if p < 1e-4 { format!("{p:.0e}") } else { format!("{p:.3}") }
+}
+
+fn one(number: usize, c: &Cause) -> String {
+    let mut text = format!("\n{number}. {}: {}\n", c.place, c.doc);
+    for p in &c.parameters {
+        let unit = p.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+        let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
+        let _ = writeln!(text, "   {} = {}{error}{unit}", p.name, digits(p.value, 5));
+    }
+    let held = c.gain_holdout.map_or(String::new(), |g| format!(", {g:.1} on the held-out runs"));
+    let _ = writeln!(text, "   gain in log-likelihood {:.1}{held}; p {}", c.gain_train, chance(c.p));
+    if c.group.len() > 1 {
+        let others: Vec<String> =
+            c.group[1..].iter().map(|r| format!("{} (score {:.1} to {:.1})", r.place, r.score, c.score)).collect();
+        let _ = writeln!(text, "   these records cannot tell it from {}", others.join(", "));
+    }
+    if let Some(experiment) = &c.separating_experiment {
+        let _ = writeln!(text, "   to tell apart {experiment}");
+    }
+    text
+}
+
+/// The candidates that came nearest.
+fn leading(d: &Diagnosis) -> String {
+    let Some(round) = d.rounds.first() else { return String::new() };
+    let mut table = plain(&["nearest candidates", "promised gain", "chance by itself"]);
+    for s in round.ranking.iter().take(5) {
+        table.add_row([s.place.to_string(), format!("{:.1}", s.gain), chance(s.chance)]);
+    }
+    (1..3).for_each(|column| aligned_right(&mut table, column));
+    format!("\n{}", trimmed(&table))
+}
+
+/// How outputs are matched before and after.
+fn matches(d: &Diagnosis) -> String {
+    let mut table = plain(&["", "run", "output", "RMS before", "after", "noise", "TIC before", "after", "R^2 before", "after"]);
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    let fixed = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.4}"));
+    for o in &d.outputs {
+        let role = if o.held_out { "held out" } else { "fitted" };
+        table.add_row([
+            role.to_string(),
+            o.run.clone(),
+            o.output.clone(),
+            number(o.rms_before),
+            number(o.rms_after),
+            digits(o.noise_floor, 3),
+            fixed(o.tic_before),
+            fixed(o.tic_after),
+            fixed(o.r2_before),
+            fixed(o.r2_after),
+        ]);
+    }
+    (3..10).for_each(|column| aligned_right(&mut table, column));
+    let mut text = format!("\n{}", trimmed(&table));
+    for g in &d.gains {
+        let role = if g.held_out { "held out" } else { "fitted" };
+        let _ = writeln!(text, "{} ({role}): log-likelihood gains {:.1} +- {:.1}", g.run, g.gain, g.deviation);
+    }
+    text
+}
+
+/// Parameters that the missing effects had moved.
+fn moved(d: &Diagnosis) -> String {
+    let shown: Vec<_> = d.biased.iter().filter(|b| b.moved.is_some_and(|m| m.abs() >= MOVED)).collect();
+    if shown.is_empty() {
+        return String::new();
+    }
+    let mut table = plain(&["what the missing effect had moved", "before", "", "after", "", "moved by"]);
+    for b in shown {
+        let error = |e: Option<f64>| e.map_or(String::new(), |e| format!("+- {}", digits(e, 2)));
+        let name = b.run.as_ref().map_or(b.name.clone(), |run| format!("{} ({run})", b.name));
+        table.add_row([
+            name,
+            digits(b.before, 5),
+            error(b.before_error),
+            digits(b.after, 5),
+            error(b.after_error),
+            format!("{:.1} standard errors", b.moved.unwrap_or_default()),
+        ]);
+    }
+    (1..6).for_each(|column| aligned_right(&mut table, column));
+    format!("\n{}", trimmed(&table))
+}
+
+fn ruled_out(d: &Diagnosis) -> String {
+    if d.rejected.is_empty() {
+        return String::new();
+    }
+    let mut table = plain(&["not accepted", "search", "gain", "held out", "because"]);
+    for r in &d.rejected {
+        let held = r.gain_holdout.map_or("-".to_string(), |g| format!("{g:.1}"));
+        table.add_row([r.place.to_string(), r.round.to_string(), format!("{:.1}", r.gain_train), held, r.reason.clone()]);
+    }
+    (1..4).for_each(|column| aligned_right(&mut table, column));
+    format!("\n{}", trimmed(&table))
+}
+
+/// How small effects could have been.
+fn detectable(d: &Diagnosis) -> String {
+    let mut table = plain(&["would have been seen", "from", ""]);
+    for s in d.detectable.iter().filter(|s| s.smallest.is_some()).take(SHOWN) {
+        let value = s.smallest.map_or(String::new(), |v| format!("{} = {}", s.parameter, digits(v, 3)));
+        table.add_row([s.place.to_string(), value, s.unit.clone().unwrap_or_default()]);
+    }
+    let hidden: Vec<String> = d.detectable.iter().filter(|s| s.smallest.is_none()).map(|s| s.place.to_string()).collect();
+    let mut text = format!("\n{}", trimmed(&table));
+    let more = d.detectable.len().saturating_sub(hidden.len() + SHOWN);
+    if more > 0 {
+        let _ = writeln!(text, "and {more} more (--json)");
+    }
+    if !hidden.is_empty() {
+        let _ = writeln!(text, "could not be seen, because the fitted parameters make up for it: {}", hidden.join(", "));
+    }
+    text
+}
