@@ -45,7 +45,8 @@ impl Answer {
         for key in ["misfit", "detectable"] {
             json[key].as_array().ok_or(format!("no {key}"))?;
         }
-        let sites = json["sites"].as_array().map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
+        let listed = ["sites", "places"].into_iter().find_map(|key| json[key].as_array());
+        let sites = listed.map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
         let said = |key: &str| match &json[key] {
             Value::Array(list) => !list.is_empty(),
             Value::Bool(said) => *said,
@@ -53,15 +54,15 @@ impl Answer {
             Value::Object(_) => true,
             _ => false,
         };
-        let leftover = ["leftover", "unexplained"].into_iter().any(said);
+        let leftover = ["warnings", "leftover"].into_iter().any(said);
         Ok(Self { verdict, p, causes, sites, leftover })
     }
 }
 
 /// The name of a place, alone or in an object.
 fn site(value: &Value) -> Option<String> {
-    let within = ["name", "target", "state"].iter().find_map(|k| value[*k].as_str());
-    value.as_str().or(within).map(String::from)
+    let within = ["name", "target"].iter().find_map(|k| value[*k].as_str());
+    value.as_str().or(within).map(String::from).or_else(|| site(value.get("place")?))
 }
 
 impl Named {

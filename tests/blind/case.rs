@@ -10,7 +10,7 @@ use crate::plant::{Drives, gust, with_gust};
 use crate::scales::Known;
 use crate::sizing::size_for;
 use fdm::Model;
-use fdm::effect::Candidate;
+use fdm::effect::{Candidate, Subject};
 use fdm::record::Run;
 use serde_json::{Value, json};
 use std::path::Path;
@@ -88,6 +88,20 @@ impl Case {
             }
         }
         panic!("{}: no truth was found", spec.name());
+    }
+
+    /// The case in which one effect of the catalogue, written `effect(target)`, is hidden, with about this gain.
+    pub(crate) fn hiding(spec: Spec, written: &str, gain: f64) -> Self {
+        let ground = Ground::new(spec, &mut Chance::new(&spec.name()));
+        let subject = Subject::new(ground.base.source(), ground.base.definition()).expect("a text that compiles");
+        let places = INSIDE.places(&subject);
+        let candidate = places.find(written).unwrap_or_else(|| panic!("{written} does not fit"));
+        let mut own = Chance::new(written);
+        let made = Structure::bare(&ground.base, &ground.theta).with(candidate, &ground.known, &mut own);
+        let made = made.and_then(|s| ground.realised(&s, &[s.clone()], vec![ground.size(&s, gain)?], &[gain]));
+        let (runs, fitted, truth) = made.unwrap_or_else(|| panic!("{written} cannot gain {gain}"));
+        let Ground { base, noise, biases, known, .. } = ground;
+        Self { spec, base, noise, biases, known, runs, fitted, truth }
     }
 
     pub(crate) fn oracle(&self) -> Oracle<'_> {

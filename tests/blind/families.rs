@@ -1,6 +1,7 @@
 //! Families of systems: the model that a user would bring, the numbers of the truth, and how it is excited.
 
 /// How an input is moved.
+#[derive(Clone, Copy)]
 pub(crate) struct Drive {
     pub(crate) name: &'static str,
     /// Value at the beginning of every run.
@@ -12,6 +13,7 @@ pub(crate) struct Drive {
 }
 
 /// A controller around the plant: these lines take the place of the declaration of `input`.
+#[derive(Clone, Copy)]
 pub(crate) struct Loop {
     pub(crate) input: &'static str,
     /// They read `reference`, outputs, and `noise_NAME` of the outputs they name in `felt`; they define `let INPUT`.
@@ -24,6 +26,7 @@ pub(crate) struct Loop {
 }
 
 /// A system with its experiment.
+#[derive(Clone, Copy)]
 pub(crate) struct Family {
     pub(crate) name: &'static str,
     /// The model as it is given to the tool; its start values are not the truth's.
@@ -59,6 +62,20 @@ const fn drive(name: &'static str, trim: f64, amplitude: f64, band: (f64, f64)) 
 
 /// Friction makes no sense for a level, a temperature or a concentration.
 const NO_FRICTION: &[&str] = &["coulomb_friction", "quadratic_damping"];
+
+/// For the time that a diagnosis takes: three runs of 2,000 samples, eight states, about a hundred candidates.
+pub(crate) const CHAIN: Family = Family {
+    name: "chain",
+    text: include_str!("families/chain.fdm"),
+    step: 0.02,
+    samples: 2000,
+    drives: &[drive("u", 0.0, 2.0, (0.05, 2.0))],
+    multisines: false,
+    control: None,
+    senseless: &[],
+    rates: &["v"],
+    apart: false,
+};
 
 pub(crate) const FAMILIES: &[Family] = &[
     Family {

@@ -26,13 +26,12 @@ pub(crate) fn results(folder: &Path) -> Vec<Outcome> {
     text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
-/// Makes a case, asks the tool, and scores its answer.
-pub(crate) fn run(spec: Spec, folder: &Path, limit: Duration) -> Outcome {
-    let case = Case::new(spec);
-    let folder = folder.join(spec.name());
+/// Asks the tool about a case, and scores its answer.
+pub(crate) fn run(case: &Case, folder: &Path, limit: Duration) -> Outcome {
+    let folder = folder.join(case.spec.name());
     case.write(&folder);
     let (answer, seconds) = answer::ask(&folder, limit);
-    score(&case, &answer, seconds)
+    score(case, &answer, seconds)
 }
 
 /// All cases of the plan that have no result yet.
@@ -55,7 +54,7 @@ pub(crate) fn study(plan: &Plan) -> Vec<Outcome> {
                     if begun.elapsed() > until {
                         break;
                     }
-                    let Ok(outcome) = catch_unwind(AssertUnwindSafe(|| run(*spec, &folder, limit))) else {
+                    let Ok(outcome) = catch_unwind(AssertUnwindSafe(|| run(&Case::new(*spec), &folder, limit))) else {
                         println!("{}: could not be made", spec.name());
                         continue;
                     };

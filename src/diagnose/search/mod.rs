@@ -23,10 +23,10 @@ mod round;
 mod search;
 mod search_error;
 mod stage;
-mod trace;
-mod whitened;
 #[cfg(test)]
 mod tests;
+mod trace;
+mod whitened;
 
 pub use options::{SearchOptions, Watcher};
 pub use search::search;
