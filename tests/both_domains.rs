@@ -129,6 +129,21 @@ fn coupled_inertias_and_accelerometers() {
     agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(6.0) });
 }
 
+/// Blocks become states that rest at the beginning: a filter before the elevator, a sensor behind the rate, a washout.
+#[test]
+fn blocks_before_and_behind_the_equations() {
+    let text = "model filtered {
+        input stick; state q, z;
+        param omega = 2 in [0.1, 20], zeta = 0.6 in [0, 2], K = 2.2, lead = 0.5 in [0, 5], sensor = 0.2 in [0.01, 2], T = 1.4 in [0.05, 20];
+        let moved = leadlag(stick, lead, 0.1);
+        der(q) = z;
+        der(z) = K*tf(moved, [1], [0.02, 1]) - 2*zeta*omega*z - omega^2*q;
+        output q_m = lag(q, sensor), z_m = z, w_m = washout(q, T), s_m = second_order(stick, 8, 0.7) + q; }";
+    let model = Model::from_text("filtered.fdm", text).unwrap();
+    let runs = records(&model, 2, (1200, 0.025), 0.05);
+    agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(18.0) });
+}
+
 /// Without noise, on the grid and off it, the delay within the record's first seconds too.
 #[test]
 fn derivatives_of_inputs_are_exact_in_the_frequency_domain() {

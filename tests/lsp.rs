@@ -196,6 +196,18 @@ fn findings_follow_the_keys() {
 }
 
 #[test]
+fn effects_are_read_as_effects() {
+    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/models/effects.fdm")).expect("effects");
+    let (mut editor, found) = Editor::open(&text);
+    assert!(found.is_empty(), "{found:?}");
+    editor.change(json!([{"text": text.replace("clip(i, -limit, limit)", "clip(i, -limt, limit)")}]));
+    let found = editor.findings();
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0]["message"], "`limt` is not declared\ndid you mean `limit`?");
+    editor.leave();
+}
+
+#[test]
 fn names_are_explained_found_and_renamed() {
     let (mut editor, _) = Editor::open(PITCH);
     let hover = editor.at("textDocument/hover", 4, 6);

@@ -5,10 +5,11 @@ mod noise;
 
 use fdm::Model;
 use fdm::code::{Nominal, verify};
-use fdm::estimate::{Changes, Fit, FitOptions, Status, fit};
+use fdm::estimate::{Changes, Fit, FitOptions, Nonlinear, SpectralOptions, Status, fit, fit_spectra};
 use fdm::record::Run;
 use fdm::regression::{RegressionOptions, regress};
 use fdm::simulate::Simulator;
+use fdm::spectrum::Frequencies;
 use noise::Normal;
 
 const CURVE: [(&str, f64); 6] =
@@ -112,6 +113,26 @@ fn tables_are_carried_as_known_inputs() {
     let (carried, terms) = aeroplane("linear").carried().unwrap();
     assert!(carried.layout().affine.rates && terms.len() >= 5, "{}", terms.len());
     assert!(CURVE.iter().all(|(name, _)| carried.definition().param(name).is_some()));
+    let (model, flights) = (aeroplane("linear"), [flight(&aeroplane("linear"), 0.001, 2)]);
+    let options = |fix: &[&str]| SpectralOptions {
+        nonlinear: Nonlinear::Carried,
+        frequencies: Frequencies::Grid { lowest: None, highest: Some(20.0) },
+        finish: false,
+        changes: Changes { fix: fix.iter().map(|n| (*n).into()).collect(), ..Changes::default() },
+        ..SpectralOptions::default()
+    };
+    // without the line at zero the level of the curve cannot be seen, and that is said
+    let open = fit_spectra(&model, &flights, &options(&[]), &mut ()).unwrap().estimate.undetermined;
+    let names: Vec<&str> = open.iter().flat_map(|d| d.moves.iter().map(|(name, _)| name.as_str())).collect();
+    assert!(open.len() == 1 && CURVE.iter().all(|(name, _)| names.contains(name)), "{open:?}");
+    let fit = fit_spectra(&model, &flights, &options(&["CL1"]), &mut ()).unwrap();
+    assert!(fit.is_good(), "{}", fit.estimate.termination);
+    for (name, want) in CURVE.iter().filter(|(name, _)| *name != "CL1") {
+        let p = fit.estimate.parameter(name, None).unwrap();
+        let error = p.error().unwrap();
+        assert!(error < 0.02, "{name}: {} ± {error}", p.value);
+        assert!((p.value - want).abs() < 4.0 * error, "{name}: {} ± {error} instead of {want}", p.value);
+    }
 }
 
 #[test]

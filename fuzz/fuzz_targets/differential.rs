@@ -5,6 +5,7 @@
 use arbitrary::Unstructured;
 use fdm::code::{Engine, Nominal, compile, verify};
 use fdm::dynamics::{Dynamics, Point, Workspace};
+use fdm_fuzz::{bits, numbers};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {
@@ -14,25 +15,19 @@ fuzz_target!(|data: &[u8]| {
     let (tape, jit) = (compile(&compiled.schedule, Engine::Tape), compile(&compiled.schedule, Engine::Jit));
     let theta = compiled.model.start();
     for seed in 0..4 {
-        assert_eq!(bits(&*tape, &theta, seed), bits(&*jit, &theta, seed), "{text}");
+        assert_eq!(at_a_point(&*tape, &theta, seed), at_a_point(&*jit, &theta, seed), "{text}");
     }
     let verdict = verify(&compiled.model, &compiled.schedule, &Nominal::start(&compiled.model));
     assert!(verdict.failures.is_empty(), "{text}\n{:?}", verdict.failures);
 });
 
 /// Everything that an engine computes at a point, with one NaN.
-fn bits(dynamics: &dyn Dynamics, theta: &[f64], seed: u64) -> Vec<u64> {
+fn at_a_point(dynamics: &dyn Dynamics, theta: &[f64], seed: u64) -> Vec<u64> {
     let layout = dynamics.layout();
     let mut work = Workspace::new(dynamics);
     let mut known = vec![0.0; layout.known];
     dynamics.prepare(theta, &mut known, &mut work);
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut number = || {
-        state ^= state >> 12;
-        state ^= state << 25;
-        state ^= state >> 27;
-        (state >> 11) as f64 / (1_u64 << 53) as f64 * 6.0 - 3.0
-    };
+    let mut number = numbers(seed);
     let x: Vec<f64> = (0..layout.states).map(|_| number()).collect();
     let drive: Vec<f64> = (0..layout.drive()).map(|_| number()).collect();
     let at = Point { t: number().abs(), x: &x, drive: &drive, known: &known };
@@ -46,5 +41,5 @@ fn bits(dynamics: &dyn Dynamics, theta: &[f64], seed: u64) -> Vec<u64> {
     for part in [rates, outputs, inputs] {
         all.extend(part);
     }
-    all.iter().map(|v| if v.is_nan() { f64::NAN.to_bits() } else { v.to_bits() }).collect()
+    bits(&all)
 }

@@ -41,3 +41,19 @@ pub fn look_at(source: &Source, findings: &[Diagnostic]) {
         assert!(!finding.line(source).is_empty());
     }
 }
+
+/// Numbers between -3 and 3, others for every seed.
+pub fn numbers(seed: u64) -> impl FnMut() -> f64 {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    move || {
+        state ^= state >> 12;
+        state ^= state << 25;
+        state ^= state >> 27;
+        (state >> 11) as f64 / (1_u64 << 53) as f64 * 6.0 - 3.0
+    }
+}
+
+/// Bits in which every NaN is one: which NaN an operation returns, IEEE leaves open.
+pub fn bits(numbers: &[f64]) -> Vec<u64> {
+    numbers.iter().map(|v| if v.is_nan() { f64::NAN } else { *v }.to_bits()).collect()
+}

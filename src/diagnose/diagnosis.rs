@@ -1,5 +1,7 @@
 //! What a diagnosis came to: the verdict, the causes with their rivals, what was rejected, what would have been seen.
 
+use super::force::{Attribution, Localisation, Suggestions};
+use super::misfit::Misfit;
 use serde::Serialize;
 
 /// What was found.
@@ -251,4 +253,12 @@ pub struct Diagnosis {
     pub extended: Option<String>,
     /// Why the search ended, in a sentence.
     pub ended: String,
+    /// What is wrong with every output of the model as it was given.
+    pub misfit: Vec<Misfit>,
+    /// Effect, force or unknown cause, weighed against each other; none where that could not be asked.
+    pub attribution: Option<Attribution>,
+    /// Where a force would enter the model as it was given.
+    pub places: Option<Localisation>,
+    /// What an unknown cause looks like, where the verdict is that.
+    pub suggestions: Option<Suggestions>,
 }

@@ -1,6 +1,7 @@
 //! An open text and what is known of it.
 
 use super::place::Lines;
+use fdm_grammar::effect::Catalogue;
 use fdm_grammar::syntax::{self, Declaration, Role, StatementKind, SyntaxTree, Table, Token, TokenKind, Use};
 use fdm_grammar::{Diagnostic, Model, Source, Span};
 use lsp_types::{Position, Range, TextDocumentContentChangeEvent};
@@ -92,7 +93,10 @@ impl Document {
         let source = Source::new(name, text);
         let lines = Lines::new(source.text());
         let (tokens, comments) = syntax::tokens(source.text());
-        let (tree, findings) = syntax::parse_recovering(&source);
+        let (tree, findings) = match syntax::holds_effects(source.text()) {
+            true => (None, syntax::parse_effects(&source).1),
+            false => syntax::parse_recovering(&source),
+        };
         Self { version, source, lines, tokens, comments, tree, model: None, findings, is_checked: false }
     }
 
@@ -115,6 +119,11 @@ impl Document {
 
     /// Finds every mistake of the text.
     pub(super) fn check(&mut self) {
+        self.is_checked = true;
+        if syntax::holds_effects(self.source.text()) {
+            self.findings = Catalogue::read(&self.source).1;
+            return;
+        }
         let mut whole = self.source.clone();
         crate::Model::gather_files(&mut whole);
         (self.model, self.findings) = match fdm_grammar::examine(&whole) {
@@ -122,7 +131,6 @@ impl Document {
             Err(findings) => (None, findings),
         };
         self.findings.iter_mut().for_each(|f| at_the_use(f, &whole));
-        self.is_checked = true;
     }
 
     pub(super) fn text(&self) -> &str {

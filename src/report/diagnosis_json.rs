@@ -1,6 +1,7 @@
 //! A diagnosis for other programs.
 
-use crate::diagnose::diagnosis::{Cause, Diagnosis, NewValue};
+use crate::diagnose::diagnosis::{Cause, Diagnosis, NewValue, Verdict};
+use crate::diagnose::force::Site;
 use serde_json::{Value, json};
 
 /// Verdict, causes, misfit, what would have been seen; `extended_model` is where the extended text was written. Numbers that do not exist
@@ -10,9 +11,14 @@ pub fn diagnosis_json(d: &Diagnosis, extended_model: Option<&str>) -> Value {
         "verdict": d.verdict,
         "family_wise_p": d.family_wise_p,
         "causes": d.causes.iter().map(cause).collect::<Vec<_>>(),
-        "misfit": misfit(d),
+        "misfit": d.misfit,
         "detectable": d.detectable,
         "extended_model": extended_model,
+        "sites": sites(d),
+        "leftover": d.attribution.as_ref().map_or(&[][..], |a| &a.warnings),
+        "attribution": d.attribution,
+        "force": force(d),
+        "suggestions": d.suggestions,
         "ended": d.ended,
         "rejected": d.rejected,
         "searches": d.rounds.iter().map(|r| json!({
@@ -43,12 +49,23 @@ fn parameter(p: &NewValue) -> Value {
     })
 }
 
-/// What the model as it stands leaves, beside what noise would leave.
-fn misfit(d: &Diagnosis) -> Value {
-    let one = |o: &crate::diagnose::diagnosis::OutputGain| {
-        json!({
-            "run": o.run, "output": o.output, "unit": o.unit, "rms": o.rms_before, "noise_floor": o.noise_floor,
-        })
+/// Whether the verdict rests on a force.
+fn is_force(d: &Diagnosis) -> bool {
+    matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause)
+}
+
+/// Places where a force would enter, the likeliest first, as far as anything speaks for them; none where an effect explains
+/// what there is.
+fn sites(d: &Diagnosis) -> Value {
+    let places = d.places.iter().flat_map(|p| &p.forces).filter(|site| is_force(d) && site.evidence > 0.0);
+    let one = |site: &Site| {
+        json!({ "name": site.place.name, "kind": site.place.kind, "evidence": site.evidence, "size": site.size })
     };
-    d.outputs.iter().filter(|o| !o.held_out).map(one).collect()
+    places.map(one).collect()
+}
+
+/// The course of the likeliest force, run by run, where the verdict rests on one.
+fn force(d: &Diagnosis) -> Value {
+    let site = d.places.iter().flat_map(|p| p.forces.first()).find(|site| is_force(d) && site.evidence > 0.0);
+    site.map_or(Value::Null, |site| json!({ "name": site.place.name, "kind": site.place.kind, "course": site.course }))
 }

@@ -12,6 +12,7 @@ const MOVED: f64 = 1.0;
 /// Sentences and tables.
 pub fn diagnosis_text(d: &Diagnosis) -> String {
     let mut text = verdict(d);
+    text.push_str(&wrong(d));
     for (k, cause) in d.causes.iter().enumerate() {
         text.push_str(&one(k + 1, cause));
     }
@@ -44,6 +45,29 @@ fn verdict(d: &Diagnosis) -> String {
         }
         Verdict::NoEffectFound => format!("No effect found: noise alone would look as bad with probability {p}.\n"),
     }
+}
+
+/// What is wrong, where, and what is left, in words.
+fn wrong(d: &Diagnosis) -> String {
+    let mut text = String::new();
+    if d.verdict != Verdict::NoEffectFound {
+        for sentence in d.misfit.iter().flat_map(|m| &m.sentences) {
+            let _ = writeln!(text, "  {sentence}");
+        }
+    }
+    if matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause) {
+        let sites = d.places.iter().flat_map(|p| &p.forces).filter(|site| site.evidence > 0.0);
+        for site in sites.take(3) {
+            let _ = writeln!(text, "a force at {}: the odds are e^{:.0} to 1", site.place, site.evidence);
+        }
+    }
+    for s in d.suggestions.iter().flat_map(|s| &s.list).take(3) {
+        let _ = writeln!(text, "it looks like {:.4} * {} in {}", s.coefficient, s.function, s.place);
+    }
+    for warning in d.attribution.iter().flat_map(|a| &a.warnings) {
+        let _ = writeln!(text, "{warning}");
+    }
+    text
 }
 
 fn chance(p: f64) -> String {

@@ -3,8 +3,8 @@
 //! **In** a text of effects ([`Catalogue::read`]), a model with its text ([`Subject`]), answers to what only data know
 //! ([`Scales`]). **Out** [`Candidate`]s, and [`Extension`]s: edited text, its tree, its new parameters with null values
 //! and grids. **Never** data, files or simulation, and never a text printed anew: edits touch what they change.
-//! **Start** at [`Catalogue::places`] and [`Candidate::apply`]; `definition.rs` checks an effect, `conditions.rs` says
-//! where it fits, `rewrite.rs` what it changes, `edit.rs` where that stands in the text, `null.rs` whether it vanishes.
+//! **Start** at [`Catalogue::places`] and [`Candidate::apply`]; `soundness` checks an effect, `conditions.rs` says
+//! where it fits, `rewrite` what it changes, `edit.rs` where that stands in the text, `null.rs` whether it vanishes.
 
 mod candidate;
 mod catalogue;
@@ -18,6 +18,7 @@ mod null;
 mod probe;
 mod rewrite;
 mod scales;
+mod soundness;
 mod subject;
 #[cfg(test)]
 mod tests;

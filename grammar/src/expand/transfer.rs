@@ -234,5 +234,10 @@ fn coefficients(maker: &mut Maker<'_>, list: ExprRef, role: &str) -> Result<Vec<
         let finding = Diagnostic::new(Code::BadBlock, maker.tree.span(*inner), "a coefficient of `tf` is a number");
         return Err(finding.hint("`tf(x, [b1, b0], [1, a1, a0])`: coefficients from the highest power down"));
     }
+    // brackets hold something where the text is read: without elements is only what was told to be no number
+    if elements.is_empty() {
+        let one = maker.number(1.0);
+        return Ok(vec![maker.atom(one, "tf", role)]);
+    }
     Ok(elements.into_iter().rev().map(|e| maker.atom(e, "tf", role)).collect())
 }

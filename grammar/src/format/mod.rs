@@ -62,7 +62,7 @@ fn settled(text: &str) -> String {
 
 /// What a text says, apart from its places.
 fn meaning(source: &Source) -> Result<String, Vec<Diagnostic>> {
-    if pieces::pieces(source.text()).iter().find(|p| !p.is_comment()).is_some_and(|p| p.is("effect")) {
+    if syntax::holds_effects(source.text()) {
         let (effects, findings) = syntax::parse_effects(source);
         let printed: Vec<String> = effects.iter().map(syntax::print_effect).collect();
         return if findings.is_empty() { Ok(printed.concat()) } else { Err(findings) };

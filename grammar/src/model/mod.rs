@@ -3,12 +3,14 @@
 //! **In** from `check`. **Out** [`Model`], in which no unresolved name can exist. **Never** text or spans of
 //! expressions: mistakes have been told by now. **Start** at [`Model`].
 
+mod forces;
 pub mod reading;
 mod substitution;
 #[cfg(test)]
 mod tests;
 mod ties;
 
+pub use forces::Entry;
 pub use substitution::Unshown;
 pub use ties::Tie;
 

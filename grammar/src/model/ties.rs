@@ -80,7 +80,7 @@ impl Model {
     }
 
     /// Every expression of the model.
-    fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
+    pub(super) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
         let states = self.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
         let outputs = self.outputs.iter_mut().map(|o| &mut o.expr);
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);

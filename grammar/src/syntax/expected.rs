@@ -262,6 +262,8 @@ impl Expected<'_> {
             "parameter" | "parameters" => "param",
             "constant" | "constants" => "const",
             "variable" => "state",
+            // what has a number is a parameter rather than something that moves
+            lower if TYPES.contains(&lower) && self.word(second + 1) == "=" => "param",
             lower if TYPES.contains(&lower) => "state",
             "der" => return None,
             _ => {

@@ -29,7 +29,7 @@ pub(crate) use extent::value_extent;
 pub use print::Printer;
 pub use print_effect::print_effect;
 pub use recover::{parse, parse_recovering, parse_used};
-pub use scan::{Kind as TokenKind, Token, tokens};
+pub use scan::{Kind as TokenKind, Token, holds_effects, tokens};
 pub use tree::*;
 pub use words::{WORDS, WordUse, word_use, words_for};
 

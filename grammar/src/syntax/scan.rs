@@ -71,6 +71,21 @@ pub fn tokens(text: &str) -> (Vec<Token>, Vec<Span>) {
     scan_with_comments(text, usize::MAX).unwrap_or_default()
 }
 
+/// Whether a text holds effects and no model: it begins with the word.
+pub fn holds_effects(text: &str) -> bool {
+    let mut rest = text.trim_start_matches('\u{feff}').trim_start();
+    loop {
+        let end = if rest.starts_with("//") {
+            rest.find('\n')
+        } else if rest.starts_with("/*") {
+            rest.find("*/").map(|at| at + 2)
+        } else {
+            return rest.strip_prefix("effect").is_some_and(|r| !r.starts_with(continues_name));
+        };
+        rest = end.map_or("", |end| rest[end..].trim_start());
+    }
+}
+
 fn scan_with_comments(text: &str, limit: usize) -> Result<(Vec<Token>, Vec<Span>), Span> {
     let mut scanner = Scanner { text, at: 0, tokens: Vec::new() };
     let mut comments = Vec::new();

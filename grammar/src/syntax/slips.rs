@@ -3,7 +3,7 @@
 use super::expected::{Expected, Want, shown};
 use super::outline::{Extent, Fault, NESTING_LIMIT, Outline};
 use super::parse::Refusal;
-use super::scan::{Kind, Token};
+use super::scan::{Kind, Token, holds_effects};
 use super::words::{WordUse, word_use};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
@@ -80,6 +80,12 @@ impl<'a> Slips<'a> {
                 self.report([
                     Diagnostic::new(Code::Unexpected, first.span, message).hint("a record is given with `--data`")
                 ]);
+                return false;
+            }
+            if holds_effects(self.text) {
+                let message = "these are effects, not a model";
+                let hint = "a file of effects is given with `--effects`; `fdm check` checks one by itself";
+                self.report([Diagnostic::new(Code::Unexpected, first.span, message).hint(hint)]);
                 return false;
             }
             self.report([self.no_header(first)]);

@@ -6,31 +6,34 @@
 //! chances is judged by what it is for residuals drawn from spectra as likely as the one that was found, with the fit
 //! taken out and the spectrum estimated anew each time.
 
-use super::score::{Direction, best};
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use super::score::{Trial, best};
+use nalgebra::{DMatrix, DVector};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// Draws of scores under a known spectrum.
 const DRAWS: usize = 4000;
+/// Batches that are drawn side by side.
+const BATCHES: usize = 16;
 /// Above this quantile of the draws a statistic's chance falls like that of chi-square with two degrees of freedom.
 const TAIL: f64 = 0.99;
 
 /// Standard normal numbers, the same on every machine.
-pub(super) struct Normal {
+pub(in crate::diagnose) struct Normal {
     random: ChaCha8Rng,
     second: Option<f64>,
 }
 
 impl Normal {
-    pub(super) fn new(seed: u64) -> Self {
+    pub(in crate::diagnose) fn new(seed: u64) -> Self {
         Self { random: ChaCha8Rng::seed_from_u64(seed), second: None }
     }
 
     /// Box and Muller.
-    pub(super) fn next(&mut self) -> f64 {
+    pub(in crate::diagnose) fn next(&mut self) -> f64 {
         if let Some(second) = self.second.take() {
             return second;
         }
@@ -42,6 +45,11 @@ impl Normal {
 }
 
 impl Normal {
+    /// Between 0 and 1.
+    pub(super) fn uniform(&mut self) -> f64 {
+        self.random.random()
+    }
+
     /// The sum of the squares of so many (Wilson & Hilferty 1931 where there are many).
     pub(super) fn square_sum(&mut self, count: usize) -> f64 {
         if count < 30 {
@@ -60,21 +68,28 @@ pub(super) struct Marginals {
 }
 
 impl Marginals {
-    /// Draws scores z ~ N(0, G).
-    pub(super) fn new(gram: &DMatrix<f64>, directions: &[Direction], candidates: usize, usable: &[bool]) -> Self {
-        let (root, own) = (root(gram), gram.diagonal());
-        let mut normal = Normal::new(1);
-        let mut sorted = vec![Vec::with_capacity(DRAWS); candidates];
-        for _ in 0..DRAWS {
-            let numbers = DVector::from_fn(root.ncols(), |_, _| normal.next());
-            let z = &root * numbers;
-            let scored = best(directions, candidates, z.as_slice(), own.as_slice(), usable);
-            for (list, (_, score)) in sorted.iter_mut().zip(scored) {
-                list.push(score.statistic);
+    /// Draws residuals that are white in the coordinates of the directions.
+    pub(super) fn new(directions: &DMatrix<f64>, trials: &[Trial], candidates: usize) -> Self {
+        // under a known spectrum statistics need no equivalent
+        let known: Vec<Trial> = trials.iter().map(|t| Trial { freedom: f64::INFINITY, ..t.clone() }).collect();
+        let draw = |batch: usize| {
+            let mut normal = Normal::new(batch as u64);
+            let mut lists = vec![Vec::with_capacity(DRAWS / BATCHES); candidates];
+            for _ in 0..DRAWS / BATCHES {
+                let residual = DVector::from_fn(directions.nrows(), |_, _| normal.next());
+                for (list, best) in lists.iter_mut().zip(best(&known, candidates, directions, None, &residual)) {
+                    list.push(best.equivalent);
+                }
             }
-        }
-        sorted.iter_mut().for_each(|list| list.sort_by(|a, b| b.total_cmp(a)));
-        Self { sorted }
+            lists
+        };
+        let batches: Vec<Vec<Vec<f64>>> = (0..BATCHES).into_par_iter().map(draw).collect();
+        let gathered = |candidate: usize| {
+            let mut list: Vec<f64> = batches.iter().flat_map(|lists| &lists[candidate]).copied().collect();
+            list.sort_by(|a, b| b.total_cmp(a));
+            list
+        };
+        Self { sorted: (0..candidates).into_par_iter().map(gathered).collect() }
     }
 
     /// The chance that noise alone gives a candidate this statistic or more.
@@ -100,27 +115,24 @@ impl Marginals {
     }
 }
 
-/// R with R R' = G, without what G does not have.
-fn root(gram: &DMatrix<f64>) -> DMatrix<f64> {
-    let eigen = SymmetricEigen::new(gram.clone());
-    let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-    let kept: Vec<usize> = (0..gram.nrows()).filter(|k| eigen.eigenvalues[*k] > 1e-12 * largest).collect();
-    DMatrix::from_fn(gram.nrows(), kept.len(), |i, k| {
-        eigen.eigenvectors[(i, kept[k])] * eigen.eigenvalues[kept[k]].sqrt()
-    })
-}
+/// Draws above a value by which its chance is counted; below, the tail is taken as exponential.
+const COUNTED: usize = 10;
+/// Share of the draws that the tail begins with.
+const UPPER: f64 = 0.05;
 
-/// The chance of a value at least this large among draws; beyond them an exponential tail through the largest tenth.
-pub(super) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
+/// The chance of a value at least this large among draws; where few are beyond it, by an exponential tail through the
+/// largest of them.
+pub(in crate::diagnose) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
     draws.sort_by(|a, b| b.total_cmp(a));
     let count = draws.len() as f64;
     let above = draws.partition_point(|d| *d >= value);
-    let tenth = (draws.len() / 10).max(1);
-    if above >= tenth {
+    let tail = ((UPPER * count) as usize).max(COUNTED).min(draws.len().saturating_sub(1));
+    if above >= COUNTED.min(tail) {
         return (above as f64 + 1.0) / (count + 1.0);
     }
-    let edge = draws[tenth];
-    let mean = draws[..tenth].iter().map(|d| d - edge).sum::<f64>() / tenth as f64;
-    let share = tenth as f64 / count;
-    if mean > 0.0 { share * (-(value - edge).max(0.0) / mean).exp() } else { 1.0 / (count + 1.0) }
+    let edge = draws[tail];
+    let mean = draws[..tail].iter().map(|d| d - edge).sum::<f64>() / tail as f64;
+    let share = tail as f64 / count;
+    let counted = (above as f64 + 1.0) / (count + 1.0);
+    if mean > 0.0 { share * (-(value - edge).max(0.0) / mean).exp() } else { counted }
 }

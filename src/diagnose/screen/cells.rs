@@ -1,17 +1,19 @@
-//! Lines gathered into cells, one for each output and narrow band, in which the noise is taken as white: with the products of
-//! all signals in each cell, every weighting by a spectrum is a sum over cells, and no line is needed again.
+//! Lines gathered into cells, one for each output and narrow band: inside a cell the noise has the level of the cell and a
+//! shape that is known, so that every weighting by a spectrum is a sum over cells, and no line is needed again.
 
 use super::calibration::Normal;
-use super::lines::{Lines, Record};
+use super::noise::LogSpectrum;
+use super::shared::{Part, Shared};
 use nalgebra::{DMatrix, DVector};
-use rustdct::DctPlanner;
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
 const WIDTH: f64 = 1.25;
 /// Fewest lines of a band, of the longest run.
 const FEWEST: usize = 4;
-/// A cell in which every signal has less than this share of its energy says nothing but how strong the noise is there.
-const EMPTY: f64 = 1e-9;
+/// What is left of a cell's products when they are factored, as a share of the largest.
+const NEGLIGIBLE: f64 = 1e-12;
 
 /// One output in one band.
 #[derive(Debug, Clone)]
@@ -22,30 +24,23 @@ pub(super) struct Cell {
     pub(super) log_frequency: f64,
     /// Number of lines.
     pub(super) count: usize,
-    /// Products of fitted sensitivities and directions with each other; none where they have no energy.
-    pub(super) signals: Option<Products>,
+    /// R with R'R the products of the shared columns (rank by r).
+    pub(super) factor: DMatrix<f64>,
+    /// Products of the shared columns with the residual (r).
+    pub(super) products: DVector<f64>,
     /// Sum of squares of the residual.
     pub(super) residual: f64,
-}
-
-/// Products inside a cell.
-#[derive(Debug, Clone)]
-pub(super) struct Products {
-    /// X'X of the columns X: fitted, then directions.
-    pub(super) squares: DMatrix<f64>,
-    /// X'r
-    pub(super) residual: DVector<f64>,
-    /// X itself, for draws of noise (lines by columns).
-    pub(super) lines: DMatrix<f64>,
+    /// Parts and lines.
+    rows: Vec<(usize, Range<usize>)>,
 }
 
 /// A cell's lines of a residual that was drawn.
 #[derive(Debug, Clone)]
 pub(super) struct Drawn {
-    /// X'r; none where the cell has no signals.
-    pub(super) products: Option<DVector<f64>>,
-    /// Sum of squares.
-    pub(super) squares: f64,
+    /// Where the shared columns reach: coordinates along R.
+    pub(super) along: DVector<f64>,
+    /// Sum of squares of everything else.
+    pub(super) beside: f64,
 }
 
 /// All cells of all runs.
@@ -53,15 +48,12 @@ pub(super) struct Drawn {
 pub(super) struct Cells {
     /// Outputs outermost, bands rising.
     pub(super) list: Vec<Cell>,
-    /// Fitted columns p.
-    pub(super) fitted: usize,
-    /// Direction columns m.
-    pub(super) directions: usize,
     /// Outputs q.
     pub(super) channels: usize,
 }
 
 impl Cells {
+<<<<<<< HEAD
     /// Gathers the lines of all runs; the first `dropped` lines of each are left out.
     ///
     /// Runs must have more samples than that.
@@ -86,29 +78,89 @@ impl Cells {
                     .collect();
                 list.extend(cell(channel, &parts, fitted + directions, &energy));
             }
+=======
+    /// Gathers lines; `shape` are spectra by which the level changes inside a cell.
+    pub(super) fn new(shared: &Shared, shape: Option<&[LogSpectrum]>) -> Self {
+        let edges = edges(&shared.parts);
+        let places: Vec<(usize, usize)> =
+            (0..shared.channels).flat_map(|c| (0..edges.len()).map(move |band| (c, band))).collect();
+        let one = |(channel, band): (usize, usize)| {
+            let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
+            Cell::of(shared, channel, edges[band]..high, shape.map(|s| &s[channel]))
+        };
+        let list = places.into_par_iter().filter_map(one).collect();
+        Self { list, channels: shared.channels }
+    }
+
+    /// Products with a residual that has changed.
+    pub(super) fn renew(&mut self, shared: &Shared, shape: &[LogSpectrum]) {
+        for cell in &mut self.list {
+            let (columns, residual) = cell.gather(shared, Some(&shape[cell.channel]));
+            (cell.products, cell.residual) = (columns.tr_mul(&residual), residual.norm_squared());
+>>>>>>> search
         }
-        Self { list, fitted, directions, channels }
     }
 
     /// Residuals of noise alone: standard normal numbers times the deviation of each cell.
     pub(super) fn noise(&self, deviation: impl Fn(&Cell) -> f64, normal: &mut Normal) -> Vec<Drawn> {
         let draw = |cell: &Cell| {
             let deviation = deviation(cell);
-            match &cell.signals {
-                Some(signals) => {
-                    let lines = DVector::from_fn(cell.count, |_, _| deviation * normal.next());
-                    Drawn { squares: lines.norm_squared(), products: Some(signals.lines.tr_mul(&lines)) }
-                }
-                None => Drawn { squares: deviation * deviation * normal.square_sum(cell.count), products: None },
-            }
+            let rank = cell.factor.nrows();
+            let along = DVector::from_fn(rank, |_, _| deviation * normal.next());
+            Drawn { along, beside: deviation * deviation * normal.square_sum(cell.count - rank) }
         };
         self.list.iter().map(draw).collect()
     }
 }
 
+impl Cell {
+    fn of(shared: &Shared, channel: usize, band: Range<f64>, shape: Option<&LogSpectrum>) -> Option<Self> {
+        let within = |(k, part): (usize, &Part)| {
+            let first = part.frequency.partition_point(|f| *f < band.start);
+            let rows = first..part.frequency.partition_point(|f| *f < band.end);
+            (part.channel == channel && !rows.is_empty()).then_some((k, rows))
+        };
+        let rows: Vec<_> = shared.parts.iter().enumerate().filter_map(within).collect();
+        let count: usize = rows.iter().map(|(_, rows)| rows.len()).sum();
+        let logs = rows.iter().flat_map(|(k, rows)| &shared.parts[*k].frequency[rows.clone()]).map(|f| f.ln());
+        let log_frequency = logs.sum::<f64>() / count as f64;
+        let (factor, products) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+        let mut cell = Self { channel, log_frequency, count, factor, products, residual: 0.0, rows };
+        if count == 0 {
+            return None;
+        }
+        let (columns, residual) = cell.gather(shared, shape);
+        (cell.products, cell.residual) = (columns.tr_mul(&residual), residual.norm_squared());
+        cell.factor = if count > columns.ncols() { factored(columns.transpose() * columns) } else { compact(columns) };
+        Some(cell)
+    }
+
+    /// Shared columns and residual, brought to the cell's level.
+    fn gather(&self, shared: &Shared, shape: Option<&LogSpectrum>) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut columns, mut residual) = (DMatrix::zeros(self.count, shared.width()), DVector::zeros(self.count));
+        let mut row = 0;
+        for (k, rows) in &self.rows {
+            let part = &shared.parts[*k];
+            columns.rows_mut(row, rows.len()).copy_from(&part.basis.rows(rows.start, rows.len()));
+            residual.rows_mut(row, rows.len()).copy_from(&part.residual.rows(rows.start, rows.len()));
+            if let Some(shape) = shape {
+                let level = shape.at(self.log_frequency);
+                let factors: Vec<f64> =
+                    part.frequency[rows.clone()].iter().map(|f| (level / shape.at(f.ln())).sqrt()).collect();
+                for mut column in columns.column_iter_mut() {
+                    column.rows_mut(row, rows.len()).iter_mut().zip(&factors).for_each(|(v, f)| *v *= f);
+                }
+                residual.rows_mut(row, rows.len()).iter_mut().zip(&factors).for_each(|(v, f)| *v *= f);
+            }
+            row += rows.len();
+        }
+        (columns, residual)
+    }
+}
+
 /// Where bands begin: every band holds lines enough of the longest run.
-fn edges(lines: &[Lines]) -> Vec<f64> {
-    let Some(longest) = lines.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
+fn edges(parts: &[Part]) -> Vec<f64> {
+    let Some(longest) = parts.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
     let mut edges = vec![0.0];
     let mut first = 0;
     for (k, f) in longest.frequency.iter().enumerate() {
@@ -121,35 +173,32 @@ fn edges(lines: &[Lines]) -> Vec<f64> {
     edges
 }
 
-/// Sum of squares of every column over all lines.
-fn energies(lines: &[Lines]) -> Vec<f64> {
-    let mut energies = Vec::new();
-    for line in lines {
-        energies.resize(line.columns.ncols(), 0.0);
-        for (energy, column) in energies.iter_mut().zip(line.columns.column_iter()) {
-            *energy += column.norm_squared();
-        }
-    }
-    energies
+/// Fewer lines than columns: the lines themselves, unless fewer directions than lines carry them.
+fn compact(columns: DMatrix<f64>) -> DMatrix<f64> {
+    if columns.norm_squared() > 0.0 { columns } else { DMatrix::zeros(0, columns.ncols()) }
 }
 
+<<<<<<< HEAD
 fn cell(channel: usize, parts: &[(&Lines, std::ops::Range<usize>)], columns: usize, energy: &[f64]) -> Option<Cell> {
     let count: usize = parts.iter().map(|(_, rows)| rows.len()).sum();
     if count == 0 {
         return None;
+=======
+/// R of as few rows as carry the products R'R (Cholesky with pivots, ended where nothing is left).
+fn factored(mut products: DMatrix<f64>) -> DMatrix<f64> {
+    let size = products.nrows();
+    let largest = products.diagonal().max();
+    let mut rows: Vec<DVector<f64>> = Vec::new();
+    while rows.len() < size {
+        let (pivot, left) = products.diagonal().argmax();
+        if left <= NEGLIGIBLE * largest || left <= 0.0 {
+            break;
+        }
+        let row = products.column(pivot) / left.sqrt();
+        products.ger(-1.0, &row, &row, 1.0);
+        products[(pivot, pivot)] = 0.0;
+        rows.push(row);
+>>>>>>> search
     }
-    let mut all = DMatrix::zeros(count, columns + 1);
-    let (mut row, mut log) = (0, 0.0);
-    for (lines, rows) in parts {
-        all.rows_mut(row, rows.len()).copy_from(&lines.columns.rows(rows.start, rows.len()));
-        log += lines.frequency[rows.clone()].iter().map(|f| f.ln()).sum::<f64>();
-        row += rows.len();
-    }
-    let residual = all.column(columns).norm_squared();
-    let seen = (0..columns).any(|c| all.column(c).norm_squared() > EMPTY * energy[c]);
-    let signals = seen.then(|| {
-        let lines = all.columns(0, columns).into_owned();
-        Products { squares: lines.tr_mul(&lines), residual: lines.tr_mul(&all.column(columns)), lines }
-    });
-    Some(Cell { channel, log_frequency: log / count as f64, count, signals, residual })
+    DMatrix::from_fn(rows.len(), size, |i, j| rows[i][j])
 }

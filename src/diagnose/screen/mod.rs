@@ -8,14 +8,19 @@
 
 mod calibration;
 mod cells;
+mod consistency;
+mod judge;
 mod lines;
 mod noise;
 mod projection;
 mod score;
 mod screening;
+mod shared;
 #[cfg(test)]
 mod tests;
 
+pub(in crate::diagnose) use calibration::{Normal, exceedance};
+pub use consistency::Consistency;
 pub use lines::{Record, Signals};
 pub use noise::LogSpectrum;
 pub use score::{Direction, Shape};

@@ -1,18 +1,30 @@
 //! The noise of one output as a smooth logarithm of its spectrum, from cells of which a part has been fitted away.
 //!
-//! log S(f) is a sum of hat functions over log f. What a projection of leverage h leaves of n lines has the mean
-//! S (n - h): the likelihood is that of gamma variates (Whittle), each weighed by what is left of it, and is solved by
-//! reweighted least squares (McCullagh & Nelder 1989, gamma with logarithmic link).
+//! log S(f) is piecewise linear in log f between many knots, held by a prior: second differences are normal with a
+//! deviation that the lines choose, so that without curvature the spectrum is a power of the frequency (white and 1/f
+//! alike). What a projection of leverage h leaves of n lines has the mean S (n - h): the likelihood is that of gamma variates
+//! (Whittle), solved by reweighted least squares; how smooth the spectrum is, is averaged over by Laplace's marginal
+//! likelihood. What the lines do not tell (a band that was fitted away, whether a slope goes on) stays uncertain that way,
+//! where a choice of the number of knots would call it known.
 
+use super::calibration::Normal;
 use nalgebra::{DMatrix, DVector};
 
-/// Numbers of hat functions that are tried; the least criterion chooses.
-const SIZES: [usize; 6] = [1, 2, 3, 5, 8, 12];
-/// What a hat function must gain in twice the log-likelihood.
-const PRICE: f64 = 3.0;
-const ROUNDS: usize = 60;
+/// Distance of knots in log f.
+const SPACING: f64 = 0.3;
+/// Most knots.
+const MOST: usize = 24;
+/// Deviations of second differences that are weighed against each other, at the usual distance of knots.
+const CURVATURES: [f64; 3] = [0.04, 0.15, 0.6];
+/// Deviation of the slope d log S / d log f.
+const SLOPE: f64 = 1.0;
+/// Deviation of the level: any.
+const LEVEL: f64 = 1e3;
+const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends.
-const SETTLED: f64 = 1e-9;
+const SETTLED: f64 = 1e-6;
+/// Lines without which not even a level is known.
+const LEAST: f64 = 2.0;
 
 /// What is left of the lines of a cell.
 #[derive(Debug, Clone, Copy)]
@@ -28,71 +40,55 @@ pub(super) struct Left {
 /// The spectrum of one output's noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LogSpectrum {
-    /// Logarithms of frequencies, evenly spaced; one for white noise.
+    /// Logarithms of frequencies, evenly spaced.
     knots: Vec<f64>,
     /// log S at the knots.
     values: DVector<f64>,
-    /// Factor L of the covariance L L' of `values`.
-    spread: DMatrix<f64>,
+    /// What it is made of.
+    parts: Vec<Smooth>,
+}
+
+/// The spectrum of one smoothness.
+#[derive(Debug, Clone, PartialEq)]
+struct Smooth {
+    weight: f64,
+    values: DVector<f64>,
+    /// L of the precision L L' of `values`.
+    precision: DMatrix<f64>,
 }
 
 impl LogSpectrum {
-    /// Fits what is left of one output.
-    pub(super) fn fit(left: &[Left]) -> Self {
-        let tried = SIZES.iter().filter_map(|size| Self::of_size(left, *size));
-        let best = tried.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map_or_else(Self::nothing, |(_, spectrum)| spectrum)
-    }
-
-    /// An output without noise.
-    fn nothing() -> Self {
-        let least = DVector::from_element(1, f64::MIN_POSITIVE.ln());
-        Self { knots: vec![0.0], values: least, spread: DMatrix::zeros(1, 1) }
-    }
-
-    /// The spectrum with so many hat functions and its criterion; none where the lines do not determine it.
-    fn of_size(left: &[Left], size: usize) -> Option<(f64, Self)> {
-        let logs = || left.iter().map(|l| l.log_frequency);
-        let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
-        let step = if size > 1 { (high - low) / (size - 1) as f64 } else { 0.0 };
+    /// Fits what is left of one output; `level` is taken where nothing is.
+    pub(super) fn fit(left: &[Left], level: f64) -> Self {
         let freedom: f64 = left.iter().map(|l| l.freedom).sum();
-        if left.len() < 2 * size || freedom < 8.0 * size as f64 || size > 1 && step <= 0.0 {
-            return None;
+        let power = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
+        if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
+            return Self::flat(level);
         }
-        let knots: Vec<f64> = (0..size).map(|k| low + k as f64 * step).collect();
-        let hats: Vec<_> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
-        let mean = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
-        if mean <= 0.0 || !mean.is_finite() {
-            return None;
+        let knots = knots(left);
+        let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
+        let mut values = None;
+        let mut parts = Vec::new();
+        for curvature in CURVATURES.iter().rev() {
+            let prior = prior(&knots, *curvature);
+            let start = values.unwrap_or_else(|| start(left, &hats, &prior, power));
+            let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
+            values = Some(part.values.clone());
+            parts.push((likelihood, part));
         }
-        let mut values = DVector::from_element(size, mean.ln());
-        let mut information = DMatrix::zeros(size, size);
-        for _ in 0..ROUNDS {
-            information.fill(0.0);
-            let mut gradient = DVector::zeros(size);
-            for (line, hat) in left.iter().zip(&hats) {
-                let excess = line.power * (-hat.of(&values)).exp() - 1.0;
-                hat.add(line.freedom, line.freedom * excess, &mut information, &mut gradient);
-            }
-            let mut change = information.clone().cholesky()?.solve(&gradient);
-            // a knot that starts far too high overshoots: at most one step in the logarithm at once
-            let largest = change.amax();
-            if largest > 1.0 {
-                change /= largest;
-            }
-            values += &change;
-            if largest < SETTLED {
-                break;
-            }
-        }
-        let loss = |(line, hat): (&Left, &Hat)| {
-            let log = hat.of(&values);
-            line.freedom * (log + line.power * (-log).exp())
-        };
-        let twice: f64 = left.iter().zip(&hats).map(loss).sum();
-        let covariance = information.cholesky()?.inverse() * 2.0;
-        let spread = covariance.cholesky()?.unpack();
-        Some((twice + PRICE * size as f64, Self { knots, values, spread }))
+        let best = parts.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+        let total: f64 = parts.iter().map(|p| (p.0 - best).exp()).sum();
+        let parts: Vec<Smooth> = parts
+            .into_iter()
+            .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
+            .collect();
+        let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
+        Self { knots, values, parts }
+    }
+
+    /// The same everywhere, and known.
+    pub(super) fn flat(level: f64) -> Self {
+        Self { knots: vec![0.0], values: DVector::from_element(1, level.max(1e-200).ln()), parts: Vec::new() }
     }
 
     /// S at a frequency given by its logarithm.
@@ -100,15 +96,116 @@ impl LogSpectrum {
         Hat::at(&self.knots, log_frequency).of(&self.values).exp()
     }
 
-    /// Number of hat functions; 1 is white.
+    /// Number of knots.
     pub fn size(&self) -> usize {
         self.knots.len()
     }
 
-    /// A spectrum as likely as this one: its values moved by as much as they are uncertain, by standard normal numbers.
-    pub(super) fn drawn(&self, mut normal: impl FnMut() -> f64) -> Self {
-        let numbers = DVector::from_fn(self.size(), |_, _| normal());
-        Self { values: &self.values + &self.spread * numbers, ..self.clone() }
+    /// Deviation of log S from what it would be, averaged over cells with these weights.
+    pub(super) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
+        let of = |part: &Smooth| {
+            let mut mean = DVector::zeros(self.size());
+            for (log_frequency, weight) in weights {
+                Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
+            }
+            let shift = mean.dot(&(&part.values - &self.values));
+            part.precision.solve_lower_triangular_mut(&mut mean);
+            part.weight * (mean.norm_squared() + shift * shift)
+        };
+        self.parts.iter().map(of).sum::<f64>().sqrt()
+    }
+
+    /// A spectrum as likely as this one.
+    pub(super) fn drawn(&self, normal: &mut Normal) -> Self {
+        let mut place = normal.uniform();
+        let chosen = self.parts.iter().find(|part| {
+            place -= part.weight;
+            place < 0.0
+        });
+        let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
+        let mut change = DVector::from_fn(self.size(), |_, _| normal.next());
+        part.precision.tr_solve_lower_triangular_mut(&mut change);
+        Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new() }
+    }
+}
+
+/// Evenly from the lowest to the highest cell.
+fn knots(left: &[Left]) -> Vec<f64> {
+    let logs = || left.iter().map(|l| l.log_frequency);
+    let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
+    if high - low < SPACING {
+        return vec![low];
+    }
+    let count = (((high - low) / SPACING).round() as usize + 1).clamp(2, MOST);
+    (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect()
+}
+
+/// Precision of the values at the knots before any line is seen.
+fn prior(knots: &[f64], curvature: f64) -> DMatrix<f64> {
+    let size = knots.len();
+    let mut precision = DMatrix::from_element(size, size, (LEVEL * size as f64).powi(-2));
+    if size < 2 {
+        return precision;
+    }
+    let step = knots[1] - knots[0];
+    let mut add = |parts: &[(usize, f64)], deviation: f64| {
+        for (i, a) in parts {
+            for (j, b) in parts {
+                precision[(*i, *j)] += a * b / (deviation * deviation);
+            }
+        }
+    };
+    add(&[(0, -1.0), (size - 1, 1.0)], SLOPE * (knots[size - 1] - knots[0]));
+    // a walk of the slope: its deviation grows with the root of the distance
+    let deviation = curvature * (step / SPACING).powf(1.5);
+    for k in 1..size - 1 {
+        add(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation);
+    }
+    precision
+}
+
+/// Where the iteration begins: least squares through the logarithms.
+fn start(left: &[Left], hats: &[Hat], prior: &DMatrix<f64>, power: f64) -> DVector<f64> {
+    let (mut information, mut gradient) = (prior.clone(), DVector::zeros(prior.nrows()));
+    for (cell, hat) in left.iter().zip(hats) {
+        let weight = cell.freedom / 2.0;
+        hat.add(weight, weight * cell.power.max(1e-6 * power).ln(), &mut information, &mut gradient);
+    }
+    information.cholesky().map_or_else(|| DVector::from_element(prior.nrows(), power.ln()), |c| c.solve(&gradient))
+}
+
+impl Smooth {
+    /// Marginal log-likelihood and what is likeliest under a prior.
+    fn fit(left: &[Left], hats: &[Hat], prior: &DMatrix<f64>, mut values: DVector<f64>) -> Option<(f64, Self)> {
+        let mut information = prior.clone();
+        for _ in 0..ROUNDS {
+            information.copy_from(prior);
+            let mut gradient = -(prior * &values);
+            for (cell, hat) in left.iter().zip(hats) {
+                let weight = cell.freedom / 2.0;
+                let excess = cell.power * (-hat.of(&values)).exp() - 1.0;
+                hat.add(weight, weight * excess, &mut information, &mut gradient);
+            }
+            let mut change = information.clone().cholesky()?.solve(&gradient);
+            // a knot that starts far too low overshoots: at most this step in the logarithm at once
+            let largest = change.amax();
+            if largest > 2.0 {
+                change *= 2.0 / largest;
+            }
+            values += &change;
+            if largest < SETTLED {
+                break;
+            }
+        }
+        let loss = |(cell, hat): (&Left, &Hat)| {
+            let log = hat.of(&values);
+            cell.freedom / 2.0 * (log + cell.power * (-log).exp())
+        };
+        let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + (prior * &values).dot(&values) / 2.0;
+        let precision = information.cholesky()?.unpack();
+        let logs = |l: &DMatrix<f64>| l.diagonal().map(f64::ln).sum();
+        let likelihood = logs(&prior.clone().cholesky()?.unpack()) - logs(&precision) - loss;
+        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, precision }))
     }
 }
 

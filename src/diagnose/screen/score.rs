@@ -1,5 +1,7 @@
 //! The gain in likelihood that each direction promises beside everything that was fitted.
 
+use nalgebra::{DMatrix, DVector};
+
 /// How a direction depends on the size of its effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
@@ -9,6 +11,11 @@ pub enum Shape {
     Finite,
     /// The same for the smallest size that was tried, below which the effect fades to nothing.
     Smallest,
+    /// Linear together with the candidate's other directions of the same group: two or more parameters at once.
+    Joint {
+        /// Which of the candidate's groups.
+        group: usize,
+    },
 }
 
 /// One simulated direction.
@@ -23,34 +30,106 @@ pub struct Direction {
 }
 
 /// Below this share of its energy a direction is what was fitted already.
-pub(super) const ABSORBED: f64 = 1e-9;
+pub(super) const ABSORBED: f64 = 1e-8;
 
-/// A direction against the residual.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// What is scored at once: a direction, or all of a group.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Trial {
+    pub(super) candidate: usize,
+    pub(super) shape: Shape,
+    /// Directions.
+    pub(super) members: Vec<usize>,
+    /// Real numbers by which the noise under it is known.
+    pub(super) freedom: f64,
+}
+
+impl Trial {
+    /// All trials of directions that are not absorbed.
+    pub(super) fn all(directions: &[Direction], usable: &[bool]) -> Vec<Self> {
+        let mut trials: Vec<Self> = Vec::new();
+        for (k, direction) in directions.iter().enumerate().filter(|(k, _)| usable[*k]) {
+            let same = |t: &&mut Self| t.candidate == direction.candidate && t.shape == direction.shape;
+            let joined = matches!(direction.shape, Shape::Joint { .. });
+            match trials.iter_mut().find(same).filter(|_| joined) {
+                Some(trial) => trial.members.push(k),
+                None => trials.push(Self {
+                    candidate: direction.candidate,
+                    shape: direction.shape,
+                    members: vec![k],
+                    freedom: f64::INFINITY,
+                }),
+            }
+        }
+        trials
+    }
+
+    /// From the directions' coordinates, a metric of these and products of the residual with the directions.
+    pub(super) fn score(&self, directions: &DMatrix<f64>, weighed: &DMatrix<f64>, z: &DVector<f64>) -> Score {
+        let product = |i: usize, j: usize| directions.column(i).dot(&weighed.column(j));
+        if let [k] = self.members[..] {
+            return Score::single(self.shape, z[k], product(k, k));
+        }
+        let gram =
+            DMatrix::from_fn(self.members.len(), self.members.len(), |i, j| product(self.members[i], self.members[j]));
+        let own = DVector::from_fn(self.members.len(), |i, _| z[self.members[i]]);
+        Score::joint(gram, own)
+    }
+
+    /// What chi-square would have to be to be as unlikely as a statistic is when the noise is known by so many numbers only
+    /// (Wallace 1959, normal approximation of Student's t).
+    pub(super) fn equivalent(&self, statistic: f64) -> f64 {
+        let nu = self.freedom;
+        if nu > 1e6 {
+            return statistic;
+        }
+        ((8.0 * nu + 1.0) / (8.0 * nu + 3.0)).powi(2) * nu * (statistic / nu).ln_1p()
+    }
+}
+
+/// A trial against the residual.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Score {
     /// Twice the promised gain in log-likelihood.
     pub(super) statistic: f64,
-    /// The multiple of the direction that promises it.
-    pub(super) amount: f64,
+    /// The multiple of each direction that promises it.
+    pub(super) amounts: Vec<f64>,
 }
 
 impl Score {
     /// From z = d'r and G = d'd.
-    pub(super) fn new(shape: Shape, z: f64, g: f64) -> Self {
+    fn single(shape: Shape, z: f64, g: f64) -> Self {
         if g <= 0.0 {
-            return Self::default();
+            return Self { statistic: 0.0, amounts: vec![0.0] };
         }
         let amount = match shape {
-            Shape::Linear => z / g,
+            Shape::Linear | Shape::Joint { .. } => z / g,
             Shape::Finite => (z / g).clamp(0.5, 2.0),
             Shape::Smallest => (z / g).clamp(0.0, 2.0),
         };
         // a whole step that would do harm is not taken
         let statistic = (2.0 * amount * z - amount * amount * g).max(0.0);
-        Self { statistic, amount }
+        Self { statistic, amounts: vec![amount] }
+    }
+
+    /// T = z' G^-1 z; parameters that cannot be told apart count as one.
+    fn joint(mut gram: DMatrix<f64>, z: DVector<f64>) -> Self {
+        let scale = gram.diagonal().map(|v| if v > 0.0 { 1.0 / v.sqrt() } else { 0.0 });
+        for i in 0..z.len() {
+            for j in 0..z.len() {
+                gram[(i, j)] *= scale[i] * scale[j];
+            }
+            gram[(i, i)] += 1e-9;
+        }
+        let unit = z.component_mul(&scale);
+        let Some(factor) = gram.cholesky() else {
+            return Self { statistic: 0.0, amounts: vec![0.0; z.len()] };
+        };
+        let solved = factor.solve(&unit);
+        Self { statistic: solved.dot(&unit).max(0.0), amounts: solved.component_mul(&scale).iter().copied().collect() }
     }
 }
 
+<<<<<<< HEAD
 /// The best direction of every candidate by products with the residual z and with itself G; `usable` says which count.
 pub(super) fn best(
     directions: &[Direction],
@@ -65,6 +144,34 @@ pub(super) fn best(
         let place = &mut best[direction.candidate];
         if place.0 == usize::MAX || score.statistic > place.1.statistic {
             *place = (k, score);
+=======
+/// The best trial of every candidate, by the equivalent of its statistic.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Best {
+    /// Which trial; none where no direction of the candidate counts.
+    pub(super) trial: Option<usize>,
+    pub(super) score: Score,
+    pub(super) equivalent: f64,
+}
+
+/// Scores all trials of all candidates.
+pub(super) fn best(
+    trials: &[Trial],
+    candidates: usize,
+    directions: &DMatrix<f64>,
+    metric: Option<&DMatrix<f64>>,
+    residual: &DVector<f64>,
+) -> Vec<Best> {
+    let z = directions.tr_mul(residual);
+    let weighed = metric.map(|m| m * directions);
+    let mut best = vec![Best::default(); candidates];
+    for (k, trial) in trials.iter().enumerate() {
+        let score = trial.score(directions, weighed.as_ref().unwrap_or(directions), &z);
+        let equivalent = trial.equivalent(score.statistic);
+        let place = &mut best[trial.candidate];
+        if place.trial.is_none() || equivalent > place.equivalent {
+            *place = Best { trial: Some(k), score, equivalent };
+>>>>>>> search
         }
     }
     best

@@ -49,7 +49,7 @@ impl Beside {
             return (0.0, 1.0);
         }
         let amount = match point.shape {
-            Shape::Linear => z / g,
+            Shape::Linear | Shape::Joint { .. } => z / g,
             Shape::Finite => (z / g).clamp(0.5, 2.0),
             Shape::Smallest => (z / g).clamp(0.05, 2.0),
         };

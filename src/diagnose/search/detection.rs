@@ -3,7 +3,6 @@
 use super::round::{Round, place};
 use super::trace::Point;
 use crate::diagnose::diagnosis::{Detectable, Screened};
-use crate::diagnose::screen::Shape;
 
 /// Normal quantile of the power with which an effect of the smallest size is seen: four times in five.
 const POWER: f64 = 0.84;
@@ -61,13 +60,15 @@ impl Round<'_> {
         let lead = candidate.direction.map_or(trace.attached.size(), |d| trace.points[self.owner[d].1].lead);
         let param = &trace.attached.params()[lead];
         let reach = |(point, multiple): (&Point, f64)| {
-            let value = match point.shape {
-                Shape::Linear => param.null + multiple,
-                _ if param.null.is_finite() => param.null + multiple * (point.values[lead] - param.null),
-                _ => point.values[lead] / multiple,
+            let value = if point.is_linear() {
+                param.null + multiple
+            } else if param.null.is_finite() {
+                param.null + multiple * (point.values[lead] - param.null)
+            } else {
+                point.values[lead] / multiple
             };
             // a finite direction is believed near its own size: the trial that needs the least stretching speaks
-            let stretch = if point.shape == Shape::Linear { multiple } else { multiple.ln().abs() };
+            let stretch = if point.is_linear() { multiple } else { multiple.ln().abs() };
             (stretch, value)
         };
         let of_lead = sizes.filter(|(point, _)| point.lead == lead).map(reach);

@@ -32,6 +32,11 @@ impl Accepted {
         Self { cause, candidate: attached.candidate.clone(), params: attached.params().to_vec(), choice }
     }
 
+    /// Parameters that it costs.
+    pub(super) fn cost(&self) -> usize {
+        self.params.iter().filter(|p| !p.fixed && p.begins_as.is_none()).count()
+    }
+
     /// Takes its values from the last fit.
     pub(super) fn renew(&mut self, fitting: &Fitting) {
         let news = self.params.iter().filter(|p| p.begins_as.is_none());

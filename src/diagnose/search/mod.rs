@@ -11,6 +11,7 @@ mod beside;
 mod detection;
 mod elimination;
 mod evenly;
+mod evidence;
 mod experiment;
 mod gains;
 mod judgement;

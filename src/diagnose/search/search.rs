@@ -3,6 +3,7 @@
 use super::attached::Attached;
 use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
+use super::evidence::Seen;
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
@@ -12,7 +13,8 @@ use super::refit::{Fitting, Posed};
 use super::round::{Contest, Round, Runs, new_values, place};
 use super::search_error::SearchError;
 use super::stage::Stage;
-use crate::diagnose::diagnosis::{Diagnosis, Rejected, Round as Told, Verdict};
+use crate::diagnose::diagnosis::{Cause, Diagnosis, Rejected, Round as Told, Verdict};
+use crate::diagnose::force::{self, Attribution};
 use crate::estimate::{Changes, FitOptions, fit, starts};
 use crate::model::Model;
 use crate::record::Run;
@@ -243,16 +245,27 @@ impl Search<'_> {
         let (all, train) = (self.runs.all, self.runs.train);
         let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.steps, &fit.theta);
         let old = at(&first, &before).unwrap_or_else(|| first.response.clone());
-        let new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
+        let mut new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
         for accepted in &mut self.accepted {
             accepted.renew(&after.fitting);
         }
-        let found = !self.accepted.is_empty();
-        let verdict = match found {
-            true => Verdict::EffectFound,
-            false if end.family_wise < self.options.alpha => Verdict::UnknownCause,
-            false => Verdict::NoEffectFound,
+        (self.watcher)("asking for forces and for what is left");
+        let seen = Seen::new(&first, self.runs, &before.theta)?;
+        let misfit = seen.misfit();
+        let heard = seen.heard();
+        let explained = match &last {
+            Some(stage) => Seen::new(stage, self.runs, &after.theta)?.heard(),
+            None => None,
         };
+        let cost = self.accepted.iter().map(Accepted::cost).sum();
+        let attribution = heard.as_ref().map(|h| h.against(explained.as_ref().map(|e| (e, cost))));
+        let verdict = self.verdict(attribution.as_ref(), end.family_wise);
+        if verdict == Verdict::Disturbance {
+            self.withdraw();
+            (last, new) = (None, old.clone());
+        }
+        let suggestions = if verdict == Verdict::UnknownCause { seen.suggestions() } else { None };
+        let found = !self.accepted.is_empty();
         Ok(Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
@@ -267,7 +280,32 @@ impl Search<'_> {
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),
             ended: end.ended,
+            misfit,
+            attribution,
+            places: heard.map(|h| h.places),
+            suggestions,
         })
+    }
+
+    /// Effect, force, unknown cause or nothing.
+    fn verdict(&self, attribution: Option<&Attribution>, family_wise: f64) -> Verdict {
+        let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
+        match attribution.map(|a| a.verdict) {
+            Some(force::Verdict::Disturbance) => Verdict::Disturbance,
+            Some(force::Verdict::UnknownCause) if clear => Verdict::UnknownCause,
+            _ if found => Verdict::EffectFound,
+            _ if clear => Verdict::UnknownCause,
+            _ => Verdict::NoEffectFound,
+        }
+    }
+
+    /// Takes back what was accepted: it was the nearest likeness of a force.
+    fn withdraw(&mut self) {
+        for (k, accepted) in self.accepted.drain(..).enumerate() {
+            let Cause { place, gain_train, gain_holdout, .. } = accepted.cause;
+            let reason = "a force that does not repeat from run to run explains more".into();
+            self.rejected.push(Rejected { place, round: k + 1, gain_train, gain_holdout, reason });
+        }
     }
 }
 

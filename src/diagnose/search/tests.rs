@@ -1,1 +1,120 @@
 //! Whether effects that are hidden in simulated runs are found, and nothing where there is none.
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::diagnose::diagnosis::{Diagnosis, Verdict};
+use crate::model::Model;
+use crate::record::Run;
+use crate::simulate::Simulator;
+use fdm_grammar::Source;
+use fdm_grammar::effect::Catalogue;
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+/// A ship's roll that is let go; the truth has the eddies of the bilge keels.
+const ROLL: &str = "model roll { state phi = free; state p = 0; param w2 = 5 in [0, 100], d = 0.1; \
+                    der(phi) = p; der(p) = -w2*phi - d*p DRAG; output roll = phi; }";
+/// A motor with a delay before it.
+const MOTOR: &str = "model motor { input u; state v = 0; param a = 1, b = 2; der(v) = b*INPUT - a*v; output speed = v; }";
+/// Four effects, so that tests are quick.
+const SOME: &str = "
+effect quadratic_damping(x: state) unless known(der(x)) \"drag\" { param drag = 0; add der(x) += -drag*x*abs(x); }
+effect cubic_stiffness(x: state, z: state) unless known(der(x)) \"cube\" { param k = 0; add der(x) += -k*z^3; }
+effect input_delay(i: input) \"delay\" { param tau = 0 in [0, duration/4] try step/2, 2*step, 5*step, 12*step; replace i with delay(i, tau); }
+effect output_scale(y: output) \"scale\" { param k = 0; replace y with(1 + k)*y; }
+effect constant_force(x: state) unless known(der(x)) \"force\" { param force = 0; add der(x) += force; }
+";
+
+fn catalogue() -> Catalogue {
+    let (catalogue, findings) = Catalogue::read(&Source::new("some.fdm", SOME));
+    assert!(findings.is_empty(), "{findings:?}");
+    catalogue
+}
+
+/// A run of a model with white noise; values of parameters by name.
+fn run(text: &str, name: &str, input: impl Fn(f64) -> f64, values: &[(&str, f64)], noise: f64) -> Run {
+    let model = Model::from_text("truth.fdm", text).unwrap();
+    let (n, dt, m) = (300, 0.05, model.layout().inputs);
+    let time: Vec<f64> = (0..n).map(|k| k as f64 * dt).collect();
+    let inputs = if m > 0 { time.iter().map(|t| input(*t)).collect() } else { Vec::new() };
+    let mut run = Run {
+        name: name.into(),
+        inputs,
+        held: vec![false; m],
+        measured: vec![0.0; n],
+        time,
+        input_gaps: vec![0; m],
+        output_gaps: vec![0],
+    };
+    let mut theta = model.definition().start();
+    for (name, value) in values {
+        theta[model.definition().param(name).unwrap()] = *value;
+    }
+    let mut y = vec![0.0; n];
+    Simulator::new(model.dynamics(), &run, 4).unwrap().simulate(&theta, &mut y).unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(name.bytes().map(u64::from).sum());
+    let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    run.measured = y.iter().map(|y| y + noise * normal()).collect();
+    run
+}
+
+fn roll(drag: f64, begin: f64, name: &str) -> Run {
+    let text = ROLL.replace("DRAG", &format!("- {drag}*p*abs(p)"));
+    run(&text, name, |_| 0.0, &[("phi(0)", begin)], 0.004)
+}
+
+fn diagnosed(text: &str, runs: &[Run], held: &[Run]) -> Diagnosis {
+    let model = Model::from_text("model.fdm", text).unwrap();
+    search(&model, runs, held, &catalogue(), &SearchOptions::default(), &|_| ()).unwrap()
+}
+
+#[test]
+fn hidden_drag_is_found_written_and_gains_on_a_held_out_run() {
+    let runs = [roll(0.4, 0.5, "a"), roll(0.4, 0.3, "b")];
+    let found = diagnosed(&ROLL.replace("DRAG", ""), &runs, &[roll(0.4, 0.4, "c")]);
+    assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
+    let cause = &found.causes[0];
+    assert_eq!(cause.place.to_string(), "quadratic_damping(p)");
+    assert!((cause.parameters[0].value - 0.4).abs() < 0.05, "{cause:?}");
+    assert!(cause.gain_holdout.is_some_and(|g| g > 10.0) && found.causes.len() == 1, "{found:#?}");
+    let text = found.extended.as_ref().unwrap();
+    assert!(text.contains("param drag_p = 0.") && text.contains("drag_p*p*abs(p)"), "{text}");
+    let damping = found.biased.iter().find(|b| b.name == "d").unwrap();
+    assert!(damping.moved.is_some_and(|m| m < -3.0) && (damping.after - 0.1).abs() < 0.05, "{damping:?}");
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_hidden() {
+    let found = diagnosed(&ROLL.replace("DRAG", ""), &[roll(0.0, 0.5, "a"), roll(0.0, 0.3, "b")], &[]);
+    assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
+    assert!(found.causes.is_empty() && found.extended.is_none() && found.family_wise_p > 0.01);
+    let drag = found.detectable.iter().find(|d| d.place.effect == "quadratic_damping").unwrap();
+    assert!(drag.smallest.is_some_and(|v| v > 0.002 && v < 0.2), "{drag:?}");
+}
+
+#[test]
+fn a_hidden_delay_is_found_and_threads_change_nothing() {
+    let late = MOTOR.replace("INPUT", "delay(u, 0.17)");
+    let steps = |t: f64| if (t / 1.3).floor() % 2.0 < 1.0 { 1.0 } else { -0.6 } * if t > 0.5 { 1.0 } else { 0.0 };
+    let runs = [run(&late, "a", steps, &[], 0.02)];
+    let text = MOTOR.replace("INPUT", "u");
+    let found = diagnosed(&text, &runs, &[]);
+    assert_eq!(found.causes[0].place.to_string(), "input_delay(u)", "{found:#?}");
+    assert!((found.causes[0].parameters[0].value - 0.17).abs() < 0.02, "{:?}", found.causes);
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(one.install(|| diagnosed(&text, &runs, &[])), found);
+}
+
+#[test]
+fn what_cannot_be_judged_is_said() {
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
+    let runs = [roll(0.1, 0.5, "a")];
+    let asked = |runs: &[Run], held: &[Run]| {
+        search(&model, runs, held, &catalogue(), &SearchOptions::default(), &|_| ()).unwrap_err().to_string()
+    };
+    let mut twin = runs[0].clone();
+    twin.name = "twin".into();
+    assert!(asked(&runs, &[twin]).contains("has the samples of `a`"));
+    assert!(asked(&[runs[0].part(0..20)], &[]).contains("20 samples"));
+}

@@ -47,7 +47,12 @@ pub(super) struct Point {
 impl Point {
     /// The unit of the direction: the derivative's, or how far the trial is from the null.
     pub(super) fn size(&self) -> f64 {
-        if self.shape == Shape::Linear { 1.0 } else { self.values[self.lead] }
+        if self.is_linear() { 1.0 } else { self.values[self.lead] }
+    }
+
+    /// Whether the direction is a derivative at the null.
+    pub(super) fn is_linear(&self) -> bool {
+        matches!(self.shape, Shape::Linear | Shape::Joint { .. })
     }
 
     /// Values at a multiple of the direction, within the bounds.
@@ -56,7 +61,7 @@ impl Point {
         let NewParam { null, lower, upper, .. } = params[self.lead];
         let value = values[self.lead];
         let moved = match self.shape {
-            Shape::Linear => null + amount,
+            Shape::Linear | Shape::Joint { .. } => null + amount,
             _ if null.is_finite() => null + amount * (value - null),
             _ => value / amount.max(1e-3),
         };
@@ -76,7 +81,7 @@ pub(super) fn trace(candidate: &Candidate, stage: &Stage, runs: &[Run], measured
     }
     let points = points(&attached);
     let mut definition = attached.definition.clone();
-    let differentiated = |k: usize| points.iter().any(|p| p.shape == Shape::Linear && p.lead == k);
+    let differentiated = |k: usize| points.iter().any(|p| p.is_linear() && p.lead == k);
     definition.params.iter_mut().for_each(|p| p.fixed = true);
     for (k, at) in attached.new.iter().enumerate() {
         definition.params[*at].fixed = !differentiated(k);
@@ -105,19 +110,20 @@ fn points(attached: &Attached) -> Vec<Point> {
         }
     }
     let mut points = Vec::new();
-    for values in &grids {
-        points.extend(sizes(attached, values));
+    for (group, values) in grids.iter().enumerate() {
+        points.extend(sizes(attached, values, group));
     }
     points.truncate(MOST_POINTS);
     points
 }
 
-/// The points that share the values of the nuisances.
-fn sizes(attached: &Attached, values: &[f64]) -> Vec<Point> {
+/// The points that share the values of the nuisances; several smooth parameters are scored together.
+fn sizes(attached: &Attached, values: &[f64], group: usize) -> Vec<Point> {
     let params = attached.params();
     if attached.candidate.kind() == Kind::Smooth {
-        let own = (0..params.len()).filter(|k| !params[*k].nuisance);
-        return own.map(|lead| Point { values: values.to_vec(), lead, shape: Shape::Linear }).collect();
+        let own: Vec<usize> = (0..params.len()).filter(|k| !params[*k].nuisance).collect();
+        let shape = if own.len() > 1 { Shape::Joint { group } } else { Shape::Linear };
+        return own.into_iter().map(|lead| Point { values: values.to_vec(), lead, shape }).collect();
     }
     let lead = attached.size();
     let NewParam { null, lower, upper, ref trials, .. } = params[lead];
@@ -235,7 +241,7 @@ impl RunBench<'_> {
         }
         let cells = self.simulator.samples() * self.simulator.outputs();
         let mut y = vec![0.0; cells];
-        if point.shape == Shape::Linear {
+        if point.is_linear() {
             let (column, mut jacobian) = ([attached.new[point.lead]], vec![0.0; cells * 8]);
             self.simulator.sensitivities(&theta, &column, &mut y, &mut jacobian).ok()?;
             let found: Signals = jacobian.chunks_exact(8).map(|row| row[0]).collect();

@@ -12,57 +12,73 @@ use std::sync::Arc;
 /// Samples that are handed over at once.
 const BLOCK: usize = 64;
 
-/// What turns signals of a run (N by q) into whitened lines (N by q).
+/// What turns signals of a run (N by q) into whitened lines (N by q): every output's measured samples, closed up, in lines; zeros
+/// behind them.
 pub(super) struct Lens {
-    dct: Arc<dyn TransformType2And3<f64>>,
     outputs: usize,
-    /// Factor of every line, N by q.
-    weight: Vec<f64>,
-    /// Whether a sample was measured, N by q.
-    present: Vec<bool>,
+    views: Vec<View>,
     line: Vec<f64>,
     scratch: Vec<f64>,
 }
 
+/// One output.
+struct View {
+    dct: Arc<dyn TransformType2And3<f64>>,
+    /// Samples that were measured.
+    samples: Vec<usize>,
+    /// Factor of every line.
+    weight: Vec<f64>,
+}
+
+impl View {
+    fn new(run: &Run, (o, q): (usize, usize), metric: &Metric, planner: &mut DctPlanner<f64>) -> Self {
+        let samples: Vec<usize> = (0..run.len()).filter(|k| !run.measured[k * q + o].is_nan()).collect();
+        let n = samples.len();
+        let dt = interval(run) * spacing(&samples);
+        let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
+        let weight = (0..n).map(|k| orthonormal(k).sqrt() / metric.deviation(o, k, n, dt)).collect();
+        Self { dct: planner.plan_dct2(n.max(1)), samples, weight }
+    }
+}
+
+/// The usual distance between samples that follow each other.
+fn spacing(samples: &[usize]) -> f64 {
+    let mut steps: Vec<usize> = samples.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).map_or(1.0, |step| *step as f64)
+}
+
 impl Lens {
     pub(super) fn new(run: &Run, outputs: usize, metric: &Metric) -> Self {
-        let n = run.len();
-        let dct = DctPlanner::new().plan_dct2(n);
-        let present: Vec<bool> = run.measured.iter().map(|z| !z.is_nan()).collect();
-        let seen: Vec<bool> = (0..outputs).map(|o| present.iter().skip(o).step_by(outputs).any(|p| *p)).collect();
-        let dt = interval(run);
-        let weight = |at: usize| {
-            let (k, o) = (at / outputs, at % outputs);
-            let orthonormal = if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
-            if seen[o] { orthonormal.sqrt() / metric.deviation(o, k, n, dt) } else { 0.0 }
-        };
-        Self {
-            scratch: vec![0.0; dct.get_scratch_len()],
-            dct,
-            outputs,
-            weight: (0..n * outputs).map(weight).collect(),
-            present,
-            line: vec![0.0; n],
-        }
+        let mut planner = DctPlanner::new();
+        let views: Vec<View> = (0..outputs).map(|o| View::new(run, (o, outputs), metric, &mut planner)).collect();
+        let scratch = views.iter().map(|v| v.dct.get_scratch_len()).max().unwrap_or(0);
+        Self { outputs, views, line: vec![0.0; run.len()], scratch: vec![0.0; scratch] }
     }
 
-    /// The lines of output `o` of a signal whose sample `k` is `signal(k)`.
-    fn lines(&mut self, o: usize, signal: impl Fn(usize) -> f64) -> impl Iterator<Item = f64> + '_ {
-        let q = self.outputs;
-        for (k, value) in self.line.iter_mut().enumerate() {
-            // where nothing was measured, nothing is compared
-            *value = if self.present[k * q + o] { signal(k) } else { 0.0 };
+    /// The lines of output `o` of a signal whose sample `k` is `signal(k)`, N of them.
+    fn lines(&mut self, o: usize, signal: impl Fn(usize) -> f64) -> &[f64] {
+        let Self { views, line, scratch, .. } = self;
+        let view = &views[o];
+        let (own, rest) = line.split_at_mut(view.samples.len());
+        rest.fill(0.0);
+        if own.is_empty() {
+            return line;
         }
-        self.dct.process_dct2_with_scratch(&mut self.line, &mut self.scratch);
-        self.line.iter().zip(self.weight.iter().skip(o).step_by(q)).map(|(value, weight)| value * weight)
+        own.iter_mut().zip(&view.samples).for_each(|(value, k)| *value = signal(*k));
+        view.dct.process_dct2_with_scratch(own, &mut scratch[..view.dct.get_scratch_len()]);
+        own.iter_mut().zip(&view.weight).for_each(|(value, weight)| *value *= weight);
+        line
     }
 
     /// A signal (N by q) in lines, in its place.
     pub(super) fn apply(&mut self, signal: &mut [f64]) {
         let q = self.outputs;
         for o in 0..q {
-            let column: Vec<f64> = self.lines(o, |k| signal[k * q + o]).collect();
-            column.into_iter().enumerate().for_each(|(k, value)| signal[k * q + o] = value);
+            let lines = self.lines(o, |k| signal[k * q + o]);
+            // read before they are written
+            let lines = lines.to_vec();
+            lines.into_iter().enumerate().for_each(|(k, value)| signal[k * q + o] = value);
         }
     }
 
@@ -114,8 +130,8 @@ impl Response for Whitened<'_> {
         for o in 0..q {
             for c in 0..p {
                 let jacobian = &mut self.jacobian;
-                let column: Vec<f64> = self.lens.lines(o, |k| jacobian[(k * q + o) * stride + c]).collect();
-                column.into_iter().enumerate().for_each(|(k, value)| jacobian[(k * q + o) * stride + c] = value);
+                let column = self.lens.lines(o, |k| jacobian[(k * q + o) * stride + c]);
+                column.iter().enumerate().for_each(|(k, value)| jacobian[(k * q + o) * stride + c] = *value);
             }
         }
         let layout = RowLayout::full(q, p);
