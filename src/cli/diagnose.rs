@@ -74,11 +74,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let options = SearchOptions {
         alpha: arguments.alpha,
         most: arguments.most.into(),
-        fit: FitOptions {
-            changes: arguments.subject.changes(&arguments.fix, &arguments.free),
-            ..FitOptions::default()
-        }
-        .with_declared_noise(&model),
+        fit: FitOptions { changes: arguments.subject.changes(&arguments.fix, &arguments.free), ..FitOptions::default() }
+            .with_declared_noise(&model),
         screening: ScreeningOptions::default(),
     };
     let progress = Mutex::new(Progress::new(arguments.quiet));

@@ -27,8 +27,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     }
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
     if !d.left_out.is_empty() {
-        let _ =
-            writeln!(text, "{} candidates could not be tried (--json lists them with the reasons).", d.left_out.len());
+        let _ = writeln!(text, "{} candidates could not be tried (--json lists them with the reasons).", d.left_out.len());
     }
     text
 }
@@ -37,12 +36,10 @@ fn verdict(d: &Diagnosis) -> String {
     let p = chance(d.family_wise_p);
     match d.verdict {
         Verdict::EffectFound => format!("Something is missing from the model (chance of noise alone: {p}).\n"),
-        Verdict::Disturbance => {
-            format!("A force that no input explains disturbs the model (chance of noise alone: {p}).\n")
-        }
-        Verdict::UnknownCause => {
-            format!("The model is wrong, but no effect of the catalogue explains how (chance of noise alone: {p}).\n")
-        }
+        Verdict::Disturbance => format!("A force that no input explains disturbs the model (chance of noise alone: {p}).\n"),
+        Verdict::UnknownCause => format!(
+            "The model is wrong, but no effect of the catalogue explains how (chance of noise alone: {p}).\n"
+        ),
         Verdict::NoEffectFound => format!("No effect found: noise alone would look as bad with probability {p}.\n"),
     }
 }
@@ -107,8 +104,7 @@ fn leading(d: &Diagnosis) -> String {
 
 /// How outputs are matched before and after.
 fn matches(d: &Diagnosis) -> String {
-    let mut table =
-        plain(&["", "run", "output", "RMS before", "after", "noise", "TIC before", "after", "R^2 before", "after"]);
+    let mut table = plain(&["", "run", "output", "RMS before", "after", "noise", "TIC before", "after", "R^2 before", "after"]);
     let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
     let fixed = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.4}"));
     for o in &d.outputs {
@@ -165,13 +161,7 @@ fn ruled_out(d: &Diagnosis) -> String {
     let mut table = plain(&["not accepted", "search", "gain", "held out", "because"]);
     for r in &d.rejected {
         let held = r.gain_holdout.map_or("-".to_string(), |g| format!("{g:.1}"));
-        table.add_row([
-            r.place.to_string(),
-            r.round.to_string(),
-            format!("{:.1}", r.gain_train),
-            held,
-            r.reason.clone(),
-        ]);
+        table.add_row([r.place.to_string(), r.round.to_string(), format!("{:.1}", r.gain_train), held, r.reason.clone()]);
     }
     (1..4).for_each(|column| aligned_right(&mut table, column));
     format!("\n{}", trimmed(&table))
@@ -184,16 +174,14 @@ fn detectable(d: &Diagnosis) -> String {
         let value = s.smallest.map_or(String::new(), |v| format!("{} = {}", s.parameter, digits(v, 3)));
         table.add_row([s.place.to_string(), value, s.unit.clone().unwrap_or_default()]);
     }
-    let hidden: Vec<String> =
-        d.detectable.iter().filter(|s| s.smallest.is_none()).map(|s| s.place.to_string()).collect();
+    let hidden: Vec<String> = d.detectable.iter().filter(|s| s.smallest.is_none()).map(|s| s.place.to_string()).collect();
     let mut text = format!("\n{}", trimmed(&table));
     let more = d.detectable.len().saturating_sub(hidden.len() + SHOWN);
     if more > 0 {
         let _ = writeln!(text, "and {more} more (--json)");
     }
     if !hidden.is_empty() {
-        let _ =
-            writeln!(text, "could not be seen, because the fitted parameters make up for it: {}", hidden.join(", "));
+        let _ = writeln!(text, "could not be seen, because the fitted parameters make up for it: {}", hidden.join(", "));
     }
     text
 }

@@ -53,32 +53,6 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-<<<<<<< HEAD
-    /// Gathers the lines of all runs; the first `dropped` lines of each are left out.
-    ///
-    /// Runs must have more samples than that.
-    pub(super) fn new(records: &[Record], channels: usize, dropped: usize) -> Self {
-        let (fitted, directions) = records.first().map_or((0, 0), |r| (r.fitted.len(), r.directions.len()));
-        let mut planner = DctPlanner::new();
-        let lines: Vec<Lines> = records.iter().flat_map(|r| Lines::of(r, channels, dropped, &mut planner)).collect();
-        let edges = edges(&lines);
-        let energy = energies(&lines);
-        let mut list = Vec::with_capacity(channels * edges.len());
-        for channel in 0..channels {
-            for band in 0..edges.len() {
-                let (low, high) = (edges[band], edges.get(band + 1).copied().unwrap_or(f64::INFINITY));
-                let own = lines.iter().filter(|l| l.channel == channel);
-                let parts: Vec<_> = own
-                    .map(|l| {
-                        let rows =
-                            l.frequency.partition_point(|f| *f < low)..l.frequency.partition_point(|f| *f < high);
-                        (l, rows)
-                    })
-                    .filter(|(_, rows)| !rows.is_empty())
-                    .collect();
-                list.extend(cell(channel, &parts, fitted + directions, &energy));
-            }
-=======
     /// Gathers lines; `shape` are spectra by which the level changes inside a cell.
     pub(super) fn new(shared: &Shared, shape: Option<&[LogSpectrum]>) -> Self {
         let edges = edges(&shared.parts);
@@ -97,7 +71,6 @@ impl Cells {
         for cell in &mut self.list {
             let (columns, residual) = cell.gather(shared, Some(&shape[cell.channel]));
             (cell.products, cell.residual) = (columns.tr_mul(&residual), residual.norm_squared());
->>>>>>> search
         }
     }
 
@@ -178,12 +151,6 @@ fn compact(columns: DMatrix<f64>) -> DMatrix<f64> {
     if columns.norm_squared() > 0.0 { columns } else { DMatrix::zeros(0, columns.ncols()) }
 }
 
-<<<<<<< HEAD
-fn cell(channel: usize, parts: &[(&Lines, std::ops::Range<usize>)], columns: usize, energy: &[f64]) -> Option<Cell> {
-    let count: usize = parts.iter().map(|(_, rows)| rows.len()).sum();
-    if count == 0 {
-        return None;
-=======
 /// R of as few rows as carry the products R'R (Cholesky with pivots, ended where nothing is left).
 fn factored(mut products: DMatrix<f64>) -> DMatrix<f64> {
     let size = products.nrows();
@@ -198,7 +165,6 @@ fn factored(mut products: DMatrix<f64>) -> DMatrix<f64> {
         products.ger(-1.0, &row, &row, 1.0);
         products[(pivot, pivot)] = 0.0;
         rows.push(row);
->>>>>>> search
     }
     DMatrix::from_fn(rows.len(), size, |i, j| rows[i][j])
 }

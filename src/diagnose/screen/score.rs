@@ -129,22 +129,6 @@ impl Score {
     }
 }
 
-<<<<<<< HEAD
-/// The best direction of every candidate by products with the residual z and with itself G; `usable` says which count.
-pub(super) fn best(
-    directions: &[Direction],
-    candidates: usize,
-    z: &[f64],
-    own: &[f64],
-    usable: &[bool],
-) -> Vec<(usize, Score)> {
-    let mut best = vec![(usize::MAX, Score::default()); candidates];
-    for (k, direction) in directions.iter().enumerate() {
-        let score = if usable[k] { Score::new(direction.shape, z[k], own[k]) } else { Score::default() };
-        let place = &mut best[direction.candidate];
-        if place.0 == usize::MAX || score.statistic > place.1.statistic {
-            *place = (k, score);
-=======
 /// The best trial of every candidate, by the equivalent of its statistic.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Best {
@@ -171,7 +155,6 @@ pub(super) fn best(
         let place = &mut best[trial.candidate];
         if place.trial.is_none() || equivalent > place.equivalent {
             *place = Best { trial: Some(k), score, equivalent };
->>>>>>> search
         }
     }
     best

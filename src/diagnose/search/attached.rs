@@ -38,8 +38,7 @@ impl Attached {
         choice: &Choice,
     ) -> Result<Self, String> {
         let extension = candidate.apply(&stage.subject, measured, choice).map_err(|d| d.message)?;
-        let first =
-            |findings: Vec<fdm_grammar::Diagnostic>| findings.first().map_or(String::new(), |f| f.message.clone());
+        let first = |findings: Vec<fdm_grammar::Diagnostic>| findings.first().map_or(String::new(), |f| f.message.clone());
         let definition = extension.model().map_err(first)?;
         let place = |name: &str| definition.param(name).ok_or_else(|| format!("`{name}` is lost in the extended text"));
         let new = extension.params().iter().map(|p| place(&p.name)).collect::<Result<Vec<_>, _>>()?;

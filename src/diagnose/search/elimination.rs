@@ -89,8 +89,7 @@ fn rebuilt(
     for accepted in accepted {
         let stage = at.as_ref().unwrap_or(first);
         let measured = Measured::new(stage, runs.all);
-        let text =
-            Attached::new(&accepted.candidate, stage, &measured, &accepted.choice).map_err(SearchError::NoFit)?;
+        let text = Attached::new(&accepted.candidate, stage, &measured, &accepted.choice).map_err(SearchError::NoFit)?;
         model = grown(&model, &text, stage)?;
         accepted.params = text.params().to_vec();
         let values = model.definition().params.iter();

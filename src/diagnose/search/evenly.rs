@@ -66,8 +66,7 @@ pub(super) fn interval(run: &Run) -> f64 {
 pub(super) fn apart(runs: &[Run], held: &[Run]) -> Result<(), SearchError> {
     let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|v| v.to_bits()).collect() };
     for other in held {
-        let same =
-            |run: &&Run| bits(&run.measured) == bits(&other.measured) && bits(&run.inputs) == bits(&other.inputs);
+        let same = |run: &&Run| bits(&run.measured) == bits(&other.measured) && bits(&run.inputs) == bits(&other.inputs);
         if let Some(run) = runs.iter().find(same) {
             return Err(SearchError::HeldOutTwice { held: other.name.clone(), run: run.name.clone() });
         }

@@ -27,9 +27,7 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
     let both = |list: &[&str]| list.contains(&a.effect.as_str()) && list.contains(&b.effect.as_str());
     let pair = format!("{a} and {b}");
     if either("coulomb_friction") && either("quadratic_damping") {
-        return format!(
-            "{pair}: free motions from several amplitudes; friction wins at small rates, drag at large ones"
-        );
+        return format!("{pair}: free motions from several amplitudes; friction wins at small rates, drag at large ones");
     }
     if either("rate_limit") {
         return format!("{pair}: the same manoeuvre at half and at twice the rate of change of the input");
@@ -41,9 +39,7 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
         return format!("{pair}: a second sensor of the same quantity, or a manoeuvre through another input");
     }
     if both(LATE) {
-        return format!(
-            "{pair}: an input with energy at and above one over the time constant (quick doublets, a sweep to high frequency)"
-        );
+        return format!("{pair}: an input with energy at and above one over the time constant (quick doublets, a sweep to high frequency)");
     }
     if both(BY_AMPLITUDE) {
         return format!("{pair}: the manoeuvre at two amplitudes, one a third of the other");

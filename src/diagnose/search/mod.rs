@@ -24,10 +24,10 @@ mod round;
 mod search;
 mod search_error;
 mod stage;
-#[cfg(test)]
-mod tests;
 mod trace;
 mod whitened;
+#[cfg(test)]
+mod tests;
 
 pub use options::{SearchOptions, Watcher};
 pub use search::search;

@@ -232,7 +232,8 @@ impl<'a> Round<'a> {
         };
         let look = |(k, (_, amount, point, _)): (usize, &(f64, f64, usize, Vec<f64>))| {
             let values = trace.points[*point].at(*amount, attached.params());
-            let starts: Vec<Vec<f64>> = (0..self.runs.train).map(|r| attached.theta(self.stage, r, &values)).collect();
+            let starts: Vec<Vec<f64>> =
+                (0..self.runs.train).map(|r| attached.theta(self.stage, r, &values)).collect();
             Some((posed.fit(&starts, LOOK)?, k))
         };
         let mut looks: Vec<(Fitting, usize)> = promised.iter().enumerate().filter_map(look).collect();

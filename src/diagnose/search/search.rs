@@ -49,8 +49,7 @@ pub fn search(
     }
     watcher("fitting the model as it stands");
     let first = first_stage(model, runs, options)?;
-    Search { runs, catalogue, options, watcher, accepted: Vec::new(), rejected: Vec::new(), told: Vec::new() }
-        .run(first)
+    Search { runs, catalogue, options, watcher, accepted: Vec::new(), rejected: Vec::new(), told: Vec::new() }.run(first)
 }
 
 /// The model at its fit by plain output error.
@@ -202,17 +201,15 @@ impl Search<'_> {
         let Some(k) = taken else { return Ok(None) };
         let (contender, cause) = (&contest.contenders[k], cause(round, contest, k));
         let others = contest.contenders.iter().skip(k + 1);
-        for other in
-            others.filter(|c| cause.group.iter().all(|r| r.place != place(&round.traces[c.trace].attached.candidate)))
-        {
+        for other in others.filter(|c| cause.group.iter().all(|r| r.place != place(&round.traces[c.trace].attached.candidate))) {
             let behind = contender.score() - other.score();
             let reason = format!("{behind:.1} behind {} in score", cause.place);
             self.rejected.push(rejected(round, number, other, reason));
         }
         let attached = &round.traces[contender.trace].attached;
         let accepted = Accepted::new(attached, &contender.fitting, cause);
-        let text =
-            Attached::new(&attached.candidate, round.stage, measured, &accepted.choice).map_err(SearchError::NoFit)?;
+        let text = Attached::new(&attached.candidate, round.stage, measured, &accepted.choice)
+            .map_err(SearchError::NoFit)?;
         let model = grown(&round.stage.model, &text, round.stage)?;
         let mut theta = contender.fitting.theta.clone();
         match &contender.held {

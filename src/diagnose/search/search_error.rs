@@ -38,9 +38,7 @@ pub enum SearchError {
         run: String,
     },
     /// A gap that is no part of a run any more.
-    #[error(
-        "run `{run}` has a gap of {intervals} sampling intervals; give what stands before and behind it as two runs"
-    )]
+    #[error("run `{run}` has a gap of {intervals} sampling intervals; give what stands before and behind it as two runs")]
     LongGap {
         /// The run.
         run: String,
@@ -48,9 +46,7 @@ pub enum SearchError {
         intervals: usize,
     },
     /// A held-out run that is one of the others.
-    #[error(
-        "the held-out run `{held}` has the samples of `{run}`, from which the model is learned; it would prove nothing"
-    )]
+    #[error("the held-out run `{held}` has the samples of `{run}`, from which the model is learned; it would prove nothing")]
     HeldOutTwice {
         /// The held-out run.
         held: String,

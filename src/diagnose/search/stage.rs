@@ -35,8 +35,9 @@ impl Stage {
             let mut simulator = Simulator::new(model.dynamics(), run, chosen.clone()).map_err(unsuited)?;
             simulator.suits(theta).map_err(unsuited)?;
             let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
-            let diverged =
-                |d: Divergence| SearchError::NoFit(format!("run `{}` diverges at time {}", run.name, d.time));
+            let diverged = |d: Divergence| {
+                SearchError::NoFit(format!("run `{}` diverges at time {}", run.name, d.time))
+            };
             simulator.simulate(theta, &mut y).map_err(diverged)?;
             steps.push(chosen);
             response.push(y);

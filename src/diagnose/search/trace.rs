@@ -74,7 +74,12 @@ impl Point {
 ///
 /// # Errors
 /// Why it is left out, in words.
-pub(super) fn trace(candidate: &Candidate, stage: &Stage, runs: &[Run], measured: &Measured) -> Result<Trace, String> {
+pub(super) fn trace(
+    candidate: &Candidate,
+    stage: &Stage,
+    runs: &[Run],
+    measured: &Measured,
+) -> Result<Trace, String> {
     let attached = Attached::new(candidate, stage, measured, &Choice::new())?;
     if !runs.iter().all(|run| attached.takes(run)) {
         return Err("it needs records that the runs do not have".into());
@@ -98,8 +103,7 @@ fn points(attached: &Attached) -> Vec<Point> {
     let nulls: Vec<f64> = params.iter().map(|p| p.null).collect();
     let mut grids = vec![nulls];
     for (k, param) in params.iter().enumerate().filter(|(_, p)| p.nuisance && p.begins_as.is_none()) {
-        let tried: Vec<f64> =
-            param.trials.iter().copied().filter(|v| (param.lower..=param.upper).contains(v)).collect();
+        let tried: Vec<f64> = param.trials.iter().copied().filter(|v| (param.lower..=param.upper).contains(v)).collect();
         let with = |values: &Vec<f64>, v: f64| {
             let mut values = values.clone();
             values[k] = v;
