@@ -130,9 +130,9 @@ pub(crate) fn ask(folder: &Path, limit: Duration) -> (Result<Answer, String>, f6
     let seconds = begun.elapsed().as_secs_f64();
     let text = std::fs::read_to_string(&printed).unwrap_or_default();
     let answer = status.and_then(|status| {
-        let last =
-            || std::fs::read_to_string(&words).unwrap_or_default().lines().next().unwrap_or_default().to_string();
-        if status.success() || !text.is_empty() { Answer::read(&text) } else { Err(format!("{status}: {}", last())) }
+        let words = std::fs::read_to_string(&words).unwrap_or_default();
+        let error = words.lines().find(|l| l.starts_with("error") || l.contains("panicked")).or(words.lines().last());
+        if status.success() || !text.is_empty() { Answer::read(&text) } else { Err(format!("{status}: {}", error.unwrap_or_default())) }
     });
     (answer, seconds)
 }
