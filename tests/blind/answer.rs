@@ -22,8 +22,8 @@ pub(crate) struct Answer {
     pub(crate) verdict: String,
     pub(crate) p: f64,
     pub(crate) causes: Vec<Named>,
-    /// Names of places where an unknown force enters, the likeliest first.
-    pub(crate) sites: Vec<String>,
+    /// Kinds (`input`, `equation`) and names of places where an unknown force enters, the likeliest first.
+    pub(crate) sites: Vec<(String, String)>,
     /// It said that what it named does not explain everything.
     pub(crate) leftover: bool,
 }
@@ -45,8 +45,7 @@ impl Answer {
         for key in ["misfit", "detectable"] {
             json[key].as_array().ok_or(format!("no {key}"))?;
         }
-        let listed = ["sites", "places"].into_iter().find_map(|key| json[key].as_array());
-        let sites = listed.map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
+        let sites = json["sites"].as_array().map_or(Vec::new(), |list| list.iter().filter_map(site).collect());
         let said = |key: &str| match &json[key] {
             Value::Array(list) => !list.is_empty(),
             Value::Bool(said) => *said,
@@ -54,15 +53,13 @@ impl Answer {
             Value::Object(_) => true,
             _ => false,
         };
-        let leftover = ["warnings", "leftover"].into_iter().any(said);
+        let leftover = said("leftover");
         Ok(Self { verdict, p, causes, sites, leftover })
     }
 }
 
-/// The name of a place, alone or in an object.
-fn site(value: &Value) -> Option<String> {
-    let within = ["name", "target"].iter().find_map(|k| value[*k].as_str());
-    value.as_str().or(within).map(String::from).or_else(|| site(value.get("place")?))
+fn site(value: &Value) -> Option<(String, String)> {
+    Some((value["kind"].as_str()?.to_string(), value["name"].as_str()?.to_string()))
 }
 
 impl Named {
@@ -132,7 +129,11 @@ pub(crate) fn ask(folder: &Path, limit: Duration) -> (Result<Answer, String>, f6
     let answer = status.and_then(|status| {
         let words = std::fs::read_to_string(&words).unwrap_or_default();
         let error = words.lines().find(|l| l.starts_with("error") || l.contains("panicked")).or(words.lines().last());
-        if status.success() || !text.is_empty() { Answer::read(&text) } else { Err(format!("{status}: {}", error.unwrap_or_default())) }
+        if status.success() || !text.is_empty() {
+            Answer::read(&text)
+        } else {
+            Err(format!("{status}: {}", error.unwrap_or_default()))
+        }
     });
     (answer, seconds)
 }

@@ -4,7 +4,7 @@ use crate::chance::Chance;
 use crate::families::Family;
 use fdm::Model;
 use fdm::effect::{Candidate, Catalogue, Choice, Kind, NewParam, Scales, Subject};
-use fdm_grammar::graph::{Leaf, Node};
+use fdm_grammar::graph::{Leaf, Node, Signal};
 use fdm_grammar::op::ExprId;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::LazyLock;
@@ -68,6 +68,21 @@ pub(crate) fn sites(place: &Place, base: &Model) -> Vec<(Part, String)> {
         _ if output(first) => own(Part::Sensor),
         _ => own(Part::Equation),
     }
+}
+
+/// Whether the equation of a state contains an input, delayed or not.
+pub(crate) fn moves(base: &Model, input: &str, state: &str) -> bool {
+    let definition = base.definition();
+    let wanted = definition.inputs.iter().position(|i| i.quantity.name == input).map(|k| k as u32);
+    let rate = definition.states.iter().find(|s| s.quantity.name == state).map(|s| s.rate);
+    let is_it = |node: Node| match node {
+        Node::Leaf(Leaf::Input(k)) => Some(k) == wanted,
+        Node::Leaf(Leaf::Delayed(k)) => {
+            matches!(definition.graph.delayed()[k as usize].signal, Signal::Input(k) if Some(k) == wanted)
+        }
+        _ => false,
+    };
+    rate.is_some_and(|rate| definition.graph.reachable([rate]).into_iter().any(|e| is_it(definition.graph.node(e))))
 }
 
 /// Whether an expression depends on a parameter or a state.

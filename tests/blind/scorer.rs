@@ -2,7 +2,7 @@
 
 use crate::answer::{Answer, Named};
 use crate::case::Case;
-use crate::hidden::{INSIDE, Part, Place, sites};
+use crate::hidden::{INSIDE, Part, Place, moves, sites};
 use crate::plan::Hides;
 use crate::twins::SAME;
 use fdm::Model;
@@ -99,7 +99,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
     outcome.verdict.clone_from(&answer.verdict);
     outcome.p = answer.p;
     outcome.named = answer.causes.iter().map(|c| c.place.to_string()).collect();
-    outcome.group = answer.causes.first().map_or(0, |c| c.group.len());
+    outcome.group = answer.causes.first().map_or(0, |c| told_apart(case, &c.group));
     outcome.warned = answer.verdict == "unknown_cause" || answer.leftover;
     let found = answer.verdict == "effect_found";
     if !truth.places.is_empty() && spec.hides != Hides::Gust && spec.hides != Hides::Outside {
@@ -122,12 +122,23 @@ pub(crate) fn part_name(part: Part) -> &'static str {
     ["input", "equation", "sensor"][part as usize]
 }
 
+/// Members of a group; those that are the truth in another name count once.
+fn told_apart(case: &Case, group: &[Place]) -> usize {
+    let (same, others): (Vec<&Place>, Vec<&Place>) = group.iter().partition(|p| is_truth(case, p));
+    others.len() + usize::from(!same.is_empty())
+}
+
+/// Whether a place is that of the truth, or the truth in another name.
+fn is_truth(case: &Case, place: &Place) -> bool {
+    let same = |(rival, lacking): &(Place, f64)| rival == place && *lacking < SAME;
+    case.truth.places.contains(place) || case.truth.rivals.iter().any(same)
+}
+
 /// Whether each truth is among the names of a cause of its own; a single truth among those of the first.
 fn named(case: &Case, causes: &[Named], names: impl Fn(&Named) -> Vec<Place>) -> bool {
     let truth = &case.truth;
-    let same = |place: &Place| truth.rivals.iter().any(|(p, lacking)| p == place && *lacking < SAME);
     match &truth.places[..] {
-        [one] => causes.first().is_some_and(|c| names(c).iter().any(|n| n == one || same(n))),
+        [_] => causes.first().is_some_and(|c| names(c).iter().any(|n| is_truth(case, n))),
         both => both.iter().all(|t| causes.iter().take(2).any(|c| names(c).contains(t))) && causes.len() >= both.len(),
     }
 }
@@ -135,8 +146,7 @@ fn named(case: &Case, causes: &[Named], names: impl Fn(&Named) -> Vec<Place>) ->
 /// The places that an answer tells, the likeliest first.
 fn places_told(case: &Case, answer: &Answer) -> Vec<Vec<(Part, String)>> {
     if !answer.sites.is_empty() {
-        // a name is enough
-        return answer.sites.iter().map(|name| vec![(Part::Equation, name.clone())]).collect();
+        return (0..answer.sites.len()).map(|k| with_its_equation(case, &answer.sites[k..])).collect();
     }
     let groups = answer.causes.iter().flat_map(|c| std::iter::once(&c.place).chain(&c.group));
     let mut told: Vec<Vec<(Part, String)>> = Vec::new();
@@ -145,6 +155,23 @@ fn places_told(case: &Case, answer: &Answer) -> Vec<Vec<(Part, String)>> {
         if !told.contains(&sites) {
             told.push(sites);
         }
+    }
+    told
+}
+
+/// The first of these sites; one that is an input stands for the equation that follows it as well, where the input reaches that
+/// equation: a force there and a force on the input are then one and the same, or nearly.
+fn with_its_equation(case: &Case, sites: &[(String, String)]) -> Vec<(Part, String)> {
+    let part = |kind: &str| match kind {
+        "input" => Part::Input,
+        "equation" => Part::Equation,
+        _ => Part::Sensor,
+    };
+    let (kind, name) = &sites[0];
+    let mut told = vec![(part(kind), name.clone())];
+    let next = sites.iter().find(|(kind, _)| kind == "equation");
+    if let Some((_, state)) = next.filter(|(_, state)| kind == "input" && moves(&case.base, name, state)) {
+        told.push((Part::Equation, state.clone()));
     }
     told
 }

@@ -12,7 +12,9 @@ pub(crate) const SAME: f64 = 0.05;
 /// What is written down.
 const NEAR: f64 = 6.0;
 /// Share of the truth's effect that a rival's direction must explain for being fitted at all.
-const ALIKE: f64 = 0.8;
+const ALIKE: f64 = 0.5;
+/// Rivals that are fitted, the most alike, each from its two best points.
+const FITTED: usize = 16;
 /// Points of a grid that are looked at.
 const POINTS: usize = 24;
 
@@ -38,13 +40,16 @@ pub(crate) fn rivals(
     let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
     let places = INSIDE.places(&subject).candidates;
     let others = places.iter().filter(|c| c.kind() != Kind::Variance && Place::of(c) != truth.places[0]);
-    let mut found: Vec<(Place, f64)> = others
-        .filter_map(|c| {
-            let look = Look { base, oracle, clean, theta: &fitted.theta, projection: &projection, left: &left, total };
-            let lacking = look.lacking(c, known, &subject)?;
-            (lacking < NEAR).then(|| (Place::of(c), lacking))
-        })
-        .collect();
+    let look = Look { base, oracle, clean, theta: &fitted.theta, projection: &projection, left: &left, total };
+    let mut alike: Vec<Alike> = others.filter_map(|c| look.alike(c, known, &subject)).collect();
+    alike.sort_by(|a, b| b.share.total_cmp(&a.share));
+    alike.truncate(FITTED);
+    let nearest = |a: Alike| {
+        let fits = a.starts.iter().filter_map(|start| oracle.fit(&a.model, clean, start));
+        (fits.map(|f| 0.5 * f.cost).fold(f64::INFINITY, f64::min), a.place)
+    };
+    let mut found: Vec<(Place, f64)> =
+        alike.into_iter().map(nearest).filter(|(l, _)| *l < NEAR).map(|(l, p)| (p, l)).collect();
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
     found
 }
@@ -60,30 +65,34 @@ struct Look<'a> {
     total: f64,
 }
 
+/// An effect that could be taken for the truth.
+struct Alike {
+    place: Place,
+    model: Model,
+    /// The largest share of the truth's effect that one of its points explains.
+    share: f64,
+    /// Its parameters at the best points.
+    starts: Vec<Vec<f64>>,
+}
+
 impl Look<'_> {
-    /// What the best values of a candidate leave, in nats; nothing where its direction is quite another.
-    fn lacking(&self, candidate: &Candidate, known: &Known, subject: &Subject) -> Option<f64> {
+    /// A candidate at its best points; nothing where its direction is quite another.
+    fn alike(&self, candidate: &Candidate, known: &Known, subject: &Subject) -> Option<Alike> {
         let extension = candidate.apply(subject, known, &Choice::new()).ok()?;
         let model = self.base.extended(&extension).ok()?;
-        let mut best: Option<(f64, Vec<f64>)> = None;
+        let mut found: Vec<(f64, Vec<f64>)> = Vec::new();
         for point in points(&extension) {
             let mut theta = model.definition().start();
             theta[..self.theta.len()].copy_from_slice(self.theta);
             for (name, value) in &point {
                 theta[model.definition().param(name)?] = *value;
             }
-            if let Some((share, theta)) = self.share(&model, &extension, theta)
-                && best.as_ref().is_none_or(|(b, _)| share > *b)
-            {
-                best = Some((share, theta));
-            }
+            found.extend(self.share(&model, &extension, theta));
         }
-        let (share, theta) = best?;
-        if share < ALIKE {
-            return None;
-        }
-        let fitted = self.oracle.fit(&model, self.clean, &theta)?;
-        Some(0.5 * fitted.cost)
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let share = found.first()?.0;
+        let starts = found.into_iter().take(2).map(|(_, theta)| theta).collect();
+        (share >= ALIKE).then(|| Alike { place: Place::of(candidate), model, share, starts })
     }
 
     /// The share of what is left that the effect explains at these values, and the values at which it does.
