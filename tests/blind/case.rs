@@ -309,6 +309,12 @@ impl Ground {
             }
             let before = oracle.cost(&self.base, held, &base.theta);
             let gain_holdout = 0.5 * (before - oracle.cost(&whole.model, held, &best.theta));
+            let clean = drives.clean(&whole.model, &theta)?;
+            let rivals = crate::twins::rivals(&self.base, &self.known, &oracle, whole, &clean, &base.theta);
+            if self.spec.hides == Hides::Outside && !rivals.is_empty() {
+                // the catalogue has it under another name
+                return None;
+            }
             let truth = Truth {
                 places: whole.places.clone(),
                 sites: whole.places.iter().flat_map(|p| sites(p, &self.base)).collect(),
@@ -317,14 +323,7 @@ impl Ground {
                 gain,
                 gain_holdout,
                 parts,
-                rivals: crate::twins::rivals(
-                    &self.base,
-                    &self.known,
-                    &oracle,
-                    whole,
-                    &drives.clean(&whole.model, &theta)?,
-                    &base.theta,
-                ),
+                rivals,
             };
             return Some((runs, base, truth));
         }

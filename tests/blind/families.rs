@@ -51,6 +51,10 @@ impl Family {
         FAMILIES.iter().find(|f| f.name == name).unwrap_or_else(|| panic!("no family is called {name}"))
     }
 
+    pub(crate) fn outputs(&self) -> usize {
+        self.text.lines().filter(|l| l.trim_start().starts_with("output ")).count()
+    }
+
     pub(crate) fn duration(&self) -> f64 {
         self.step * (self.samples - 1) as f64
     }

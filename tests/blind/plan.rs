@@ -101,7 +101,12 @@ impl Plan {
                 }
                 for colour in &self.colours {
                     for level in &self.levels {
-                        let suited = |f: &&&'static Family| *hides != Hides::Loop || f.control.is_some();
+                        let suited = |f: &&&'static Family| match hides {
+                            Hides::Loop => f.control.is_some(),
+                            // seen by one sensor only, a force is coloured noise
+                            Hides::Gust => f.outputs() > 1,
+                            _ => true,
+                        };
                         for family in self.families.iter().filter(suited) {
                             specs.push(Spec { family, hides: *hides, colour: *colour, level: *level, number });
                         }
