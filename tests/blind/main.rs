@@ -95,9 +95,11 @@ fn a_quick_set_is_answered() {
         // one of these two is below 0.001 in one of 500 tools that are right; the cases are always the same
         assert!(outcome.failure.is_none() && outcome.p > 0.001, "{outcome:?}");
     }
-    for (family, hidden) in
-        [("aeroplane", "input_delay(de)"), ("motor", "coulomb_friction(omega)"), ("pendulum", "quadratic_damping(omega)")]
-    {
+    for (family, hidden) in [
+        ("aeroplane", "input_delay(de)"),
+        ("motor", "coulomb_friction(omega)"),
+        ("pendulum", "quadratic_damping(omega)"),
+    ] {
         let case = Case::hiding(spec(family, Hides::Effect, 0), hidden, 200.0);
         let outcome = study::run(&case, folder.path(), limit);
         assert!(outcome.failure.is_none() && outcome.detected() && outcome.grouped, "{outcome:?}");
