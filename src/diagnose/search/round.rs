@@ -24,12 +24,14 @@ const MOST: usize = 24;
 /// Part of the best promised gain from which a candidate is refitted in any case.
 const REACH: f64 = 0.6;
 /// Points from which a refit begins.
-const STARTS: usize = 8;
+const STARTS: usize = 5;
 /// Starts that are followed to their end.
 const FOLLOWED: usize = 2;
 /// Corrections of a first look, and of a fit.
 const LOOK: usize = 3;
-const WHOLE: usize = 40;
+const WHOLE: usize = 25;
+/// Steps of an interval that are not halved for a fit: kinks want more of them than they are worth.
+const ENOUGH: usize = 8;
 /// Contenders that stay this far behind the best, and below this part of its gain, are not judged by the second noise.
 const BEHIND: f64 = 40.0;
 const PART: f64 = 0.25;
@@ -313,7 +315,8 @@ pub(super) fn shared_from(params: &[fdm_grammar::model::Param], shared: &[f64], 
 
 /// Steps for a fit: half of those that were enough for a direction, unless the recursion is exact.
 fn finer(steps: &Steps) -> Steps {
-    if matches!(steps.scheme(), Scheme::Recursion { .. }) { steps.clone() } else { steps.halved() }
+    let enough = matches!(steps.scheme(), Scheme::Recursion { .. }) || steps.most() >= ENOUGH;
+    if enough { steps.clone() } else { steps.halved() }
 }
 
 fn sort(contenders: &mut [Contender]) {

@@ -19,7 +19,7 @@ const MOST_POINTS: usize = 120;
 /// Part of a direction by which halving the steps may move it.
 const ACCURATE: f64 = 0.02;
 /// Times that steps are halved.
-const MOST_HALVINGS: usize = 5;
+const MOST_HALVINGS: usize = 3;
 
 /// A candidate's directions.
 pub(super) struct Trace {
