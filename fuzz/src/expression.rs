@@ -70,9 +70,10 @@ impl Expression {
         }
     }
 
-    /// What it is worth, computed in the order of the text, simplified by nothing; every zero on the way is this one.
-    pub fn value(&self, leaves: &[f64; LEAVES.len()], zero: f64) -> f64 {
-        let v = |e: &Self| e.value(leaves, zero);
+    /// What it is worth, computed in the order of the text, simplified by nothing; every zero on the way is this one, and every
+    /// result is off by a relative `rounding`.
+    pub fn value(&self, leaves: &[f64; LEAVES.len()], zero: f64, rounding: f64) -> f64 {
+        let v = |e: &Self| e.value(leaves, zero, rounding);
         let found = match self {
             Number(value) => *value,
             Leaf(k) => leaves[*k],
@@ -102,7 +103,11 @@ impl Expression {
                 if holds { v(c) } else { v(d) }
             }
         };
-        if found == 0.0 { zero } else { found }
+        match self {
+            _ if found == 0.0 => zero,
+            Sign(..) | Call(..) => found * (1.0 + rounding),
+            _ => found,
+        }
     }
 }
 

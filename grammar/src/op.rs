@@ -110,7 +110,8 @@ ops! {
                 let less = b.apply(Op::Sub, &[x[1], one]);
                 let power = b.apply(Op::Pow, &[x[0], less]);
                 let slope = b.apply(Op::Mul, &[x[1], power]);
-                b.apply(Op::Mul, &[slope, da])
+                let tangent = b.apply(Op::Mul, &[slope, da]);
+                unless_zero(b, da, tangent)
             });
             let exponent = d[1].map(|de| {
                 // a^e log a tends to 0 with a; the product would be 0 * -inf
@@ -133,11 +134,11 @@ ops! {
     Tan Function "tan" 1 value |a, _b, _c| math::tan(a), complex |a, _b, _c| a.tan(),
         tangent |b, _x, y, d| d[0].map(|da| { let q = one_plus_square(b, y); b.apply(Op::Mul, &[q, da]) });
     Asin Function "asin" 1 value |a, _b, _c| math::asin(a), complex |a, _b, _c| complex_asin(a),
-        tangent |b, x, _y, d| d[0].map(|da| { let r = root_one_minus_square(b, x[0]); b.apply(Op::Div, &[da, r]) });
+        tangent |b, x, _y, d| d[0].map(|da| { let r = root_one_minus_square(b, x[0]); over(b, da, r) });
     Acos Function "acos" 1 value |a, _b, _c| math::acos(a), complex |a, _b, _c| complex_acos(a),
         tangent |b, x, _y, d| d[0].map(|da| {
             let r = root_one_minus_square(b, x[0]);
-            let q = b.apply(Op::Div, &[da, r]);
+            let q = over(b, da, r);
             b.apply(Op::Neg, &[q])
         });
     Atan Function "atan" 1 value |a, _b, _c| math::atan(a), complex |a, _b, _c| complex_atan(a),
@@ -150,7 +151,7 @@ ops! {
             sum(b, p, q).map(|n| {
                 let (s, c) = (b.apply(Op::Mul, &[x[0], x[0]]), b.apply(Op::Mul, &[x[1], x[1]]));
                 let r = b.apply(Op::Add, &[s, c]);
-                b.apply(Op::Div, &[n, r])
+                over(b, n, r)
             })
         };
     Sinh Function "sinh" 1 value |a, _b, _c| math::sinh(a), complex |a, _b, _c| a.sinh(),
@@ -166,18 +167,18 @@ ops! {
     Exp Function "exp" 1 value |a, _b, _c| math::exp(a), complex |a, _b, _c| a.exp(),
         tangent |b, _x, y, d| d[0].map(|da| b.apply(Op::Mul, &[y, da]));
     Log Function "log" 1 value |a, _b, _c| math::log(a), complex |a, _b, _c| a.ln(),
-        tangent |b, x, _y, d| d[0].map(|da| b.apply(Op::Div, &[da, x[0]]));
+        tangent |b, x, _y, d| d[0].map(|da| over(b, da, x[0]));
     Log10 Function "log10" 1 value |a, _b, _c| math::log10(a), complex |a, _b, _c| a.ln() / std::f64::consts::LN_10,
         tangent |b, x, _y, d| d[0].map(|da| {
             let k = b.number(std::f64::consts::LN_10);
             let q = b.apply(Op::Mul, &[k, x[0]]);
-            b.apply(Op::Div, &[da, q])
+            over(b, da, q)
         });
     Sqrt Function "sqrt" 1 value |a, _b, _c| math::sqrt(a), complex |a, _b, _c| a.sqrt(),
         tangent |b, _x, y, d| d[0].map(|da| {
             let two = b.number(2.0);
             let q = b.apply(Op::Mul, &[two, y]);
-            b.apply(Op::Div, &[da, q])
+            over(b, da, q)
         });
     Abs Function "abs" 1 value |a, _b, _c| math::abs(a), complex |a, _b, _c| if a.re < 0.0 { -a } else { a },
         tangent |b, x, _y, d| d[0].map(|da| { let s = b.apply(Op::Sign, &[x[0]]); b.apply(Op::Mul, &[s, da]) });
@@ -190,7 +191,7 @@ ops! {
     Hypot Function "hypot" 2 value |a, b, _c| math::hypot(a, b), complex |a, b, _c| (a * a + b * b).sqrt(),
         tangent |b, x, y, d| {
             let (p, q) = (times(b, d[0], x[0]), times(b, d[1], x[1]));
-            sum(b, p, q).map(|n| b.apply(Op::Div, &[n, y]))
+            sum(b, p, q).map(|n| over(b, n, y))
         };
     Less Infix "<" 2 value |a, b, _c| math::less(a, b), complex |a, b, _c| math::less(a.re, b.re).into(),
         tangent |_b, _x, _y, _d| None;
@@ -219,6 +220,11 @@ impl Op {
         matches!(self, Op::Select | Op::Min | Op::Max)
     }
 
+    /// Whether the derivative is infinite somewhere although the value is not, or nearly so.
+    pub fn is_steep(self) -> bool {
+        matches!(self, Op::Sqrt | Op::Log | Op::Log10 | Op::Pow | Op::Hypot | Op::Asin | Op::Acos | Op::Atan2)
+    }
+
     /// The function with this name, among those that users can call.
     pub fn function(name: &str) -> Option<Op> {
         ROWS.iter().find(|r| r.form == Form::Function && r.name == name).map(|r| r.op)
@@ -234,6 +240,18 @@ fn sum(b: &mut dyn Build, p: Option<ExprId>, q: Option<ExprId>) -> Option<ExprId
 
 fn times(b: &mut dyn Build, d: Option<ExprId>, factor: ExprId) -> Option<ExprId> {
     d.map(|d| b.apply(Op::Mul, &[factor, d]))
+}
+
+/// `d/by`; a tangent that vanishes stays zero where the slope is infinite: `sqrt(max(x, 0))` rests below zero.
+fn over(b: &mut dyn Build, d: ExprId, by: ExprId) -> ExprId {
+    let tangent = b.apply(Op::Div, &[d, by]);
+    unless_zero(b, d, tangent)
+}
+
+fn unless_zero(b: &mut dyn Build, d: ExprId, tangent: ExprId) -> ExprId {
+    let zero = b.number(0.0);
+    let vanishes = b.apply(Op::Equal, &[d, zero]);
+    b.apply(Op::Select, &[vanishes, zero, tangent])
 }
 
 /// Derivatives of a choice are chosen, not weighted: the branch not taken may be infinite.

@@ -2,12 +2,12 @@
 //!
 //! By the leaves of a product of a thousand factors, forward sweeps make half a million nodes. With the derivative of the root by
 //! each partial product, which follows from that by the next one, they make a few thousand. The order of multiplication
-//! differs from that of a sweep, so small models keep their sweeps. Behind a funnel nothing may choose: zero times the
-//! infinite derivative of a branch that is not taken is no number.
+//! differs from that of a sweep, so small models keep their sweeps. Behind a funnel nothing may choose, and nothing may be
+//! infinitely steep: zero times the infinite derivative of a branch that is not taken, or of `sqrt` at zero, is no number.
 
 use super::sweep::{Column, Forward, product, sum};
 use crate::graph::{Graph, Leaf, Node};
-use crate::op::{Build, ExprId};
+use crate::op::{Build, ExprId, Op};
 use std::collections::BTreeMap;
 
 /// No node: ways part before the roots, or end in one.
@@ -36,7 +36,11 @@ impl Funnels {
         let (mut steps, one) = (PATIENCE * nodes, graph.number(1.0));
         for k in (0..nodes).rev().filter(|k| depends[*k]) {
             let users = sweep.users.of(k as u32);
-            let chooses = |u: &u32| matches!(graph.node(ExprId(*u)), Node::Apply(op, _) if op.chooses());
+            let chooses = |u: &u32| match graph.node(ExprId(*u)) {
+                Node::Apply(Op::Pow, [_, exponent, _]) => graph.constant(exponent).is_none_or(|e| e < 1.0),
+                Node::Apply(op, _) => op.chooses() || op.is_steep(),
+                _ => false,
+            };
             funnels.chosen[k] = users.iter().any(|u| funnels.chosen[*u as usize] || chooses(u));
             if sweep.roots.of(k as u32).is_empty() {
                 let meet = users.iter().copied().reduce(|a, b| meet(&funnels.next, a, b, &mut steps));

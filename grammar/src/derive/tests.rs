@@ -87,6 +87,32 @@ fn a_branch_that_is_not_taken_counts_nothing_however_infinite() {
     }
 }
 
+/// `sqrt(max(x, 0))` below zero, `hypot` of what rests at zero, `acos` of what is held at one: infinite slopes of nothing.
+#[test]
+fn a_tangent_that_vanishes_stays_zero() {
+    let mut g = Graph::default();
+    let (x, zero, one) = (g.leaf(Leaf::Param(0)), g.number(0.0), g.number(1.0));
+    let (above, below) = (g.apply(Op::Max, &[x, zero]), g.apply(Op::Min, &[x, one]));
+    let (root, power) = (g.apply(Op::Sqrt, &[above]), g.leaf(Leaf::Param(1)));
+    let all = [
+        root,
+        g.apply(Op::Hypot, &[above, zero]),
+        g.apply(Op::Log, &[above]),
+        g.apply(Op::Pow, &[above, power]),
+        g.apply(Op::Acos, &[below]),
+        g.apply(Op::Asin, &[below]),
+    ];
+    let sweep = Sweep::new(&g, &all);
+    let columns = sweep.by(&mut g, |leaf| leaf == Leaf::Param(0), false, usize::MAX).unwrap();
+    let slope = |at: f64, root: u32| {
+        let d = columns[&Leaf::Param(0)].iter().find(|(r, _)| *r == root).unwrap().1;
+        g.evaluate(d, |l| if l == Leaf::Param(0) { at } else { 0.5 })
+    };
+    (0..4).for_each(|root| assert_eq!(slope(-2.0, root), 0.0, "{root}"));
+    (4..6).for_each(|root| assert_eq!(slope(2.0, root), 0.0, "{root}"));
+    assert_eq!((slope(4.0, 0), slope(4.0, 1), slope(4.0, 2), slope(4.0, 3)), (0.25, 1.0, 0.25, 0.25));
+}
+
 #[test]
 fn tables_have_the_derivatives_of_their_curves() {
     use super::differentiate;
