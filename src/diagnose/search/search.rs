@@ -137,7 +137,17 @@ impl Search<'_> {
             let candidates = self.candidates(stage);
             let number = self.told.len() + 1;
             (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
-            let mut round = Round::new(stage, self.runs, &candidates, &measured, self.options)?;
+            let mut round = match (Round::new(stage, self.runs, &candidates, &measured, self.options), &mut end) {
+                // what was accepted stays
+                (Err(reason), Some(last)) => {
+                    last.ended = match reason {
+                        SearchError::NoPlaces => "no other effect can be tried beside those that were accepted".into(),
+                        other => format!("it could not go on: {other}"),
+                    };
+                    break;
+                }
+                (round, _) => round?,
+            };
             let (ranking, detectable) = (round.ranking(), round.detectable());
             let (p, knots) = (round.screening.family_wise, round.screening.spectra.iter().map(|s| s.size()).collect());
             self.told.push(Told { family_wise_p: p, ranking, accepted: None });
