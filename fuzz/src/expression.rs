@@ -70,6 +70,20 @@ impl Expression {
         }
     }
 
+    /// Whether everything on the way to its value is finite: infinity times nothing has no value to compare.
+    pub fn is_finite(&self, leaves: &[f64; LEAVES.len()]) -> bool {
+        let fine = |e: &Self| e.is_finite(leaves);
+        let v = |e: &Self| e.value(leaves, 0.0, 0.0);
+        let parts = match self {
+            Number(_) | Leaf(_) => true,
+            Minus(a) => fine(a),
+            Sign(_, pair) => pair.iter().all(fine),
+            Call(_, args) => args.iter().all(fine),
+            If(_, parts) => parts.iter().all(fine),
+        };
+        parts && v(self).is_finite()
+    }
+
     /// What it is worth, computed in the order of the text, simplified by nothing; every zero on the way is this one, and every
     /// result is off by a relative `rounding`.
     pub fn value(&self, leaves: &[f64; LEAVES.len()], zero: f64, rounding: f64) -> f64 {

@@ -250,8 +250,7 @@ fn over(b: &mut dyn Build, d: ExprId, by: ExprId) -> ExprId {
 
 fn unless_zero(b: &mut dyn Build, d: ExprId, tangent: ExprId) -> ExprId {
     let zero = b.number(0.0);
-    let vanishes = b.apply(Op::Equal, &[d, zero]);
-    b.apply(Op::Select, &[vanishes, zero, tangent])
+    b.apply(Op::Select, &[d, tangent, zero])
 }
 
 /// Derivatives of a choice are chosen, not weighted: the branch not taken may be infinite.

@@ -34,7 +34,14 @@ pub(super) fn simplify(g: &mut Graph, op: Op, args: &[ExprId]) -> Option<ExprId>
         Op::Min | Op::Max if a == b => Some(a),
         Op::Select => match g.constant(a) {
             Some(c) => Some(if c != 0.0 { b } else { args[2] }),
-            None => (b == args[2]).then_some(b),
+            None if b == args[2] => Some(b),
+            // what is chosen by a choice of one or nothing
+            None => match g.node(a) {
+                Node::Apply(Op::Select, inner) if is(g, inner[1], 1.0) && is(g, inner[2], 0.0) => {
+                    Some(g.apply(Op::Select, &[inner[0], b, args[2]]))
+                }
+                _ => None,
+            },
         },
         _ => None,
     }
