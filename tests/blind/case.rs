@@ -98,7 +98,8 @@ impl Case {
         let candidate = places.find(written).unwrap_or_else(|| panic!("{written} does not fit"));
         let mut own = Chance::new(written);
         let made = Structure::bare(&ground.base, &ground.theta).with(candidate, &ground.known, &mut own);
-        let made = made.and_then(|s| ground.realised(&s, std::slice::from_ref(&s), vec![ground.size(&s, gain)?], &[gain]));
+        let made =
+            made.and_then(|s| ground.realised(&s, std::slice::from_ref(&s), vec![ground.size(&s, gain)?], &[gain]));
         let (runs, fitted, truth) = made.unwrap_or_else(|| panic!("{written} cannot gain {gain}"));
         let Ground { base, noise, biases, known, .. } = ground;
         Self { spec, base, noise, biases, known, runs, fitted, truth }
