@@ -300,7 +300,11 @@ impl Expressions {
             return;
         }
         let expr = scope.tree.expr(e);
-        let infinite = |e: ExprRef| self.graph.is_singular(self.of(e));
+        // a sign may have been taken out of a quotient
+        let infinite = |e: ExprRef| match *scope.tree.expr(e) {
+            Expr::Binary(BinarySign::Divide, _, under, _) if self.constant(under) == Some(0.0) => true,
+            _ => self.graph.is_singular(self.of(e)),
+        };
         let own = match expr {
             Expr::Name(name) => name == "inf",
             _ => true,
