@@ -4,6 +4,7 @@
 //! are free to do. log S is a sum of hats over log f; what is left of n lines beside a leverage h has the mean S (n - h): gamma
 //! variates (Whittle), solved by reweighted least squares.
 
+pub(super) use crate::diagnose::screen::Left;
 use nalgebra::{DMatrix, DVector};
 
 /// Numbers of hat functions that are tried.
@@ -13,17 +14,6 @@ pub(super) const PRICE: f64 = 1.5;
 const ROUNDS: usize = 60;
 /// Change of the log-spectrum below which the iteration ends.
 const SETTLED: f64 = 1e-9;
-
-/// What is left of a cell of neighbouring lines.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Left {
-    /// log f
-    pub(super) log_frequency: f64,
-    /// Mean square of what is left: its sum over `freedom`.
-    pub(super) power: f64,
-    /// Lines less leverage.
-    pub(super) freedom: f64,
-}
 
 /// A smooth spectrum.
 #[derive(Debug, Clone, PartialEq)]

@@ -25,6 +25,7 @@ mod tests;
 pub(in crate::diagnose) use calibration::{Normal, exceedance};
 pub use consistency::Consistency;
 pub use lines::{Record, Signals};
+pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use rest::{Outlier, Place};
 pub use score::{Direction, Shape};

@@ -31,13 +31,13 @@ const LEAST: f64 = 2.0;
 
 /// What is left of the lines of a cell.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Left {
+pub(in crate::diagnose) struct Left {
     /// log f
-    pub(super) log_frequency: f64,
+    pub(in crate::diagnose) log_frequency: f64,
     /// Mean square of what is left: its sum over `freedom`.
-    pub(super) power: f64,
+    pub(in crate::diagnose) power: f64,
     /// Lines less leverage, n - h.
-    pub(super) freedom: f64,
+    pub(in crate::diagnose) freedom: f64,
 }
 
 /// The spectrum of one output's noise.
