@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         progress.finish();
     }
     let found = found.map_err(refused)?;
-    deliver(arguments, &model, &found)
+    Ok(deliver(arguments, &model, &found))
 }
 
 /// Runs that are learned from, and those that are held out.
@@ -122,14 +122,17 @@ fn refused(error: SearchError) -> Failure {
     }
 }
 
-/// Prints the result and writes what was asked for.
-fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> Result<ExitCode, Failure> {
+/// Prints the result and writes what was asked for; what cannot be written is told, and costs nothing of what was found.
+fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> ExitCode {
     let difference = found.extended.as_ref().map_or(String::new(), |text| difference(arguments, model, text));
-    let written = arguments.write.as_ref().filter(|_| found.extended.is_some());
-    if let (Some(file), Some(text)) = (written, &found.extended) {
-        std::fs::write(file, text).map_err(|e| unwritten(file, &e))?;
+    let mut failed = Vec::new();
+    let mut path = None;
+    if let (Some(file), Some(text)) = (&arguments.write, &found.extended) {
+        match std::fs::write(file, text) {
+            Ok(()) => path = Some(file.display().to_string()),
+            Err(e) => failed.push(unwritten(file, &e)),
+        }
     }
-    let path = written.map(|file| file.display().to_string());
     let json = diagnosis_json(found, path.as_deref());
     let mut text = diagnosis_text(found);
     if !difference.is_empty() {
@@ -139,10 +142,11 @@ fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> Result<Ex
         text.push_str("nothing was written: no effect was accepted\n");
     }
     if let Some(folder) = &arguments.out {
-        write(folder, &text, &json, &difference, found)?;
+        failed.extend(write(folder, &text, &json, &difference, found).err());
     }
     let printed = print(&if arguments.json { format!("{json}\n") } else { text });
-    Ok(if printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    failed.iter().for_each(|failure| _ = failure.report());
+    if printed && failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) }
 }
 
 fn difference(arguments: &Arguments, model: &Model, text: &str) -> String {
