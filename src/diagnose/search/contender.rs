@@ -11,6 +11,8 @@ use crate::simulate::Steps;
 const LOOKED_AT: usize = 12;
 /// The best of them that are corrected.
 const FOLLOWED: usize = 3;
+/// Of the others, those that are kept for a contender that comes near the best.
+const SPARE: usize = 5;
 /// Corrections of a first look, and what one of them must promise.
 const LOOK: usize = 3;
 const ROUGH: f64 = 0.5;
@@ -37,6 +39,8 @@ pub(super) struct Contender {
     pub(super) direction: Vec<f64>,
     /// Parameters that it costs.
     pub(super) cost: usize,
+    /// Starts that were not followed, the best first.
+    others: Vec<Vec<Vec<f64>>>,
 }
 
 /// A point from which a fit may begin.
@@ -78,6 +82,20 @@ impl Contender {
             self.fitting = fitting;
         }
         self.gain = base.cost - self.fitting.cost;
+    }
+
+    /// Fits from starts that were not followed too, where there are such; true when one of them ends better.
+    pub(super) fn again(&mut self, round: &Round<'_>, metric: &Metric, base: &Fitting) -> bool {
+        let others = std::mem::take(&mut self.others);
+        let before = self.fitting.cost;
+        let Some(mut bench) = self.posed(round, metric).bench() else { return false };
+        let ends = others.iter().filter_map(|starts| bench.fit(starts, WHOLE, FINE));
+        let best = ends.min_by(|a, b| a.cost.total_cmp(&b.cost)).filter(|f| f.cost < before - FINE);
+        drop(bench);
+        let Some(fitting) = best else { return false };
+        self.fitting = fitting;
+        self.gain = base.cost - self.fitting.cost;
+        true
     }
 
     /// Compares with the base model on the held-out runs.
@@ -132,25 +150,28 @@ impl Round<'_> {
         looks.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut begun: Vec<usize> = Vec::new();
         let mut best: Option<(Fitting, usize)> = None;
+        let mut others = Vec::new();
         for (_, k, starts) in looks {
             if begun.contains(&k) {
                 continue;
             }
             begun.push(k);
+            if begun.len() > FOLLOWED {
+                others.push(starts);
+                continue;
+            }
             if let Some(fitting) = bench.fit(&starts, LOOK, ROUGH)
                 && best.as_ref().is_none_or(|(b, _)| fitting.cost < b.cost)
             {
                 best = Some((fitting, k));
             }
-            if begun.len() >= FOLLOWED {
-                break;
-            }
         }
+        others.truncate(SPARE);
         drop(bench);
         let (fitting, k) = best?;
         let direction = promises.swap_remove(k).added.direction;
         let (gain, cost) = (base.cost - fitting.cost, attached.cost());
-        Some(Contender { trace: t, model, steps, fitting, gain, held: None, predicted, direction, cost })
+        Some(Contender { trace: t, model, steps, fitting, gain, held: None, predicted, direction, cost, others })
     }
 
     /// What a candidate's points promise, the best first.

@@ -22,6 +22,8 @@ const WHOLE: usize = 25;
 /// Contenders that stay this far behind the best, and below this part of its gain, are not followed to the end.
 const BEHIND: f64 = 40.0;
 const PART: f64 = 0.25;
+/// Contenders whose score is this near to the best are fitted from other starts too.
+const CLOSE: f64 = 10.0;
 /// Contenders of which the best is found before a noise is.
 const LEADERS: usize = 3;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
@@ -70,6 +72,14 @@ impl Round<'_> {
         contenders.par_iter_mut().for_each(|c| {
             c.finish(self, &metric, &base);
             c.compare(self, &metric, base_held.as_ref());
+        });
+        sort(&mut contenders);
+        // a name is worth looking for other minima
+        let least = contenders[0].score() - CLOSE;
+        contenders.par_iter_mut().filter(|c| c.score() > least).for_each(|c| {
+            if c.again(self, &metric, &base) {
+                c.compare(self, &metric, base_held.as_ref());
+            }
         });
         sort(&mut contenders);
         Ok(Contest { metric, contenders, far })

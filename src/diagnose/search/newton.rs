@@ -325,3 +325,108 @@ fn estimate(
         upper: param.upper.is_finite().then_some(param.upper),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::estimate::{DerivedQuantities, ProblemRun, Response};
+    use crate::simulate::{Block, Divergence, RowLayout, Sink};
+    use fdm_grammar::model::{Origin, Quantity};
+
+    /// y = a exp(-b x) + c, limited by a kink at d.
+    struct Limited {
+        x: Vec<f64>,
+    }
+
+    impl Limited {
+        fn at(x: f64, theta: &[f64]) -> (f64, [f64; 4]) {
+            let e = (-theta[1] * x).exp();
+            let y = theta[0] * e + theta[2];
+            if y < theta[3] { (y, [e, -theta[0] * x * e, 1.0, 0.0]) } else { (theta[3], [0.0, 0.0, 0.0, 1.0]) }
+        }
+    }
+
+    impl Response for Limited {
+        fn samples(&self) -> usize {
+            self.x.len()
+        }
+
+        fn outputs(&self) -> usize {
+            1
+        }
+
+        fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+            y.iter_mut().zip(&self.x).for_each(|(y, x)| *y = Self::at(*x, theta).0);
+            Ok(())
+        }
+
+        fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+            let layout = RowLayout::full(1, columns.len());
+            for (k, x) in self.x.iter().enumerate() {
+                let (y, all) = Self::at(*x, theta);
+                let mut rows = vec![0.0; layout.length];
+                columns.iter().enumerate().for_each(|(c, p)| rows[c] = all[*p]);
+                sink(Block { first: k, y: &[y], rows: &mut rows, layout: &layout });
+            }
+            Ok(())
+        }
+    }
+
+    fn param(name: &str, value: f64, (lower, upper): (f64, f64), per_run: bool) -> Param {
+        let quantity = Quantity { name: name.into(), doc: String::new(), unit: None };
+        Param { quantity, origin: Origin::Declared, value, lower, upper, fixed: false, per_run, prior: None }
+    }
+
+    /// Two runs with zeros of their own; the truth is a = 2, b = 0.7, c = 0.5 and -0.25, d = 1.8.
+    fn problem(starts: [f64; 4], upper: f64) -> Problem<'static> {
+        let free = (f64::NEG_INFINITY, f64::INFINITY);
+        let params = vec![
+            param("a", starts[0], free, false),
+            param("b", starts[1], (0.0, upper), false),
+            param("c", starts[2], free, true),
+            param("d", starts[3], free, false),
+        ];
+        let run = |(k, c): (usize, f64)| {
+            let x: Vec<f64> = (0..60).map(|i| 0.1 * f64::from(i)).collect();
+            let noise = |i: usize| 0.01 * ((i * (7 + k)) as f64).sin();
+            let measured =
+                x.iter().enumerate().map(|(i, x)| 100.0 * (Limited::at(*x, &[2.0, 0.7, c, 1.8]).0 + noise(i)));
+            let measured: Vec<f64> = measured.map(|z| z / 100.0).collect();
+            ProblemRun { name: format!("run {k}"), response: Box::new(Limited { x }), measured, start: Vec::new() }
+        };
+        let runs = [(0, 0.5), (1, -0.25)].into_iter().map(run).collect();
+        Problem { params, outputs: vec!["y".into()], runs, affine: Vec::new(), derived: DerivedQuantities::none() }
+    }
+
+    #[test]
+    fn a_kinked_response_is_fitted_with_a_zero_for_each_run() {
+        let mut problem = problem([1.0, 0.3, 0.0, 1.5], f64::INFINITY);
+        let table = ProblemTable::of(&problem);
+        let mut newton = Newton::new(&mut problem);
+        let begun = newton.look().unwrap();
+        let cost = newton.descend(40, 1e-9).unwrap();
+        let (told, theta, estimates) = newton.reached(&table);
+        assert!(cost < 0.01 * begun && told == cost, "{begun} {cost}");
+        for (found, truth) in theta[0].iter().zip([2.0, 0.7, 0.5, 1.8]) {
+            assert!((found - truth).abs() < 0.03, "{theta:?}");
+        }
+        assert!((theta[1][2] + 0.25).abs() < 0.03 && theta[1][0] == theta[0][0], "{theta:?}");
+        assert_eq!(estimates.iter().filter(|e| e.name == "c").count(), 2);
+        assert!(estimates.iter().all(|e| e.standard_error.is_some_and(|s| s > 0.0 && s.is_finite())), "{estimates:?}");
+    }
+
+    /// At a bound the others are the best that they can be there.
+    #[test]
+    fn what_stands_at_its_bound_lets_the_others_go_on() {
+        let mut first = problem([1.0, 0.3, 0.0, 9.0], 0.5);
+        let mut newton = Newton::new(&mut first);
+        let cost = newton.descend(60, 1e-10).unwrap();
+        assert_eq!(newton.values[1], 0.5);
+        let mut second = problem([1.0, 0.5, 0.0, 9.0], 0.5);
+        second.params[1].fixed = true;
+        let mut newton = Newton::new(&mut second);
+        let alone = newton.descend(60, 1e-10).unwrap();
+        assert!((cost - alone).abs() < 1e-6 * alone, "{cost} {alone}");
+    }
+}
