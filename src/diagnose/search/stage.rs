@@ -6,9 +6,14 @@ use crate::diagnose::screen::{Record, Signals};
 use crate::dynamics::Dynamics;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Divergence, Simulator, Steps, choose_steps};
+use crate::simulate::{Divergence, Simulator, Steps, choose_steps_within};
 use fdm_grammar::effect::Subject;
 use fdm_grammar::model::Param;
+
+/// Part of the noise's deviation that an integration error may have.
+const HIDDEN: f64 = 0.02;
+/// And of an output's range, at most.
+const ROUGHEST: f64 = 1e-4;
 
 /// A model with its text, the values of its parameters, and its responses.
 pub(super) struct Stage {
@@ -29,9 +34,10 @@ impl Stage {
     pub(super) fn new(model: Model, runs: &[Run], theta: Vec<Vec<f64>>) -> Result<Self, SearchError> {
         let subject = Subject::new(model.source(), model.definition()).map_err(SearchError::Text)?;
         let (mut steps, mut response) = (Vec::new(), Vec::new());
+        let tolerance = tolerance(runs, model.layout().outputs);
         for (run, theta) in runs.iter().zip(&theta) {
             let unsuited = |reason| SearchError::Unsuited { run: run.name.clone(), reason };
-            let chosen = choose_steps(model.dynamics(), run, theta).map_err(unsuited)?.steps;
+            let chosen = choose_steps_within(model.dynamics(), run, theta, tolerance).map_err(unsuited)?.steps;
             let mut simulator = Simulator::new(model.dynamics(), run, chosen.clone()).map_err(unsuited)?;
             simulator.suits(theta).map_err(unsuited)?;
             let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
@@ -53,6 +59,20 @@ impl Stage {
     pub(super) fn params(&self) -> &[Param] {
         &self.model.definition().params
     }
+}
+
+/// The integration error that noise hides, as a part of an output's range: by the second differences of what was measured.
+fn tolerance(runs: &[Run], outputs: usize) -> f64 {
+    let of = |run: &Run, o: usize| -> Option<f64> {
+        let values: Vec<f64> = run.measured.iter().skip(o).step_by(outputs).copied().filter(|z| !z.is_nan()).collect();
+        let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let bends = values.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+        let square = bends.map(|b| b * b).sum::<f64>() / (6.0 * values.len().saturating_sub(2) as f64);
+        (high > low && square.is_finite()).then(|| square.sqrt() / (high - low))
+    };
+    let each = runs.iter().flat_map(|run| (0..outputs).filter_map(move |o| of(run, o)));
+    let least = each.fold(f64::INFINITY, f64::min);
+    (HIDDEN * least).min(ROUGHEST)
 }
 
 /// Residuals and sensitivities of a run as screening sees them, without directions; with the response.

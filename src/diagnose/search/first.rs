@@ -1,0 +1,51 @@
+//! The model as it stands at its fit: where a search begins.
+
+use super::options::SearchOptions;
+use super::round::Runs;
+use super::search_error::SearchError;
+use super::stage::Stage;
+use crate::estimate::{Changes, Estimate, FitOptions, fit, starts};
+use crate::model::Model;
+use crate::record::Run;
+
+/// The model at its fit by plain output error.
+pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    let mut how = options.fit.clone();
+    how.options.colour = false;
+    let fitted = fit(model, runs.train(), &how, &mut ())?;
+    if fitted.estimate.runs.is_empty() {
+        return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
+    }
+    let model = fitted.model.clone();
+    let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let start = starts(&model, runs.all, &how.changes);
+    let mut theta: Vec<Vec<f64>> =
+        runs.train().iter().zip(&start).map(|(run, start)| reached(run, start, &fitted.estimate)).collect();
+    if !runs.held().is_empty() {
+        let shared: Vec<(String, f64)> = model
+            .definition()
+            .params
+            .iter()
+            .zip(&theta[0])
+            .filter(|(p, _)| !p.per_run && !p.is_recorded())
+            .map(|(p, v)| (p.quantity.name.clone(), v.max(p.lower).min(p.upper)))
+            .collect();
+        let names = shared.iter().map(|(name, _)| name.clone()).collect();
+        let changes = Changes { set: shared, fix: names, free: Vec::new() };
+        let held = fit(&model, runs.held(), &FitOptions { changes, ..how.clone() }, &mut ())?;
+        for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
+            let mut own = reached(run, start, &held.estimate);
+            let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
+            each.filter(|(p, _)| !p.per_run).for_each(|(_, (own, shared))| *own = *shared);
+            theta.push(own);
+        }
+    }
+    Stage::new(model, runs.all, theta)
+}
