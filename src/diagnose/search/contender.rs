@@ -78,7 +78,9 @@ impl Contender {
 
     /// Fits to the end by a noise, from where it is.
     pub(super) fn finish(&mut self, round: &Round<'_>, metric: &Metric, base: &Fitting) {
-        if let Some(fitting) = self.posed(round, metric).bench().and_then(|mut b| b.fit(&self.fitting.theta, WHOLE, FINE)) {
+        if let Some(fitting) =
+            self.posed(round, metric).bench().and_then(|mut b| b.fit(&self.fitting.theta, WHOLE, FINE))
+        {
             self.fitting = fitting;
         }
         self.gain = base.cost - self.fitting.cost;

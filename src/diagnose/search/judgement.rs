@@ -4,6 +4,7 @@ use super::beside::cosine;
 use super::contender::Contender;
 use super::contest::Contest;
 use super::experiment::separating;
+use super::own_motion::repeated;
 use super::round::{PRICE, Round, place};
 use crate::diagnose::diagnosis::{Cause, NewValue, Rejected, Rival};
 use crate::estimate::ParameterEstimate;
@@ -18,7 +19,7 @@ const LEAST: f64 = 3.0;
 const SIZE: f64 = 2.0;
 
 /// Why a contender is not accepted; none when it is.
-pub(super) fn objection(contender: &Contender) -> Option<String> {
+pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<String> {
     if contender.score() < LEAST {
         return Some(format!(
             "the gain of {:.1} does not pay for {} (3 each)",
@@ -31,8 +32,17 @@ pub(super) fn objection(contender: &Contender) -> Option<String> {
     {
         return Some(format!("on the held-out runs it loses {:.1} in log-likelihood", -gain));
     }
+    if let Some(frequency) = repeated(round, contender) {
+        return Some(format!(
+            "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
+             stands for damping or stiffness that changes with the amplitude"
+        ));
+    }
     (contender.gain < SIZE).then(|| {
-        format!("it gains {:.1} on the runs that were fitted, what two standard errors are worth is {SIZE}", contender.gain)
+        format!(
+            "it gains {:.1} on the runs that were fitted, what two standard errors are worth is {SIZE}",
+            contender.gain
+        )
     })
 }
 

@@ -25,6 +25,7 @@ mod measured;
 mod metric;
 mod newton;
 mod options;
+mod own_motion;
 mod refit;
 mod revision;
 mod round;

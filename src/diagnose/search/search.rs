@@ -120,7 +120,9 @@ impl<'a> Search<'a> {
                 (round, _) => round?,
             };
             let contest = match made {
-                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => Some(self.contest(&mut round)?),
+                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => {
+                    Some(self.contest(&mut round)?)
+                }
                 made => made,
             };
             let p = contest.as_ref().map_or(round.screening.family_wise, |contest| confirmed(&round, contest));
@@ -204,7 +206,7 @@ impl<'a> Search<'a> {
     ) -> Result<Option<Beginning<'a>>, SearchError> {
         let mut fit = Vec::new();
         for (k, contender) in contest.contenders.iter().enumerate() {
-            match objection(contender) {
+            match objection(round, contender) {
                 None => fit.push(k),
                 Some(reason) => self.rejected.push(rejected(round, number, contender, reason)),
             }
