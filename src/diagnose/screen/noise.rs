@@ -26,6 +26,9 @@ const EXCESS: f64 = 1.2;
 const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends.
 const SETTLED: f64 = 1e-6;
+/// The least density, as a part of its mean over the knots: forty decibels below it a record holds what its filters and its ends leave,
+/// which no model is asked about, and a likelihood by such numbers would hear nothing else.
+const DYNAMIC: f64 = 1e-4;
 /// Lines without which not even a level is known.
 const LEAST: f64 = 2.0;
 
@@ -86,7 +89,17 @@ impl LogSpectrum {
             .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
             .collect();
         let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
-        Self { knots, values, parts }
+        Self { knots, values, parts }.raised()
+    }
+
+    /// Without what lies too far below the rest.
+    fn raised(mut self) -> Self {
+        let mean = self.values.map(f64::exp).mean();
+        let least = (DYNAMIC * mean).ln();
+        let raise = |values: &mut DVector<f64>| values.apply(|v| *v = v.max(least));
+        raise(&mut self.values);
+        self.parts.iter_mut().for_each(|part| raise(&mut part.values));
+        self
     }
 
     /// The same everywhere, and known.
