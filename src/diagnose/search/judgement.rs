@@ -32,7 +32,10 @@ pub(super) fn objection(contender: &Contender) -> Option<String> {
         return Some(format!("on the held-out runs it loses {:.1} in log-likelihood", -gain));
     }
     (contender.gain < SIZE).then(|| {
-        format!("it gains {:.1} on the runs that were fitted, what two standard errors are worth is {SIZE}", contender.gain)
+        format!(
+            "it gains {:.1} on the runs that were fitted, what two standard errors are worth is {SIZE}",
+            contender.gain
+        )
     })
 }
 

@@ -56,7 +56,9 @@ impl<'a> Posed<'a> {
         }
         let outputs = (0..outputs).map(|o| o.to_string()).collect();
         let params = self.params.clone();
-        Some(Bench { problem: Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() } })
+        Some(Bench {
+            problem: Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() },
+        })
     }
 
     /// The same with everything fixed that all runs share: what a held-out run still leaves open.

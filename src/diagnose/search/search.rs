@@ -120,7 +120,9 @@ impl<'a> Search<'a> {
                 (round, _) => round?,
             };
             let contest = match made {
-                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => Some(self.contest(&mut round)?),
+                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => {
+                    Some(self.contest(&mut round)?)
+                }
                 made => made,
             };
             let p = contest.as_ref().map_or(round.screening.family_wise, |contest| confirmed(&round, contest));
