@@ -4,13 +4,21 @@ use super::beside::{Added, Beside};
 use super::metric::Metric;
 use super::refit::{Fitting, Posed};
 use super::round::{PRICE, Round, finer, new_values, shared_from};
+use crate::diagnose::screen::Shape;
 use crate::model::Model;
-use crate::simulate::Steps;
+use crate::simulate::{Steps, choose_steps_within, integration_error};
 
 /// Points whose responses are looked at before a fit begins at any.
 const LOOKED_AT: usize = 12;
 /// The best of them that are corrected.
 const FOLLOWED: usize = 3;
+/// Part of the smallest trial at which an effect is hardly there.
+const FAINT: f64 = 0.1;
+/// Integration error, as a part of an output's range, from which steps are too coarse for a fit; that which others shall have, and
+/// how many of them an interval may take on average.
+const COARSE: f64 = 3e-3;
+const ACCURATE: f64 = 1e-4;
+const MOST_STEPS: usize = 40;
 /// Of the others, those that are kept for a contender that comes near the best.
 const SPARE: usize = 5;
 /// Corrections of a first look, and what one of them must promise.
@@ -41,6 +49,14 @@ pub(super) struct Contender {
     pub(super) cost: usize,
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
+}
+
+/// A start and its cost.
+struct Look {
+    cost: f64,
+    /// Which promise, and whether the effect is hardly there.
+    point: (usize, bool),
+    starts: Vec<Vec<f64>>,
 }
 
 /// A point from which a fit may begin.
@@ -129,7 +145,7 @@ impl Round<'_> {
         let mut definition = attached.definition.clone();
         definition.params = attached.fitted_params(&self.stage);
         let model = self.stage.model.altered(definition);
-        let steps: Vec<Steps> = trace.steps.iter().map(finer).collect();
+        let steps = self.steps(t, &model, &promises[0], base);
         let posed = Posed {
             params: model.definition().params.clone(),
             dynamics: model.dynamics(),
@@ -138,26 +154,32 @@ impl Round<'_> {
             metric,
         };
         let mut bench = posed.bench()?;
-        let mut looks: Vec<(f64, usize, Vec<Vec<f64>>)> = Vec::new();
+        let mut looks: Vec<Look> = Vec::new();
+        let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
+            looks.extend(bench.look(&starts).map(|cost| Look { cost, point, starts }));
+        };
         for (k, promise) in promises.iter().enumerate() {
-            let values = trace.points[promise.point].at(promise.amount, attached.params());
+            let point = &trace.points[promise.point];
+            let values = point.at(promise.amount, attached.params());
             // with what the fitted parameters had made up for, and without: a large effect is not linear
             for share in [promise.amount, 0.0] {
-                let starts = self.starts(attached, base, &values, (&promise.added.compensation, share));
-                if let Some(cost) = bench.look(&starts) {
-                    looks.push((cost, k, starts));
-                }
+                look((k, false), self.starts(attached, base, &values, (&promise.added.compensation, share)));
+            }
+            // hardly there: no worse than the base model
+            if point.shape == Shape::Smallest {
+                let values = point.at(FAINT, attached.params());
+                look((k, true), self.starts(attached, base, &values, (&promise.added.compensation, 0.0)));
             }
         }
-        looks.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut begun: Vec<usize> = Vec::new();
+        looks.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut begun: Vec<(usize, bool)> = Vec::new();
         let mut best: Option<(Fitting, usize)> = None;
         let mut others = Vec::new();
-        for (_, k, starts) in looks {
-            if begun.contains(&k) {
+        for Look { point, starts, .. } in looks {
+            if begun.contains(&point) {
                 continue;
             }
-            begun.push(k);
+            begun.push(point);
             if begun.len() > FOLLOWED {
                 others.push(starts);
                 continue;
@@ -165,7 +187,7 @@ impl Round<'_> {
             if let Some(fitting) = bench.fit(&starts, LOOK, ROUGH)
                 && best.as_ref().is_none_or(|(b, _)| fitting.cost < b.cost)
             {
-                best = Some((fitting, k));
+                best = Some((fitting, point.0));
             }
         }
         others.truncate(SPARE);
@@ -174,6 +196,27 @@ impl Round<'_> {
         let direction = promises.swap_remove(k).added.direction;
         let (gain, cost) = (base.cost - fitting.cost, attached.cost());
         Some(Contender { trace: t, model, steps, fitting, gain, held: None, predicted, direction, cost, others })
+    }
+
+    /// Steps for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
+    /// direction is a derivative, and says little of how stiff the effect itself is.
+    fn steps(&self, t: usize, model: &Model, promise: &Promise, base: &Fitting) -> Vec<Steps> {
+        let (trace, runs) = (&self.traces[t], self.runs);
+        let steps: Vec<Steps> = trace.steps.iter().map(finer).collect();
+        let values = trace.points[promise.point].at(promise.amount, trace.attached.params());
+        let compensation = (&promise.added.compensation[..], promise.amount);
+        let starts = self.starts(&trace.attached, base, &values, compensation);
+        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps[0].clone());
+        if error.is_ok_and(|error| error < COARSE) {
+            return steps;
+        }
+        let own = |r: usize| {
+            let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.stage, r, &values));
+            let chosen = choose_steps_within(model.dynamics(), &runs.all[r], &theta, ACCURATE).ok()?;
+            let most = MOST_STEPS * runs.all[r].len();
+            (chosen.error < COARSE && chosen.steps.total(runs.all[r].len()) <= most).then_some(chosen.steps)
+        };
+        (0..runs.all.len()).map(|r| own(r).unwrap_or_else(|| steps[r].clone())).collect()
     }
 
     /// What a candidate's points promise, the best first.

@@ -4,15 +4,18 @@ use super::options::SearchOptions;
 use super::round::Runs;
 use super::search_error::SearchError;
 use super::stage::Stage;
-use crate::estimate::{Changes, Estimate, FitOptions, fit, starts};
+use crate::estimate::{Changes, Continuation, Estimate, Fit, FitError, FitOptions, fit, starts};
 use crate::model::Model;
 use crate::record::Run;
+
+/// Mean R^2 of outputs below which other minima are looked for.
+const MATCH: f64 = 0.5;
 
 /// The model at its fit by plain output error.
 pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
-    let fitted = fit(model, runs.train(), &how, &mut ())?;
+    let fitted = plainly(model, runs.train(), &how)?;
     if fitted.estimate.runs.is_empty() {
         return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
     }
@@ -39,7 +42,7 @@ pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions
             .collect();
         let names = shared.iter().map(|(name, _)| name.clone()).collect();
         let changes = Changes { set: shared, fix: names, free: Vec::new() };
-        let held = fit(&model, runs.held(), &FitOptions { changes, ..how.clone() }, &mut ())?;
+        let held = plainly(&model, runs.held(), &FitOptions { changes, ..how.clone() })?;
         for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
             let mut own = reached(run, start, &held.estimate);
             let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
@@ -48,4 +51,23 @@ pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions
         }
     }
     Stage::new(model, runs.all, theta)
+}
+
+/// Fits from the start values alone, where that ends at a minimum that is a match at all. A model that lacks something leaves smooth
+/// residuals, for which a fit by itself would look for other minima; here they are what is looked for.
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitError> {
+    if how.continuation != Continuation::Auto {
+        return fit(model, runs, how, &mut ());
+    }
+    let plain = fit(model, runs, &FitOptions { continuation: Continuation::Never, ..how.clone() }, &mut ());
+    match plain {
+        Ok(plain) if plain.estimate.termination.is_good() && is_match(&plain.estimate) => Ok(plain),
+        _ => fit(model, runs, how, &mut ()),
+    }
+}
+
+/// Whether most of what was measured is explained.
+fn is_match(estimate: &Estimate) -> bool {
+    let told: Vec<f64> = estimate.outputs.iter().filter_map(|o| o.r2).map(|r2| r2.max(-1.0)).collect();
+    told.is_empty() || told.iter().sum::<f64>() / told.len() as f64 > MATCH
 }
