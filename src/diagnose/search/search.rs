@@ -4,7 +4,7 @@ use super::attached::Attached;
 use super::beside::cosine;
 use super::elimination::{Accepted, eliminate, revise};
 use super::evenly::{apart, evenly};
-use super::evidence::Seen;
+use super::evidence::{Seen, against};
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
@@ -350,7 +350,7 @@ impl Search<'_> {
             None => None,
         };
         let cost = self.accepted.iter().map(Accepted::cost).sum();
-        let attribution = heard.as_ref().map(|h| h.against(explained.as_ref().map(|e| (e, cost))));
+        let attribution = heard.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let verdict = self.verdict(attribution.as_ref(), end.family_wise);
         if verdict == Verdict::Disturbance {
             self.withdraw();
@@ -393,6 +393,7 @@ impl Search<'_> {
             Some(force::Verdict::Disturbance) => Verdict::Disturbance,
             // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
+            Some(force::Verdict::UnknownCause) => Verdict::UnknownCause,
             _ if clear => Verdict::UnknownCause,
             _ => Verdict::NoEffectFound,
         }
