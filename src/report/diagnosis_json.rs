@@ -1,7 +1,6 @@
 //! A diagnosis for other programs.
 
 use crate::diagnose::diagnosis::{Cause, Diagnosis, NewValue, Verdict};
-use crate::diagnose::force::Site;
 use serde_json::{Value, json};
 
 /// Verdict, causes, misfit, what would have been seen; `extended_model` is where the extended text was written. Numbers that do not exist
@@ -14,7 +13,7 @@ pub fn diagnosis_json(d: &Diagnosis, extended_model: Option<&str>) -> Value {
         "misfit": d.misfit,
         "detectable": d.detectable,
         "extended_model": extended_model,
-        "sites": sites(d),
+        "sites": d.attribution.as_ref().map_or(&[][..], |a| &a.sites),
         "leftover": d.attribution.as_ref().map_or(&[][..], |a| &a.warnings),
         "attribution": d.attribution,
         "force": force(d),
@@ -52,14 +51,6 @@ fn parameter(p: &NewValue) -> Value {
 /// Whether the verdict rests on a force.
 fn is_force(d: &Diagnosis) -> bool {
     matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause)
-}
-
-/// Places where a force would enter, the likeliest first, as far as anything speaks for them; none where an effect explains
-/// what there is.
-fn sites(d: &Diagnosis) -> Value {
-    let places = d.places.iter().flat_map(|p| &p.forces).filter(|site| is_force(d) && site.evidence > 0.0);
-    let one = |site: &Site| json!({ "name": site.place.name, "kind": site.place.kind, "evidence": site.evidence, "size": site.size });
-    places.map(one).collect()
 }
 
 /// The course of the likeliest force, run by run, where the verdict rests on one.

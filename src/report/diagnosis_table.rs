@@ -55,11 +55,8 @@ fn wrong(d: &Diagnosis) -> String {
             let _ = writeln!(text, "  {sentence}");
         }
     }
-    if matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause) {
-        let sites = d.places.iter().flat_map(|p| &p.forces).filter(|site| site.evidence > 0.0);
-        for site in sites.take(3) {
-            let _ = writeln!(text, "a force at {}: the odds are e^{:.0} to 1", site.place, site.evidence);
-        }
+    for site in d.attribution.iter().flat_map(|a| &a.sites).take(3) {
+        let _ = writeln!(text, "something unknown at {}: the odds are e^{:.0} to 1", site.place, site.evidence);
     }
     for s in d.suggestions.iter().flat_map(|s| &s.list).take(3) {
         let _ = writeln!(text, "it looks like {:.4} * {} in {}", s.coefficient, s.function, s.place);

@@ -1,7 +1,12 @@
 //! Effect, disturbance, unknown cause or nothing: what the evidence adds up to.
 
+use super::coherence::Coherence;
+use super::heard::Heard;
 use super::leftover::Leftover;
-use super::localise::{CLEAR, Localisation};
+use super::localise::CLEAR;
+use super::place::{Kind, Place};
+use super::standing::{Standing, rank};
+use crate::model::Model;
 use serde::Serialize;
 
 /// What a parameter of an effect costs in log-likelihood: it was chosen among many.
@@ -13,20 +18,11 @@ const PART: f64 = 0.5;
 /// The chance below which residuals are not noise.
 const CHANCE: f64 = 0.01;
 
-/// What the residuals of a fit say, without an effect and with the best one.
-#[derive(Debug, Clone, Copy)]
-pub struct Evidence<'a> {
-    /// Where a force would enter.
-    pub places: &'a Localisation,
-    /// Whether the residuals are noise.
-    pub leftover: &'a Leftover,
-}
-
 /// The best effect of a catalogue, fitted.
 #[derive(Debug, Clone, Copy)]
 pub struct Explained<'a> {
     /// What its residuals say.
-    pub evidence: Evidence<'a>,
+    pub evidence: &'a Heard,
     /// Parameters that it brought.
     pub params: usize,
 }
@@ -55,67 +51,123 @@ pub struct Attribution {
     pub by_effect: Option<f64>,
     /// The same by a random force at the best place.
     pub by_force: f64,
-    /// The same by both.
+    /// The same by a force that is one function of states and inputs in all runs.
+    pub by_law: f64,
+    /// The same by effect and random force.
     pub by_both: Option<f64>,
     /// What is still unexplained after the best effect, in words.
     pub warnings: Vec<String>,
+    /// Where something enters that no effect explains, the likeliest first; empty where nothing is left.
+    pub sites: Vec<Standing>,
 }
 
 /// Weighs the best effect, a random force and an unknown cause against each other.
-pub fn attribute(base: Evidence<'_>, best: Option<Explained<'_>>) -> Attribution {
+pub fn attribute(model: &Model, base: &Heard, best: Option<Explained<'_>>) -> Attribution {
     let null = base.places.noise_alone;
     let by_force = base.places.evidence().max(0.0);
+    let by_law = base.laws.evidence();
     let price = |e: &Explained<'_>| PRICE * e.params as f64;
     let by_effect = best.map(|e| e.evidence.places.noise_alone - null - price(&e));
     let by_both = best.map(|e| e.evidence.places.with_force - null - price(&e));
-    let repeats = base.leftover.repeatable < CHANCE;
-    let warnings = best.map_or_else(|| warnings(base), |e| warnings(e.evidence));
+    let warnings = warnings(best.map_or(base, |e| e.evidence));
     let effect = by_effect.unwrap_or(0.0).max(0.0);
     let force = by_force > CLEAR && by_force > effect + CLEAR;
     let unexplained = |e: &Explained<'_>| {
-        let left = e.evidence.leftover.repeatable < CHANCE || e.evidence.places.evidence() > UNKNOWN;
-        left && effect < PART * (effect + rest(e.evidence))
+        let left = e.evidence.repeats() || e.evidence.places.evidence() > UNKNOWN;
+        left && effect < PART * (effect + e.evidence.rest())
     };
-    let verdict = if force && !repeats {
+    let verdict = if force && by_law < by_force && !base.leftover.found() {
         Verdict::Disturbance
-    } else if force || best.as_ref().map_or(repeats, unexplained) {
+    } else if force || best.as_ref().map_or(base.repeats(), unexplained) {
         Verdict::UnknownCause
     } else if effect > 0.0 {
         Verdict::Effect
     } else {
         Verdict::Nothing
     };
-    Attribution { verdict, by_effect, by_force, by_both, warnings }
+    let sites = match verdict {
+        Verdict::Disturbance => base.places.forces.iter().filter(|s| s.evidence > 0.0).map(standing).collect(),
+        Verdict::UnknownCause => sites(model, base, best),
+        _ if !warnings.is_empty() => sites(model, base, best),
+        _ => Vec::new(),
+    };
+    Attribution { verdict, by_effect, by_force, by_law, by_both, warnings, sites }
 }
 
-/// Evidence for what is left, in log-likelihood: of a force, or of the band that looks least like noise.
-fn rest(evidence: Evidence<'_>) -> f64 {
-    let band = evidence.leftover.coherences.first().map_or(0.0, |c| -c.chance.max(f64::MIN_POSITIVE).ln());
-    evidence.places.evidence().max(band)
+impl Leftover {
+    /// Whether something was found.
+    fn found(&self) -> bool {
+        self.repeatable < CHANCE
+    }
+
+    /// What stands out most, where anything does.
+    fn foremost(&self) -> Option<&Coherence> {
+        self.coherences.first().filter(|_| self.found())
+    }
+}
+
+impl Heard {
+    /// Whether something is left that is the same in every run.
+    fn repeats(&self) -> bool {
+        self.leftover.found() || self.laws.evidence() > CLEAR
+    }
+
+    /// Evidence for what is left, in log-likelihood: of a force, or of the band that looks least like noise.
+    fn rest(&self) -> f64 {
+        let band = self.leftover.foremost().map_or(0.0, |c| -c.chance.max(f64::MIN_POSITIVE).ln());
+        self.places.evidence().max(self.laws.evidence()).max(band)
+    }
+}
+
+fn standing(site: &super::localise::Site) -> Standing {
+    Standing { place: site.place.clone(), evidence: site.evidence }
+}
+
+/// Where an unknown cause enters: what the model as it was given lacks, and what the effects leave.
+fn sites(model: &Model, base: &Heard, best: Option<Explained<'_>>) -> Vec<Standing> {
+    let mut sites: Vec<Standing> = Vec::new();
+    let mut add = |place: Place, evidence: f64| match sites.iter_mut().find(|s| s.place == place) {
+        Some(known) => known.evidence = known.evidence.max(evidence),
+        None => sites.push(Standing { place, evidence }),
+    };
+    for law in base.laws.list.iter().filter(|law| law.evidence > 0.0) {
+        add(law.place.clone(), law.evidence);
+    }
+    for site in base.places.forces.iter().filter(|s| s.evidence > 0.0) {
+        add(site.place.clone(), site.evidence);
+    }
+    let definition = model.definition();
+    for evidence in [Some(base), best.map(|e| e.evidence)].into_iter().flatten() {
+        let Some(found) = evidence.leftover.foremost() else { continue };
+        let own = -evidence.leftover.repeatable.max(f64::MIN_POSITIVE).ln();
+        let output = definition.outputs.iter().position(|o| o.quantity.name == found.output);
+        let input = definition.inputs.iter().position(|i| i.quantity.name == found.partner.input());
+        if let (Some(output), Some(input)) = (output, input) {
+            add(Place { kind: Kind::Output, index: output, name: found.output.clone() }, own);
+            add(Place { kind: Kind::Input, index: input, name: found.partner.input().into() }, own);
+        }
+    }
+    rank(model, &mut sites, |s| (&s.place, s.evidence));
+    sites
 }
 
 /// What says that residuals are not noise.
-fn warnings(evidence: Evidence<'_>) -> Vec<String> {
-    let Evidence { places, leftover } = evidence;
+fn warnings(heard: &Heard) -> Vec<String> {
+    let Heard { places, laws, leftover } = heard;
     let mut said = Vec::new();
+    let or = |names: Vec<String>| names.join(" or ");
     if places.evidence() > CLEAR {
-        let names: Vec<String> = places.group().map(|s| s.place.to_string()).collect();
+        let names = or(places.group().map(|s| s.place.to_string()).collect());
+        let odds = places.evidence();
+        said.push(format!("something still acts on {names}: the odds of a force there are e^{odds:.0} to 1"));
+    }
+    if laws.evidence() > CLEAR {
+        let names = or(laws.group().map(|l| l.place.to_string()).collect());
+        let odds = laws.evidence();
         said.push(format!(
-            "something still acts on {}: the odds of a force there are e^{:.0} to 1",
-            names.join(" or "),
-            places.evidence()
+            "what is left follows states and inputs alike in all runs, as something unknown in {names} would: the odds are e^{odds:.0} to 1"
         ));
     }
-    let found = |pick: fn(&super::leftover::Partner) -> bool| leftover.coherences.iter().find(|c| pick(&c.partner));
-    if leftover.repeatable < CHANCE
-        && let Some(c) = found(|p| !matches!(p, super::leftover::Partner::Output(_)))
-    {
-        said.push(c.to_string());
-    }
-    if leftover.common < CHANCE
-        && let Some(c) = found(|p| matches!(p, super::leftover::Partner::Output(_)))
-    {
-        said.push(c.to_string());
-    }
+    said.extend(leftover.foremost().map(ToString::to_string));
     said
 }

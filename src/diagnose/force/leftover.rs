@@ -1,17 +1,18 @@
-//! Whether residuals are noise: noise of independent sensors has no line in common with the inputs, with products of states and
-//! inputs, nor with the noise of another sensor.
+//! Whether residuals are noise: noise of a sensor has nothing in common with the inputs.
 //!
-//! In every band of lines the residual of an output is regressed on a signal and its quadrature, with one gain and phase
-//! for all runs. For noise whose spectrum is flat across the band the share that they explain has the distribution of a
-//! Beta variate, whatever the noise's power there: nothing that a spectrum can swallow. The least chance of all outputs, signals
-//! and bands is judged by what it is for residuals that are drawn as noise, with the fit taken out of them.
+//! In every band of lines the residual of an output is regressed on an input and its quadrature, with one gain and phase
+//! for all runs, and on what lightly damped modes make of the input. For noise whose spectrum is flat across the band the share that
+//! they explain has the distribution of a Beta variate, whatever the noise's power there: nothing that a spectrum can
+//! swallow. The least chance of all is judged by what it is for residuals that are drawn as noise, with the fit taken out of
+//! them. (What is not linear in the inputs is asked for by `law`.)
 
-use super::driven::Driven;
-use super::likelihood::settle;
-use super::place::{ForceError, Passage};
+use super::bands::{Band, WIDTHS, bands};
+use super::coherence::{Coherence, Partner};
+use super::ground::Ground;
+use super::modes::{Mode, modes};
+use super::place::Passage;
 use super::quadrature::Quadrature;
-use super::sheet::{Cosines, Sheet, sheets};
-use super::signals::Signals;
+use super::sheet::{Cosines, DROPPED, Sheet};
 use super::spectra::{Density, Spectra};
 use crate::diagnose::screen::{Normal, exceedance};
 use crate::model::Model;
@@ -20,129 +21,117 @@ use rayon::prelude::*;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Gamma};
 
-/// Widths of bands: ratio of their ends, and the fewest lines of the longest run.
-const WIDTHS: [(f64, usize); 3] = [(1.06, 6), (1.25, 10), (2.0, 20)];
 /// Draws of residuals that are noise.
 const DRAWS: usize = 200;
 /// Most findings that are told.
 const TOLD: usize = 12;
 
-/// What a residual hangs together with.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Partner {
-    /// An input.
-    Input(String),
-    /// A function of states and inputs.
-    Function(String),
-    /// The residual of another output.
-    Output(String),
-}
-
-/// A band in which a residual is not noise of its own.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Coherence {
-    /// The output.
-    pub output: String,
-    /// With what.
-    pub partner: Partner,
-    /// Lowest frequency of the band, in cycles per unit of time.
-    pub low: f64,
-    /// Highest.
-    pub high: f64,
-    /// The share of the residual's power in the band that follows the partner.
-    pub share: f64,
-    /// The chance of such a share for noise, in this band alone.
-    pub chance: f64,
-}
-
-impl std::fmt::Display for Coherence {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { output, low, high, share, .. } = self;
-        let partner = match &self.partner {
-            Partner::Input(name) => format!("follows the input {name}"),
-            Partner::Function(text) => format!("follows {text}"),
-            Partner::Output(name) => format!("is common to {output} and {name}"),
-        };
-        write!(
-            f,
-            "{output}: {:.0} % of what is left between {low:.3} and {high:.3} cycles per unit of time {partner}",
-            100.0 * share
-        )
-    }
-}
-
 /// Whether residuals are noise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Leftover {
-    /// The chance that independent noise in every output looks as structured as this.
-    pub chance: f64,
-    /// The chance that it looks as much like the inputs and their products: a cause that repeats.
+    /// The chance that noise looks as much like what the inputs do: a cause that repeats.
     pub repeatable: f64,
-    /// The chance that the outputs' noises look as much alike: a cause in front of the sensors.
-    pub common: f64,
     /// What stands out, by rising chance, at most one band for every output and partner.
     pub coherences: Vec<Coherence>,
 }
 
 /// Asks whether the residuals of a fit are noise.
-///
-/// # Errors
-/// [`ForceError`]
-pub fn leftover(model: &Model, passages: &[Passage<'_>]) -> Result<Leftover, ForceError> {
-    let q = model.layout().outputs;
-    let sheets = sheets(passages, q)?;
-    let null = settle(&sheets, None, &Spectra::floor(&sheets));
-    let signals = Signals::new(model, &Driven::new(model, &[]), passages)?;
-    let judge = Judge::new(&sheets, &signals, &null.spectra);
+pub(super) fn leftover(model: &Model, passages: &[Passage<'_>], ground: &Ground) -> Leftover {
+    // output by output: what their noises share does not matter
+    let sheets = &ground.sheets;
+    let judge = Judge::new(sheets, probes(model, passages, sheets), &ground.noise.spectra);
     let residuals: Vec<DMatrix<f64>> = sheets.iter().map(|s| s.residual.clone()).collect();
-    let found = judge.tests(&judge.whitened(&residuals));
-    let drawn: Vec<(f64, f64)> = (0..DRAWS as u64).into_par_iter().map(|seed| judge.draw(seed)).collect();
-    let (own, common) = judge.least(&found);
-    let chance = |pick: fn(&(f64, f64)) -> f64, value: f64| {
-        let mut all: Vec<f64> = drawn.iter().map(pick).collect();
-        if all.iter().all(|v| *v <= 0.0) { 1.0 } else { exceedance(&mut all, value) }
-    };
-    let (repeatable, common) = (chance(|d| d.0, own), chance(|d| d.1, common));
-    // the better of two
-    let least = repeatable.min(common);
-    Ok(Leftover {
-        chance: 1.0 - (1.0 - least) * (1.0 - least),
-        repeatable,
-        common,
-        coherences: judge.told(model, &signals, found),
-    })
+    let found = judge.tests(&judge.whitened(residuals));
+    let mut drawn: Vec<f64> = (0..DRAWS as u64).into_par_iter().map(|seed| judge.draw(seed)).collect();
+    let own = least(&found);
+    let repeatable = if drawn.iter().all(|v| *v <= 0.0) { 1.0 } else { exceedance(&mut drawn, own) };
+    Leftover { repeatable, coherences: judge.told(model, found) }
 }
 
-/// Lines of one run that belong to a band.
-type Rows = std::ops::Range<usize>;
+/// A signal and its quadrature in a band.
+struct Probe {
+    partner: Partner,
+    band: Band,
+    /// Orthonormal (lines of all runs by 2).
+    basis: DMatrix<f64>,
+}
 
-/// One band: where it lies, and its lines in every run.
-#[derive(Debug, Clone)]
-struct Band {
-    /// Which of the widths it has, and whether it is one of those that do not overlap.
-    width: usize,
-    disjoint: bool,
-    low: f64,
-    high: f64,
-    rows: Vec<Rows>,
+/// Inputs in all bands, and all modes of all inputs.
+fn probes(model: &Model, passages: &[Passage<'_>], sheets: &[Sheet]) -> Vec<Probe> {
+    let definition = model.definition();
+    let m = definition.inputs.len();
+    let bands = bands(sheets);
+    let length = sheets.iter().map(|s| s.samples as f64 * s.interval).fold(0.0, f64::max);
+    let interval = sheets.iter().map(|s| s.interval).fold(f64::INFINITY, f64::min);
+    let modes = modes(length, interval);
+    let mut probes = Vec::new();
+    for (k, input) in definition.inputs.iter().enumerate().filter(|(_, i)| i.is_declared()) {
+        let name = &input.quantity.name;
+        let courses: Vec<Vec<f64>> =
+            passages.iter().map(|p| p.run.inputs.iter().skip(k).step_by(m).copied().collect()).collect();
+        let plain: Vec<DMatrix<f64>> = sheets
+            .iter()
+            .zip(&courses)
+            .map(|(s, course)| Quadrature::new(s.samples).lines(&mut Cosines::new(s.samples), course))
+            .collect();
+        let probe = |partner: Partner, band: Band, lines: &[DMatrix<f64>]| {
+            let basis = basis(&band.gathered(lines))?;
+            Some(Probe { partner, band, basis })
+        };
+        probes.extend(bands.iter().filter_map(|b| probe(Partner::Input(name.clone()), b.clone(), &plain)));
+        let of_mode = |mode: &Mode| {
+            let band = Band::between(sheets, mode.frequency - mode.reach, mode.frequency + mode.reach);
+            let lines: Vec<DMatrix<f64>> = sheets.iter().zip(&courses).map(|(s, c)| rung(mode, s, c)).collect();
+            probe(Partner::Mode(name.clone()), band, &lines)
+        };
+        probes.par_extend(modes.par_iter().filter_map(of_mode));
+    }
+    probes
+}
+
+/// Lines of a mode's two responses (L by 2).
+fn rung(mode: &Mode, sheet: &Sheet, course: &[f64]) -> DMatrix<f64> {
+    let mut cosines = Cosines::new(sheet.samples);
+    let mut lines = DMatrix::zeros(sheet.samples - DROPPED, 2);
+    for (response, mut column) in mode.response(course, sheet.interval).into_iter().zip(lines.column_iter_mut()) {
+        cosines.lines(response.into_iter(), column.as_mut_slice());
+    }
+    lines
+}
+
+/// Two orthonormal columns, or none where there is no signal.
+fn basis(columns: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (first, second) = (columns.column(0), columns.column(1));
+    let size = first.norm();
+    if columns.nrows() < 4 || size <= 0.0 || !size.is_finite() {
+        return None;
+    }
+    let first = first / size;
+    let beside = second - &first * first.dot(&second);
+    let rest = beside.norm();
+    (rest > 1e-6 * second.norm() && rest > 0.0).then(|| DMatrix::from_columns(&[first, beside / rest]))
 }
 
 /// An output against a partner in a band, or in all bands of a width together: share and chance.
 #[derive(Debug, Clone, Copy)]
 struct Test {
     output: usize,
-    /// Signals first, then outputs.
-    partner: usize,
-    /// None for all.
-    band: Option<usize>,
+    /// Any probe of the partner; that of the band, unless it is of all of them.
+    probe: usize,
+    everywhere: bool,
     share: f64,
     chance: f64,
+}
+
+/// Minus the logarithm of the least chance.
+fn least(tests: &[Test]) -> f64 {
+    -tests.iter().map(|t| t.chance).fold(1.0, f64::min).max(f64::MIN_POSITIVE).ln()
 }
 
 /// Bands that do not overlap, taken together.
 #[derive(Debug, Clone, Copy, Default)]
 struct Together {
+    probe: usize,
     follows: f64,
     total: f64,
     /// Sum of minus the logarithms of the chances.
@@ -151,7 +140,8 @@ struct Together {
 }
 
 impl Together {
-    fn add(&mut self, follows: f64, total: f64, chance: f64) {
+    fn add(&mut self, probe: usize, (follows, total): (f64, f64), chance: f64) {
+        self.probe = probe;
         self.follows += follows;
         self.total += total;
         self.logs -= chance.max(f64::MIN_POSITIVE).ln();
@@ -159,40 +149,22 @@ impl Together {
     }
 
     /// Fisher's: minus the logarithms of chances are exponential variates, their sum is a gamma variate.
-    fn test(&self, output: usize, partner: usize) -> Test {
+    fn test(&self, output: usize) -> Test {
         let chance = Gamma::new(self.bands as f64, 1.0).map_or(1.0, |gamma| gamma.sf(self.logs));
-        Test { output, partner, band: None, share: self.follows / self.total, chance }
+        Test { output, probe: self.probe, everywhere: true, share: self.follows / self.total, chance }
     }
 }
 
 struct Judge<'a> {
     sheets: &'a [Sheet],
     densities: Vec<Density>,
-    bands: Vec<Band>,
-    signals: usize,
-    /// For every signal and band an orthonormal basis of signal and quadrature (lines of all runs by 2).
-    bases: Vec<Vec<DMatrix<f64>>>,
-    quadratures: Vec<Quadrature>,
-    /// Takes the fit out of drawn residuals: (J'J/S)^-1 J'/S.
+    probes: Vec<Probe>,
+    /// Takes the fit out of drawn residuals: (J'J/S)^-1.
     fitted: DMatrix<f64>,
 }
 
 impl<'a> Judge<'a> {
-    fn new(sheets: &'a [Sheet], signals: &Signals, spectra: &Spectra) -> Self {
-        let bands = bands(sheets);
-        let quadratures: Vec<Quadrature> = sheets.iter().map(|s| Quadrature::new(s.samples)).collect();
-        let count = signals.functions.len();
-        let bases = (0..count)
-            .into_par_iter()
-            .map(|signal| {
-                let lines = |run: usize| {
-                    let mut cosines = Cosines::new(sheets[run].samples);
-                    quadratures[run].lines(&mut cosines, &signals.courses[run][signal])
-                };
-                let lines: Vec<DMatrix<f64>> = (0..sheets.len()).map(lines).collect();
-                bands.iter().map(|band| basis(&gathered(&lines, band))).collect()
-            })
-            .collect();
+    fn new(sheets: &'a [Sheet], probes: Vec<Probe>, spectra: &Spectra) -> Self {
         let densities: Vec<Density> = sheets.iter().map(|s| spectra.density(s)).collect();
         let p = sheets[0].fitted[0].ncols();
         let mut products = DMatrix::zeros(p, p);
@@ -206,79 +178,48 @@ impl<'a> Judge<'a> {
             }
         }
         let fitted = products.cholesky().map_or_else(|| DMatrix::zeros(p, p), |c| c.inverse());
-        Self { sheets, densities, bands, signals: count, bases, quadratures, fitted }
+        Self { sheets, densities, probes, fitted }
     }
 
     /// Residuals over the deviation of their noise.
-    fn whitened(&self, residuals: &[DMatrix<f64>]) -> Vec<DMatrix<f64>> {
-        let one = |(residual, density): (&DMatrix<f64>, &Density)| {
-            let mut white = residual.clone();
-            for (channel, mut column) in white.column_iter_mut().enumerate() {
+    fn whitened(&self, mut residuals: Vec<DMatrix<f64>>) -> Vec<DMatrix<f64>> {
+        for (residual, density) in residuals.iter_mut().zip(&self.densities) {
+            for (channel, mut column) in residual.column_iter_mut().enumerate() {
                 column.iter_mut().zip(density.channel(channel).iter()).for_each(|(r, s)| *r /= s.sqrt());
             }
-            white
-        };
-        residuals.iter().zip(&self.densities).map(one).collect()
+        }
+        residuals
     }
 
     /// Every output against every partner in every band.
     fn tests(&self, white: &[DMatrix<f64>]) -> Vec<Test> {
         let q = self.sheets[0].channels();
-        let own: Vec<Vec<DMatrix<f64>>> = (0..q)
-            .map(|channel| {
-                let columns: Vec<DMatrix<f64>> = white.iter().map(|w| w.columns(channel, 1).into_owned()).collect();
-                self.bands.iter().map(|band| gathered(&columns, band)).collect()
-            })
-            .collect();
-        let mut tests = Vec::with_capacity(self.bands.len() * q * (self.signals + q));
-        let mut test = |output: usize, partner: usize, bases: &[DMatrix<f64>]| {
+        let mut tests = Vec::with_capacity(q * (self.probes.len() + WIDTHS.len()));
+        for output in 0..q {
             let mut together = [Together::default(); WIDTHS.len()];
-            for (k, (band, basis)) in self.bands.iter().zip(bases).enumerate() {
-                let lines = &own[output][k];
-                let (total, free) = (lines.norm_squared(), lines.nrows() as f64 - 2.0);
-                if basis.ncols() < 2 || total <= 0.0 {
+            for (k, probe) in self.probes.iter().enumerate() {
+                if k > 0 && self.probes[k - 1].partner != probe.partner {
+                    tests.extend(together.iter().filter(|t| t.bands > 1).map(|t| t.test(output)));
+                    together = Default::default();
+                }
+                let (follows, total) = probe.against(white, output);
+                if total <= 0.0 {
                     continue;
                 }
-                let follows = basis.tr_mul(lines).norm_squared();
                 let share = (follows / total).min(1.0);
-                let chance = (1.0 - share).powf(free / 2.0);
-                tests.push(Test { output, partner, band: Some(k), share, chance });
-                if band.disjoint {
-                    together[band.width].add(follows, total, chance);
+                let chance = (1.0 - share).powf((probe.band.lines() as f64 - 2.0) / 2.0);
+                tests.push(Test { output, probe: k, everywhere: false, share, chance });
+                if let Some(width) = probe.band.disjoint {
+                    together[width].add(k, (follows, total), chance);
                 }
             }
-            tests.extend(together.iter().filter(|t| t.bands > 1).map(|t| t.test(output, partner)));
-        };
-        for (signal, bases) in self.bases.iter().enumerate() {
-            (0..q).for_each(|output| test(output, signal, bases));
-        }
-        for other in 0..q.saturating_sub(1) {
-            let lines: Vec<DMatrix<f64>> = (0..white.len()).map(|run| self.late(run, &white[run], other)).collect();
-            let bases: Vec<DMatrix<f64>> = self.bands.iter().map(|band| basis(&gathered(&lines, band))).collect();
-            (other + 1..q).for_each(|output| test(output, self.signals + other, &bases));
+            tests.extend(together.iter().filter(|t| t.bands > 1).map(|t| t.test(output)));
         }
         tests
     }
 
-    /// Whitened lines of an output with their quadrature (L by 2).
-    fn late(&self, run: usize, white: &DMatrix<f64>, output: usize) -> DMatrix<f64> {
-        let sheet = &self.sheets[run];
-        let mut cosines = Cosines::new(sheet.samples);
-        let signal = cosines.samples(white.column(output).as_slice());
-        self.quadratures[run].lines(&mut cosines, &signal)
-    }
-
-    /// Minus the logarithm of the least chance with signals, and between outputs.
-    fn least(&self, tests: &[Test]) -> (f64, f64) {
-        let least = |between: bool| {
-            let own = tests.iter().filter(|t| (t.partner >= self.signals) == between);
-            -own.map(|t| t.chance).fold(1.0, f64::min).max(f64::MIN_POSITIVE).ln()
-        };
-        (least(false), least(true))
-    }
-
-    /// The same for residuals that are noise, with the fit taken out.
-    fn draw(&self, seed: u64) -> (f64, f64) {
+    /// The least chance of residuals that are noise, with the fit taken out.
+    fn draw(&self, seed: u64) -> f64 {
         let mut normal = Normal::new(seed + 5000);
         let p = self.fitted.nrows();
         let mut score = DVector::zeros(p);
@@ -297,91 +238,53 @@ impl<'a> Judge<'a> {
                 column.gemv(-1.0, &sheet.fitted[channel], &theta, 1.0);
             }
         }
-        self.least(&self.tests(&self.whitened(&drawn)))
+        least(&self.tests(&self.whitened(drawn)))
     }
 
-    fn told(&self, model: &Model, signals: &Signals, mut tests: Vec<Test>) -> Vec<Coherence> {
+    fn told(&self, model: &Model, mut tests: Vec<Test>) -> Vec<Coherence> {
         tests.sort_by(|a, b| a.chance.total_cmp(&b.chance));
         let outputs = &model.definition().outputs;
-        let mut told: Vec<(usize, usize)> = Vec::new();
-        let mut coherences = Vec::new();
+        let whole = |a: (f64, f64), p: &Probe| (a.0.min(p.band.low), a.1.max(p.band.high));
+        let ends = self.probes.iter().fold((f64::INFINITY, 0.0), whole);
+        let mut coherences: Vec<Coherence> = Vec::new();
         for test in tests {
-            if coherences.len() == TOLD || told.contains(&(test.output, test.partner)) {
+            let (probe, output) = (&self.probes[test.probe], &outputs[test.output].quantity.name);
+            if coherences.len() == TOLD {
+                break;
+            }
+            if coherences.iter().any(|c| c.output == *output && c.partner == probe.partner) {
                 continue;
             }
-            told.push((test.output, test.partner));
-            let name = |k: usize| outputs[k].quantity.name.clone();
-            let partner = match signals.functions.get(test.partner) {
-                Some(function) if function.input => Partner::Input(function.text.clone()),
-                Some(function) => Partner::Function(function.text.clone()),
-                None => Partner::Output(name(test.partner - self.signals)),
-            };
-            let ends = |band: Option<usize>| match band {
-                Some(band) => (self.bands[band].low, self.bands[band].high),
-                None => self.bands.iter().fold((f64::INFINITY, 0.0_f64), |a, b| (a.0.min(b.low), a.1.max(b.high))),
-            };
-            let (low, high) = ends(test.band);
+            let (low, high) = if test.everywhere { ends } else { (probe.band.low, probe.band.high) };
+            let (share, chance) = (test.share, test.chance);
             coherences.push(Coherence {
-                output: name(test.output),
-                partner,
+                output: output.clone(),
+                partner: probe.partner.clone(),
                 low,
                 high,
-                share: test.share,
-                chance: test.chance,
+                share,
+                chance,
             });
         }
         coherences
     }
 }
 
-/// The lines of a band of all runs, one below the other.
-fn gathered(lines: &[DMatrix<f64>], band: &Band) -> DMatrix<f64> {
-    let count: usize = band.rows.iter().map(ExactSizeIterator::len).sum();
-    let mut all = DMatrix::zeros(count, lines[0].ncols());
-    let mut row = 0;
-    for (lines, rows) in lines.iter().zip(&band.rows) {
-        all.rows_mut(row, rows.len()).copy_from(&lines.rows(rows.start, rows.len()));
-        row += rows.len();
-    }
-    all
-}
-
-/// Two orthonormal columns, or none where there is no signal.
-fn basis(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let none = || DMatrix::zeros(columns.nrows(), 0);
-    let (first, second) = (columns.column(0), columns.column(1));
-    let size = first.norm();
-    if size <= 0.0 || !size.is_finite() {
-        return none();
-    }
-    let first = first / size;
-    let beside = second - &first * first.dot(&second);
-    let rest = beside.norm();
-    if rest <= 1e-6 * second.norm() || rest <= 0.0 {
-        return none();
-    }
-    DMatrix::from_columns(&[first, beside / rest])
-}
-
-/// Overlapping bands of several widths.
-fn bands(sheets: &[Sheet]) -> Vec<Band> {
-    let Some(longest) = sheets.iter().max_by_key(|s| s.frequency.len()) else { return Vec::new() };
-    let f = &longest.frequency;
-    let mut bands = Vec::new();
-    for (width, (ratio, fewest)) in WIDTHS.into_iter().enumerate() {
-        let (mut first, mut free) = (0, 0);
-        while first + fewest <= f.len() {
-            let last = f.partition_point(|v| *v < f[first] * ratio).max(first + fewest).min(f.len());
-            let (low, high) = (f[first], f[last - 1]);
-            let rows = |s: &Sheet| s.frequency.partition_point(|v| *v < low)..s.below(high);
-            let disjoint = first >= free;
-            if disjoint {
-                free = last;
+impl Probe {
+    /// Squares of what of an output's whitened lines follows, and of all of them.
+    fn against(&self, white: &[DMatrix<f64>], output: usize) -> (f64, f64) {
+        let (first, second) = self.basis.as_slice().split_at(self.basis.nrows());
+        let (mut a, mut b, mut total, mut row) = (0.0, 0.0, 0.0, 0);
+        for (white, rows) in white.iter().zip(&self.band.rows) {
+            let lines = &white.as_slice()[output * white.nrows()..][rows.clone()];
+            let own = first[row..].iter().zip(&second[row..]);
+            for (v, (one, other)) in lines.iter().zip(own) {
+                a += v * one;
+                b += v * other;
+                total += v * v;
             }
-            bands.push(Band { width, disjoint, low, high, rows: sheets.iter().map(rows).collect() });
-            // each begins in the middle of the one before
-            first += ((last - first) / 2).max(1);
+            row += rows.len();
         }
+        (a * a + b * b, total)
     }
-    bands
 }

@@ -1,12 +1,14 @@
 //! At which place an unknown force explains the residuals best, and what its course was.
 
 use super::driven::Driven;
+use super::ground::Ground;
 use super::hats::{Knots, responses};
 use super::likelihood::{Hats, Settled, course, settle};
 use super::place::{ForceError, Kind, Passage, Place, places};
-use super::sheet::{Sheet, band, sheets};
+use super::sheet::Sheet;
 use super::spectra::Spectra;
 use super::spectrum::SmoothSpectrum;
+use super::standing::rank;
 use crate::model::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -47,7 +49,7 @@ pub struct Site {
 /// Where an unknown force enters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Localisation {
-    /// Inputs and equations, the likeliest first.
+    /// Inputs and equations, the likeliest first; an equation before an input that moves it where both are as likely.
     pub forces: Vec<Site>,
     /// Outputs, the most coloured first.
     pub sensors: Vec<Site>,
@@ -65,7 +67,7 @@ pub struct Localisation {
 impl Localisation {
     /// Evidence of the best place; 0 where there is none.
     pub fn evidence(&self) -> f64 {
-        self.forces.first().map_or(0.0, |s| s.evidence)
+        self.forces.iter().map(|s| s.evidence).reduce(f64::max).unwrap_or(0.0)
     }
 
     /// The places that these data cannot tell from the best one.
@@ -75,52 +77,37 @@ impl Localisation {
     }
 }
 
-/// The likelihood of the residuals of a fit as noise of smooth spectra alone (see [`Localisation::noise_alone`]); nothing
-/// is simulated.
-///
-/// # Errors
-/// [`ForceError`]
-pub fn noise_alone(passages: &[Passage<'_>], outputs: usize) -> Result<f64, ForceError> {
-    let sheets = sheets(passages, outputs)?;
-    Ok(settle(&sheets, None, &Spectra::floor(&sheets)).profile)
-}
-
 /// Asks every input and every equation that left something to be found.
-///
-/// # Errors
-/// [`ForceError`]
-pub fn localise(model: &Model, passages: &[Passage<'_>]) -> Result<Localisation, ForceError> {
-    let q = model.layout().outputs;
-    let sheets = sheets(passages, q)?;
-    let band = band(passages, &sheets, q);
-    let null = settle(&sheets, None, &Spectra::floor(&sheets));
+pub(super) fn localise(model: &Model, passages: &[Passage<'_>], ground: &Ground) -> Result<Localisation, ForceError> {
+    let (sheets, null) = ground.independent();
+    let band = ground.band;
     let places = places(model);
     let driven = Driven::new(model, &places);
     let knots: Vec<Knots> = sheets.iter().map(|s| Knots::new(s, band)).collect();
-    let hats = responses(&driven, places.len(), passages, &sheets, &knots)?;
-    let tried: Vec<Tried> = hats.par_iter().map(|own| Tried::best(&sheets, &knots, own, &null, band)).collect();
+    let hats = responses(&driven, places.len(), passages, sheets, &knots)?;
+    let tried: Vec<Tried> = hats.par_iter().map(|own| Tried::best(sheets, &knots, own, null, band)).collect();
     // noise alone may begin where any force has left it
     let null = tried
         .iter()
-        .map(|t| settle(&sheets, None, &t.settled.spectra))
-        .fold(null, |best, other| if other.score > best.score { other } else { best });
+        .map(|t| settle(sheets, None, &t.settled.spectra))
+        .fold(null.clone(), |best, other| if other.score > best.score { other } else { best });
     let mut forces: Vec<(Site, f64)> = places
         .into_iter()
         .zip(&tried)
         .map(|(place, tried)| {
             let evidence = tried.settled.score - PRICE - null.score;
-            let site = Site { place, evidence, size: tried.size(&knots), course: tried.course(&sheets, &knots) };
+            let site = Site { place, evidence, size: tried.size(&knots), course: tried.course(sheets, &knots) };
             (site, tried.settled.profile - PRICE)
         })
         .collect();
-    forces.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
+    rank(model, &mut forces, |(site, _)| (&site.place, site.evidence));
     let with_force = forces.first().filter(|f| f.0.evidence > 0.0).map_or(null.profile, |f| f.1);
     Ok(Localisation {
-        with_force,
+        with_force: ground.measured(with_force),
         forces: forces.into_iter().map(|(site, _)| site).collect(),
-        sensors: sensors(model, &null),
-        noise_alone: null.profile,
-        spectra: null.spectra.channels,
+        sensors: sensors(model, &ground.noise),
+        noise_alone: ground.measured(null.profile),
+        spectra: ground.noise.spectra.channels.clone(),
         band,
     })
 }

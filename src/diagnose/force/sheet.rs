@@ -1,5 +1,6 @@
 //! Runs as lines: the orthonormal cosine transform of residuals, fitted sensitivities and responses to forces, output by output.
 
+use super::mixing::Mixing;
 use super::place::{ForceError, Passage};
 use nalgebra::{DMatrix, SymmetricEigen};
 use rustdct::{DctPlanner, TransformType2And3};
@@ -37,18 +38,10 @@ impl Cosines {
         let scale = (2.0 / n as f64).sqrt();
         into.iter_mut().zip(&self.buffer[DROPPED..]).for_each(|(line, value)| *line = value * scale);
     }
-
-    /// The samples that have these lines.
-    pub(super) fn samples(&mut self, lines: &[f64]) -> Vec<f64> {
-        self.buffer[..DROPPED].fill(0.0);
-        self.buffer[DROPPED..].copy_from_slice(lines);
-        self.transform.process_dct3(&mut self.buffer);
-        let scale = (2.0 / self.buffer.len() as f64).sqrt();
-        self.buffer.iter().map(|v| v * scale).collect()
-    }
 }
 
 /// One run.
+#[derive(Debug, Clone)]
 pub(super) struct Sheet {
     pub(super) samples: usize,
     /// Time between samples.
@@ -61,6 +54,8 @@ pub(super) struct Sheet {
     pub(super) fitted: Vec<DMatrix<f64>>,
     /// What was measured (N by q).
     seen: Vec<bool>,
+    /// What its outputs were turned by.
+    mixing: Option<Mixing>,
 }
 
 impl Sheet {
@@ -92,7 +87,7 @@ impl Sheet {
         }
         let interval = record.interval;
         let frequency = (DROPPED..samples).map(|k| k as f64 / (2.0 * samples as f64 * interval)).collect();
-        Self { samples, interval, frequency, residual, fitted, seen }
+        Self { samples, interval, frequency, residual, fitted, seen, mixing: None }
     }
 
     /// Number of outputs q.
@@ -105,17 +100,50 @@ impl Sheet {
         self.frequency.partition_point(|f| *f <= frequency)
     }
 
+    /// The low lines of what a signal (N) in the record of one output does to all of them.
+    pub(super) fn sensed(&self, cosines: &mut Cosines, signal: &[f64], channel: usize, low: usize) -> Vec<Vec<f64>> {
+        let q = self.channels();
+        let mut columns = vec![vec![0.0; low]; q];
+        let seen = self.seen.iter().skip(channel).step_by(q);
+        cosines.lines(signal.iter().zip(seen).map(|(v, seen)| if *seen { *v } else { 0.0 }), &mut columns[channel]);
+        self.turn(columns)
+    }
+
     /// The low lines of a response (N by q), as a column for each output.
     pub(super) fn response(&self, cosines: &mut Cosines, response: &[f64], low: usize) -> Vec<Vec<f64>> {
         let q = self.channels();
-        (0..q)
-            .map(|channel| {
-                let mut lines = vec![0.0; low];
-                let cells = (channel..self.samples * q).step_by(q);
-                cosines.lines(cells.map(|at| if self.seen[at] { response[at] } else { 0.0 }), &mut lines);
-                lines
-            })
-            .collect()
+        let columns = (0..q).map(|channel| {
+            let mut lines = vec![0.0; low];
+            let cells = (channel..self.samples * q).step_by(q);
+            cosines.lines(cells.map(|at| if self.seen[at] { response[at] } else { 0.0 }), &mut lines);
+            lines
+        });
+        let columns = columns.collect();
+        self.turn(columns)
+    }
+
+    fn turn(&self, mut columns: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        if let Some(mixing) = &self.mixing {
+            mixing.apply(&mut columns);
+        }
+        columns
+    }
+
+    /// The same with outputs turned into combinations of them.
+    pub(super) fn turned(&self, mixing: Mixing) -> Self {
+        let (q, p) = (self.channels(), self.fitted[0].ncols());
+        let mut turned = Self { mixing: Some(mixing), ..self.clone() };
+        let columns = |of: &dyn Fn(usize) -> Vec<f64>| turned.turn((0..q).map(of).collect());
+        let residual = columns(&|c| self.residual.column(c).iter().copied().collect());
+        let fitted: Vec<Vec<Vec<f64>>> =
+            (0..p).map(|k| columns(&|c| self.fitted[c].column(k).iter().copied().collect())).collect();
+        for (c, residual) in residual.iter().enumerate() {
+            turned.residual.column_mut(c).copy_from_slice(residual);
+            for (k, column) in fitted.iter().enumerate() {
+                turned.fitted[c].column_mut(k).copy_from_slice(&column[c]);
+            }
+        }
+        turned
     }
 }
 

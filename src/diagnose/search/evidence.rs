@@ -3,12 +3,10 @@
 use super::round::Runs;
 use super::search_error::SearchError;
 use super::stage::{Stage, free, record};
-use crate::diagnose::force::{
-    Attribution, Evidence, Explained, Leftover, Localisation, Passage, Suggestions, attribute, leftover, localise,
-    suggestions,
-};
+use crate::diagnose::force::{Attribution, Explained, Heard, Passage, Suggestions, attribute, heard, suggestions};
 use crate::diagnose::misfit::{Misfit, misfit};
 use crate::diagnose::screen::Record;
+use crate::model::Model;
 use crate::record::Run;
 
 /// A model at its fit with the records of its runs.
@@ -19,39 +17,50 @@ pub(super) struct Seen<'a> {
     records: Vec<Record>,
 }
 
-/// What the residuals of a model say.
-pub(super) struct Heard {
-    pub(super) places: Localisation,
-    pub(super) leftover: Leftover,
-}
-
 impl<'a> Seen<'a> {
-    /// The runs that are learned from, at these values.
+    /// All runs at these values: what is left is asked of held-out runs as well, the fitted parameters free in all of them.
     pub(super) fn new(stage: &'a Stage, runs: Runs<'a>, theta: &'a [Vec<f64>]) -> Result<Self, SearchError> {
         let (shared, own) = free(stage.params());
         let of = |(r, run): (usize, &Run)| {
             let at = (&stage.steps[r], &theta[r][..]);
-            Ok(record(stage.model.dynamics(), run, at, (&shared, &own), (r, runs.train))?.0)
+            Ok(record(stage.model.dynamics(), run, at, (&shared, &own), (r, runs.all.len()))?.0)
         };
-        let records = runs.train().iter().enumerate().map(of).collect::<Result<_, SearchError>>()?;
+        let records = runs.all.iter().enumerate().map(of).collect::<Result<_, SearchError>>()?;
         Ok(Self { stage, runs, theta, records })
     }
 
     fn passages(&self) -> Vec<Passage<'_>> {
-        let parts = self.runs.train().iter().zip(&self.stage.steps).zip(self.theta.iter().zip(&self.records));
+        let parts = self.runs.all.iter().zip(&self.stage.steps).zip(self.theta.iter().zip(&self.records));
         parts.map(|((run, steps), (theta, record))| Passage { run, steps, theta, record }).collect()
     }
 
-    /// What is wrong, in every output.
+    /// What is wrong, in every output, on the runs that are learned from.
     pub(super) fn misfit(&self) -> Vec<Misfit> {
-        misfit(&self.stage.model, &self.passages())
+        misfit(&self.stage.model, &self.passages()[..self.runs.train])
     }
 
     /// Where a force would enter, and whether residuals are noise; none where that cannot be asked.
     pub(super) fn heard(&self) -> Option<Heard> {
-        let passages = self.passages();
-        let places = localise(&self.stage.model, &passages).ok()?;
-        Some(Heard { places, leftover: leftover(&self.stage.model, &passages).ok()? })
+        let t0 = std::time::Instant::now();
+        let found = heard(&self.stage.model, &self.passages()).ok()?;
+        if std::env::var_os("FDM_HEARD").is_some() {
+            let Heard { places, laws, leftover } = &found;
+            eprintln!("HEARD {:?}", t0.elapsed());
+            eprintln!(
+                "HEARD force {:?}",
+                places.forces.iter().map(|s| (s.place.to_string(), s.evidence)).collect::<Vec<_>>()
+            );
+            eprintln!(
+                "HEARD laws {:?}",
+                laws.list.iter().map(|s| (s.place.to_string(), s.evidence)).collect::<Vec<_>>()
+            );
+            eprintln!(
+                "HEARD left {} {:?}",
+                leftover.repeatable,
+                leftover.coherences.iter().take(2).map(|c| (c.to_string(), c.chance)).collect::<Vec<_>>()
+            );
+        }
+        Some(found)
     }
 
     /// Functions of states and inputs that the residuals look like.
@@ -60,14 +69,7 @@ impl<'a> Seen<'a> {
     }
 }
 
-impl Heard {
-    fn evidence(&self) -> Evidence<'_> {
-        Evidence { places: &self.places, leftover: &self.leftover }
-    }
-
-    /// Weighs what was accepted, with so many parameters, against a force and the unknown.
-    pub(super) fn against(&self, accepted: Option<(&Self, usize)>) -> Attribution {
-        let explained = accepted.map(|(heard, params)| Explained { evidence: heard.evidence(), params });
-        attribute(self.evidence(), explained)
-    }
+/// Weighs what was accepted, with so many parameters, against a force and the unknown.
+pub(super) fn against(model: &Model, base: &Heard, accepted: Option<(&Heard, usize)>) -> Attribution {
+    attribute(model, base, accepted.map(|(evidence, params)| Explained { evidence, params }))
 }

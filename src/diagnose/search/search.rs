@@ -7,7 +7,7 @@ use super::contender::Contender;
 use super::contest::Contest;
 use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
-use super::evidence::Seen;
+use super::evidence::{Seen, against};
 use super::first::first_stage;
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
@@ -270,7 +270,7 @@ impl<'a> Search<'a> {
             None => None,
         };
         let cost = self.accepted.iter().map(Accepted::cost).sum();
-        let attribution = heard.as_ref().map(|h| h.against(explained.as_ref().map(|e| (e, cost))));
+        let attribution = heard.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let verdict = self.verdict(attribution.as_ref(), end.family_wise);
         if verdict == Verdict::Disturbance {
             self.withdraw();
@@ -313,6 +313,7 @@ impl<'a> Search<'a> {
             Some(force::Verdict::Disturbance) => Verdict::Disturbance,
             // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
+            Some(force::Verdict::UnknownCause) => Verdict::UnknownCause,
             _ if clear => Verdict::UnknownCause,
             _ => Verdict::NoEffectFound,
         }

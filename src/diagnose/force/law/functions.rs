@@ -1,0 +1,108 @@
+//! What a law may be made of: powers and products of states and inputs, what jumps or saturates, and what remembers; as few
+//! independent courses as hold nearly all of it.
+
+use super::memory::{lag, play, stop};
+use super::variables::Variable;
+use nalgebra::{DMatrix, SymmetricEigen};
+
+/// Most functions; products of three are left out beyond it, then those of two.
+const MOST: usize = 160;
+/// Time constants of lags, as parts of the longest run.
+const LAGS: [f64; 2] = [0.01, 0.04];
+/// How far a sticking force is carried before it yields, at its mean speed: parts of the longest run.
+const REACHES: [f64; 3] = [0.005, 0.017, 0.06];
+/// Half width of a play, as a part of the largest distance.
+const PLAY: f64 = 0.2;
+/// Steepness of what saturates.
+const STEEP: [f64; 2] = [20.0, 5.0];
+/// Courses of less than this part of the largest variance are rounding.
+const ROUNDING: f64 = 1e-7;
+
+/// Courses of one function in all runs.
+type Course = Vec<Vec<f64>>;
+
+/// At most `most` courses (runs, courses, N), not correlated with each other over all runs, the most common first; each has
+/// the variance that it has among all functions.
+pub(super) fn courses(variables: &[Variable], most: usize) -> Vec<Vec<Vec<f64>>> {
+    let Some(first) = variables.first() else { return Vec::new() };
+    let longest = first.centred.iter().map(Vec::len).max().unwrap_or(0) as f64;
+    let mut all: Vec<Course> = vec![first.centred.iter().map(|run| vec![1.0; run.len()]).collect()];
+    all.extend(variables.iter().flat_map(|v| singles(v, longest)));
+    products(variables, &mut all);
+    principal(&all, most)
+}
+
+/// Functions of one variable.
+fn singles(variable: &Variable, longest: f64) -> Vec<Course> {
+    let of = |values: &Course, f: &dyn Fn(f64) -> f64| -> Course {
+        values.iter().map(|run| run.iter().map(|v| f(*v)).collect()).collect()
+    };
+    let (centred, signed) = (&variable.centred, &variable.signed);
+    let mut all = vec![
+        centred.clone(),
+        of(centred, &|z| z * z),
+        of(centred, &|z| z * z * z),
+        of(signed, &|w| w * w.abs()),
+        centred.iter().map(|run| play(run, PLAY)).collect(),
+    ];
+    all.extend(STEEP.iter().map(|steep| of(signed, &|w| fdm_grammar::math::tanh(steep * w))));
+    all.extend(LAGS.iter().map(|part| centred.iter().map(|run| lag(run, part * longest)).collect()));
+    if variable.state {
+        let squares: f64 = signed.iter().flatten().map(|w| w * w).sum();
+        let size = (squares / signed.iter().map(Vec::len).sum::<usize>() as f64).sqrt();
+        all.extend(REACHES.iter().map(|part| signed.iter().map(|run| stop(run, size * part * longest)).collect()));
+    }
+    all
+}
+
+fn products(variables: &[Variable], all: &mut Vec<Course>) {
+    let count = variables.len();
+    let times = |a: &Course, b: &Course| -> Course {
+        let run = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a * b).collect();
+        a.iter().zip(b).map(run).collect()
+    };
+    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+    let room = MOST.saturating_sub(all.len());
+    let twice: Vec<Course> =
+        pairs.iter().take(room).map(|(a, b)| times(&variables[*a].centred, &variables[*b].centred)).collect();
+    let triples: Vec<(usize, usize)> = pairs
+        .iter()
+        .enumerate()
+        .flat_map(|(k, (a, b))| (0..count).filter(move |c| c == a || c >= b).map(move |c| (k, c)))
+        .collect();
+    if all.len() + twice.len() + triples.len() <= MOST {
+        all.extend(triples.iter().map(|(pair, c)| times(&twice[*pair], &variables[*c].centred)));
+    }
+    all.extend(twice);
+}
+
+/// Principal components of functions that are brought to unit variance.
+fn principal(all: &[Course], most: usize) -> Vec<Vec<Vec<f64>>> {
+    let lengths: Vec<usize> = all[0].iter().map(Vec::len).collect();
+    let samples: usize = lengths.iter().sum();
+    let mut table = DMatrix::zeros(samples, all.len());
+    for (mut column, course) in table.column_iter_mut().zip(all) {
+        column.iter_mut().zip(course.iter().flatten()).for_each(|(cell, v)| *cell = *v);
+        let size = (column.norm_squared() / samples as f64).sqrt();
+        if size > 0.0 && size.is_finite() {
+            column /= size;
+        } else {
+            column.fill(0.0);
+        }
+    }
+    let eigen = SymmetricEigen::new(table.transpose() * &table / samples as f64);
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let largest = order.first().map_or(0.0, |k| eigen.eigenvalues[*k]);
+    order.retain(|k| eigen.eigenvalues[*k] > ROUNDING * largest);
+    order.truncate(most);
+    let turned = &table * eigen.eigenvectors.select_columns(&order);
+    let mut first = 0;
+    lengths
+        .iter()
+        .map(|n| {
+            first += n;
+            turned.column_iter().map(|c| c.rows(first - n, *n).iter().copied().collect()).collect()
+        })
+        .collect()
+}

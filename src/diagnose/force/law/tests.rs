@@ -1,0 +1,69 @@
+//! Functions and weighing by themselves.
+#![allow(clippy::unwrap_used)]
+
+use super::super::spectrum::SmoothSpectrum;
+use super::cells::Cell;
+use super::functions::courses;
+use super::variables::Variable;
+use super::weighing::settle;
+use crate::diagnose::screen::Normal;
+use nalgebra::DMatrix;
+
+fn variable(phase: f64, state: bool) -> Variable {
+    let run = |r: usize| (0..60).map(|k| (0.2 * k as f64 + phase + r as f64).sin()).collect::<Vec<f64>>();
+    let runs = vec![run(0), run(2)];
+    Variable { centred: runs.clone(), signed: runs, state }
+}
+
+#[test]
+fn principal_courses_are_not_correlated_and_hold_the_simple_functions() {
+    let (x, u) = (variable(0.3, true), variable(1.0, false));
+    let product: Vec<f64> = x.centred.concat().iter().zip(u.centred.concat()).map(|(a, b)| a * b).collect();
+    let found = courses(&[x, u], 24);
+    assert!(found.len() == 2 && found[0].len() == 24 && found[0][0].len() == 60);
+    let columns: Vec<Vec<f64>> = (0..24).map(|k| found.iter().flat_map(|run| run[k].clone()).collect()).collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut left = product.clone();
+    for (k, column) in columns.iter().enumerate() {
+        for other in &columns[..k] {
+            assert!(dot(column, other).abs() < 1e-6 * dot(column, column).sqrt() * dot(other, other).sqrt());
+        }
+        let part = dot(column, &product) / dot(column, column);
+        left.iter_mut().zip(column).for_each(|(l, c)| *l -= part * c);
+    }
+    assert!(dot(&left, &left) < 1e-3 * dot(&product, &product), "{}", dot(&left, &left) / dot(&product, &product));
+}
+
+/// Cells of one output with one fitted column and so many responses, the first of them with this amount in the residual.
+fn made(amount: f64, responses: usize, seed: u64) -> Vec<Cell> {
+    let mut normal = Normal::new(seed);
+    let cell = |k: usize| {
+        let (lines, width) = (12, responses + 2);
+        let mut columns = DMatrix::from_fn(lines, width, |_, _| normal.next());
+        let signal = columns.column(1) * amount;
+        columns.column_mut(width - 1).zip_apply(&signal, |r, s| *r = 3.0 * *r + s);
+        let products = columns.tr_mul(&columns);
+        Cell { channel: 0, log_frequency: 0.25 * k as f64, lines: lines as f64, products }
+    };
+    (0..14).map(cell).collect()
+}
+
+#[test]
+fn a_law_is_weighed_against_noise_that_is_found_with_it() {
+    let gain = |amount: f64, seed: u64| {
+        let cells = made(amount, 10, seed);
+        let start = [SmoothSpectrum::white(4.0)];
+        // without responses: the same cells with only the fitted column and the residual
+        let bare = |c: &Cell| {
+            let keep = [0, 11];
+            let products = DMatrix::from_fn(2, 2, |i, j| c.products[(keep[i], keep[j])]);
+            Cell { products, channel: 0, log_frequency: c.log_frequency, lines: c.lines }
+        };
+        let alone: Vec<Cell> = cells.iter().map(bare).collect();
+        settle(&cells, 1, &start).score - settle(&alone, 1, &start).score
+    };
+    // a gain of 168/2 log(1 + 2^2/3^2) = 31, less what ten functions cost
+    assert!((18.0..40.0).contains(&gain(2.0, 1)), "{}", gain(2.0, 1));
+    let nothing: Vec<f64> = (0..20).map(|seed| gain(0.0, 100 + seed)).collect();
+    assert!(nothing.iter().all(|g| *g < 4.0), "{nothing:?}");
+}
