@@ -10,7 +10,7 @@ use super::search_error::SearchError;
 use super::stage::{Stage, free, record};
 use super::trace::{Trace, trace};
 use crate::diagnose::diagnosis::{EffectAt, LeftOut};
-use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions, screen};
+use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions, screen, spectra};
 use crate::model::Model;
 use crate::record::Run;
 use crate::simulate::{Scheme, Steps};
@@ -268,10 +268,9 @@ impl<'a> Round<'a> {
             a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
         };
         lend(&mut records, &mut self.records);
-        let options = ScreeningOptions { draws: 20, ..self.options };
-        let screening = screen(&records, self.stage.outputs(), &self.directions, &options);
+        let found = spectra(&records, self.stage.outputs(), &self.directions, &self.options);
         lend(&mut records, &mut self.records);
-        Some(Metric::new(&screening.ok()?.spectra, self.options.dropped))
+        Some(Metric::new(&found.ok()?, self.options.dropped))
     }
 
     /// Fits a contender by the second noise, and compares it on the held-out runs.
