@@ -28,8 +28,10 @@ const EXCESS: f64 = 1.2;
 const NEAR: usize = 4;
 const STEEPEST: f64 = 2.0;
 const ROUNDS: usize = 40;
-/// Change of the log-spectrum below which the iteration ends.
-const SETTLED: f64 = 1e-4;
+/// Change of the log-spectrum below which the iteration ends: the next would be about its square.
+const SETTLED: f64 = 1e-3;
+/// Least curvature of a cell's loss that is believed, as a share of what it is on average.
+const LEAST_CURVATURE: f64 = 0.3;
 /// Lines without which not even a level is known.
 const LEAST: f64 = 2.0;
 
@@ -210,8 +212,9 @@ impl Smooth {
             let mut change = -prior.times(&values);
             for (cell, hat) in left.iter().zip(hats) {
                 let weight = cell.freedom / 2.0;
-                let excess = cell.power * (-hat.of(&values)).exp() - 1.0;
-                hat.add(weight, weight * excess, &mut information, &mut change);
+                let ratio = cell.power * (-hat.of(&values)).exp();
+                // Newton's step, but not where S is far too high and the curvature tells nothing
+                hat.add(weight * ratio.max(LEAST_CURVATURE), weight * (ratio - 1.0), &mut information, &mut change);
             }
             information.factor()?.solve(&mut change);
             // a knot that starts far too low overshoots: at most this step in the logarithm at once
@@ -224,6 +227,8 @@ impl Smooth {
                 break;
             }
         }
+        information.clone_from(prior);
+        left.iter().zip(hats).for_each(|(cell, hat)| hat.add_weight(cell.freedom / 2.0, &mut information));
         let loss = |(cell, hat): (&Left, &Hat)| {
             let log = hat.of(&values);
             cell.freedom / 2.0 * (log + cell.power * (-log).exp())
@@ -264,10 +269,12 @@ impl Hat {
     }
 
     fn add(self, weight: f64, score: f64, information: &mut Pentadiagonal, gradient: &mut DVector<f64>) {
-        for (k, part) in self.parts() {
-            gradient[k] += part * score;
-            information.add(k, k, weight * part * part);
-        }
+        self.parts().for_each(|(k, part)| gradient[k] += part * score);
+        self.add_weight(weight, information);
+    }
+
+    fn add_weight(self, weight: f64, information: &mut Pentadiagonal) {
+        self.parts().for_each(|(k, part)| information.add(k, k, weight * part * part));
         if self.above > 0.0 {
             information.add(self.below + 1, self.below, weight * self.above * (1.0 - self.above));
         }
