@@ -5,6 +5,7 @@ use super::judge::Judge;
 use super::lines::{Lines, Record};
 use super::noise::LogSpectrum;
 use super::rest::Outlier;
+use super::saturated::Saturated;
 use super::score::Direction;
 use super::shared::Shared;
 use nalgebra::DMatrix;
@@ -50,8 +51,8 @@ pub enum ScreeningError {
 /// How candidates are screened.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreeningOptions {
-    /// Lines that are left out at the low end of every output of every run: the mean, and where noise has a memory as
-    /// long as the record, its slowest drift.
+    /// Lines that are left out at the low end of every output of every run: the mean, of which noise with a memory as long as
+    /// the record says nothing.
     pub dropped: usize,
     /// Draws of residuals by which the best candidate is judged.
     pub draws: usize,
@@ -59,7 +60,7 @@ pub struct ScreeningOptions {
 
 impl Default for ScreeningOptions {
     fn default() -> Self {
-        Self { dropped: 4, draws: 400 }
+        Self { dropped: 1, draws: 400 }
     }
 }
 
@@ -154,6 +155,19 @@ pub fn screen(
     let shared = gathered(records, channels, directions, options)?;
     let judge = Judge::new(shared, directions);
     Ok(judge.verdict(options.draws))
+}
+
+/// The spectrum of each output's noise alone: what directions and fit together leave of the residuals.
+///
+/// # Errors
+/// [`ScreeningError`]
+pub fn spectra(
+    records: &[Record],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Vec<LogSpectrum>, ScreeningError> {
+    Ok(Saturated::new(gathered(records, channels, directions, options)?).noise.spectra)
 }
 
 fn gathered(

@@ -8,7 +8,7 @@ use super::refit::{Fitting, Posed};
 use super::round::{Round, shared_from};
 use super::search_error::SearchError;
 use super::stage::{free, record};
-use crate::diagnose::screen::{ScreeningOptions, screen};
+use crate::diagnose::screen::spectra;
 use rayon::prelude::*;
 
 /// Candidates that are refitted, at least.
@@ -126,10 +126,9 @@ impl Round<'_> {
             a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
         };
         lend(&mut records, &mut self.records);
-        let options = ScreeningOptions { draws: 20, ..self.options };
-        let screening = screen(&records, self.stage.outputs(), &self.directions, &options);
+        let found = spectra(&records, self.stage.outputs(), &self.directions, &self.options);
         lend(&mut records, &mut self.records);
-        Some(Metric::new(&screening.ok()?.spectra, self.options.dropped))
+        Some(Metric::new(&found.ok()?, self.options.dropped))
     }
 }
 
