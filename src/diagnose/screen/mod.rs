@@ -29,4 +29,4 @@ pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use rest::{Outlier, Place};
 pub use score::{Direction, Shape};
-pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};
+pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen, screen_lines};

@@ -2,13 +2,14 @@
 //!
 //! **In** a model, runs to learn from and runs that are held out, a catalogue of effects. **Out** a
 //! [`Diagnosis`](super::diagnosis::Diagnosis). **Never** compares models each by a noise of its own, and never names a cause by screening
-//! alone. **Start** at [`search`] in `search.rs`; its road is `evenly` (samples on a grid) -> `stage` (a model at its fit) -> `measured`
-//! (what effects ask of the data) -> `trace` (an effect's directions) -> `screen` -> `metric`, `whitened`, `refit`
+//! alone. **Start** at [`search`] in `search.rs`; its road is `evenly` (samples on a grid) -> `stage` (a model at its fit, by the `way` of the `domain`) -> `measured`
+//! (what effects ask of the data) -> `trace` (an effect's directions; `transfer` in the frequency domain) -> `screen` -> `metric`, `whitened`, `refit`
 //! (the best fitted jointly, by one noise) -> `judgement` (scores, groups) -> `elimination` -> `gains`.
 
 mod attached;
 mod beside;
 mod detection;
+mod domain;
 mod elimination;
 mod evenly;
 mod evidence;
@@ -27,8 +28,11 @@ mod stage;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod transfer;
+mod way;
 mod whitened;
 
+pub use domain::Domain;
 pub use options::{SearchOptions, Watcher};
 pub use search::search;
 pub use search_error::SearchError;

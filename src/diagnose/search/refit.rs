@@ -1,11 +1,10 @@
 //! Fits in one frozen noise: by the estimator of the time domain, on whitened lines.
 
 use super::metric::Metric;
-use super::whitened::{Lens, Whitened};
+use super::way::Way;
 use crate::dynamics::Dynamics;
-use crate::estimate::{DerivedQuantities, Estimate, Noise, Options, ParameterEstimate, Problem, ProblemRun, estimate};
+use crate::estimate::{DerivedQuantities, Estimate, Noise, Options, ParameterEstimate, Problem, estimate};
 use crate::record::Run;
-use crate::simulate::{Simulator, Steps};
 use fdm_grammar::model::Param;
 
 /// Relative correction that ends a fit: costs are known to its square.
@@ -19,8 +18,8 @@ pub(super) struct Posed<'a> {
     pub(super) dynamics: &'a dyn Dynamics,
     /// The runs.
     pub(super) runs: &'a [Run],
-    /// How they are integrated.
-    pub(super) steps: &'a [Steps],
+    /// How they are answered.
+    pub(super) ways: &'a [Way],
     /// The noise.
     pub(super) metric: &'a Metric,
 }
@@ -41,14 +40,11 @@ impl Posed<'_> {
     pub(super) fn fit(&self, starts: &[Vec<f64>], iterations: usize) -> Option<Fitting> {
         let outputs = self.dynamics.layout().outputs;
         let mut runs = Vec::with_capacity(self.runs.len());
-        for ((run, steps), start) in self.runs.iter().zip(self.steps).zip(starts) {
-            let simulator = Simulator::new(self.dynamics, run, steps.clone()).ok()?;
-            let mut lens = Lens::new(run, outputs, self.metric);
-            let measured = lens.seen(&run.measured);
-            let response = Box::new(Whitened::new(simulator, lens));
-            runs.push(ProblemRun { name: run.name.clone(), response, measured, start: self.inside(start) });
+        for ((run, way), start) in self.runs.iter().zip(self.ways).zip(starts) {
+            runs.push(way.posed(self.dynamics, run, self.metric, self.inside(start))?);
         }
-        let mut params = self.params.clone();
+        let mut params = self.ways.first()?.params(self.params.clone());
+        let alone = (params.len() - self.params.len()) * runs.len();
         let first = self.inside(starts.first()?);
         params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = v);
         let names = (0..outputs).map(|o| o.to_string()).collect();
@@ -56,8 +52,10 @@ impl Posed<'_> {
             Problem { params, outputs: names, runs, affine: Vec::new(), derived: DerivedQuantities::none() };
         let noise = Noise::Given(vec![Some(1.0); outputs]);
         let options = Options { noise, iterations, tolerance: TOLERANCE, colour: false, ..Options::default() };
-        let found = estimate(&mut problem, &options, &mut ()).ok()?;
-        let cost = found.cost.filter(|c| c.is_finite())?;
+        let mut found = estimate(&mut problem, &options, &mut ()).ok()?;
+        // every value that a run has for itself takes half a unit of noise: a model gains nothing by having more of them
+        let cost = found.cost.filter(|c| c.is_finite())? + 0.5 * alone as f64;
+        found.parameters.retain(|e| self.params.iter().any(|p| p.quantity.name == e.name));
         let theta = self.runs.iter().zip(starts).map(|(run, start)| self.reached(&found, run, start)).collect();
         Some(Fitting { cost, theta, estimates: found.parameters })
     }

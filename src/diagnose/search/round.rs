@@ -2,18 +2,19 @@
 
 use super::attached::Attached;
 use super::beside::Beside;
+use super::domain::Domain;
 use super::measured::Measured;
 use super::metric::Metric;
 use super::options::{SearchOptions, Watcher};
 use super::refit::{Fitting, Posed};
 use super::search_error::SearchError;
-use super::stage::{Stage, free, record};
+use super::stage::{Stage, records};
 use super::trace::{Trace, trace};
+use super::way::Way;
 use crate::diagnose::diagnosis::{EffectAt, LeftOut};
-use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions, screen};
+use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions};
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Scheme, Steps};
 use fdm_grammar::effect::{Candidate, Kind};
 use rayon::prelude::*;
 
@@ -30,8 +31,6 @@ const FOLLOWED: usize = 2;
 /// Corrections of a first look, and of a fit.
 const LOOK: usize = 3;
 const WHOLE: usize = 25;
-/// Steps of an interval that are not halved for a fit: kinks want more of them than they are worth.
-const ENOUGH: usize = 8;
 /// Contenders that stay this far behind the best, and below this part of its gain, are not judged by the second noise.
 const BEHIND: f64 = 40.0;
 const PART: f64 = 0.25;
@@ -43,6 +42,8 @@ pub(super) struct Runs<'a> {
     pub(super) all: &'a [Run],
     /// How many are learned from.
     pub(super) train: usize,
+    /// Where they are compared with models.
+    pub(super) domain: &'a Domain,
 }
 
 impl<'a> Runs<'a> {
@@ -75,8 +76,8 @@ pub(super) struct Contender {
     pub(super) trace: usize,
     /// The extended model under the base model's text.
     pub(super) model: Model,
-    /// How it is integrated, all runs.
-    pub(super) steps: Vec<Steps>,
+    /// How it answers all runs.
+    pub(super) ways: Vec<Way>,
     pub(super) fitting: Fitting,
     /// Gain in log-likelihood on the runs that are learned from.
     pub(super) gain: f64,
@@ -125,7 +126,7 @@ impl<'a> Round<'a> {
     ) -> Result<Self, SearchError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
         let found: Vec<Result<Trace, String>> =
-            scored.par_iter().map(|candidate| trace(candidate, stage, runs.train(), measured)).collect();
+            scored.par_iter().map(|candidate| trace(candidate, stage, runs, measured)).collect();
         let (mut traces, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {
             match found {
@@ -136,12 +137,7 @@ impl<'a> Round<'a> {
         if traces.is_empty() {
             return Err(SearchError::NoPlaces);
         }
-        let (shared, own) = free(stage.params());
-        let mut records = Vec::with_capacity(runs.train);
-        for (r, run) in runs.train().iter().enumerate() {
-            let at = (&stage.steps[r], &stage.theta[r][..]);
-            records.push(record(stage.model.dynamics(), run, at, (&shared, &own), (r, runs.train))?.0);
-        }
+        let mut records = records(&stage.model, runs, &stage.ways, &stage.theta)?;
         let (mut directions, mut owner) = (Vec::new(), Vec::new());
         for (t, trace) in traces.iter_mut().enumerate() {
             for (k, (point, parts)) in trace.points.iter().zip(std::mem::take(&mut trace.signals)).enumerate() {
@@ -150,7 +146,7 @@ impl<'a> Round<'a> {
                 records.iter_mut().zip(parts).for_each(|(record, part)| record.directions.push(part));
             }
         }
-        let screening = screen(&records, stage.outputs(), &directions, &options.screening)?;
+        let screening = stage.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
         Ok(Self { stage, runs, traces, left_out, owner, screening, records, directions, options })
     }
@@ -162,7 +158,7 @@ impl<'a> Round<'a> {
         let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
         let chosen = self.chosen();
         watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
-        let beside = Beside::new(&self.records, self.runs.train(), self.stage.outputs(), &metric);
+        let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
         let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
         drop(beside);
@@ -195,8 +191,8 @@ impl<'a> Round<'a> {
     fn base(&self, metric: &Metric, starts: &[Vec<f64>]) -> Result<Fitting, SearchError> {
         let stage = self.stage;
         let params = stage.params().to_vec();
-        let steps = &stage.steps[..self.runs.train];
-        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), steps, metric };
+        let ways = &stage.ways[..self.runs.train];
+        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
         posed.fit(starts, WHOLE).ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
     }
 
@@ -204,9 +200,9 @@ impl<'a> Round<'a> {
     fn base_held(&self, metric: &Metric, base: &Fitting) -> Option<Fitting> {
         let stage = self.stage;
         let starts = shared_from(stage.params(), base.theta.first()?, &stage.theta[self.runs.train..]);
-        let (params, steps) = (stage.params().to_vec(), &stage.steps[self.runs.train..]);
+        let (params, ways) = (stage.params().to_vec(), &stage.ways[self.runs.train..]);
         let runs = self.runs.held();
-        Posed { params, dynamics: stage.model.dynamics(), runs, steps, metric }.held().fit(&starts, WHOLE)
+        Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }.held().fit(&starts, WHOLE)
     }
 
     /// A candidate, fitted from the points that promise most.
@@ -227,12 +223,12 @@ impl<'a> Round<'a> {
         let mut definition = attached.definition.clone();
         definition.params = attached.fitted_params(self.stage);
         let model = self.stage.model.altered(definition);
-        let steps: Vec<Steps> = trace.steps.iter().map(finer).collect();
+        let ways: Vec<Way> = trace.ways.iter().map(Way::finer).collect();
         let posed = Posed {
             params: model.definition().params.clone(),
             dynamics: model.dynamics(),
             runs: self.runs.train(),
-            steps: &steps[..self.runs.train],
+            ways: &ways[..self.runs.train],
             metric,
         };
         let look = |(k, (_, amount, point, _)): (usize, &(f64, f64, usize, Vec<f64>))| {
@@ -252,24 +248,19 @@ impl<'a> Round<'a> {
         let predicted = promised.first()?.0;
         let direction = promised.swap_remove(k).3;
         let (gain, cost) = (base.cost - fitting.cost, attached.cost());
-        Some(Contender { trace: t, model, steps, fitting, gain, held: None, predicted, direction, cost })
+        Some(Contender { trace: t, model, ways, fitting, gain, held: None, predicted, direction, cost })
     }
 
     /// The noise that is left by a contender, all directions taken out.
     fn renewed(&mut self, best: &Contender) -> Option<Metric> {
-        let (shared, own) = free(&best.model.definition().params);
-        let mut records = Vec::with_capacity(self.runs.train);
-        for (r, run) in self.runs.train().iter().enumerate() {
-            let at = (&best.steps[r], &best.fitting.theta[r][..]);
-            records.push(record(best.model.dynamics(), run, at, (&shared, &own), (r, self.runs.train)).ok()?.0);
-        }
+        let mut records = records(&best.model, self.runs, &best.ways, &best.fitting.theta).ok()?;
         // directions are large: they are lent
         let lend = |a: &mut [Record], b: &mut [Record]| {
             a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
         };
         lend(&mut records, &mut self.records);
         let options = ScreeningOptions { draws: 20, ..self.options };
-        let screening = screen(&records, self.stage.outputs(), &self.directions, &options);
+        let screening = self.stage.screened(&records, &self.directions, &options);
         lend(&mut records, &mut self.records);
         Some(Metric::new(&screening.ok()?.spectra, self.options.dropped))
     }
@@ -277,9 +268,9 @@ impl<'a> Round<'a> {
     /// Fits a contender by the second noise, and compares it on the held-out runs.
     fn judge(&self, contender: &mut Contender, metric: &Metric, base: &Fitting, base_held: Option<&Fitting>) {
         let params = contender.model.definition().params.clone();
-        let (train, held) = contender.steps.split_at(self.runs.train);
+        let (train, held) = contender.ways.split_at(self.runs.train);
         let dynamics = contender.model.dynamics();
-        let posed = Posed { params: params.clone(), dynamics, runs: self.runs.train(), steps: train, metric };
+        let posed = Posed { params: params.clone(), dynamics, runs: self.runs.train(), ways: train, metric };
         if let Some(fitting) = posed.fit(&contender.fitting.theta, WHOLE) {
             contender.fitting = fitting;
         }
@@ -289,7 +280,7 @@ impl<'a> Round<'a> {
         let values = new_values(attached, &contender.fitting.theta[0]);
         let own = (self.runs.train..self.runs.all.len()).map(|r| attached.theta(self.stage, r, &values));
         let starts = shared_from(&params, &contender.fitting.theta[0], &own.collect::<Vec<_>>());
-        let posed = Posed { params, dynamics, runs: self.runs.held(), steps: held, metric };
+        let posed = Posed { params, dynamics, runs: self.runs.held(), ways: held, metric };
         // a model that cannot follow a held-out run at all gains less than nothing there
         let found = posed.held().fit(&starts, WHOLE);
         contender.held = Some(match found {
@@ -311,12 +302,6 @@ pub(super) fn shared_from(params: &[fdm_grammar::model::Param], shared: &[f64], 
         each.map(|(p, (shared, own))| if p.per_run { *own } else { *shared }).collect()
     };
     own.iter().map(of).collect()
-}
-
-/// Steps for a fit: half of those that were enough for a direction, unless the recursion is exact.
-fn finer(steps: &Steps) -> Steps {
-    let enough = matches!(steps.scheme(), Scheme::Recursion { .. }) || steps.most() >= ENOUGH;
-    if enough { steps.clone() } else { steps.halved() }
 }
 
 fn sort(contenders: &mut [Contender]) {

@@ -2,6 +2,7 @@
 
 use super::attached::Attached;
 use super::beside::cosine;
+use super::domain::Domain;
 use super::elimination::{Accepted, eliminate, revise};
 use super::evenly::{apart, evenly};
 use super::evidence::Seen;
@@ -16,7 +17,7 @@ use super::search_error::SearchError;
 use super::stage::Stage;
 use crate::diagnose::diagnosis::{Cause, Diagnosis, Rejected, Round as Told, Verdict};
 use crate::diagnose::force::{self, Attribution};
-use crate::estimate::{Changes, FitOptions, fit, starts};
+use crate::estimate::{Changes, FitOptions, SpectralOptions, changed, fit, fit_spectra, starts};
 use crate::model::Model;
 use crate::record::Run;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice};
@@ -52,7 +53,8 @@ pub fn search(
 ) -> Result<Diagnosis, SearchError> {
     apart(runs, held)?;
     let all: Vec<Run> = runs.iter().chain(held).map(evenly).collect::<Result<_, _>>()?;
-    let runs = Runs { all: &all, train: runs.len() };
+    let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
+    let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
         return Err(SearchError::NothingMeasured);
     }
@@ -63,8 +65,43 @@ pub fn search(
     Search { runs, catalogue, options, watcher, own, accepted, rejected, told }.run(first)
 }
 
-/// The model at its fit by plain output error.
+/// The model at its fit.
 fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    match runs.domain {
+        Domain::Time => first_in_time(model, runs, options),
+        Domain::Frequency(spectral) => first_in_lines(model, runs, options, spectral),
+    }
+}
+
+/// The model at its fit to spectra. Held-out runs have values of their own only where these show them, and are fitted with their own noise.
+fn first_in_lines(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &SearchOptions,
+    spectral: &SpectralOptions,
+) -> Result<Stage, SearchError> {
+    let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
+    let start = starts(model, runs.all, &changes);
+    let how = SpectralOptions { changes, options: how, ..spectral.clone() };
+    let fitted = fit_spectra(model, runs.train(), &how, &mut ())?;
+    if let Some(why) = &fitted.unanswered {
+        return Err(SearchError::NoFit(why.to_string()));
+    }
+    let model = fitted.model.clone();
+    let of = |(run, start): (&Run, &Vec<f64>)| {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            fitted.estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let theta = runs.all.iter().zip(&start).map(of).collect();
+    Stage::new(model, runs, theta)
+}
+
+/// The model at its fit by plain output error.
+fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
     let fitted = fit(model, runs.train(), &how, &mut ())?;
@@ -102,7 +139,7 @@ fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result
             theta.push(own);
         }
     }
-    Stage::new(model, runs.all, theta)
+    Stage::new(model, runs, theta)
 }
 
 struct Search<'a> {
@@ -133,7 +170,7 @@ impl Search<'_> {
         let mut end: Option<End> = None;
         loop {
             let stage = grown.as_ref().unwrap_or(&first);
-            let measured = Measured::new(stage, self.runs.all);
+            let measured = Measured::new(stage, self.runs);
             let candidates = self.candidates(stage);
             let number = self.told.len() + 1;
             (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
@@ -283,7 +320,7 @@ impl Search<'_> {
     /// The cost of the best second effect beside a first one, by a common noise, with the price of its parameters; none where
     /// nothing is left to be found.
     fn second_effect(&self, stage: &Stage, metric: &Metric) -> Result<Option<f64>, SearchError> {
-        let measured = Measured::new(stage, self.runs.all);
+        let measured = Measured::new(stage, self.runs);
         let mut round = Round::new(stage, self.runs, &self.candidates(stage), &measured, self.options)?;
         if round.screening.family_wise >= self.options.alpha {
             return Ok(None);
@@ -294,7 +331,7 @@ impl Search<'_> {
             params: best.model.definition().params.clone(),
             dynamics: best.model.dynamics(),
             runs: self.runs.train(),
-            steps: &best.steps[..self.runs.train],
+            ways: &best.ways[..self.runs.train],
             metric,
         };
         let price = PRICE * best.cost as f64;
@@ -315,7 +352,7 @@ impl Search<'_> {
                 theta.extend((self.runs.train..self.runs.all.len()).map(|r| attached.theta(round.stage, r, &values)));
             }
         }
-        Stage::new(model, self.runs.all, theta)
+        Stage::new(model, self.runs, theta)
     }
 
     /// The last fits by one noise, and everything that is told of them.
@@ -335,7 +372,7 @@ impl Search<'_> {
             None => before.clone(),
         };
         let (all, train) = (self.runs.all, self.runs.train);
-        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.steps, &fit.theta);
+        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.ways, &fit.theta);
         let old = at(&first, &before).unwrap_or_else(|| first.response.clone());
         let mut new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
         for accepted in &mut self.accepted {
@@ -372,10 +409,11 @@ impl Search<'_> {
                 &first.model,
                 all,
                 train,
+                &first.ways,
                 (&first.response, if found { &new } else { &first.response }),
                 metric,
             ),
-            gains: if found { run_gains(all, train, (&old, &new), metric) } else { Vec::new() },
+            gains: if found { run_gains(all, train, &first.ways, (&old, &new), metric) } else { Vec::new() },
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),
             ended: end.ended,
@@ -383,6 +421,7 @@ impl Search<'_> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
+            spectral: first.spectral(),
         })
     }
 
@@ -429,15 +468,15 @@ impl Whole {
 pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Result<Whole, SearchError> {
     const CORRECTIONS: usize = 60;
     let (params, dynamics) = (stage.params().to_vec(), stage.model.dynamics());
-    let (train, held) = stage.steps.split_at(runs.train);
-    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), steps: train, metric };
+    let (train, held) = stage.ways.split_at(runs.train);
+    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), ways: train, metric };
     let none = || SearchError::NoFit("it has no fit by the noise found".into());
     let fitting = posed.fit(&stage.theta[..runs.train], CORRECTIONS).ok_or_else(none)?;
     let mut theta = fitting.theta.clone();
     let mut cost = 0.0;
     if !held.is_empty() {
         let starts = super::round::shared_from(&params, &theta[0], &stage.theta[runs.train..]);
-        let posed = Posed { params, dynamics, runs: runs.held(), steps: held, metric }.held();
+        let posed = Posed { params, dynamics, runs: runs.held(), ways: held, metric }.held();
         let found = posed.fit(&starts, CORRECTIONS);
         cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
         theta.extend(found.map_or(starts, |f| f.theta));
