@@ -121,3 +121,101 @@ fn followed<'a>(attached: &'a Attached, end: &str) -> Option<&'a str> {
     let k = attached.new.iter().position(|at| begins(*at))?;
     attached.params()[k].begins_as.as_deref()
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::domain::Domain;
+    use super::super::measured::Measured;
+    use super::super::trace::trace;
+    use super::*;
+    use crate::model::Model;
+    use crate::record::Run;
+    use fdm_grammar::effect::{Catalogue, Kind};
+
+    const MODEL: &str = "model m { input u; state x, z, w; param a = -1, b = 2, c = 0.4, d = -0.7;
+        der(x) = a*x + z + b*u; der(z) = c*x - z + 0.5*u; der(w) = d*w + z; output x_m = x, z_m = z + 0.3*w, w_m = w; }";
+
+    fn run() -> Run {
+        let (n, dt) = (160, 0.05);
+        let time: Vec<f64> = (0..n).map(|k| k as f64 * dt).collect();
+        let wave = |t: f64, f: f64| (f * t + 0.3).sin() + 0.5 * (2.7 * f * t).cos();
+        Run {
+            name: "r".into(),
+            inputs: time.iter().map(|t| wave(*t, 1.3)).collect(),
+            measured: time.iter().flat_map(|t| [wave(*t, 0.9), wave(*t, 1.1), wave(*t, 1.7)]).collect(),
+            time,
+            held: vec![false],
+            input_gaps: vec![0],
+            output_gaps: vec![0; 3],
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_central_differences() {
+        let model = Model::from_text("m.fdm", MODEL).unwrap();
+        let all = [run()];
+        let domain = Domain::Frequency(SpectralOptions::default()).settled(&model, &all).unwrap();
+        let runs = Runs { all: &all, train: 1, domain: &domain };
+        let stage = Stage::new(model.clone(), runs, vec![model.definition().start()]).unwrap();
+        let measured = Measured::new(&stage, runs);
+        let (mut compared, mut finite, mut left_out) = (0, 0, Vec::new());
+        for candidate in Catalogue::standard().places(&stage.subject).candidates {
+            if candidate.kind() == Kind::Variance {
+                continue;
+            }
+            let trace = match trace(&candidate, &stage, runs, &measured) {
+                Ok(trace) => trace,
+                Err(reason) => {
+                    left_out.push((candidate.effect().name().to_string(), reason));
+                    continue;
+                }
+            };
+            let Way::Lines { lines, .. } = &trace.ways[0] else { panic!("lines") };
+            let mut bench = Bench::new(&trace.attached, &stage, lines, 0).unwrap();
+            for (point, found) in trace.points.iter().zip(&trace.signals) {
+                if !point.is_linear() {
+                    finite += 1;
+                    // a whole step is the sum of its halves
+                    let null = trace.attached.params()[point.lead].null;
+                    let at = |part: f64, values: &mut Vec<f64>| {
+                        values[point.lead] = null + part * (values[point.lead] - null)
+                    };
+                    let mut values = point.values.clone();
+                    at(0.5, &mut values);
+                    let (half, whole) = (bench.answer(&values).unwrap(), bench.answer(&point.values).unwrap());
+                    let base = &stage.response[0];
+                    let off = |k: usize| (half[k] - base[k]) + (whole[k] - half[k]) - found[0][k];
+                    let size = found[0].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+                    assert!(
+                        (0..half.len()).all(|k| off(k).abs() < 1e-6 * size),
+                        "{} {:?}",
+                        trace.attached.candidate.effect().name(),
+                        point
+                    );
+                    continue;
+                }
+                compared += 1;
+                let (h, mut values) = (1e-4, point.values.clone());
+                let null = values[point.lead];
+                let mut at = |value: f64| {
+                    values[point.lead] = value;
+                    bench.answer(&values).unwrap()
+                };
+                let (above, below) = (at(null + h), at(null - h));
+                let size = found[0].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+                for (k, v) in found[0].iter().enumerate() {
+                    let central = (above[k] - below[k]) / (2.0 * h);
+                    let place = super::super::round::place(&trace.attached.candidate);
+                    assert!((central - v).abs() < 1e-5 * size, "{place} {point:?} line {k}: {v} instead of {central}");
+                }
+            }
+        }
+        assert!(compared > 20 && finite > 10, "{compared} {finite}");
+        let reason = |effect: &str| &left_out.iter().find(|(name, _)| name == effect).unwrap().1;
+        assert!(reason("constant_force").contains("changes nothing"), "{left_out:?}");
+        assert!(reason("output_bias_drift").contains("uses the time"), "{left_out:?}");
+        assert!(reason("input_dead_zone").contains("not linear"), "{left_out:?}");
+        assert!(left_out.iter().all(|(name, _)| name != "quadratic_damping"), "carried: {left_out:?}");
+    }
+}
