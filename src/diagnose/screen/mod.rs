@@ -35,4 +35,6 @@ pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use rest::{Outlier, Place};
 pub use score::{Direction, Shape};
-pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen, spectra};
+pub use screening::{
+    Candidate, Screening, ScreeningError, ScreeningOptions, screen, screen_lines, spectra, spectra_of_lines,
+};

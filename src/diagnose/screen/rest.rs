@@ -91,6 +91,9 @@ impl Rest {
                 }
                 clean[dropped + k] = kept;
             }
+            if !part.sampled {
+                continue;
+            }
             let scale = (2.0 / n as f64).sqrt();
             planner.plan_dct3(n).process_dct3(&mut clean);
             let mut excess = vec![0.0; n];

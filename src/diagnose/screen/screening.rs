@@ -152,7 +152,32 @@ pub fn screen(
     directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Screening, ScreeningError> {
-    let shared = gathered(records, channels, directions, options)?;
+    screened(records, None, channels, directions, options)
+}
+
+/// The same for signals that are lines of some transform already, in which noise is independent from line to line: `frequencies` has
+/// the frequency of every row of each run, rising. None of them is left out.
+///
+/// # Errors
+/// [`ScreeningError`]; what it calls samples are lines.
+pub fn screen_lines(
+    records: &[Record],
+    frequencies: &[Vec<f64>],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Screening, ScreeningError> {
+    screened(records, Some(frequencies), channels, directions, options)
+}
+
+fn screened(
+    records: &[Record],
+    frequencies: Option<&[Vec<f64>]>,
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Screening, ScreeningError> {
+    let shared = gathered(records, frequencies, channels, directions, options)?;
     let judge = Judge::new(shared, directions);
     Ok(judge.verdict(options.draws))
 }
@@ -167,11 +192,26 @@ pub fn spectra(
     directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Vec<LogSpectrum>, ScreeningError> {
-    Ok(Saturated::new(gathered(records, channels, directions, options)?).noise.spectra)
+    Ok(Saturated::new(gathered(records, None, channels, directions, options)?).noise.spectra)
+}
+
+/// The same for signals that are lines already.
+///
+/// # Errors
+/// [`ScreeningError`]; what it calls samples are lines.
+pub fn spectra_of_lines(
+    records: &[Record],
+    frequencies: &[Vec<f64>],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Vec<LogSpectrum>, ScreeningError> {
+    Ok(Saturated::new(gathered(records, Some(frequencies), channels, directions, options)?).noise.spectra)
 }
 
 fn gathered(
     records: &[Record],
+    frequencies: Option<&[Vec<f64>]>,
     channels: usize,
     directions: &[Direction],
     options: &ScreeningOptions,
@@ -179,7 +219,7 @@ fn gathered(
     if records.is_empty() || channels == 0 || directions.is_empty() {
         return Err(ScreeningError::Nothing);
     }
-    let least = LEAST.max(2 * options.dropped);
+    let least = if frequencies.is_some() { LEAST } else { LEAST.max(2 * options.dropped) };
     let samples = |r: &Record| (0..channels).map(|c| r.measured(channels, c).len()).max().unwrap_or(0);
     if let Some((run, samples)) = records.iter().map(samples).enumerate().find(|(_, n)| *n < least) {
         return Err(ScreeningError::TooShort { run, samples, least });
@@ -187,7 +227,10 @@ fn gathered(
     if let Some(run) = records.iter().position(|r| !is_finite(r)) {
         return Err(ScreeningError::NotFinite { run });
     }
-    let mut lines = Lines::of(records, channels, options.dropped, least);
+    let mut lines = match frequencies {
+        Some(frequencies) => Lines::given(records, frequencies, channels, least),
+        None => Lines::of(records, channels, options.dropped, least),
+    };
     let fitted = records[0].fitted.len();
     let count: usize = lines.iter().map(|l| l.frequency.len()).sum();
     if 2 * fitted > count {

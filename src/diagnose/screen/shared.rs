@@ -29,6 +29,8 @@ pub(super) struct Part {
     pub(super) channel: usize,
     /// Samples that were transformed, by their places in the run.
     pub(super) samples: Vec<usize>,
+    /// Whether its lines can be turned back into samples.
+    pub(super) sampled: bool,
     /// Frequencies of the lines.
     pub(super) frequency: Vec<f64>,
     /// Shared columns, lines by r.
@@ -72,6 +74,7 @@ impl Shared {
             run: l.run,
             channel: l.channel,
             samples: l.samples,
+            sampled: l.sampled,
             frequency: l.frequency,
             basis: l.columns.select_columns(&pivots) * &combine,
             residual: l.residual,

@@ -78,7 +78,7 @@ impl<'a> Search<'a> {
 
     /// The search beside a first effect, and whether anything is left to be found.
     fn ahead(&self, stage: &Arc<Stage>, first: &EffectAt) -> Result<(Round<'a>, bool), SearchError> {
-        let measured = Measured::new(stage, self.runs.all);
+        let measured = Measured::new(stage, self.runs);
         let candidates = self.candidates(stage, Some(first));
         let round = Round::new(Arc::clone(stage), self.runs, &candidates, &measured, self.options)?;
         let left = round.screening.family_wise < self.options.alpha;
@@ -106,7 +106,7 @@ impl<'a> Search<'a> {
                 theta.extend((self.runs.train..self.runs.all.len()).map(|r| attached.theta(&round.stage, r, &values)));
             }
         }
-        Stage::new(model, self.runs.all, theta)
+        Stage::new(model, self.runs, theta)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::metric::Metric;
 use super::trace::Point;
+use super::way::Way;
 use super::whitened::Lens;
 use crate::diagnose::screen::{Record, Shape};
 use crate::record::Run;
@@ -31,8 +32,9 @@ pub(super) struct Added {
 }
 
 impl Beside {
-    pub(super) fn new(records: &[Record], runs: &[Run], outputs: usize, metric: &Metric) -> Self {
-        let lenses: Vec<_> = runs.iter().map(|run| std::sync::Mutex::new(Lens::new(run, outputs, metric))).collect();
+    pub(super) fn new(records: &[Record], runs: &[Run], ways: &[Way], outputs: usize, metric: &Metric) -> Self {
+        let lens = |(run, way): (&Run, &Way)| std::sync::Mutex::new(way.lens(run, outputs, metric));
+        let lenses: Vec<_> = runs.iter().zip(ways).map(lens).collect();
         let residual: Vec<&[f64]> = records.iter().map(|r| &r.residual[..]).collect();
         let residual = together(&lenses, &residual);
         let fitted = records.first().map_or(0, |r| r.fitted.len());

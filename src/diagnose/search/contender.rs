@@ -3,10 +3,11 @@
 use super::beside::{Added, Beside};
 use super::metric::Metric;
 use super::refit::{Fitting, Posed};
-use super::round::{PRICE, Round, finer, new_values, shared_from};
+use super::round::{PRICE, Round, new_values, shared_from};
+use super::way::Way;
 use crate::diagnose::screen::Shape;
 use crate::model::Model;
-use crate::simulate::{Steps, choose_steps_within, integration_error};
+use crate::simulate::{choose_steps_within, integration_error};
 
 /// Points whose responses are looked at before a fit begins at any.
 const LOOKED_AT: usize = 12;
@@ -34,8 +35,8 @@ pub(super) struct Contender {
     pub(super) trace: usize,
     /// The extended model under the base model's text.
     pub(super) model: Model,
-    /// How it is integrated, all runs.
-    pub(super) steps: Vec<Steps>,
+    /// How it answers all runs.
+    pub(super) ways: Vec<Way>,
     pub(super) fitting: Fitting,
     /// Gain in log-likelihood on the runs that are learned from.
     pub(super) gain: f64,
@@ -87,7 +88,7 @@ impl Contender {
             params: self.model.definition().params.clone(),
             dynamics: self.model.dynamics(),
             runs: round.runs.train(),
-            steps: &self.steps[..round.runs.train],
+            ways: &self.ways[..round.runs.train],
             metric,
         }
     }
@@ -125,7 +126,7 @@ impl Contender {
         let train = round.runs.train;
         let own = (train..round.runs.all.len()).map(|r| attached.theta(&round.stage, r, &values));
         let starts = shared_from(&params, &self.fitting.theta[0], &own.collect::<Vec<_>>());
-        let posed = Posed { params, dynamics: self.model.dynamics(), runs, steps: &self.steps[train..], metric };
+        let posed = Posed { params, dynamics: self.model.dynamics(), runs, ways: &self.ways[train..], metric };
         // a model that cannot follow a held-out run at all gains less than nothing there
         self.held = Some(match posed.held().fit(&starts, WHOLE) {
             Some(fitting) => (base.cost - fitting.cost, fitting),
@@ -145,12 +146,12 @@ impl Round<'_> {
         let mut definition = attached.definition.clone();
         definition.params = attached.fitted_params(&self.stage);
         let model = self.stage.model.altered(definition);
-        let steps = self.steps(t, &model, &promises[0], base);
+        let ways = self.ways(t, &model, &promises[0], base);
         let posed = Posed {
             params: model.definition().params.clone(),
             dynamics: model.dynamics(),
             runs: self.runs.train(),
-            steps: &steps[..self.runs.train],
+            ways: &ways[..self.runs.train],
             metric,
         };
         let mut bench = posed.bench()?;
@@ -195,20 +196,21 @@ impl Round<'_> {
         let (fitting, k) = best?;
         let direction = promises.swap_remove(k).added.direction;
         let (gain, cost) = (base.cost - fitting.cost, attached.cost());
-        Some(Contender { trace: t, model, steps, fitting, gain, held: None, predicted, direction, cost, others })
+        Some(Contender { trace: t, model, ways, fitting, gain, held: None, predicted, direction, cost, others })
     }
 
-    /// Steps for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
+    /// Ways for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
     /// direction is a derivative, and says little of how stiff the effect itself is.
-    fn steps(&self, t: usize, model: &Model, promise: &Promise, base: &Fitting) -> Vec<Steps> {
+    fn ways(&self, t: usize, model: &Model, promise: &Promise, base: &Fitting) -> Vec<Way> {
         let (trace, runs) = (&self.traces[t], self.runs);
-        let steps: Vec<Steps> = trace.steps.iter().map(finer).collect();
+        let ways: Vec<Way> = trace.ways.iter().map(Way::finer).collect();
+        let Some(steps) = ways[0].steps() else { return ways };
         let values = trace.points[promise.point].at(promise.amount, trace.attached.params());
         let compensation = (&promise.added.compensation[..], promise.amount);
         let starts = self.starts(&trace.attached, base, &values, compensation);
-        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps[0].clone());
+        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps.clone());
         if error.is_ok_and(|error| error < COARSE) {
-            return steps;
+            return ways;
         }
         let own = |r: usize| {
             let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.stage, r, &values));
@@ -216,7 +218,7 @@ impl Round<'_> {
             let most = MOST_STEPS * runs.all[r].len();
             (chosen.error < COARSE && chosen.steps.total(runs.all[r].len()) <= most).then_some(chosen.steps)
         };
-        (0..runs.all.len()).map(|r| own(r).unwrap_or_else(|| steps[r].clone())).collect()
+        (0..runs.all.len()).map(|r| own(r).map_or_else(|| ways[r].clone(), Way::Steps)).collect()
     }
 
     /// What a candidate's points promise, the best first.
@@ -247,7 +249,9 @@ impl Round<'_> {
             let mut theta = base.theta[r].clone();
             shared.iter().enumerate().for_each(|(c, k)| theta[*k] -= share * compensation[c]);
             let first = shared.len() + r * own.len();
-            own.iter().enumerate().for_each(|(c, k)| theta[*k] -= share * compensation[first + c]);
+            // what belongs to the run and is no parameter is found anew for every start
+            let params = own.iter().enumerate().filter(|(_, k)| **k < self.stage.params().len());
+            params.for_each(|(c, k)| theta[*k] -= share * compensation[first + c]);
             attached.theta_from(&theta, r, values)
         };
         (0..self.runs.train).map(of).collect()

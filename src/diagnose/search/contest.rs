@@ -7,8 +7,7 @@ use super::options::Watcher;
 use super::refit::{Fitting, Posed};
 use super::round::{Round, shared_from};
 use super::search_error::SearchError;
-use super::stage::{free, record};
-use crate::diagnose::screen::spectra;
+use super::stage::records;
 use rayon::prelude::*;
 
 /// Candidates that are refitted, at least.
@@ -51,7 +50,7 @@ impl Round<'_> {
         let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
         let chosen = self.chosen(most);
         watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
-        let beside = Beside::new(&self.records, self.runs.train(), self.stage.outputs(), &metric);
+        let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
         let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
         drop(beside);
@@ -99,8 +98,8 @@ impl Round<'_> {
     fn base(&self, metric: &Metric, starts: &[Vec<f64>]) -> Result<Fitting, SearchError> {
         let stage = &self.stage;
         let params = stage.params().to_vec();
-        let steps = &stage.steps[..self.runs.train];
-        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), steps, metric };
+        let ways = &stage.ways[..self.runs.train];
+        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
         posed.fit(starts, WHOLE).ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
     }
 
@@ -108,25 +107,20 @@ impl Round<'_> {
     fn base_held(&self, metric: &Metric, base: &Fitting) -> Option<Fitting> {
         let stage = &self.stage;
         let starts = shared_from(stage.params(), base.theta.first()?, &stage.theta[self.runs.train..]);
-        let (params, steps) = (stage.params().to_vec(), &stage.steps[self.runs.train..]);
+        let (params, ways) = (stage.params().to_vec(), &stage.ways[self.runs.train..]);
         let runs = self.runs.held();
-        Posed { params, dynamics: stage.model.dynamics(), runs, steps, metric }.held().fit(&starts, WHOLE)
+        Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }.held().fit(&starts, WHOLE)
     }
 
     /// The noise that is left by a contender, all directions taken out.
     fn renewed(&mut self, best: &Contender) -> Option<Metric> {
-        let (shared, own) = free(&best.model.definition().params);
-        let mut records = Vec::with_capacity(self.runs.train);
-        for (r, run) in self.runs.train().iter().enumerate() {
-            let at = (&best.steps[r], &best.fitting.theta[r][..]);
-            records.push(record(best.model.dynamics(), run, at, (&shared, &own), (r, self.runs.train)).ok()?.0);
-        }
+        let mut records = records(&best.model, self.runs.train(), &best.ways, &best.fitting.theta).ok()?;
         // directions are large: they are lent
         let lend = |a: &mut [crate::diagnose::screen::Record], b: &mut [crate::diagnose::screen::Record]| {
             a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
         };
         lend(&mut records, &mut self.records);
-        let found = spectra(&records, self.stage.outputs(), &self.directions, &self.options);
+        let found = self.stage.noise(&records, &self.directions, &self.options);
         lend(&mut records, &mut self.records);
         Some(Metric::new(&found.ok()?, self.options.dropped))
     }

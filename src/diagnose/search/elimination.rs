@@ -101,7 +101,7 @@ pub(super) fn rebuilt(
     let mut params = Vec::new();
     for (candidate, choice) in effects {
         let stage = at.as_ref().unwrap_or(first);
-        let measured = Measured::new(stage, runs.all);
+        let measured = Measured::new(stage, runs);
         let text = Attached::new(candidate, stage, &measured, choice).map_err(SearchError::NoFit)?;
         let model: Model = grown(&stage.model, &text, stage)?;
         let names: Vec<(String, f64)> =
@@ -116,7 +116,7 @@ pub(super) fn rebuilt(
             names.iter().map(of).collect()
         };
         params.push(text.params().to_vec());
-        at = Some(Stage::new(model, runs.all, theta.iter().map(known).collect())?);
+        at = Some(Stage::new(model, runs, theta.iter().map(known).collect())?);
     }
     Ok((at.ok_or_else(|| SearchError::NoFit("no effect is left".into()))?, params))
 }

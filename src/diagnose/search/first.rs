@@ -1,18 +1,57 @@
 //! The model as it stands at its fit: where a search begins.
 
+use super::domain::Domain;
 use super::options::SearchOptions;
 use super::round::Runs;
 use super::search_error::SearchError;
 use super::stage::Stage;
-use crate::estimate::{Changes, Continuation, Estimate, Fit, FitError, FitOptions, fit, starts};
+use crate::estimate::{
+    Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, fit, fit_spectra, starts,
+};
 use crate::model::Model;
 use crate::record::Run;
 
 /// Mean R^2 of outputs below which other minima are looked for.
 const MATCH: f64 = 0.5;
 
-/// The model at its fit by plain output error.
+/// The model at its fit.
 pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    match runs.domain {
+        Domain::Time => first_in_time(model, runs, options),
+        Domain::Frequency(spectral) => first_in_lines(model, runs, options, spectral),
+    }
+}
+
+/// The model at its fit to spectra. Held-out runs have values of their own only where these show them, and are fitted with their own
+/// noise.
+fn first_in_lines(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &SearchOptions,
+    spectral: &SpectralOptions,
+) -> Result<Stage, SearchError> {
+    let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
+    let start = starts(model, runs.all, &changes);
+    let how = SpectralOptions { changes, options: how, ..spectral.clone() };
+    let fitted = fit_spectra(model, runs.train(), &how, &mut ())?;
+    if let Some(why) = &fitted.unanswered {
+        return Err(SearchError::NoFit(why.to_string()));
+    }
+    let model = fitted.model.clone();
+    let of = |(run, start): (&Run, &Vec<f64>)| {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            fitted.estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let theta = runs.all.iter().zip(&start).map(of).collect();
+    Stage::new(model, runs, theta)
+}
+
+/// The model at its fit by plain output error.
+fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
     let fitted = plainly(model, runs.train(), &how)?;
@@ -50,7 +89,7 @@ pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions
             theta.push(own);
         }
     }
-    Stage::new(model, runs.all, theta)
+    Stage::new(model, runs, theta)
 }
 
 /// Fits from the start values alone, where that ends at a minimum that is a match at all. A model that lacks something leaves smooth

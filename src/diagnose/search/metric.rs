@@ -27,6 +27,11 @@ impl Metric {
         self.spectra[output].at(frequency.ln()).sqrt() * rise
     }
 
+    /// The same of a line at a frequency, which is taken as it is.
+    pub(super) fn at(&self, output: usize, frequency: f64) -> f64 {
+        self.spectra[output].at(frequency.ln()).sqrt()
+    }
+
     /// Root mean square of an output's noise in a run, in its unit.
     pub(super) fn floor(&self, output: usize, n: usize, interval: f64) -> f64 {
         let square = |k: usize| {
@@ -34,5 +39,11 @@ impl Metric {
             self.spectra[output].at(frequency.ln())
         };
         ((0..n).map(square).sum::<f64>() / n.max(1) as f64).sqrt()
+    }
+
+    /// Root mean square of an output's noise over lines.
+    pub(super) fn floor_of(&self, output: usize, frequencies: &[f64]) -> f64 {
+        let sum: f64 = frequencies.iter().map(|f| self.at(output, *f).powi(2)).sum();
+        (sum / frequencies.len().max(1) as f64).sqrt()
     }
 }

@@ -2,11 +2,10 @@
 
 use super::metric::Metric;
 use super::newton::{Newton, ProblemTable};
-use super::whitened::{Lens, Whitened};
+use super::way::Way;
 use crate::dynamics::Dynamics;
-use crate::estimate::{DerivedQuantities, ParameterEstimate, Problem, ProblemRun};
+use crate::estimate::{DerivedQuantities, LineResponse, ParameterEstimate, Problem};
 use crate::record::Run;
-use crate::simulate::{Simulator, Steps};
 use fdm_grammar::model::Param;
 
 /// What a correction must promise to gain in log-likelihood.
@@ -20,8 +19,8 @@ pub(super) struct Posed<'a> {
     pub(super) dynamics: &'a dyn Dynamics,
     /// The runs.
     pub(super) runs: &'a [Run],
-    /// How they are integrated.
-    pub(super) steps: &'a [Steps],
+    /// How they are answered.
+    pub(super) ways: &'a [Way],
     /// The noise.
     pub(super) metric: &'a Metric,
 }
@@ -45,19 +44,14 @@ impl<'a> Posed<'a> {
 
     /// What several fits of one model share.
     pub(super) fn bench(&self) -> Option<Bench<'a>> {
-        let outputs = self.dynamics.layout().outputs;
-        let mut runs = Vec::with_capacity(self.runs.len());
-        for (run, steps) in self.runs.iter().zip(self.steps) {
-            let simulator = Simulator::new(self.dynamics, run, steps.clone()).ok()?;
-            let mut lens = Lens::new(run, outputs, self.metric);
-            let measured = lens.seen(&run.measured);
-            let response = Box::new(Whitened::new(simulator, lens));
-            runs.push(ProblemRun { name: run.name.clone(), response, measured, start: Vec::new() });
-        }
-        let outputs = (0..outputs).map(|o| o.to_string()).collect();
-        let params = self.params.clone();
+        let posed = self.runs.iter().zip(self.ways).map(|(run, way)| way.posed(self.dynamics, run, self.metric));
+        let (runs, settlers): (Vec<_>, Vec<_>) = posed.collect::<Option<Vec<_>>>()?.into_iter().unzip();
+        let outputs = (0..self.dynamics.layout().outputs).map(|o| o.to_string()).collect();
+        let params = self.ways.first().map_or_else(|| self.params.clone(), |way| way.params(self.params.clone()));
         Some(Bench {
             problem: Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() },
+            settlers,
+            own: self.params.len(),
         })
     }
 
@@ -71,13 +65,17 @@ impl<'a> Posed<'a> {
 /// A model over runs, ready to be fitted from several starts.
 pub(super) struct Bench<'a> {
     problem: Problem<'a>,
+    /// What finds the values of each run that are no parameters of the model; none in time.
+    settlers: Vec<Option<LineResponse>>,
+    /// Parameters of the model.
+    own: usize,
 }
 
 impl Bench<'_> {
     /// The cost at these values (all parameters of each run), and they within their bounds; none where there is no response.
     pub(super) fn look(&mut self, starts: &[Vec<f64>]) -> Option<f64> {
         self.begin(starts)?;
-        Newton::new(&mut self.problem).look()
+        Some(Newton::new(&mut self.problem).look()? + self.price())
     }
 
     /// Fits from these values with so many corrections, as long as one promises to gain more than `least`; none where there is
@@ -87,8 +85,16 @@ impl Bench<'_> {
         let table = ProblemTable::of(&self.problem);
         let mut newton = Newton::new(&mut self.problem);
         newton.descend(corrections, least)?;
-        let (cost, theta, estimates) = newton.reached(&table);
-        Some(Fitting { cost, theta, estimates })
+        let (cost, mut theta, mut estimates) = newton.reached(&table);
+        theta.iter_mut().for_each(|own| own.truncate(self.own));
+        let alone: Vec<&str> = self.problem.params[self.own..].iter().map(|p| p.quantity.name.as_str()).collect();
+        estimates.retain(|e| !alone.contains(&e.name.as_str()));
+        Some(Fitting { cost: cost + self.price(), theta, estimates })
+    }
+
+    /// Every value that a run has for itself takes half a unit of noise: a model gains nothing by having more of them.
+    fn price(&self) -> f64 {
+        0.5 * ((self.problem.params.len() - self.own) * self.problem.runs.len()) as f64
     }
 
     fn begin(&mut self, starts: &[Vec<f64>]) -> Option<()> {
@@ -98,8 +104,11 @@ impl Bench<'_> {
             each.map(|(v, p)| if p.fixed { *v } else { v.max(p.lower).min(p.upper) }).collect()
         };
         let first = inside(params, starts.first()?);
-        for (run, start) in self.problem.runs.iter_mut().zip(starts) {
+        for ((run, start), settler) in self.problem.runs.iter_mut().zip(starts).zip(&mut self.settlers) {
             run.start = inside(params, start);
+            if let Some(settler) = settler {
+                run.start.extend(settler.settle(&run.start, &run.measured).ok()?);
+            }
         }
         params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = v);
         Some(())

@@ -1,21 +1,19 @@
 //! One search for one more effect: directions of all candidates, and their screening.
 
 use super::attached::Attached;
+use super::domain::Domain;
 use super::measured::Measured;
 use super::options::SearchOptions;
 use super::search_error::SearchError;
-use super::stage::{Stage, free, record};
+use super::stage::{Stage, records};
 use super::trace::{Trace, trace};
 use crate::diagnose::diagnosis::{EffectAt, LeftOut};
-use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions, screen};
+use crate::diagnose::screen::{Direction, Record, Screening, ScreeningOptions};
 use crate::record::Run;
-use crate::simulate::{Scheme, Steps};
 use fdm_grammar::effect::{Candidate, Kind};
 use rayon::prelude::*;
 use std::sync::Arc;
 
-/// Steps of an interval that are not halved for a fit: kinks want more of them than they are worth.
-const ENOUGH: usize = 8;
 /// The runs of a diagnosis: those that are learned from, then those that are held out.
 #[derive(Clone, Copy)]
 pub(super) struct Runs<'a> {
@@ -23,6 +21,8 @@ pub(super) struct Runs<'a> {
     pub(super) all: &'a [Run],
     /// How many are learned from.
     pub(super) train: usize,
+    /// Where they are compared with models.
+    pub(super) domain: &'a Domain,
 }
 
 impl<'a> Runs<'a> {
@@ -47,7 +47,8 @@ pub(super) struct Round<'a> {
     pub(super) records: Vec<Record>,
     pub(super) directions: Vec<Direction>,
     pub(super) options: ScreeningOptions,
-    /// Free parameters of the stage: those that all runs share, those of each run.
+    /// What the columns of the records are derivatives by: what all runs share, what belongs to each run (behind the parameters stands
+    /// what belongs to a run and is none).
     pub(super) free: (Vec<usize>, Vec<usize>),
 }
 
@@ -70,7 +71,7 @@ impl<'a> Round<'a> {
     ) -> Result<Self, SearchError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
         let found: Vec<Result<Trace, String>> =
-            scored.par_iter().map(|candidate| trace(candidate, &stage, runs.train(), measured)).collect();
+            scored.par_iter().map(|candidate| trace(candidate, &stage, runs, measured)).collect();
         let (mut traces, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {
             match found {
@@ -81,12 +82,8 @@ impl<'a> Round<'a> {
         if traces.is_empty() {
             return Err(SearchError::NoPlaces);
         }
-        let (shared, own) = free(stage.params());
-        let mut records = Vec::with_capacity(runs.train);
-        for (r, run) in runs.train().iter().enumerate() {
-            let at = (&stage.steps[r], &stage.theta[r][..]);
-            records.push(record(stage.model.dynamics(), run, at, (&shared, &own), (r, runs.train))?.0);
-        }
+        let free = stage.columns(runs);
+        let mut records = records(&stage.model, runs.train(), &stage.ways, &stage.theta)?;
         let (mut directions, mut owner) = (Vec::new(), Vec::new());
         for (t, trace) in traces.iter_mut().enumerate() {
             for (k, (point, parts)) in trace.points.iter().zip(std::mem::take(&mut trace.signals)).enumerate() {
@@ -95,9 +92,9 @@ impl<'a> Round<'a> {
                 records.iter_mut().zip(parts).for_each(|(record, part)| record.directions.push(part));
             }
         }
-        let screening = screen(&records, stage.outputs(), &directions, &options.screening)?;
+        let screening = stage.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
-        Ok(Self { stage, runs, traces, left_out, owner, screening, records, directions, options, free: (shared, own) })
+        Ok(Self { stage, runs, traces, left_out, owner, screening, records, directions, options, free })
     }
 }
 
@@ -113,10 +110,4 @@ pub(super) fn shared_from(params: &[fdm_grammar::model::Param], shared: &[f64], 
         each.map(|(p, (shared, own))| if p.per_run { *own } else { *shared }).collect()
     };
     own.iter().map(of).collect()
-}
-
-/// Steps for a fit: half of those that were enough for a direction, unless the recursion is exact.
-pub(super) fn finer(steps: &Steps) -> Steps {
-    let enough = matches!(steps.scheme(), Scheme::Recursion { .. }) || steps.most() >= ENOUGH;
-    if enough { steps.clone() } else { steps.halved() }
 }

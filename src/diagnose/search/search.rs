@@ -21,6 +21,7 @@ use super::stage::Stage;
 use super::whole::{Whole, whole_fit};
 use crate::diagnose::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, Round as Told, Verdict};
 use crate::diagnose::force::{self, Attribution};
+use crate::estimate::changed;
 use crate::model::Model;
 use crate::record::Run;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice};
@@ -58,7 +59,8 @@ pub fn search(
 ) -> Result<Diagnosis, SearchError> {
     apart(runs, held)?;
     let all: Vec<Run> = runs.iter().chain(held).map(evenly).collect::<Result<_, _>>()?;
-    let runs = Runs { all: &all, train: runs.len() };
+    let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
+    let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
         return Err(SearchError::NothingMeasured);
     }
@@ -98,7 +100,7 @@ impl<'a> Search<'a> {
         let mut end: Option<End> = None;
         let mut ahead: Option<(Round<'a>, Option<Contest>)> = None;
         loop {
-            let measured = Measured::new(&stage, self.runs.all);
+            let measured = Measured::new(&stage, self.runs);
             let number = self.told.len() + 1;
             let (round, made) = match ahead.take() {
                 Some((round, contest)) => (Ok(round), contest),
@@ -255,7 +257,7 @@ impl<'a> Search<'a> {
             None => before.clone(),
         };
         let (all, train) = (self.runs.all, self.runs.train);
-        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.steps, &fit.theta);
+        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.ways, &fit.theta);
         let old = at(first, &before).unwrap_or_else(|| first.response.clone());
         let mut new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
         for accepted in &mut self.accepted {
@@ -292,10 +294,11 @@ impl<'a> Search<'a> {
                 &first.model,
                 all,
                 train,
+                &first.ways,
                 (&first.response, if found { &new } else { &first.response }),
                 metric,
             ),
-            gains: if found { run_gains(all, train, (&old, &new), metric) } else { Vec::new() },
+            gains: if found { run_gains(all, train, &first.ways, (&old, &new), metric) } else { Vec::new() },
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),
             ended: end.ended,
@@ -303,6 +306,7 @@ impl<'a> Search<'a> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
+            spectral: first.spectral(),
         })
     }
 

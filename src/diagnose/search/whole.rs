@@ -27,15 +27,15 @@ impl Whole {
 pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Result<Whole, SearchError> {
     const CORRECTIONS: usize = 60;
     let (params, dynamics) = (stage.params().to_vec(), stage.model.dynamics());
-    let (train, held) = stage.steps.split_at(runs.train);
-    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), steps: train, metric };
+    let (train, held) = stage.ways.split_at(runs.train);
+    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), ways: train, metric };
     let none = || SearchError::NoFit("it has no fit by the noise found".into());
     let fitting = posed.fit(&stage.theta[..runs.train], CORRECTIONS).ok_or_else(none)?;
     let mut theta = fitting.theta.clone();
     let mut cost = 0.0;
     if !held.is_empty() {
         let starts = shared_from(&params, &theta[0], &stage.theta[runs.train..]);
-        let posed = Posed { params, dynamics, runs: runs.held(), steps: held, metric }.held();
+        let posed = Posed { params, dynamics, runs: runs.held(), ways: held, metric }.held();
         let found = posed.fit(&starts, CORRECTIONS);
         cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
         theta.extend(found.map_or(starts, |f| f.theta));
