@@ -16,7 +16,8 @@ const PROMINENT: f64 = 1.5;
 /// The same with columns for the ends of all records in whose noise there is a resonance; none where there is none.
 pub(super) fn with_ends(shared: &Shared, spectra: &[LogSpectrum]) -> Option<Shared> {
     let peaks: Vec<Option<f64>> = spectra.iter().map(|s| s.peak(PROMINENT)).collect();
-    let resonant: Vec<usize> = (0..shared.parts.len()).filter(|k| peaks[shared.parts[*k].channel].is_some()).collect();
+    let cut = |part: &Part| part.sampled && peaks[part.channel].is_some();
+    let resonant: Vec<usize> = (0..shared.parts.len()).filter(|k| cut(&shared.parts[*k])).collect();
     if resonant.is_empty() {
         return None;
     }
