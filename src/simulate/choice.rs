@@ -261,3 +261,34 @@ impl Work {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::model::Model;
+
+    /// A pendulum driven by steps: what noise hides takes fewer steps, and they keep what was asked.
+    #[test]
+    fn a_larger_error_takes_fewer_steps_and_is_kept() {
+        let text = "model pendulum { input u; state x = 0.4; state v; der(x) = v; der(v) = u - 9*sin(x) - 0.2*v; \
+                    output angle = x; }";
+        let model = Model::from_text("pendulum.fdm", text).unwrap();
+        let time: Vec<f64> = (0..200).map(|k| 0.05 * f64::from(k)).collect();
+        let inputs = time.iter().map(|t| if (t / 1.7).floor() % 2.0 < 1.0 { 2.0 } else { -1.0 }).collect();
+        let run = Run {
+            name: "a".into(),
+            inputs,
+            held: vec![false],
+            measured: vec![0.0; time.len()],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+            time,
+        };
+        let theta = model.definition().start();
+        let exact = choose_steps(model.dynamics(), &run, &theta).unwrap();
+        let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
+        assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
+        assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
+    }
+}

@@ -11,6 +11,8 @@ use crate::estimate::{
 use crate::model::Model;
 use crate::record::Run;
 
+/// Parts of the record that are fitted first where the start values lead nowhere.
+const SHARES: [f64; 2] = [0.25, 0.5];
 /// Mean R^2 of outputs below which other minima are looked for.
 const MATCH: f64 = 0.5;
 
@@ -92,17 +94,24 @@ fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Resu
     Stage::new(model, runs, theta)
 }
 
-/// Fits from the start values alone, where that ends at a minimum that is a match at all. A model that lacks something leaves smooth
-/// residuals, for which a fit by itself would look for other minima; here they are what is looked for.
+/// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
+/// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
+/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum.
 fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitError> {
     if how.continuation != Continuation::Auto {
         return fit(model, runs, how, &mut ());
     }
-    let plain = fit(model, runs, &FitOptions { continuation: Continuation::Never, ..how.clone() }, &mut ());
-    match plain {
-        Ok(plain) if plain.estimate.termination.is_good() && is_match(&plain.estimate) => Ok(plain),
-        _ => fit(model, runs, how, &mut ()),
-    }
+    let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
+    let sound = |fit: &Fit| fit.estimate.termination.is_good() && fit.estimate.cost.is_some();
+    let plain = by(Continuation::Never).ok().filter(sound);
+    let plain = match plain {
+        Some(plain) if is_match(&plain.estimate) => return Ok(plain),
+        plain => plain,
+    };
+    let grown = by(Continuation::Shares(SHARES.to_vec())).ok().filter(sound);
+    let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
+    let best = plain.into_iter().chain(grown).min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    best.map_or_else(|| fit(model, runs, how, &mut ()), Ok)
 }
 
 /// Whether most of what was measured is explained.
