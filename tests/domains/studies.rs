@@ -69,3 +69,24 @@ fn domains() {
     println!("same cause {same} of {count}; right {} by time, {} by frequency; gains alike {near}", right[0], right[1]);
     println!("alarms of {}: {} by time, {} by frequency", nulls[2], nulls[0], nulls[1]);
 }
+
+/// The unstable helicopter in both domains, with the whole catalogue of linear effects.
+#[test]
+#[ignore = "a study"]
+fn hover_in_both_domains() {
+    let runs = hover_records(3, 0.03);
+    for domain in [frequency(), Domain::Time] {
+        let begin = Instant::now();
+        match diagnosed(&hover(), &runs, &[], &some(), domain) {
+            Ok(found) => {
+                let (place, gain, value, group) = told(&found);
+                println!(
+                    "{place} gain {gain:.1} {value} group {group} p {:.0e}, {:?}",
+                    found.family_wise_p,
+                    begin.elapsed()
+                );
+            }
+            Err(why) => println!("{why}"),
+        }
+    }
+}

@@ -1,8 +1,10 @@
 //! What both domains say of the same records.
 
 use crate::systems::*;
+use fdm::Source;
 use fdm::diagnose::diagnosis::{Cause, Diagnosis, Verdict};
 use fdm::diagnose::search::Domain;
+use fdm::effect::Catalogue;
 
 fn first(found: &Diagnosis) -> &Cause {
     assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
@@ -51,4 +53,18 @@ fn nothing_where_nothing_is_hidden() {
         assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
         assert!(found.misfit.len() == SYSTEMS[k].model().layout().outputs, "{:?}", found.misfit);
     }
+}
+
+/// Nothing is integrated: a helicopter that would leave the record is diagnosed with its loops closed.
+#[test]
+fn an_unstable_helicopter_under_an_attitude_loop() {
+    let late: Vec<&str> =
+        SOME.split_inclusive("}\n").filter(|e| e.contains("input_delay") || e.contains("actuator_lag")).collect();
+    let (catalogue, findings) = Catalogue::read(&Source::new("late.fdm", late.concat()));
+    assert!(findings.is_empty() && catalogue.effects().count() == 2, "{findings:?}");
+    let found = diagnosed(&hover(), &hover_records(2, 0.03), &[], &catalogue, frequency()).unwrap();
+    let cause = first(&found);
+    assert_eq!(cause.place.to_string(), "input_delay(lon)", "{found:#?}");
+    let tau = &cause.parameters[0];
+    assert!((tau.value - 0.04).abs() < 4.0 * tau.standard_error.unwrap(), "{tau:?}");
 }

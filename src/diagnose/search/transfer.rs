@@ -159,7 +159,7 @@ mod tests {
         let runs = Runs { all: &all, train: 1, domain: &domain };
         let stage = Stage::new(model.clone(), runs, vec![model.definition().start()]).unwrap();
         let measured = Measured::new(&stage, runs);
-        let (mut compared, mut finite, mut left_out) = (0, 0, Vec::new());
+        let (mut compared, mut finite, mut tried, mut left_out) = (0, 0, Vec::new(), Vec::new());
         for candidate in Catalogue::standard().places(&stage.subject).candidates {
             if candidate.kind() == Kind::Variance {
                 continue;
@@ -167,10 +167,11 @@ mod tests {
             let trace = match trace(&candidate, &stage, runs, &measured) {
                 Ok(trace) => trace,
                 Err(reason) => {
-                    left_out.push((candidate.effect().name().to_string(), reason));
+                    left_out.push((super::super::round::place(&candidate).to_string(), reason));
                     continue;
                 }
             };
+            tried.push(super::super::round::place(&candidate).to_string());
             let Way::Lines { lines, .. } = &trace.ways[0] else { panic!("lines") };
             let mut bench = Bench::new(&trace.attached, &stage, lines, 0).unwrap();
             for (point, found) in trace.points.iter().zip(&trace.signals) {
@@ -212,10 +213,13 @@ mod tests {
             }
         }
         assert!(compared > 20 && finite > 10, "{compared} {finite}");
-        let reason = |effect: &str| &left_out.iter().find(|(name, _)| name == effect).unwrap().1;
-        assert!(reason("constant_force").contains("changes nothing"), "{left_out:?}");
-        assert!(reason("output_bias_drift").contains("uses the time"), "{left_out:?}");
-        assert!(reason("input_dead_zone").contains("not linear"), "{left_out:?}");
-        assert!(left_out.iter().all(|(name, _)| name != "quadratic_damping"), "carried: {left_out:?}");
+        let reason = |place: &str| left_out.iter().find(|(name, _)| name == place).map_or("", |(_, why)| why);
+        assert!(reason("constant_force(x)").contains("changes nothing"), "{left_out:?}");
+        assert!(reason("input_dead_zone(u)").contains("not linear"), "{left_out:?}");
+        // z is shown together with w only
+        assert!(reason("quadratic_damping(z)").contains("not linear"), "{left_out:?}");
+        for carried in ["quadratic_damping(x)", "product_term(x, w, u)", "output_bias_drift(x_m)"] {
+            assert!(tried.iter().any(|place| place == carried), "{tried:?}");
+        }
     }
 }
