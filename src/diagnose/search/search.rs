@@ -135,6 +135,9 @@ impl<'a> Search<'a> {
             }
             if p >= self.options.alpha {
                 last.ended = format!("noise alone would make the best candidate look as good with probability {p:.2}");
+                let fitted = contest.iter().flat_map(|contest| contest.contenders.iter().chain(&contest.far));
+                let reason = "what it gains in fact is not beyond what noise gives to the best of so many";
+                self.rejected.extend(fitted.map(|c| rejected(&round, number, c, reason.into())));
                 break;
             }
             if self.accepted.len() >= self.options.most {
