@@ -35,6 +35,9 @@ const LEAST_CURVATURE: f64 = 0.3;
 /// The least density, as a part of its mean over the knots: forty decibels below it a record holds what its filters and its ends leave,
 /// which no model is asked about, and a likelihood by such numbers would hear nothing else.
 const DYNAMIC: f64 = 1e-4;
+/// Variance of log S below which S is known well enough, and the most that is allowed for.
+const KNOWN: f64 = 0.1;
+const DOUBT: f64 = 12.0;
 /// Lines without which not even a level is known.
 const LEAST: f64 = 2.0;
 
@@ -122,6 +125,13 @@ impl LogSpectrum {
         }
         let rise = (self.values[0] - self.values[near]) / (self.knots[near] - self.knots[0]);
         (known + rise.clamp(0.0, STEEPEST) * below).exp()
+    }
+
+    /// S by which a line is weighed: higher where the lines tell so little of S that its logarithm may be off by much. Otherwise lines
+    /// whose noise was fitted away, and seems small for that, would speak the loudest.
+    pub fn believed(&self, log_frequency: f64) -> f64 {
+        let doubt = self.uncertainty(&[(log_frequency, 1.0)]).powi(2);
+        self.at(log_frequency) * (doubt - KNOWN).clamp(0.0, DOUBT).exp()
     }
 
     /// Where it stands out most, as the logarithm of a frequency: by so much in log S of what lies on either side.

@@ -102,9 +102,9 @@ fn levels(cells: &Cells) -> Vec<f64> {
     sums.iter().map(|(sum, count)| if *count > 0 { sum / *count as f64 } else { 0.0 }).collect()
 }
 
-/// S of each cell.
+/// S of each cell, as far as it is believed.
 pub(super) fn densities(cells: &Cells, spectra: &[LogSpectrum]) -> Vec<f64> {
-    cells.list.iter().map(|cell| spectra[cell.channel].at(cell.log_frequency)).collect()
+    cells.list.iter().map(|cell| spectra[cell.channel].believed(cell.log_frequency)).collect()
 }
 
 /// A residual without outliers, and its noise.

@@ -24,12 +24,12 @@ impl Metric {
         let known = k.max(self.dropped).max(1) as f64;
         let frequency = known / (2.0 * n as f64 * interval);
         let rise = (known / (k as f64).max(0.125)).max(1.0);
-        self.spectra[output].at(frequency.ln()).sqrt() * rise
+        self.spectra[output].believed(frequency.ln()).sqrt() * rise
     }
 
     /// The same of a line at a frequency, which is taken as it is.
     pub(super) fn at(&self, output: usize, frequency: f64) -> f64 {
-        self.spectra[output].at(frequency.ln()).sqrt()
+        self.spectra[output].believed(frequency.ln()).sqrt()
     }
 
     /// Root mean square of an output's noise in a run, in its unit.
