@@ -204,9 +204,18 @@ impl Model {
     }
 
     /// A model of other equations under this one's text, compiled anew: what a strategy fits on the way to this model.
-    pub(crate) fn altered(&self, mut definition: fdm_grammar::Model) -> Self {
+    pub(crate) fn altered(&self, definition: fdm_grammar::Model) -> Self {
+        self.altered_by(definition, Engine::default())
+    }
+
+    /// The same, for programs that run a few times only.
+    pub(crate) fn sketched(&self, definition: fdm_grammar::Model) -> Self {
+        self.altered_by(definition, Engine::Tape)
+    }
+
+    fn altered_by(&self, mut definition: fdm_grammar::Model, engine: Engine) -> Self {
         let schedule = Schedule::new(&mut definition);
-        let dynamics = crate::code::compile(&schedule, Engine::default()).into();
+        let dynamics = crate::code::compile(&schedule, engine).into();
         let compiled = Arc::new(Compiled { model: definition, loose: None, schedule, warnings: Vec::new() });
         Self { source: self.source.clone(), compiled, dynamics }
     }

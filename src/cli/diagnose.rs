@@ -4,13 +4,14 @@ use crate::effects::Effects;
 use crate::failure::{Failure, NUMBERS, print};
 use crate::progress::Progress;
 use crate::records::{Records, load, notes};
+use crate::spectral::Lines;
 use crate::subject::Subject;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use fdm::Model;
 use fdm::diagnose::diagnosis::Diagnosis;
 use fdm::diagnose::screen::ScreeningOptions;
-use fdm::diagnose::search::{SearchError, SearchOptions, search};
-use fdm::estimate::FitOptions;
+use fdm::diagnose::search::{Domain, SearchError, SearchOptions, search};
+use fdm::estimate::{Changes, FitOptions, Options};
 use fdm::record::Run;
 use fdm::report::{diagnosis_json, diagnosis_text};
 use serde_json::Value;
@@ -43,6 +44,12 @@ pub(crate) struct Arguments {
     /// Most effects that are accepted, one after the other
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(0..=20), help_heading = "Search")]
     most: u16,
+    /// Where models are compared with records; `frequency` is for linear models, unstable ones too, and for nonlinear terms
+    /// that records show
+    #[arg(long, value_name = "time|frequency", value_enum, default_value_t = Choice::Time, help_heading = "Frequency domain")]
+    domain: Choice,
+    #[command(flatten, next_help_heading = "Frequency domain")]
+    lines: Lines,
     /// Write the model with the accepted effects: your own text with the new lines in their place. Your start values stay; new
     /// parameters start at their estimates
     #[arg(long, value_name = "FILE", help_heading = "Result")]
@@ -58,6 +65,15 @@ pub(crate) struct Arguments {
     quiet: bool,
 }
 
+/// Domains as they are typed.
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum Choice {
+    /// Responses are integrated
+    Time,
+    /// Responses at the frequencies of the records
+    Frequency,
+}
+
 /// A number between 0 and 1.
 fn probability(text: &str) -> Result<f64, String> {
     let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
@@ -65,6 +81,7 @@ fn probability(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let domain = domain(arguments)?;
     let catalogue = arguments.effects.read()?;
     let model = arguments.subject.load()?;
     let (runs, held) = read(arguments, &model)?;
@@ -80,6 +97,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         }
         .with_declared_noise(&model),
         screening: ScreeningOptions::default(),
+        domain,
     };
     let progress = Mutex::new(Progress::new(arguments.quiet));
     let say = |text: &str| {
@@ -93,6 +111,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let found = found.map_err(refused)?;
     Ok(deliver(arguments, &model, &found))
+}
+
+/// Options that mean nothing to the other domain are refused, not passed over.
+fn domain(arguments: &Arguments) -> Result<Domain, Failure> {
+    let given = arguments.lines.given();
+    match arguments.domain {
+        Choice::Frequency => Ok(Domain::Frequency(arguments.lines.options(Changes::default(), Options::default()))),
+        Choice::Time if given.is_empty() => Ok(Domain::Time),
+        Choice::Time => {
+            let said = format!(
+                "{} belongs to the frequency domain; say `--domain frequency`, or leave it out",
+                given.join(", ")
+            );
+            Err(Failure::input([said]))
+        }
+    }
 }
 
 /// Runs that are learned from, and those that are held out.

@@ -67,8 +67,8 @@ fn options(arguments: &Fit) -> ResponseOptions {
     ResponseOptions {
         changes: arguments.subject.changes(&arguments.fix, &arguments.free),
         options: arguments.choice.options(Noise::Diagonal),
-        frequencies: match spectral.band {
-            Some(_) => spectral.frequencies(),
+        frequencies: match spectral.lines.band {
+            Some(_) => spectral.lines.frequencies(),
             None => Frequencies::Grid { lowest: None, highest: None },
         },
         segments: spectral.segments.clone(),

@@ -9,7 +9,9 @@ use crate::progress::Progress;
 use crate::records::{load, notes};
 use clap::{Args, ValueEnum};
 use fdm::Model;
-use fdm::estimate::{Estimate, HiddenMode, Nonlinear, SpectralFit, SpectralOptions, Unanswered, fit_spectra};
+use fdm::estimate::{
+    Changes, Estimate, HiddenMode, Nonlinear, Options, SpectralFit, SpectralOptions, Unanswered, fit_spectra,
+};
 use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::report::{
@@ -22,10 +24,9 @@ use num_complex::Complex64;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// What is particular to the frequency domain.
+/// Which lines of spectra, and what is done about their ends and about nonlinear terms.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Frequency domain (--method fd, --method fr)")]
-pub(crate) struct Spectral {
+pub(crate) struct Lines {
     /// Frequencies from LO to HI, in cycles per unit of time (Hz where that is the second) [default: what the inputs move]
     #[arg(long, value_name = "LO:HI", value_parser = band)]
     pub(crate) band: Option<(f64, f64)>,
@@ -43,6 +44,14 @@ pub(crate) struct Spectral {
     /// Begin with the model's own values, not with those of equation error
     #[arg(long)]
     own_values: bool,
+}
+
+/// What is particular to the frequency domain.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Frequency domain (--method fd, --method fr)")]
+pub(crate) struct Spectral {
+    #[command(flatten)]
+    pub(crate) lines: Lines,
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times
     #[arg(long, value_name = "RUN")]
     pub(crate) holdout: Vec<PathBuf>,
@@ -87,22 +96,68 @@ pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
     Ok((number(low)?, number(high)?))
 }
 
-impl Spectral {
-    /// Options that were given, of both ways in the frequency domain.
-    pub(crate) fn of_both(&self) -> Vec<&'static str> {
-        let all =
-            [(self.band.is_some(), "--band"), (self.df.is_some(), "--df"), (!self.holdout.is_empty(), "--holdout")];
-        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+impl Lines {
+    /// Options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let all = [(self.band.is_some(), "--band"), (self.df.is_some(), "--df")];
+        let spectra = self.of_spectra();
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).chain(spectra).collect()
     }
 
-    /// Those of spectra.
-    pub(crate) fn of_spectra(&self) -> Vec<&'static str> {
+    /// Those that a fit of frequency responses has no use for.
+    fn of_spectra(&self) -> Vec<&'static str> {
         let all = [
             (self.ends.is_some(), "--ends"),
             (self.nonlinear.is_some(), "--nonlinear"),
             (self.own_values, "--own-values"),
         ];
         all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
+    pub(crate) fn frequencies(&self) -> Frequencies {
+        match (self.band, self.df) {
+            (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
+            (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
+            (None, _) => Frequencies::Grid { lowest: None, highest: None },
+        }
+    }
+
+    /// The options of a fit with these changes.
+    pub(crate) fn options(&self, changes: Changes, options: Options) -> SpectralOptions {
+        SpectralOptions {
+            changes,
+            options,
+            frequencies: self.frequencies(),
+            ends: match self.ends.unwrap_or_default() {
+                EndChoice::Known => EndTerms::Known,
+                EndChoice::Free => EndTerms::Unknown,
+                EndChoice::None => EndTerms::Omitted,
+            },
+            nonlinear: match self.nonlinear.unwrap_or_default() {
+                NonlinearChoice::Auto => Nonlinear::Auto,
+                NonlinearChoice::Carry => Nonlinear::Carried,
+                NonlinearChoice::Linearise => Nonlinear::Linearised,
+            },
+            regressed: !self.own_values,
+            finish: true,
+        }
+    }
+}
+
+impl Spectral {
+    /// Options that were given, of both ways in the frequency domain.
+    pub(crate) fn of_both(&self) -> Vec<&'static str> {
+        let all = [
+            (self.lines.band.is_some(), "--band"),
+            (self.lines.df.is_some(), "--df"),
+            (!self.holdout.is_empty(), "--holdout"),
+        ];
+        all.into_iter().filter(|(given, _)| *given).map(|(_, name)| name).collect()
+    }
+
+    /// Those of spectra.
+    pub(crate) fn of_spectra(&self) -> Vec<&'static str> {
+        self.lines.of_spectra()
     }
 
     /// Those of frequency responses.
@@ -128,14 +183,6 @@ impl Spectral {
         }
         let runs = load(&self.holdout, &arguments.records.options(), model)?;
         Ok(runs.into_iter().map(|(run, _)| run).collect())
-    }
-
-    pub(crate) fn frequencies(&self) -> Frequencies {
-        match (self.band, self.df) {
-            (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
-            (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
-            (None, _) => Frequencies::Grid { lowest: None, highest: None },
-        }
     }
 }
 
@@ -198,24 +245,8 @@ pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
 }
 
 fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
-    let spectral = &arguments.spectral;
-    Ok(SpectralOptions {
-        changes: arguments.subject.changes(&arguments.fix, &arguments.free),
-        options: arguments.choice.options(noise(&arguments.noise, model)?),
-        frequencies: spectral.frequencies(),
-        ends: match spectral.ends.unwrap_or_default() {
-            EndChoice::Known => EndTerms::Known,
-            EndChoice::Free => EndTerms::Unknown,
-            EndChoice::None => EndTerms::Omitted,
-        },
-        nonlinear: match spectral.nonlinear.unwrap_or_default() {
-            NonlinearChoice::Auto => Nonlinear::Auto,
-            NonlinearChoice::Carry => Nonlinear::Carried,
-            NonlinearChoice::Linearise => Nonlinear::Linearised,
-        },
-        regressed: !spectral.own_values,
-        finish: true,
-    })
+    let changes = arguments.subject.changes(&arguments.fix, &arguments.free);
+    Ok(arguments.spectral.lines.options(changes, arguments.choice.options(noise(&arguments.noise, model)?)))
 }
 
 fn text(fit: &SpectralFit, arguments: &Fit) -> String {

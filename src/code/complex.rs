@@ -1,5 +1,6 @@
 //! A program in complex numbers: what a step into the imaginary direction makes of its results.
 
+use super::rounding::Rounding;
 use fdm_grammar::schedule::{Operand, Program};
 use num_complex::Complex64;
 
@@ -13,7 +14,12 @@ pub(super) struct ComplexPoint<'a> {
 }
 
 /// Evaluates a program; `values` is memory that evaluations reuse. Slots that the program does not write stay zero.
-pub(super) fn evaluate(program: &Program, at: ComplexPoint<'_>, values: &mut Vec<Complex64>) -> Vec<Complex64> {
+pub(super) fn evaluate(
+    program: &Program,
+    at: ComplexPoint<'_>,
+    values: &mut Vec<Complex64>,
+    rounding: &mut Rounding,
+) -> Vec<Complex64> {
     let operand = |operand: Operand, values: &[Complex64]| match operand {
         Operand::Value(k) => values[k as usize],
         Operand::Constant(k) => program.constants[k as usize].into(),
@@ -28,7 +34,12 @@ pub(super) fn evaluate(program: &Program, at: ComplexPoint<'_>, values: &mut Vec
         // decisions must be those of the real program, also where the continuation has a value and the function none
         let re = (instruction.op.row().value)(a.re, b.re, c.re);
         let im = (instruction.op.row().complex)(a, b, c).im;
-        values.push(if re.is_nan() { Complex64::new(re, re) } else { Complex64::new(re, im) });
+        let rounded = |rounding: &mut Rounding| Complex64::new(rounding.round(re), rounding.round(im));
+        values.push(match re {
+            re if re.is_nan() => Complex64::new(re, re),
+            re if instruction.op.is_condition() => Complex64::new(re, im),
+            _ => rounded(rounding),
+        });
     }
     let mut results = vec![Complex64::ZERO; program.width];
     for result in &program.results {
@@ -55,6 +66,6 @@ mod tests {
         let complex = |values: &[f64]| values.iter().map(|v| Complex64::from(*v)).collect::<Vec<_>>();
         let (x, drive, known) = (complex(&x), complex(&drive), complex(&known));
         let at = ComplexPoint { t: 0.0, x: &x, drive: &drive, known: &known };
-        assert_eq!(evaluate(&schedule.rates, at, &mut Vec::new()), complex(&rates));
+        assert_eq!(evaluate(&schedule.rates, at, &mut Vec::new(), &mut Rounding::exact()), complex(&rates));
     }
 }

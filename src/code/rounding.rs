@@ -47,7 +47,8 @@ impl Rounding {
         results
     }
 
-    fn round(&mut self, value: f64) -> f64 {
+    /// A result, moved.
+    pub(super) fn round(&mut self, value: f64) -> f64 {
         if self.state == 0 {
             return value;
         }

@@ -13,10 +13,14 @@ use num_complex::Complex64;
 
 /// Its square is below the last digit of everything, so the step has no error of truncation.
 const STEP: f64 = 1e-30;
+/// Part of it by which slopes that look infinite are asked again.
+const CLOSER: f64 = 1e-20;
 
 /// Disturbed evaluations from which rounding is estimated, and how much more there may be of it.
 pub(super) const DISTURBANCES: usize = 3;
 const MARGIN: f64 = 16.0;
+/// The same for a step, which is asked only where the two sides differ: each misses a single operation half of the time.
+const SUSPICIONS: usize = 16;
 
 /// Where a model is looked at.
 pub(super) struct Site {
@@ -144,17 +148,38 @@ impl<'a> Sides<'a> {
 
     /// The derivatives of all equations by one leaf, structural zeros included.
     pub(super) fn numeric(&mut self, site: &Site, leaf: usize) -> Vec<f64> {
+        self.stepped(site, leaf, STEP, &mut Rounding::exact())
+    }
+
+    /// The same by a step so much smaller that it finds more where a slope is infinite, and the same where it is not.
+    pub(super) fn numeric_closer(&mut self, site: &Site, leaf: usize) -> Vec<f64> {
+        self.stepped(site, leaf, CLOSER * STEP, &mut Rounding::exact())
+    }
+
+    /// What rounding may have done to them: the step, too, loses digits where terms cancel.
+    pub(super) fn numeric_noise(&mut self, site: &Site, leaf: usize, exact: &[f64]) -> Vec<f64> {
+        let mut noise = vec![0.0_f64; exact.len()];
+        for number in 0..SUSPICIONS {
+            let disturbed = self.stepped(site, leaf, STEP, &mut Rounding::disturbed(number));
+            for ((noise, other), value) in noise.iter_mut().zip(disturbed).zip(exact) {
+                *noise = noise.max(MARGIN * (other - value).abs());
+            }
+        }
+        noise
+    }
+
+    fn stepped(&mut self, site: &Site, leaf: usize, step: f64, rounding: &mut Rounding) -> Vec<f64> {
         let mut leaves: Vec<Complex64> =
             site.x.iter().chain(&site.drive).chain(&site.theta).map(|v| Complex64::from(*v)).collect();
-        leaves[leaf].im = STEP;
+        leaves[leaf].im = step;
         let (x, rest) = leaves.split_at(self.layout.states);
         let (drive, theta) = rest.split_at(self.layout.drive());
         let at = |known| ComplexPoint { t: site.t, x, drive, known };
-        let known = evaluate(&self.schedule.prepare, at(theta), &mut self.values);
-        let mut results = evaluate(&self.schedule.rates, at(&known), &mut self.values);
-        results.extend(evaluate(&self.schedule.outputs, at(&known), &mut self.values));
+        let known = evaluate(&self.schedule.prepare, at(theta), &mut self.values, rounding);
+        let mut results = evaluate(&self.schedule.rates, at(&known), &mut self.values, rounding);
+        results.extend(evaluate(&self.schedule.outputs, at(&known), &mut self.values, rounding));
         results.extend(&known[self.layout.initial.clone()]);
         results.extend(&known[self.layout.tau.clone()]);
-        results.into_iter().map(|z| z.im / STEP).collect()
+        results.into_iter().map(|z| z.im / step).collect()
     }
 }

@@ -224,6 +224,15 @@ pub struct RunGain {
     pub deviation: f64,
 }
 
+/// How models were compared with records in the frequency domain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Spectral {
+    /// Lowest and highest frequency, in cycles per unit of time.
+    pub band: (f64, f64),
+    /// What was not asked, or not as in the time domain, in sentences.
+    pub notes: Vec<String>,
+}
+
 /// What a diagnosis came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -261,4 +270,6 @@ pub struct Diagnosis {
     pub places: Option<Localisation>,
     /// What an unknown cause looks like, where the verdict is that.
     pub suggestions: Option<Suggestions>,
+    /// Of a diagnosis in the frequency domain.
+    pub spectral: Option<Spectral>,
 }

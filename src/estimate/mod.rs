@@ -57,8 +57,8 @@ pub use road::start::starts;
 pub use road::starts::{MultiStart, StartSummary};
 pub use solve::{estimate, estimate_from};
 pub use spectral::{
-    FirstValue, HiddenMode, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralOptions, Unanswered,
-    fit_spectra,
+    FirstValue, HiddenMode, LineResponse, Nonlinear, RunSpectrum, SpectralError, SpectralFit, SpectralLines,
+    SpectralOptions, Unanswered, fit_spectra,
 };
 pub use strategy::continuation::Continuation;
 pub use strategy::lengths::LengthFit;

@@ -28,6 +28,9 @@ pub fn diagnosis_json(d: &Diagnosis, extended_model: Option<&str>) -> Value {
         "outputs": d.outputs,
         "left_out": d.left_out,
         "noise_knots": d.noise_knots,
+        "domain": if d.spectral.is_some() { "frequency" } else { "time" },
+        "band": d.spectral.as_ref().map(|s| s.band),
+        "notes": d.spectral.as_ref().map_or(&[][..], |s| &s.notes),
     })
 }
 

@@ -26,6 +26,16 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
         text.push_str(&detectable(d));
     }
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
+    if let Some(spectral) = &d.spectral {
+        let (low, high) = spectral.band;
+        let _ = writeln!(
+            text,
+            "In the frequency domain, from {} to {} cycles per unit of time.",
+            digits(low, 3),
+            digits(high, 3)
+        );
+        spectral.notes.iter().for_each(|note| _ = writeln!(text, "{note}"));
+    }
     if !d.left_out.is_empty() {
         let _ =
             writeln!(text, "{} candidates could not be tried (--json lists them with the reasons).", d.left_out.len());

@@ -35,7 +35,20 @@ const FINEST: f64 = 1e-13;
 /// [`Unsuited`] as for [`super::Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
 /// infinite error and one step per interval.
 pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
-    choose_steps_by(dynamics, run, theta, None)
+    choose(dynamics, run, theta, None, TOLERANCE)
+}
+
+/// The same with another error that is of no consequence, as a part of each output's range: for comparisons in noise.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_within(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    tolerance: f64,
+) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, None, tolerance.max(TOLERANCE))
 }
 
 /// The same with a method of the user's choice.
@@ -48,11 +61,21 @@ pub fn choose_steps_by(
     theta: &[f64],
     scheme: Option<Scheme>,
 ) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, scheme, TOLERANCE)
+}
+
+fn choose(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+    tolerance: f64,
+) -> Result<Accuracy, Unsuited> {
     let layout = dynamics.layout();
     if layout.states == 0 || run.len() < 2 {
         return Ok(Accuracy { steps: 1.into(), error: 0.0 });
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(layout) };
+    let choice = Choice { dynamics, run, theta, work: Work::of(layout), tolerance };
     match scheme {
         Some(Scheme::Radau) => {
             let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
@@ -77,6 +100,8 @@ struct Choice<'a> {
     run: &'a Run,
     theta: &'a [f64],
     work: Work,
+    /// Integration error that is of no consequence, as a part of an output's range.
+    tolerance: f64,
 }
 
 impl Choice<'_> {
@@ -93,17 +118,17 @@ impl Choice<'_> {
         let enough = (self.work.radau / self.work.runge_kutta) as usize;
         let enough = enough.clamp(4, MOST_PER_INTERVAL);
         let equal = self.equal(Scheme::RungeKutta, enough)?;
-        if equal.error <= TOLERANCE || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
-            return if equal.error <= TOLERANCE { Ok(equal) } else { self.explicit(MOST_STEPS) };
+        if equal.error <= self.tolerance || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
+            return if equal.error <= self.tolerance { Ok(equal) } else { self.explicit(MOST_STEPS) };
         }
         let Some(implicit) = self.uneven(Scheme::Radau, self.most_uneven())? else { return self.explicit(MOST_STEPS) };
-        if implicit.error > TOLERANCE {
+        if implicit.error > self.tolerance {
             let explicit = self.explicit(MOST_STEPS)?;
             return Ok(if explicit.error <= implicit.error { explicit } else { implicit });
         }
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
-        Ok(if explicit.error <= TOLERANCE && explicit.steps.total(samples) as f64 <= worth {
+        Ok(if explicit.error <= self.tolerance && explicit.steps.total(samples) as f64 <= worth {
             explicit
         } else {
             implicit
@@ -119,14 +144,14 @@ impl Choice<'_> {
 
     /// Explicit steps as long as accuracy allows, where they are fewer than the equal ones or reach what those do not.
     fn better_uneven(&self, equal: Accuracy, most: usize) -> Result<Accuracy, Unsuited> {
-        let (samples, good) = (self.run.len(), equal.error <= TOLERANCE);
+        let (samples, good) = (self.run.len(), equal.error <= self.tolerance);
         if !self.may_be_uneven() || good && equal.steps.most() <= 2 {
             return Ok(equal);
         }
         let most = if good { equal.steps.total(samples).min(most) } else { most };
         let found = self.uneven(Scheme::RungeKutta, most.min(self.most_uneven()))?;
         Ok(match found {
-            Some(uneven) if good && uneven.error > TOLERANCE => equal,
+            Some(uneven) if good && uneven.error > self.tolerance => equal,
             Some(uneven) if !good && uneven.error > 0.7 * equal.error => equal,
             // as many steps of equal length are the simpler choice
             Some(uneven) if good && 2 * uneven.steps.total(samples) > equal.steps.total(samples) => equal,
@@ -151,7 +176,7 @@ impl Choice<'_> {
                 if error < best.error {
                     best = Accuracy { steps, error };
                 }
-                if error <= TOLERANCE || stalls == 2 {
+                if error <= self.tolerance || stalls == 2 {
                     break;
                 }
             }
@@ -172,7 +197,7 @@ impl Choice<'_> {
         let mut probe = at(scheme);
         let Some((_, met)) = control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
         scales = met;
-        let (mut tolerance, mut best): (f64, Option<Accuracy>) = (TOLERANCE, None);
+        let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.tolerance, None);
         for _ in 0..MOST_PASSES {
             let Some((steps, met)) = control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
             scales = met;
@@ -181,10 +206,10 @@ impl Choice<'_> {
             if error < before {
                 best = Some(Accuracy { steps, error });
             }
-            if error <= TOLERANCE || error > 0.7 * before || tolerance <= FINEST {
+            if error <= self.tolerance || error > 0.7 * before || tolerance <= FINEST {
                 break;
             }
-            tolerance = (tolerance * (0.5 * TOLERANCE / error).clamp(1e-3, 0.3)).max(FINEST);
+            tolerance = (tolerance * (0.5 * self.tolerance / error).clamp(1e-3, 0.3)).max(FINEST);
         }
         Ok(best)
     }
@@ -234,5 +259,36 @@ impl Work {
                     + solutions * lanes
                     + SCANS * size * size),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::model::Model;
+
+    /// A pendulum driven by steps: what noise hides takes fewer steps, and they keep what was asked.
+    #[test]
+    fn a_larger_error_takes_fewer_steps_and_is_kept() {
+        let text = "model pendulum { input u; state x = 0.4; state v; der(x) = v; der(v) = u - 9*sin(x) - 0.2*v; \
+                    output angle = x; }";
+        let model = Model::from_text("pendulum.fdm", text).unwrap();
+        let time: Vec<f64> = (0..200).map(|k| 0.05 * f64::from(k)).collect();
+        let inputs = time.iter().map(|t| if (t / 1.7).floor() % 2.0 < 1.0 { 2.0 } else { -1.0 }).collect();
+        let run = Run {
+            name: "a".into(),
+            inputs,
+            held: vec![false],
+            measured: vec![0.0; time.len()],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+            time,
+        };
+        let theta = model.definition().start();
+        let exact = choose_steps(model.dynamics(), &run, &theta).unwrap();
+        let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
+        assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
+        assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
     }
 }

@@ -30,7 +30,7 @@ pub(crate) mod vectors;
 
 pub use accuracy::{Accuracy, error_of, integration_error};
 pub use block::{Block, OutputRow, RowLayout, Sink};
-pub use choice::{choose_steps, choose_steps_by};
+pub use choice::{choose_steps, choose_steps_by, choose_steps_within};
 pub use grid::Grid;
 pub use planes::{PlaneSink, Planes};
 pub use scheme::Scheme;

@@ -204,10 +204,17 @@ impl Structure {
     }
 }
 
+/// What a grid of one value stands for, to both sides.
+const ALONE: f64 = 2.5;
+
 /// A number between the ends of the grid and a little beyond, not on it.
 fn drawn(p: &NewParam, chance: &mut Chance) -> f64 {
     let ends = p.trials.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), v| (a.min(v.abs()), b.max(v.abs())));
-    let (low, high) = if p.trials.is_empty() { (p.lower, p.upper) } else { ends };
+    let (low, high) = match ends {
+        _ if p.trials.is_empty() => (p.lower, p.upper),
+        (low, high) if low == high => (low / ALONE, high * ALONE),
+        ends => ends,
+    };
     chance.log_between(low * 0.9, high * 1.1).clamp(p.lower, p.upper)
 }
 

@@ -124,6 +124,10 @@ impl Before {
     fn new(before: &Before, word: &Token, written: &str) -> Self {
         use TokenKind::{Close, Keyword, Malformed, Name, Number, Open, Sign, Text, Unit};
         let sums = matches!(written, "+" | "-");
+        // words of effects, which elsewhere are names: those never follow another operand
+        if before.operand && matches!(written, "try" | "with") {
+            return Self { kind: Some(Keyword), ..Self::default() };
+        }
         Self {
             kind: Some(word.kind),
             callable: word.kind == Name,

@@ -5,9 +5,9 @@ use rustdct::DctPlanner;
 use serde::Serialize;
 
 /// The share of lines, at the upper end, by which the noise is judged.
-const UPPER: f64 = 0.4;
+pub(super) const UPPER: f64 = 0.4;
 /// Most octaves that are told apart; what is below the lowest is with it.
-const MOST: usize = 12;
+pub(super) const MOST: usize = 12;
 
 /// Part of the error in one octave.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -52,6 +52,11 @@ pub(super) fn floor(channels: &[Channel<'_>]) -> f64 {
         let whole = lines.len() as f64 / measured.max(1) as f64;
         powers.extend(lines[upper..].iter().map(|l| l * l * whole));
     }
+    root_of_median(powers)
+}
+
+/// The deviation of normal numbers with these squares, by the median of them.
+pub(super) fn root_of_median(mut powers: Vec<f64>) -> f64 {
     powers.sort_by(f64::total_cmp);
     /// The median of chi-square with one degree of freedom.
     const MEDIAN: f64 = 0.454_936;

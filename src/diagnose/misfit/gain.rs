@@ -31,11 +31,11 @@ pub struct Gain {
 }
 
 /// Lines of a run: record, response, response a quarter of a period late.
-struct Lines {
-    frequency: Vec<f64>,
-    measured: Vec<f64>,
-    response: Vec<f64>,
-    late: Vec<f64>,
+pub(super) struct Lines {
+    pub(super) frequency: Vec<f64>,
+    pub(super) measured: Vec<f64>,
+    pub(super) response: Vec<f64>,
+    pub(super) late: Vec<f64>,
 }
 
 impl Lines {
@@ -114,7 +114,11 @@ impl Parts {
 
 /// Where gain or phase differ clearly.
 pub(super) fn gains(channels: &[Channel<'_>]) -> Vec<Gain> {
-    let lines: Vec<Lines> = channels.iter().map(Lines::of).collect();
+    gains_of(&channels.iter().map(Lines::of).collect::<Vec<_>>())
+}
+
+/// The same of lines.
+pub(super) fn gains_of(lines: &[Lines]) -> Vec<Gain> {
     let Some(longest) = lines.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
     let power: f64 = lines.iter().flat_map(|l| &l.response).map(|y| y * y).sum();
     let mut gains = Vec::new();

@@ -10,6 +10,7 @@ mod gain;
 mod misfit;
 mod moments;
 mod sentences;
+mod spectral;
 #[cfg(test)]
 mod tests;
 
@@ -17,3 +18,4 @@ pub use bands::Band;
 pub use gain::Gain;
 pub use misfit::{Misfit, misfit};
 pub use moments::{AmplitudeBin, Window};
+pub use spectral::{SpectralPassage, misfit_of_lines};

@@ -6,7 +6,7 @@
 //! chances is judged by what it is for residuals drawn from spectra as likely as the one that was found, with the fit
 //! taken out and the spectrum estimated anew each time.
 
-use super::score::{Trial, best};
+use super::score::{Trial, equivalents};
 use nalgebra::DMatrix;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
@@ -72,15 +72,15 @@ impl Marginals {
     pub(super) fn new(directions: &DMatrix<f64>, trials: &[Trial], candidates: usize) -> Self {
         // under a known spectrum statistics need no equivalent
         let known: Vec<Trial> = trials.iter().map(|t| Trial { freedom: f64::INFINITY, ..t.clone() }).collect();
-        let gram = directions.tr_mul(directions);
         let back = directions.transpose();
+        let gram = &back * directions;
         let draw = |batch: usize| {
             let mut normal = Normal::new(batch as u64);
             let z = &back * DMatrix::from_fn(directions.nrows(), DRAWS / BATCHES, |_, _| normal.next());
             let mut lists = vec![Vec::with_capacity(DRAWS / BATCHES); candidates];
             for column in z.column_iter() {
-                let best = best(&known, candidates, column.as_slice(), |i, j| gram[(i, j)]);
-                lists.iter_mut().zip(best).for_each(|(list, best)| list.push(best.equivalent));
+                let best = equivalents(&known, candidates, column.as_slice(), |i, j| gram[(i, j)]);
+                lists.iter_mut().zip(best).for_each(|(list, best)| list.push(best));
             }
             lists
         };
@@ -136,4 +136,12 @@ pub(in crate::diagnose) fn exceedance(draws: &mut [f64], value: f64) -> f64 {
     let share = tail as f64 / count;
     let counted = (above as f64 + 1.0) / (count + 1.0);
     if mean > 0.0 { share * (-(value - edge).max(0.0) / mean).exp() } else { counted }
+}
+
+/// The value that so small a share of the draws (sorted, falling) exceeds, by the same tail.
+pub(super) fn critical(draws: &[f64], share: f64) -> Option<f64> {
+    let tail = ((UPPER * draws.len() as f64) as usize).max(COUNTED).min(draws.len().saturating_sub(1));
+    let edge = draws.get(tail).filter(|_| tail > 0)?;
+    let mean = draws[..tail].iter().map(|d| d - edge).sum::<f64>() / tail as f64;
+    Some(edge + mean * (tail as f64 / draws.len() as f64 / share).ln().max(0.0))
 }

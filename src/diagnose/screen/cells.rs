@@ -1,19 +1,20 @@
 //! Lines gathered into cells, one for each output and narrow band: inside a cell the noise has the level of the cell and a
 //! shape that is known, so that every weighting by a spectrum is a sum over cells, and no line is needed again.
 
-use super::calibration::Normal;
 use super::noise::LogSpectrum;
 use super::shared::{Part, Shared};
+use super::squared::squared;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
 const WIDTH: f64 = 1.18;
-/// Fewest lines of a band, of the longest run.
+/// Fewest lines of a band, of the longest run; the lowest ones stand alone, since under noise of long memory each has its level.
 const FEWEST: usize = 4;
-/// What is left of a cell's products when they are factored, as a share of the largest.
-const NEGLIGIBLE: f64 = 1e-12;
+/// What is left of a cell's products when they are factored, in units of the noise: shared columns have about unit energy in
+/// all cells together.
+const NEGLIGIBLE: f64 = 1e-7;
 
 /// One output in one band.
 #[derive(Debug, Clone)]
@@ -36,15 +37,6 @@ pub(super) struct Cell {
     rows: Vec<(usize, Range<usize>)>,
 }
 
-/// A cell's lines of a residual that was drawn.
-#[derive(Debug, Clone)]
-pub(super) struct Drawn {
-    /// Where the shared columns reach: coordinates along R.
-    pub(super) along: DVector<f64>,
-    /// Sum of squares of everything else.
-    pub(super) beside: f64,
-}
-
 /// All cells of all runs.
 #[derive(Debug, Clone)]
 pub(super) struct Cells {
@@ -56,38 +48,22 @@ pub(super) struct Cells {
 
 impl Cells {
     /// Gathers lines; `shape` are spectra by which the level changes inside a cell.
-    pub(super) fn new(shared: &Shared, shape: Option<&[LogSpectrum]>) -> Self {
+    pub(super) fn new(shared: &Shared, shape: &[LogSpectrum]) -> Self {
         let edges = edges(&shared.parts);
         let places: Vec<(usize, usize, bool)> = (0..shared.channels)
             .flat_map(|c| (0..edges.len()).flat_map(move |band| [(c, band, false), (c, band, true)]))
             .collect();
         let one = |(channel, band, reference): (usize, usize, bool)| {
             let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
-            Cell::of(shared, (channel, reference), edges[band]..high, shape.map(|s| &s[channel]))
+            Cell::of(shared, (channel, reference), edges[band]..high, &shape[channel])
         };
         let list = places.into_par_iter().filter_map(one).collect();
         Self { list, channels: shared.channels }
     }
-
-    /// Residuals of noise alone: standard normal numbers times the deviation of each cell.
-    pub(super) fn noise(&self, deviation: impl Fn(&Cell) -> f64, normal: &mut Normal) -> Vec<Drawn> {
-        let draw = |cell: &Cell| {
-            let deviation = deviation(cell);
-            let rank = cell.factor.nrows();
-            let along = DVector::from_fn(rank, |_, _| deviation * normal.next());
-            Drawn { along, beside: deviation * deviation * normal.square_sum(cell.count - rank) }
-        };
-        self.list.iter().map(draw).collect()
-    }
 }
 
 impl Cell {
-    fn of(
-        shared: &Shared,
-        (channel, reference): (usize, bool),
-        band: Range<f64>,
-        shape: Option<&LogSpectrum>,
-    ) -> Option<Self> {
+    fn of(shared: &Shared, (channel, reference): (usize, bool), band: Range<f64>, shape: &LogSpectrum) -> Option<Self> {
         let within = |(k, part): (usize, &Part)| {
             let first = part.frequency.partition_point(|f| *f < band.start);
             let rows = first..part.frequency.partition_point(|f| *f < band.end);
@@ -104,27 +80,27 @@ impl Cell {
         }
         let (columns, residual) = cell.gather(shared, shape);
         (cell.products, cell.residual) = (columns.tr_mul(&residual), residual.norm_squared());
-        cell.factor = if count > columns.ncols() { factored(columns.transpose() * columns) } else { compact(columns) };
+        cell.factor = factored(squared(&columns), count, NEGLIGIBLE * shape.at(cell.log_frequency));
         Some(cell)
     }
 
     /// Shared columns and residual, brought to the cell's level.
-    fn gather(&self, shared: &Shared, shape: Option<&LogSpectrum>) -> (DMatrix<f64>, DVector<f64>) {
+    fn gather(&self, shared: &Shared, shape: &LogSpectrum) -> (DMatrix<f64>, DVector<f64>) {
         let (mut columns, mut residual) = (DMatrix::zeros(self.count, shared.width()), DVector::zeros(self.count));
+        let level = shape.at(self.log_frequency);
         let mut row = 0;
         for (k, rows) in &self.rows {
             let part = &shared.parts[*k];
-            columns.rows_mut(row, rows.len()).copy_from(&part.basis.rows(rows.start, rows.len()));
-            residual.rows_mut(row, rows.len()).copy_from(&part.residual.rows(rows.start, rows.len()));
-            if let Some(shape) = shape {
-                let level = shape.at(self.log_frequency);
-                let factors: Vec<f64> =
-                    part.frequency[rows.clone()].iter().map(|f| (level / shape.at(f.ln())).sqrt()).collect();
-                for mut column in columns.column_iter_mut() {
-                    column.rows_mut(row, rows.len()).iter_mut().zip(&factors).for_each(|(v, f)| *v *= f);
-                }
-                residual.rows_mut(row, rows.len()).iter_mut().zip(&factors).for_each(|(v, f)| *v *= f);
-            }
+            let factors: Vec<f64> =
+                part.frequency[rows.clone()].iter().map(|f| (level / shape.at(f.ln())).sqrt()).collect();
+            let take = |from: &[f64], to: &mut [f64]| {
+                let pairs = from[rows.clone()].iter().zip(&factors);
+                to[row..row + rows.len()].iter_mut().zip(pairs).for_each(|(to, (from, factor))| *to = from * factor);
+            };
+            let (lines, size) = (part.basis.nrows(), self.count);
+            let from = part.basis.as_slice().chunks_exact(lines);
+            from.zip(columns.as_mut_slice().chunks_exact_mut(size)).for_each(|(from, to)| take(from, to));
+            take(part.residual.as_slice(), residual.as_mut_slice());
             row += rows.len();
         }
         (columns, residual)
@@ -137,7 +113,7 @@ fn edges(parts: &[Part]) -> Vec<f64> {
     let mut edges = vec![0.0];
     let mut first = 0;
     for (k, f) in longest.frequency.iter().enumerate() {
-        let far = *f >= longest.frequency[first] * WIDTH && k - first >= FEWEST;
+        let far = *f >= longest.frequency[first] * WIDTH && k - first >= FEWEST.min(1 + first / FEWEST);
         if far && longest.frequency.len() - k >= FEWEST {
             edges.push(*f);
             first = k;
@@ -146,25 +122,24 @@ fn edges(parts: &[Part]) -> Vec<f64> {
     edges
 }
 
-/// Fewer lines than columns: the lines themselves, unless fewer directions than lines carry them.
-fn compact(columns: DMatrix<f64>) -> DMatrix<f64> {
-    if columns.norm_squared() > 0.0 { columns } else { DMatrix::zeros(0, columns.ncols()) }
-}
-
-/// R of as few rows as carry the products R'R (Cholesky with pivots, ended where nothing is left).
-fn factored(mut products: DMatrix<f64>) -> DMatrix<f64> {
+/// R of as few rows as carry the products R'R of so many lines (Cholesky with pivots, ended where no more than this is left).
+fn factored(products: DMatrix<f64>, lines: usize, negligible: f64) -> DMatrix<f64> {
     let size = products.nrows();
-    let largest = products.diagonal().max();
+    let mut left: Vec<f64> = products.diagonal().iter().copied().collect();
     let mut rows: Vec<DVector<f64>> = Vec::new();
-    while rows.len() < size {
-        let (pivot, left) = products.diagonal().argmax();
-        if left <= NEGLIGIBLE * largest || left <= 0.0 {
+    while rows.len() < size.min(lines) {
+        let Some(pivot) = (0..size).max_by(|a, b| left[*a].total_cmp(&left[*b])) else { break };
+        if left[pivot].is_nan() || left[pivot] <= negligible {
             break;
         }
-        let row = products.column(pivot) / left.sqrt();
-        products.ger(-1.0, &row, &row, 1.0);
-        products[(pivot, pivot)] = 0.0;
+        let mut row = products.column(pivot).into_owned();
+        rows.iter().for_each(|known| row.axpy(-known[pivot], known, 1.0));
+        row /= left[pivot].sqrt();
+        left.iter_mut().zip(row.iter()).for_each(|(left, value)| *left = (*left - value * value).max(0.0));
+        left[pivot] = 0.0;
         rows.push(row);
     }
-    DMatrix::from_fn(rows.len(), size, |i, j| rows[i][j])
+    let mut all = DMatrix::zeros(rows.len(), size);
+    all.row_iter_mut().zip(&rows).for_each(|(mut own, row)| own.tr_copy_from(row));
+    all
 }

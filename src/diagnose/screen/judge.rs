@@ -1,29 +1,24 @@
 //! Residual, noise and projection that belong together, and what they do to noise that is drawn.
 
-use super::calibration::{Marginals, Normal, exceedance};
-use super::cells::{Cell, Cells};
+use super::calibration::{Marginals, Normal, critical, exceedance};
 use super::consistency::{Consistency, consistencies};
-use super::noise::{Left, LogSpectrum};
-use super::projection::{Drawing, Frame, left_over, leverage};
-use super::repeats::turned;
-use super::rest::{Outlier, Rest};
-use super::score::{ABSORBED, Best, Direction, Shape, Trial, best};
+use super::drawing::{Drawing, Judged};
+use super::noise::LogSpectrum;
+use super::projection::Frame;
+use super::rest::Outlier;
+use super::saturated::{Noise, Saturated, densities};
+use super::score::{ABSORBED, Best, Direction, Shape, Trial, best, equivalents};
 use super::screening::{Candidate, Screening};
 use super::shared::Shared;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rounds of noise from residuals and projection by noise, before the shape inside cells is known and each time that it is
-/// known better.
-const ROUNDS: [usize; 3] = [2, 1, 1];
-/// Lines of a cell below which it is taken to be fitted away.
-const LEAST_FREEDOM: f64 = 0.2;
-/// Lines of differences between runs by which alone an output's noise is judged.
-const REFERENCE: usize = 100;
-/// Times that outliers are looked for.
-const CLIPS: usize = 3;
-/// Chances between which more draws are made, and how many times as many.
+/// The first draws are one of so many that are wanted.
+const FIRST: usize = 4;
+/// Chances by the first draws that are neither plain noise nor plainly none.
+const UNCLEAR: std::ops::RangeInclusive<f64> = 1e-7..=0.25;
+/// Chances by all draws between which more are made, and how many times as many.
 const DOUBTFUL: std::ops::RangeInclusive<f64> = 1e-4..=0.12;
 const MORE: usize = 4;
 /// Family-wise chance by which an effect counts as detected.
@@ -32,91 +27,6 @@ const DETECTED_AT: f64 = 0.01;
 const POWER: f64 = 0.8416;
 /// Draws that are weighed at once.
 const BATCH: usize = 32;
-
-/// The noise that was found.
-#[derive(Debug, Clone)]
-pub(super) struct Noise {
-    pub(super) cells: Cells,
-    pub(super) spectra: Vec<LogSpectrum>,
-    /// S of each cell.
-    pub(super) density: Vec<f64>,
-    /// What the projection leaves of each cell's lines.
-    pub(super) freedom: Vec<f64>,
-    /// Combinations of shared columns that are taken out of the residual, and what they are together.
-    pub(super) taken: (DMatrix<f64>, DVector<f64>),
-    /// Mean square of each output's residual.
-    level: Vec<f64>,
-}
-
-impl Noise {
-    pub(super) fn new(shared: &Shared) -> Self {
-        let turned = turned(shared);
-        let shared = turned.as_ref().unwrap_or(shared);
-        let cells = Cells::new(shared, None);
-        let level = levels(&cells);
-        let spectra: Vec<LogSpectrum> = level.iter().map(|l| LogSpectrum::flat(*l)).collect();
-        let density = densities(&cells, &spectra);
-        let mut noise = Self { cells, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
-        noise.settle(shared, ROUNDS[0]);
-        for rounds in &ROUNDS[1..] {
-            noise.cells = Cells::new(shared, Some(&noise.spectra));
-            noise.settle(shared, *rounds);
-        }
-        noise
-    }
-
-    fn settle(&mut self, shared: &Shared, rounds: usize) {
-        for _ in 0..rounds {
-            let frame = Frame::new(shared, &self.cells, &self.density);
-            let held = frame.saturated();
-            let basis = &frame.axes * &held;
-            let multiples = &basis * held.tr_mul(&frame.residual(&self.cells, &self.density));
-            let left: Vec<f64> = self.cells.list.par_iter().map(|cell| left_over(cell, &multiples)).collect();
-            let own = self.cells.list.iter().zip(&self.density);
-            let own: Vec<(&Cell, &f64)> = own.collect();
-            self.freedom = own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
-            self.taken = (basis, multiples);
-            self.spectra = self.fitted(&left);
-            self.density = densities(&self.cells, &self.spectra);
-        }
-    }
-
-    /// Spectra by what is left of a residual in each cell.
-    fn fitted(&self, left: &[f64]) -> Vec<LogSpectrum> {
-        let of = |channel: usize| {
-            let own = self.cells.list.iter().zip(left).zip(&self.freedom);
-            // differences between runs know nothing of a misfit, even of one that no candidate explains
-            let lines = |c: &Cell| if c.channel == channel && c.reference { c.count } else { 0 };
-            let referred = self.cells.list.iter().map(lines).sum::<usize>() >= REFERENCE;
-            let own = own.filter(|((cell, _), _)| cell.reference || !referred);
-            // a cell that was fitted away says nothing about its noise
-            let told = own.filter(|((cell, _), freedom)| cell.channel == channel && **freedom > LEAST_FREEDOM);
-            let left: Vec<Left> = told
-                .map(|((cell, left), freedom)| Left {
-                    log_frequency: cell.log_frequency,
-                    power: left / freedom,
-                    freedom: *freedom,
-                })
-                .collect();
-            LogSpectrum::fit(&left, self.level[channel])
-        };
-        (0..self.cells.channels).map(of).collect()
-    }
-}
-
-/// The mean square of each output's residual.
-fn levels(cells: &Cells) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0); cells.channels];
-    for cell in &cells.list {
-        sums[cell.channel].0 += cell.residual;
-        sums[cell.channel].1 += cell.count;
-    }
-    sums.iter().map(|(sum, count)| if *count > 0 { sum / *count as f64 } else { 0.0 }).collect()
-}
-
-fn densities(cells: &Cells, spectra: &[LogSpectrum]) -> Vec<f64> {
-    cells.list.iter().map(|cell| spectra[cell.channel].at(cell.log_frequency)).collect()
-}
 
 /// Everything that a residual is judged by.
 pub(super) struct Judge<'a> {
@@ -130,6 +40,9 @@ pub(super) struct Judge<'a> {
     candidates: usize,
     noise: Noise,
     frame: Frame,
+    /// What is taken out of a residual before its noise is judged.
+    held: DMatrix<f64>,
+    drawing: Drawing,
     /// Products of the axes with the residual.
     residual: DVector<f64>,
     trials: Vec<Trial>,
@@ -139,24 +52,9 @@ pub(super) struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    pub(super) fn new(mut shared: Shared, directions: &'a [Direction]) -> Self {
+    pub(super) fn new(shared: Shared, directions: &'a [Direction]) -> Self {
         let candidates = directions.iter().map(|d| d.candidate + 1).max().unwrap_or(0);
-        let mut noise = Noise::new(&shared);
-        let mut rest = Rest::new(&shared, &noise);
-        let mut outliers: Vec<Outlier> = Vec::new();
-        for _ in 0..CLIPS {
-            let found = rest.clip(&mut shared);
-            if found.is_empty() {
-                break;
-            }
-            // what is cut back again has been told, and was larger
-            let known = |o: &Outlier| (o.run, o.channel, o.place);
-            let new: Vec<Outlier> =
-                found.into_iter().filter(|new| outliers.iter().all(|old| known(old) != known(new))).collect();
-            outliers.extend(new);
-            noise = Noise::new(&shared);
-            rest = Rest::new(&shared, &noise);
-        }
+        let Saturated { mut shared, mut noise, outliers, rest } = Saturated::new(shared);
         let spectra = noise.spectra.clone();
         let mixed = rest.decorrelated(&shared);
         let correlated = mixed.is_some();
@@ -168,7 +66,8 @@ impl<'a> Judge<'a> {
         let own = |k: usize| frame.directions.column(k).norm_squared();
         let usable: Vec<bool> = (0..directions.len()).map(|k| own(k) > ABSORBED * frame.energy[k]).collect();
         let mut trials = Trial::all(directions, &usable);
-        trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &frame));
+        let drawing = Drawing::new(&noise.cells, &frame, &trials);
+        trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &drawing));
         let marginals = Marginals::new(&frame.directions, &trials, candidates);
         let residual = frame.residual(&noise.cells, &noise.density);
         let seed = residual.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, v| {
@@ -182,7 +81,9 @@ impl<'a> Judge<'a> {
             directions,
             candidates,
             noise,
+            held: frame.saturated(),
             frame,
+            drawing,
             residual,
             trials,
             marginals,
@@ -190,56 +91,53 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// The least chance of any candidate, as minus its logarithm.
-    fn best_of(&self, best: &[Best]) -> f64 {
-        let chance = |(k, best): (usize, &Best)| self.marginals.chance(k, best.equivalent);
-        -best.iter().enumerate().map(chance).fold(1.0, f64::min).ln()
+    /// The least chance of any candidate, as minus its logarithm, from the equivalents of their statistics.
+    fn best_of(&self, equivalents: impl Iterator<Item = f64>) -> f64 {
+        let chance = |(k, equivalent): (usize, f64)| self.marginals.chance(k, equivalent);
+        -equivalents.enumerate().map(chance).fold(1.0, f64::min).ln()
     }
 
     /// The same for residuals of noise alone, drawn from spectra as likely as the one that was found.
     fn draws(&self, range: Range<usize>) -> Vec<f64> {
-        let drawing = Drawing::new(&self.noise.cells, &self.frame);
-        let held = self.frame.saturated();
-        let batch = |first: usize| {
-            let one = |seed: usize| self.draw(seed as u64, &drawing, &held);
-            let drawn: Vec<_> = (first..range.end.min(first + BATCH)).map(one).collect();
-            let weights = DMatrix::from_fn(self.noise.density.len(), drawn.len(), |c, k| 1.0 / drawn[k].1[c]);
-            let metrics = drawing.metrics(&weights);
-            let judged = |(k, (products, _)): (usize, &(DVector<f64>, Vec<f64>))| {
-                let (metric, score) = drawing.projected(metrics.column(k).as_slice(), products)?;
-                let directions = &self.frame.directions;
-                let weighed = metric * directions;
-                let product = |i: usize, j: usize| directions.column(i).dot(&weighed.column(j));
-                let z = directions.tr_mul(&score);
-                Some(self.best_of(&best(&self.trials, self.candidates, z.as_slice(), product)))
-            };
-            drawn.iter().enumerate().filter_map(judged).collect::<Vec<f64>>()
-        };
         let starts: Vec<usize> = range.clone().step_by(BATCH).collect();
+        let batch = |first: usize| self.batch(first..range.end.min(first + BATCH));
         starts.into_par_iter().map(batch).collect::<Vec<_>>().concat()
     }
 
-    /// Products of the axes with a drawn residual, and the noise that it seems to have.
-    fn draw(&self, seed: u64, drawing: &Drawing, held: &DMatrix<f64>) -> (DVector<f64>, Vec<f64>) {
-        let mut normal = Normal::new(self.seed.wrapping_add(seed));
-        let spectra: Vec<LogSpectrum> = self.noise.spectra.iter().map(|s| s.drawn(&mut normal)).collect();
-        let deviation = |cell: &Cell| spectra[cell.channel].at(cell.log_frequency).sqrt();
-        let drawn = self.noise.cells.noise(deviation, &mut normal);
+    fn batch(&self, range: Range<usize>) -> Vec<f64> {
+        let (noise, drawing) = (&self.noise, &self.drawing);
+        let mut normals: Vec<Normal> = range.map(|k| Normal::new(self.seed.wrapping_add(k as u64))).collect();
+        let deviations = |normal: &mut Normal| -> Vec<f64> {
+            let spectra: Vec<LogSpectrum> = noise.spectra.iter().map(|s| s.drawn(normal)).collect();
+            densities(&noise.cells, &spectra).into_iter().map(f64::sqrt).collect()
+        };
+        let deviations: Vec<Vec<f64>> = normals.iter_mut().map(deviations).collect();
+        let drawn = drawing.drawn(&deviations, &mut normals);
         // what a fit and the saturation take out, by the noise that was found
-        let multiples = held * held.tr_mul(&drawing.products(&drawn, &self.noise.density));
-        let left: Vec<f64> = drawn.iter().enumerate().map(|(k, own)| drawing.left_over(k, own, &multiples)).collect();
-        let density = densities(&self.noise.cells, &self.noise.fitted(&left));
-        (drawing.products(&drawn, &density), density)
+        let products = drawing.products(&drawn, |_| &noise.density);
+        let left = drawing.left_over(&drawn, &(&self.held * (self.held.transpose() * products)));
+        let seems = |left: &[f64]| densities(&noise.cells, &noise.fitted(left));
+        let density: Vec<Vec<f64>> = left.column_iter().map(|left| seems(left.as_slice())).collect();
+        let products = drawing.products(&drawn, |k| &density[k]);
+        let weights = DMatrix::from_fn(noise.density.len(), density.len(), |cell, k| 1.0 / density[k][cell]);
+        let worth = |judged: &Judged<'_>| {
+            let equivalents = equivalents(&self.trials, self.candidates, &judged.z, |i, j| judged.product(i, j));
+            self.best_of(equivalents.into_iter())
+        };
+        drawing.judged(&products, &weights).iter().flatten().map(worth).collect()
     }
 
-    /// The chance that noise makes any candidate look this good, and the draws that say so; where it is neither plain noise nor
-    /// plainly none, more draws are made.
+    /// The chance that noise makes any candidate look this good, and the draws that say so, falling: the more, the less plain
+    /// the answer is.
     fn family_wise(&self, value: f64, count: usize) -> (f64, Vec<f64>) {
-        let mut drawn = self.draws(0..count);
-        let mut chance = exceedance(&mut drawn, value);
-        if DOUBTFUL.contains(&chance) {
-            drawn.extend(self.draws(count..MORE * count));
-            chance = exceedance(&mut drawn, value);
+        let (mut drawn, mut made, mut chance) = (Vec::new(), 0, 1.0);
+        let stages = [(count.div_ceil(FIRST), UNCLEAR), (count, DOUBTFUL), (MORE * count, 1.0..=0.0)];
+        for (wanted, unclear) in stages {
+            drawn.extend(self.draws(made..wanted));
+            (made, chance) = (wanted, exceedance(&mut drawn, value));
+            if !unclear.contains(&chance) {
+                break;
+            }
         }
         (chance, drawn)
     }
@@ -250,9 +148,10 @@ impl<'a> Judge<'a> {
         let gram = self.frame.directions.transpose() * &self.frame.directions;
         let z = self.frame.directions.tr_mul(&rest);
         let best = best(&self.trials, self.candidates, z.as_slice(), |i, j| gram[(i, j)]);
-        let (family_wise, drawn) = self.family_wise(self.best_of(&best), draws);
+        let (family_wise, drawn) = self.family_wise(self.best_of(best.iter().map(|b| b.equivalent)), draws);
         let needed = critical(&drawn, DETECTED_AT).map(|least| (-least).exp());
         let own = |k: usize| self.frame.directions.column(k).norm_squared();
+        let parameters = self.frame.errors.len() - self.shared.ends;
         let mut consistency = self.consistency(&best).into_iter();
         let consistency: Vec<Option<Consistency>> =
             best.iter().map(|b| b.trial.and_then(|_| consistency.next().flatten())).collect();
@@ -285,8 +184,8 @@ impl<'a> Judge<'a> {
             spectra: self.spectra,
             outliers: self.outliers,
             correlated: self.correlated,
-            errors: self.frame.errors,
-            compensation: self.frame.compensation,
+            errors: self.frame.errors[..parameters].to_vec(),
+            compensation: self.frame.compensation.rows(0, parameters).into_owned(),
         }
     }
 
@@ -343,22 +242,13 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// What so many of the draws exceed.
-fn critical(drawn: &[f64], share: f64) -> Option<f64> {
-    // sorted, falling
-    drawn.get((share * drawn.len() as f64) as usize).copied()
-}
-
 /// By how many real numbers the noise under a trial is known: 2 / variance of its logarithm, averaged as the trial's energy.
-fn freedom(trial: &Trial, noise: &Noise, frame: &Frame) -> f64 {
-    let axes = frame.axes.columns(frame.eaten, frame.directions.nrows());
+fn freedom(trial: &Trial, noise: &Noise, drawing: &Drawing) -> f64 {
     let mut energy = vec![0.0; noise.cells.list.len()];
     for k in &trial.members {
-        let direction = frame.directions.column(*k);
-        let multiples = axes * direction / direction.norm();
-        for ((sum, cell), density) in energy.iter_mut().zip(&noise.cells.list).zip(&noise.density) {
-            *sum += (&cell.factor * &multiples).norm_squared() / density / trial.members.len() as f64;
-        }
+        let own = drawing.energies(*k, &noise.density);
+        let whole: f64 = own.iter().sum::<f64>() * trial.members.len() as f64;
+        energy.iter_mut().zip(own).for_each(|(sum, own)| *sum += own / whole);
     }
     let variance = |channel: usize| {
         let own = noise.cells.list.iter().zip(&energy).filter(|(cell, _)| cell.channel == channel);

@@ -46,8 +46,10 @@ pub(super) struct Lines {
     pub(super) run: usize,
     /// The output.
     pub(super) channel: usize,
-    /// Samples that were transformed, by their places in the run.
+    /// Samples that were transformed (or lines that were given), by their places in the run.
     pub(super) samples: Vec<usize>,
+    /// Whether the lines are a cosine transform of samples, which they can be turned back into.
+    pub(super) sampled: bool,
     /// Frequencies, in cycles per unit of time.
     pub(super) frequency: Vec<f64>,
     /// Fitted sensitivities, then directions, by columns.
@@ -78,6 +80,30 @@ impl Lines {
             Self::one(&records[run], (run, channel, channels), samples, dropped, &*dct)
         };
         planned.into_par_iter().map(transformed).collect()
+    }
+
+    /// Takes signals that are lines already, with the frequency of every row of each run; outputs with at least `least` of
+    /// them.
+    pub(super) fn given(records: &[Record], frequencies: &[Vec<f64>], channels: usize, least: usize) -> Vec<Self> {
+        let place = |run: usize| (0..channels).map(move |channel| (run, channel));
+        let one = |(run, channel): (usize, usize)| {
+            let (record, own) = (&records[run], &frequencies[run]);
+            let samples = record.measured(channels, channel);
+            let pick = |signal: &Signals| {
+                DVector::from_iterator(samples.len(), samples.iter().map(|k| signal[k * channels + channel]))
+            };
+            let fitted = record.fitted.iter().map(Option::as_ref);
+            let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
+            let mut columns = DMatrix::zeros(samples.len(), signals.len());
+            for (k, signal) in signals.iter().enumerate() {
+                signal.iter().for_each(|signal| columns.set_column(k, &pick(signal)));
+            }
+            let (residual, frequency) = (pick(&record.residual), samples.iter().map(|k| own[*k]).collect());
+            Self { run, channel, samples, sampled: false, frequency, columns, residual }
+        };
+        let lines: Vec<Self> =
+            (0..records.len()).flat_map(place).collect::<Vec<_>>().into_par_iter().map(one).collect();
+        lines.into_iter().filter(|l| l.samples.len() >= least).collect()
     }
 
     fn one(
@@ -112,7 +138,7 @@ impl Lines {
         transform(&record.residual, residual.as_mut_slice());
         let interval = record.interval * spacing(&samples);
         let frequency = (dropped..n).map(|k| k as f64 / (2.0 * n as f64 * interval)).collect();
-        Self { run, channel, samples, frequency, columns, residual }
+        Self { run, channel, samples, sampled: true, frequency, columns, residual }
     }
 }
 

@@ -7,18 +7,24 @@
 //! `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `rest` (outliers, noise that outputs
 //! share) -> `score` -> `calibration` (what noise does to the best of many); `judge` goes it, `consistency` compares runs.
 
+mod banded;
 mod calibration;
 mod cells;
 mod consistency;
+mod drawing;
+mod ends;
 mod judge;
 mod lines;
 mod noise;
 mod projection;
 mod repeats;
 mod rest;
+mod saturated;
 mod score;
 mod screening;
 mod shared;
+mod sketch;
+mod squared;
 #[cfg(test)]
 mod tests;
 
@@ -29,4 +35,6 @@ pub(in crate::diagnose) use noise::Left;
 pub use noise::LogSpectrum;
 pub use rest::{Outlier, Place};
 pub use score::{Direction, Shape};
-pub use screening::{Candidate, Screening, ScreeningError, ScreeningOptions, screen};
+pub use screening::{
+    Candidate, Screening, ScreeningError, ScreeningOptions, screen, screen_lines, spectra, spectra_of_lines,
+};

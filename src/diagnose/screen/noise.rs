@@ -7,13 +7,14 @@
 //! likelihood. What the lines do not tell (a band that was fitted away, whether a slope goes on) stays uncertain that way,
 //! where a choice of the number of knots would call it known.
 
+use super::banded::{Factor, Pentadiagonal};
 use super::calibration::Normal;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 /// Distance of knots in log f.
 const SPACING: f64 = 0.22;
 /// Most knots.
-const MOST: usize = 32;
+const MOST: usize = 48;
 /// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other.
 const CURVATURES: [f64; 3] = [0.04, 0.18, 0.8];
 /// Deviation of the slope d log S / d log f.
@@ -23,9 +24,17 @@ const LEVEL: f64 = 1e3;
 /// How much wider than the normal approximation spectra are drawn: where few lines tell, what is said of a spectrum was
 /// measured to be too small by this much (lowest band beside a resonance).
 const EXCESS: f64 = 1.2;
+/// Knots over which the slope at the low end is taken, and the most by which S rises with falling frequency.
+const NEAR: usize = 4;
+const STEEPEST: f64 = 2.0;
 const ROUNDS: usize = 40;
-/// Change of the log-spectrum below which the iteration ends.
-const SETTLED: f64 = 1e-6;
+/// Change of the log-spectrum below which the iteration ends: the next would be about its square.
+const SETTLED: f64 = 1e-3;
+/// Least curvature of a cell's loss that is believed, as a share of what it is on average.
+const LEAST_CURVATURE: f64 = 0.3;
+/// The least density, as a part of its mean over the knots: forty decibels below it a record holds what its filters and its ends leave,
+/// which no model is asked about, and a likelihood by such numbers would hear nothing else.
+const DYNAMIC: f64 = 1e-4;
 /// Lines without which not even a level is known.
 const LEAST: f64 = 2.0;
 
@@ -57,7 +66,7 @@ struct Smooth {
     weight: f64,
     values: DVector<f64>,
     /// L of the precision L L' of `values`.
-    precision: DMatrix<f64>,
+    precision: Factor,
 }
 
 impl LogSpectrum {
@@ -74,7 +83,7 @@ impl LogSpectrum {
         let mut parts = Vec::new();
         for curvature in CURVATURES.iter().rev() {
             let prior = prior(&knots, *curvature);
-            let start = values.unwrap_or_else(|| start(left, &hats, &prior, power));
+            let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
             let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
             values = Some(part.values.clone());
             parts.push((likelihood, part));
@@ -86,7 +95,17 @@ impl LogSpectrum {
             .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
             .collect();
         let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
-        Self { knots, values, parts }
+        Self { knots, values, parts }.raised()
+    }
+
+    /// Without what lies too far below the rest.
+    fn raised(mut self) -> Self {
+        let mean = self.values.map(f64::exp).mean();
+        let least = (DYNAMIC * mean).ln();
+        let raise = |values: &mut DVector<f64>| values.apply(|v| *v = v.max(least));
+        raise(&mut self.values);
+        self.parts.iter_mut().for_each(|part| raise(&mut part.values));
+        self
     }
 
     /// The same everywhere, and known.
@@ -94,9 +113,30 @@ impl LogSpectrum {
         Self { knots: vec![0.0], values: DVector::from_element(1, level.max(1e-200).ln()), parts: Vec::new() }
     }
 
-    /// S at a frequency given by its logarithm.
+    /// S at a frequency given by its logarithm. Below the lowest line that was seen it goes on as it rose there, if it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
-        Hat::at(&self.knots, log_frequency).of(&self.values).exp()
+        let known = Hat::at(&self.knots, log_frequency).of(&self.values);
+        let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
+        if below == 0.0 || near == 0 {
+            return known.exp();
+        }
+        let rise = (self.values[0] - self.values[near]) / (self.knots[near] - self.knots[0]);
+        (known + rise.clamp(0.0, STEEPEST) * below).exp()
+    }
+
+    /// Where it stands out most, as the logarithm of a frequency: by so much in log S of what lies on either side.
+    pub(super) fn peak(&self, prominence: f64) -> Option<f64> {
+        let largest = |range: std::ops::Range<usize>| range.max_by(|a, b| self.values[*a].total_cmp(&self.values[*b]));
+        let least = |range: std::ops::Range<usize>| range.map(|k| self.values[k]).fold(f64::INFINITY, f64::min);
+        let size = self.size();
+        // 1/f noise is higher still at its low end
+        let valley = (0..size).min_by(|a, b| {
+            let height = |k: usize| self.values[k] - largest(k..size).map_or(0.0, |top| self.values[top]);
+            height(*a).total_cmp(&height(*b))
+        })?;
+        let top = largest(valley..size)?;
+        let stands = |beside: f64| self.values[top] - beside > prominence;
+        (stands(self.values[valley]) && stands(least(top..size))).then(|| self.knots[top])
     }
 
     /// Number of knots.
@@ -112,7 +152,7 @@ impl LogSpectrum {
                 Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
             }
             let shift = mean.dot(&(&part.values - &self.values));
-            part.precision.solve_lower_triangular_mut(&mut mean);
+            part.precision.solve_lower(&mut mean);
             part.weight * (mean.norm_squared() + shift * shift)
         };
         self.parts.iter().map(of).sum::<f64>().sqrt()
@@ -127,7 +167,7 @@ impl LogSpectrum {
         });
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
         let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.next());
-        part.precision.tr_solve_lower_triangular_mut(&mut change);
+        part.precision.solve_upper(&mut change);
         Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new() }
     }
 }
@@ -144,52 +184,52 @@ fn knots(left: &[Left]) -> Vec<f64> {
 }
 
 /// Precision of the values at the knots before any line is seen.
-fn prior(knots: &[f64], curvature: f64) -> DMatrix<f64> {
+fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
     let size = knots.len();
-    let mut precision = DMatrix::from_element(size, size, (LEVEL * size as f64).powi(-2));
+    let mut precision = Pentadiagonal::diagonal(size, LEVEL.powi(-2));
     if size < 2 {
         return precision;
     }
-    let step = knots[1] - knots[0];
-    let mut add = |parts: &[(usize, f64)], deviation: f64| {
-        for (i, a) in parts {
-            for (j, b) in parts {
-                precision[(*i, *j)] += a * b / (deviation * deviation);
-            }
-        }
-    };
-    add(&[(0, -1.0), (size - 1, 1.0)], SLOPE * (knots[size - 1] - knots[0]));
+    let (step, middle) = (knots[1] - knots[0], (size - 1) / 2);
+    precision.add_square(&[(middle, -1.0), (middle + 1, 1.0)], (SLOPE * step).powi(-2));
     // a walk of the slope: its deviation grows with the root of the distance
     let deviation = curvature * (step / 0.3).powf(1.5);
     for k in 1..size - 1 {
-        add(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation);
+        precision.add_square(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation.powi(-2));
     }
     precision
 }
 
 /// Where the iteration begins: least squares through the logarithms.
-fn start(left: &[Left], hats: &[Hat], prior: &DMatrix<f64>, power: f64) -> DVector<f64> {
-    let (mut information, mut gradient) = (prior.clone(), DVector::zeros(prior.nrows()));
+fn start(left: &[Left], hats: &[Hat], prior: &Pentadiagonal, power: f64, size: usize) -> DVector<f64> {
+    let (mut information, mut gradient) = (prior.clone(), DVector::zeros(size));
     for (cell, hat) in left.iter().zip(hats) {
         let weight = cell.freedom / 2.0;
         hat.add(weight, weight * cell.power.max(1e-6 * power).ln(), &mut information, &mut gradient);
     }
-    information.cholesky().map_or_else(|| DVector::from_element(prior.nrows(), power.ln()), |c| c.solve(&gradient))
+    match information.factor() {
+        Some(factor) => {
+            factor.solve(&mut gradient);
+            gradient
+        }
+        None => DVector::from_element(size, power.ln()),
+    }
 }
 
 impl Smooth {
     /// Marginal log-likelihood and what is likeliest under a prior.
-    fn fit(left: &[Left], hats: &[Hat], prior: &DMatrix<f64>, mut values: DVector<f64>) -> Option<(f64, Self)> {
+    fn fit(left: &[Left], hats: &[Hat], prior: &Pentadiagonal, mut values: DVector<f64>) -> Option<(f64, Self)> {
         let mut information = prior.clone();
         for _ in 0..ROUNDS {
-            information.copy_from(prior);
-            let mut gradient = -(prior * &values);
+            information.clone_from(prior);
+            let mut change = -prior.times(&values);
             for (cell, hat) in left.iter().zip(hats) {
                 let weight = cell.freedom / 2.0;
-                let excess = cell.power * (-hat.of(&values)).exp() - 1.0;
-                hat.add(weight, weight * excess, &mut information, &mut gradient);
+                let ratio = cell.power * (-hat.of(&values)).exp();
+                // Newton's step, but not where S is far too high and the curvature tells nothing
+                hat.add(weight * ratio.max(LEAST_CURVATURE), weight * (ratio - 1.0), &mut information, &mut change);
             }
-            let mut change = information.clone().cholesky()?.solve(&gradient);
+            information.factor()?.solve(&mut change);
             // a knot that starts far too low overshoots: at most this step in the logarithm at once
             let largest = change.amax();
             if largest > 2.0 {
@@ -200,14 +240,15 @@ impl Smooth {
                 break;
             }
         }
+        information.clone_from(prior);
+        left.iter().zip(hats).for_each(|(cell, hat)| hat.add_weight(cell.freedom / 2.0, &mut information));
         let loss = |(cell, hat): (&Left, &Hat)| {
             let log = hat.of(&values);
             cell.freedom / 2.0 * (log + cell.power * (-log).exp())
         };
-        let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + (prior * &values).dot(&values) / 2.0;
-        let precision = information.cholesky()?.unpack();
-        let logs = |l: &DMatrix<f64>| l.diagonal().map(f64::ln).sum();
-        let likelihood = logs(&prior.clone().cholesky()?.unpack()) - logs(&precision) - loss;
+        let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
+        let precision = information.factor()?;
+        let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
         likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, precision }))
     }
 }
@@ -240,12 +281,56 @@ impl Hat {
         self.parts().map(|(k, part)| part * values[k]).sum()
     }
 
-    fn add(self, weight: f64, score: f64, information: &mut DMatrix<f64>, gradient: &mut DVector<f64>) {
-        for (k, part) in self.parts() {
-            gradient[k] += part * score;
-            for (l, other) in self.parts() {
-                information[(k, l)] += weight * part * other;
-            }
+    fn add(self, weight: f64, score: f64, information: &mut Pentadiagonal, gradient: &mut DVector<f64>) {
+        self.parts().for_each(|(k, part)| gradient[k] += part * score);
+        self.add_weight(weight, information);
+    }
+
+    fn add_weight(self, weight: f64, information: &mut Pentadiagonal) {
+        self.parts().for_each(|(k, part)| information.add(k, k, weight * part * part));
+        if self.above > 0.0 {
+            information.add(self.below + 1, self.below, weight * self.above * (1.0 - self.above));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(density: impl Fn(f64) -> f64) -> LogSpectrum {
+        let left = |k: usize| {
+            let log_frequency = k as f64 * 0.2;
+            Left { log_frequency, power: density(log_frequency.exp()), freedom: 20.0 }
+        };
+        LogSpectrum::fit(&(0..25).map(left).collect::<Vec<_>>(), 1.0)
+    }
+
+    #[test]
+    fn only_a_resonance_stands_out() {
+        assert_eq!(of(|_| 3.0).peak(1.5), None);
+        assert_eq!(of(|f| 1.0 / f).peak(1.5), None);
+        assert_eq!(of(|f| f).peak(1.5), None);
+        let resonance = |f: f64| 1.0 / ((1.0 - f * f / 400.0).powi(2) + 0.04);
+        assert!((of(resonance).peak(1.5).unwrap() - 20.0_f64.ln()).abs() < 0.3);
+        // beside 1/f noise
+        assert!(of(|f| resonance(f) + 20.0 / f).peak(1.0).is_some());
+    }
+
+    #[test]
+    fn below_its_lines_a_spectrum_goes_on_as_it_rises() {
+        let pink = of(|f| 5.0 / f);
+        assert!((pink.at(-2.0) / (5.0 * 2.0_f64.exp()) - 1.0).abs() < 0.05);
+        assert!((of(|f| f).at(-2.0) / of(|f| f).at(0.0) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_no_line_tells_is_uncertain() {
+        let left =
+            |k: usize| Left { log_frequency: k as f64 * 0.2, power: 1.0, freedom: if k < 6 { 0.0 } else { 20.0 } };
+        let spectrum = LogSpectrum::fit(&(0..25).map(left).collect::<Vec<_>>(), 1.0);
+        let uncertainty = |log: f64| spectrum.uncertainty(&[(log, 1.0)]);
+        assert!((spectrum.at(0.0) - 1.0).abs() < 0.05);
+        assert!(uncertainty(0.0) > 1.5 * uncertainty(1.2) && uncertainty(1.2) > uncertainty(3.0));
     }
 }

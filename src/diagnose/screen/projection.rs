@@ -2,7 +2,7 @@
 //! beside them.
 
 use super::calibration::Normal;
-use super::cells::{Cell, Cells, Drawn};
+use super::cells::{Cell, Cells};
 use super::shared::Shared;
 use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
 
@@ -158,73 +158,4 @@ pub(super) fn leverage(cell: &Cell, density: f64, basis: &DMatrix<f64>) -> f64 {
 pub(super) fn left_over(cell: &Cell, multiples: &DVector<f64>) -> f64 {
     let taken = (&cell.factor * multiples).norm_squared();
     (cell.residual - 2.0 * cell.products.dot(multiples) + taken).max(0.0)
-}
-
-/// Cells in coordinates of a frame, for residuals that are drawn.
-#[derive(Debug, Clone)]
-pub(super) struct Drawing {
-    /// R of each cell (rank by d).
-    factors: Vec<DMatrix<f64>>,
-    /// Upper triangles of R'R, a column for each cell.
-    squares: DMatrix<f64>,
-    dimension: usize,
-    eaten: usize,
-}
-
-impl Drawing {
-    pub(super) fn new(cells: &Cells, frame: &Frame) -> Self {
-        let dimension = frame.axes.ncols();
-        let factors: Vec<DMatrix<f64>> = cells.list.iter().map(|c| &c.factor * &frame.axes).collect();
-        let mut squares = DMatrix::zeros(dimension * (dimension + 1) / 2, factors.len());
-        for (factor, mut column) in factors.iter().zip(squares.column_iter_mut()) {
-            let full = factor.transpose() * factor;
-            let mut at = 0;
-            for j in 0..dimension {
-                column.rows_mut(at, j + 1).copy_from(&full.view((0, j), (j + 1, 1)));
-                at += j + 1;
-            }
-        }
-        Self { factors, squares, dimension, eaten: frame.eaten }
-    }
-
-    /// Products of the axes with a drawn residual, weighed by 1/S.
-    pub(super) fn products(&self, drawn: &[Drawn], density: &[f64]) -> DVector<f64> {
-        let mut sum = DVector::zeros(self.dimension);
-        for ((factor, own), density) in self.factors.iter().zip(drawn).zip(density) {
-            sum.gemv_tr(1.0 / density, factor, &own.along, 1.0);
-        }
-        sum
-    }
-
-    /// Sum of squares of a drawn residual in a cell without these multiples of the axes.
-    pub(super) fn left_over(&self, cell: usize, drawn: &Drawn, multiples: &DVector<f64>) -> f64 {
-        let mut along = drawn.along.clone();
-        along.gemv(-1.0, &self.factors[cell], multiples, 1.0);
-        along.norm_squared() + drawn.beside
-    }
-
-    /// Metrics by 1/S, a column for each column of weights (packed).
-    pub(super) fn metrics(&self, weights: &DMatrix<f64>) -> DMatrix<f64> {
-        &self.squares * weights
-    }
-
-    /// What is left beside the eaten coordinates in a packed metric: of the metric, and of products in it.
-    pub(super) fn projected(&self, packed: &[f64], products: &DVector<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
-        let (d, k) = (self.dimension, self.eaten);
-        let mut full = DMatrix::zeros(d, d);
-        let mut at = 0;
-        for j in 0..d {
-            for i in 0..=j {
-                full[(i, j)] = packed[at];
-                full[(j, i)] = packed[at];
-                at += 1;
-            }
-        }
-        let eaten = full.view((0, 0), (k, k)).into_owned().cholesky()?;
-        let cross = full.view((0, k), (k, d - k)).into_owned();
-        let solved = eaten.solve(&cross);
-        let own = full.view((k, k), (d - k, d - k)) - cross.transpose() * &solved;
-        let score = products.rows(k, d - k) - solved.tr_mul(&products.rows(0, k));
-        Some((own, score))
-    }
 }

@@ -6,10 +6,13 @@
 //! periods.
 
 use super::shared::{Part, Shared};
+use super::sketch::mixed;
 use nalgebra::{DMatrix, DVector};
 
 /// Directions of equal runs differ by less than this share of their energy (inputs may be measured ones).
 const EQUAL: f64 = 1e-3;
+/// Sums of directions by which runs are compared.
+const PROBES: usize = 6;
 
 /// The same lines with repeated runs turned; `None` where no run repeats another.
 pub(super) fn turned(shared: &Shared) -> Option<Shared> {
@@ -56,8 +59,9 @@ fn groups(shared: &Shared) -> Vec<Vec<usize>> {
     let mut runs: Vec<usize> = shared.parts.iter().map(|p| p.run).collect();
     runs.dedup();
     let mut groups: Vec<Vec<usize>> = Vec::new();
+    let probes = probes(shared);
     for run in runs {
-        match groups.iter_mut().find(|group| equal(shared, group[0], run)) {
+        match groups.iter_mut().find(|group| equal(shared, &probes, group[0], run)) {
             Some(group) => group.push(run),
             None => groups.push(vec![run]),
         }
@@ -65,7 +69,7 @@ fn groups(shared: &Shared) -> Vec<Vec<usize>> {
     groups
 }
 
-fn equal(shared: &Shared, a: usize, b: usize) -> bool {
+fn equal(shared: &Shared, probes: &DMatrix<f64>, a: usize, b: usize) -> bool {
     let of = |run: usize| shared.parts.iter().filter(move |p| p.run == run);
     if of(a).count() != of(b).count() {
         return false;
@@ -75,10 +79,22 @@ fn equal(shared: &Shared, a: usize, b: usize) -> bool {
         if a.channel != b.channel || a.samples != b.samples || a.frequency != b.frequency {
             return false;
         }
-        // shared columns have unit energy in all runs together: a sum over them weighs every direction
-        let difference = (&a.basis - &b.basis) * &shared.unit;
-        apart += difference.norm_squared();
-        energy += (&a.basis * &shared.unit).norm_squared();
+        let (a, b) = (&a.basis * probes, &b.basis * probes);
+        apart += (&a - b).norm_squared();
+        energy += a.norm_squared();
     }
     apart < EQUAL * energy
+}
+
+/// Sums of all directions, each of unit energy, with signs: the energy of such a sum is on average that of all of them.
+fn probes(shared: &Shared) -> DMatrix<f64> {
+    let signs =
+        DMatrix::from_fn(
+            shared.unit.ncols(),
+            PROBES,
+            |i, k| {
+                if mixed((i * PROBES + k) as u64) & 1 == 0 { 1.0 } else { -1.0 }
+            },
+        );
+    &shared.unit * signs
 }

@@ -1,7 +1,8 @@
 //! What neither fit nor candidates explain, line by line in units of the noise found: single values that noise does not make,
 //! and what outputs have in common.
 
-use super::judge::Noise;
+use super::noise::LogSpectrum;
+use super::saturated::Noise;
 use super::shared::{Part, Shared};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -90,6 +91,9 @@ impl Rest {
                 }
                 clean[dropped + k] = kept;
             }
+            if !part.sampled {
+                continue;
+            }
             let scale = (2.0 / n as f64).sqrt();
             planner.plan_dct3(n).process_dct3(&mut clean);
             let mut excess = vec![0.0; n];
@@ -122,6 +126,7 @@ impl Rest {
             (0..edges.len()).map(|band| self.correlation(shared, &runs, &edges, band)).collect();
         let factors = factors(&bands, shared.channels)?;
         let mut mixed = shared.clone();
+        mixed.spectra.fill(LogSpectrum::flat(1.0));
         for (part, deviation) in mixed.parts.iter_mut().zip(&self.deviation) {
             for mut column in part.basis.column_iter_mut().chain([part.residual.column_mut(0)]) {
                 column.iter_mut().zip(deviation).for_each(|(v, s)| *v /= s);

@@ -74,6 +74,14 @@ impl Trial {
         Score::joint(gram, own)
     }
 
+    /// The same for the statistic alone.
+    pub(super) fn statistic(&self, z: &[f64], product: impl Fn(usize, usize) -> f64) -> f64 {
+        match self.members[..] {
+            [k] => Score::amount(self.shape, z[k], product(k, k)).1,
+            _ => self.score(z, product).statistic,
+        }
+    }
+
     /// What chi-square would have to be to be as unlikely as a statistic is when the noise is known by so many numbers only
     /// (Wallace 1959, normal approximation of Student's t).
     pub(super) fn equivalent(&self, statistic: f64) -> f64 {
@@ -97,8 +105,13 @@ pub(super) struct Score {
 impl Score {
     /// From z = d'r and G = d'd.
     fn single(shape: Shape, z: f64, g: f64) -> Self {
+        let (amount, statistic) = Self::amount(shape, z, g);
+        Self { statistic, amounts: vec![amount] }
+    }
+
+    fn amount(shape: Shape, z: f64, g: f64) -> (f64, f64) {
         if g <= 0.0 {
-            return Self { statistic: 0.0, amounts: vec![0.0] };
+            return (0.0, 0.0);
         }
         let amount = match shape {
             Shape::Linear | Shape::Joint { .. } => z / g,
@@ -106,8 +119,7 @@ impl Score {
             Shape::Smallest => (z / g).clamp(0.0, 2.0),
         };
         // a whole step that would do harm is not taken
-        let statistic = (2.0 * amount * z - amount * amount * g).max(0.0);
-        Self { statistic, amounts: vec![amount] }
+        (amount, (2.0 * amount * z - amount * amount * g).max(0.0))
     }
 
     /// T = z' G^-1 z; parameters that cannot be told apart count as one.
@@ -146,6 +158,23 @@ pub(super) fn best(trials: &[Trial], candidates: usize, z: &[f64], product: impl
         let place = &mut best[trial.candidate];
         if place.trial.is_none() || equivalent > place.equivalent {
             *place = Best { trial: Some(k), score, equivalent };
+        }
+    }
+    best
+}
+
+/// The largest equivalent of every candidate: the same without the sizes.
+pub(super) fn equivalents(
+    trials: &[Trial],
+    candidates: usize,
+    z: &[f64],
+    product: impl Fn(usize, usize) -> f64,
+) -> Vec<f64> {
+    let mut best = vec![0.0; candidates];
+    for trial in trials {
+        let equivalent = trial.equivalent(trial.statistic(z, &product));
+        if equivalent > best[trial.candidate] {
+            best[trial.candidate] = equivalent;
         }
     }
     best

@@ -5,6 +5,7 @@ use super::judge::Judge;
 use super::lines::{Lines, Record};
 use super::noise::LogSpectrum;
 use super::rest::Outlier;
+use super::saturated::Saturated;
 use super::score::Direction;
 use super::shared::Shared;
 use nalgebra::DMatrix;
@@ -50,8 +51,8 @@ pub enum ScreeningError {
 /// How candidates are screened.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreeningOptions {
-    /// Lines that are left out at the low end of every output of every run: the mean, and where noise has a memory as
-    /// long as the record, its slowest drift.
+    /// Lines that are left out at the low end of every output of every run: the mean, of which noise with a memory as long as
+    /// the record says nothing.
     pub dropped: usize,
     /// Draws of residuals by which the best candidate is judged.
     pub draws: usize,
@@ -59,7 +60,7 @@ pub struct ScreeningOptions {
 
 impl Default for ScreeningOptions {
     fn default() -> Self {
-        Self { dropped: 4, draws: 400 }
+        Self { dropped: 1, draws: 400 }
     }
 }
 
@@ -151,13 +152,66 @@ pub fn screen(
     directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Screening, ScreeningError> {
-    let shared = gathered(records, channels, directions, options)?;
+    screened(records, None, channels, directions, options)
+}
+
+/// The same for signals that are lines of some transform already, in which noise is independent from line to line: `frequencies` has
+/// the frequency of every row of each run, rising. None of them is left out.
+///
+/// # Errors
+/// [`ScreeningError`]; what it calls samples are lines.
+pub fn screen_lines(
+    records: &[Record],
+    frequencies: &[Vec<f64>],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Screening, ScreeningError> {
+    screened(records, Some(frequencies), channels, directions, options)
+}
+
+fn screened(
+    records: &[Record],
+    frequencies: Option<&[Vec<f64>]>,
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Screening, ScreeningError> {
+    let shared = gathered(records, frequencies, channels, directions, options)?;
     let judge = Judge::new(shared, directions);
     Ok(judge.verdict(options.draws))
 }
 
+/// The spectrum of each output's noise alone: what directions and fit together leave of the residuals.
+///
+/// # Errors
+/// [`ScreeningError`]
+pub fn spectra(
+    records: &[Record],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Vec<LogSpectrum>, ScreeningError> {
+    Ok(Saturated::new(gathered(records, None, channels, directions, options)?).noise.spectra)
+}
+
+/// The same for signals that are lines already.
+///
+/// # Errors
+/// [`ScreeningError`]; what it calls samples are lines.
+pub fn spectra_of_lines(
+    records: &[Record],
+    frequencies: &[Vec<f64>],
+    channels: usize,
+    directions: &[Direction],
+    options: &ScreeningOptions,
+) -> Result<Vec<LogSpectrum>, ScreeningError> {
+    Ok(Saturated::new(gathered(records, Some(frequencies), channels, directions, options)?).noise.spectra)
+}
+
 fn gathered(
     records: &[Record],
+    frequencies: Option<&[Vec<f64>]>,
     channels: usize,
     directions: &[Direction],
     options: &ScreeningOptions,
@@ -165,7 +219,7 @@ fn gathered(
     if records.is_empty() || channels == 0 || directions.is_empty() {
         return Err(ScreeningError::Nothing);
     }
-    let least = LEAST.max(2 * options.dropped);
+    let least = if frequencies.is_some() { LEAST } else { LEAST.max(2 * options.dropped) };
     let samples = |r: &Record| (0..channels).map(|c| r.measured(channels, c).len()).max().unwrap_or(0);
     if let Some((run, samples)) = records.iter().map(samples).enumerate().find(|(_, n)| *n < least) {
         return Err(ScreeningError::TooShort { run, samples, least });
@@ -173,7 +227,10 @@ fn gathered(
     if let Some(run) = records.iter().position(|r| !is_finite(r)) {
         return Err(ScreeningError::NotFinite { run });
     }
-    let mut lines = Lines::of(records, channels, options.dropped, least);
+    let mut lines = match frequencies {
+        Some(frequencies) => Lines::given(records, frequencies, channels, least),
+        None => Lines::of(records, channels, options.dropped, least),
+    };
     let fitted = records[0].fitted.len();
     let count: usize = lines.iter().map(|l| l.frequency.len()).sum();
     if 2 * fitted > count {

@@ -79,8 +79,13 @@ impl Attached {
 
     /// All parameters of a run, with these values of the new ones (in their order).
     pub(super) fn theta(&self, stage: &Stage, run: usize, values: &[f64]) -> Vec<f64> {
+        self.theta_from(&stage.theta[run], run, values)
+    }
+
+    /// The same with these values of the base model's parameters.
+    pub(super) fn theta_from(&self, base: &[f64], run: usize, values: &[f64]) -> Vec<f64> {
         let mut theta = self.definition.start();
-        for (k, value) in self.old.iter().zip(&stage.theta[run]) {
+        for (k, value) in self.old.iter().zip(base) {
             theta[*k] = *value;
         }
         for (k, (at, value)) in self.new.iter().zip(values).enumerate() {

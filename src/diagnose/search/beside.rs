@@ -2,6 +2,7 @@
 
 use super::metric::Metric;
 use super::trace::Point;
+use super::way::Way;
 use super::whitened::Lens;
 use crate::diagnose::screen::{Record, Shape};
 use crate::record::Run;
@@ -13,33 +14,51 @@ const UNDETERMINED: f64 = 1e-10;
 pub(super) struct Beside {
     /// Orthonormal columns of what is fitted.
     basis: Vec<Vec<f64>>,
+    /// The fitted column behind each of them: which, its multiples of those before, its norm beside them.
+    made: Vec<(usize, Vec<f64>, f64)>,
+    /// Number of fitted columns.
+    fitted: usize,
     /// The residual without them.
     residual: Vec<f64>,
     lenses: Vec<std::sync::Mutex<Lens>>,
 }
 
+/// What a signal adds beside what is fitted.
+pub(super) struct Added {
+    /// What is left of it.
+    pub(super) direction: Vec<f64>,
+    /// The multiples of the fitted columns that make up for the rest; 0 for those that are made of others.
+    pub(super) compensation: Vec<f64>,
+}
+
 impl Beside {
-    pub(super) fn new(records: &[Record], runs: &[Run], outputs: usize, metric: &Metric) -> Self {
-        let lenses: Vec<_> = runs.iter().map(|run| std::sync::Mutex::new(Lens::new(run, outputs, metric))).collect();
+    pub(super) fn new(records: &[Record], runs: &[Run], ways: &[Way], outputs: usize, metric: &Metric) -> Self {
+        let lens = |(run, way): (&Run, &Way)| std::sync::Mutex::new(way.lens(run, outputs, metric));
+        let lenses: Vec<_> = runs.iter().zip(ways).map(lens).collect();
         let residual: Vec<&[f64]> = records.iter().map(|r| &r.residual[..]).collect();
         let residual = together(&lenses, &residual);
-        let mut beside = Self { basis: Vec::new(), residual, lenses };
         let fitted = records.first().map_or(0, |r| r.fitted.len());
+        let mut beside = Self { basis: Vec::new(), made: Vec::new(), fitted, residual, lenses };
         for c in 0..fitted {
             let zeros: Vec<Vec<f64>> = records.iter().map(|r| vec![0.0; r.residual.len()]).collect();
             let parts = records.iter().zip(&zeros).map(|(r, zero)| r.fitted[c].as_ref().unwrap_or(zero).as_slice());
             let column = together(&beside.lenses, &parts.collect::<Vec<_>>());
-            if let Some(column) = beside.unit(column) {
-                beside.basis.push(column);
-            }
+            beside.take(c, column);
         }
-        beside.residual = beside.left(beside.residual.clone());
+        beside.residual = beside.left(beside.residual.clone()).0;
         beside
     }
 
-    /// A signal (one part for each run) without what is fitted.
-    pub(super) fn direction(&self, parts: &[&[f64]]) -> Vec<f64> {
-        self.left(together(&self.lenses, parts))
+    /// A signal (one part for each run) beside what is fitted.
+    pub(super) fn added(&self, parts: &[&[f64]]) -> Added {
+        let (direction, mut along) = self.left(together(&self.lenses, parts));
+        let mut compensation = vec![0.0; self.fitted];
+        for (k, (column, multiples, norm)) in self.made.iter().enumerate().rev() {
+            let amount = along[k] / norm;
+            compensation[*column] = amount;
+            along.iter_mut().zip(multiples).for_each(|(a, m)| *a -= amount * m);
+        }
+        Added { direction, compensation }
     }
 
     /// Twice the gain that a projected direction promises, and the multiple of it that does.
@@ -56,26 +75,31 @@ impl Beside {
         (2.0 * amount * z - amount * amount * g, amount)
     }
 
-    fn left(&self, mut column: Vec<f64>) -> Vec<f64> {
+    /// What is left of a column, and its products with the basis.
+    fn left(&self, mut column: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
+        let mut along = vec![0.0; self.basis.len()];
         // twice is enough (Kahan & Parlett)
         for _ in 0..2 {
-            for own in &self.basis {
+            for (own, along) in self.basis.iter().zip(&mut along) {
                 let part = dot(own, &column);
                 column.iter_mut().zip(own).for_each(|(c, o)| *c -= part * o);
+                *along += part;
             }
         }
-        column
+        (column, along)
     }
 
-    fn unit(&self, column: Vec<f64>) -> Option<Vec<f64>> {
+    /// Adds a fitted column to the basis, unless it is made of others.
+    fn take(&mut self, c: usize, column: Vec<f64>) {
         let whole = dot(&column, &column);
-        let mut left = self.left(column);
+        let (mut left, along) = self.left(column);
         let size = dot(&left, &left);
         if whole <= 0.0 || size <= UNDETERMINED * whole {
-            return None;
+            return;
         }
         left.iter_mut().for_each(|v| *v /= size.sqrt());
-        Some(left)
+        self.basis.push(left);
+        self.made.push((c, along, size.sqrt()));
     }
 }
 

@@ -2,12 +2,12 @@
 
 use super::round::Runs;
 use super::search_error::SearchError;
-use super::stage::{Stage, free, record};
+use super::stage::{Stage, records};
+use super::way::Way;
 use crate::diagnose::force::{Attribution, Explained, Heard, Passage, Suggestions, attribute, heard, suggestions};
-use crate::diagnose::misfit::{Misfit, misfit};
+use crate::diagnose::misfit::{Misfit, SpectralPassage, misfit, misfit_of_lines};
 use crate::diagnose::screen::Record;
 use crate::model::Model;
-use crate::record::Run;
 
 /// A model at its fit with the records of its runs.
 pub(super) struct Seen<'a> {
@@ -20,22 +20,25 @@ pub(super) struct Seen<'a> {
 impl<'a> Seen<'a> {
     /// All runs at these values: what is left is asked of held-out runs as well, the fitted parameters free in all of them.
     pub(super) fn new(stage: &'a Stage, runs: Runs<'a>, theta: &'a [Vec<f64>]) -> Result<Self, SearchError> {
-        let (shared, own) = free(stage.params());
-        let of = |(r, run): (usize, &Run)| {
-            let at = (&stage.steps[r], &theta[r][..]);
-            Ok(record(stage.model.dynamics(), run, at, (&shared, &own), (r, runs.all.len()))?.0)
-        };
-        let records = runs.all.iter().enumerate().map(of).collect::<Result<_, SearchError>>()?;
+        let records = records(&stage.model, runs.all, &stage.ways, theta)?;
         Ok(Self { stage, runs, theta, records })
     }
 
-    fn passages(&self) -> Vec<Passage<'_>> {
-        let parts = self.runs.all.iter().zip(&self.stage.steps).zip(self.theta.iter().zip(&self.records));
-        parts.map(|((run, steps), (theta, record))| Passage { run, steps, theta, record }).collect()
+    fn passages<'b>(&'b self) -> Vec<Passage<'b>> {
+        let parts = self.runs.all.iter().zip(&self.stage.ways).zip(self.theta.iter().zip(&self.records));
+        let of = |((run, way), (theta, record)): ((_, &'b Way), (&'b Vec<f64>, _))| {
+            Some(Passage { run, steps: way.steps()?, theta, record })
+        };
+        parts.filter_map(of).collect()
     }
 
     /// What is wrong, in every output, on the runs that are learned from.
     pub(super) fn misfit(&self) -> Vec<Misfit> {
+        let ways = self.stage.ways.iter().zip(&self.records).take(self.runs.train);
+        let lines: Vec<SpectralPassage> = ways.filter_map(|(way, record)| way.passage(record)).collect();
+        if !lines.is_empty() {
+            return misfit_of_lines(&self.stage.model, &lines);
+        }
         misfit(&self.stage.model, &self.passages()[..self.runs.train])
     }
 

@@ -2,37 +2,32 @@
 
 use super::evenly::interval;
 use super::metric::Metric;
-use super::whitened::Lens;
+use super::way::Way;
 use crate::diagnose::diagnosis::{Biased, OutputGain, RunGain};
 use crate::diagnose::screen::Signals;
 use crate::estimate::{OutputFit, ParameterEstimate};
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Simulator, Steps};
 
 /// Responses of a model to all runs; none where one diverges.
-pub(super) fn responses(model: &Model, runs: &[Run], steps: &[Steps], theta: &[Vec<f64>]) -> Option<Vec<Signals>> {
-    let of = |(run, (steps, theta)): (&Run, (&Steps, &Vec<f64>))| {
-        let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).ok()?;
-        let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
-        simulator.simulate(theta, &mut y).ok()?;
-        Some(y)
-    };
-    runs.iter().zip(steps.iter().zip(theta)).map(of).collect()
+pub(super) fn responses(model: &Model, runs: &[Run], ways: &[Way], theta: &[Vec<f64>]) -> Option<Vec<Signals>> {
+    let of = |(run, (way, theta)): (&Run, (&Way, &Vec<f64>))| way.answer(model.dynamics(), run, theta).ok();
+    runs.iter().zip(ways.iter().zip(theta)).map(of).collect()
 }
 
 /// The gain in log-likelihood of each run from one response to another.
 pub(super) fn run_gains(
     runs: &[Run],
     train: usize,
+    ways: &[Way],
     (before, after): (&[Signals], &[Signals]),
     metric: &Metric,
 ) -> Vec<RunGain> {
     let of = |(r, run): (usize, &Run)| {
         let outputs = run.measured.len() / run.len().max(1);
-        let mut lens = Lens::new(run, outputs, metric);
+        let (mut lens, measured) = (ways[r].lens(run, outputs, metric), ways[r].measured(run));
         let mut lines = |response: &[f64]| {
-            let residual: Vec<f64> = run.measured.iter().zip(response).map(|(z, y)| z - y).collect();
+            let residual: Vec<f64> = measured.iter().zip(response).map(|(z, y)| z - y).collect();
             lens.seen(&residual)
         };
         let (a, b) = (lines(&before[r]), lines(&after[r]));
@@ -50,6 +45,7 @@ pub(super) fn output_gains(
     model: &Model,
     runs: &[Run],
     train: usize,
+    ways: &[Way],
     (before, after): (&[Signals], &[Signals]),
     metric: &Metric,
 ) -> Vec<OutputGain> {
@@ -57,18 +53,24 @@ pub(super) fn output_gains(
     let q = outputs.len();
     let mut found = Vec::with_capacity(runs.len() * q);
     for (r, run) in runs.iter().enumerate() {
+        let (measured, frequencies) = (ways[r].measured(run), ways[r].frequencies());
+        // lines of a band: what they have together is spread over all samples
+        let spread = frequencies.as_ref().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
         for (o, output) in outputs.iter().enumerate() {
             let name = &output.quantity.name;
-            let fit = |response: &[f64]| OutputFit::new(name, &run.name, &run.measured, response, o, q);
+            let fit = |response: &[f64]| OutputFit::new(name, &run.name, &measured, response, o, q);
             let (a, b) = (fit(&before[r]), fit(&after[r]));
             found.push(OutputGain {
                 run: run.name.clone(),
                 held_out: r >= train,
                 output: name.clone(),
                 unit: output.quantity.unit.as_ref().map(ToString::to_string),
-                rms_before: a.rms,
-                rms_after: b.rms,
-                noise_floor: metric.floor(o, run.len(), interval(run)),
+                rms_before: a.rms.map(|rms| spread * rms),
+                rms_after: b.rms.map(|rms| spread * rms),
+                noise_floor: match &frequencies {
+                    Some(own) => spread * metric.floor_of(o, own),
+                    None => metric.floor(o, run.len(), interval(run)),
+                },
                 tic_before: a.tic,
                 tic_after: b.tic,
                 r2_before: a.r2,

@@ -1,8 +1,11 @@
 //! Which effect is named: scores, the group that cannot be told apart, and what makes an effect acceptable.
 
 use super::beside::cosine;
+use super::contender::Contender;
+use super::contest::Contest;
 use super::experiment::separating;
-use super::round::{Contender, Contest, PRICE, Round, place};
+use super::own_motion::repeated;
+use super::round::{PRICE, Round, place};
 use crate::diagnose::diagnosis::{Cause, NewValue, Rejected, Rival};
 use crate::estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
@@ -11,12 +14,12 @@ use fdm_grammar::effect::NewParam;
 pub(super) const LEAD: f64 = 3.0;
 /// Least score of an effect that is named.
 const LEAST: f64 = 3.0;
-/// Least size of an effect, in its standard errors.
+/// Least gain on the runs that are learned from: that of a size of two standard errors. (Wald's size itself says little where an
+/// effect has parameters of its own that correlate with it.)
 const SIZE: f64 = 2.0;
 
 /// Why a contender is not accepted; none when it is.
 pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<String> {
-    let params = round.traces[contender.trace].attached.params();
     if contender.score() < LEAST {
         return Some(format!(
             "the gain of {:.1} does not pay for {} (3 each)",
@@ -29,19 +32,18 @@ pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<Stri
     {
         return Some(format!("on the held-out runs it loses {:.1} in log-likelihood", -gain));
     }
-    let sizes = params.iter().filter(|p| !p.nuisance);
-    let sizes: Vec<f64> = sizes.filter_map(|p| size(p, contender.fitting.shared(&p.name)?)).collect();
-    let largest = sizes.iter().copied().fold(0.0, f64::max);
-    (!sizes.is_empty() && largest < SIZE)
-        .then(|| format!("its size is {largest:.1} standard errors only, less than {SIZE}"))
-}
-
-/// How many standard errors an estimate is from its null; none where it has no error.
-pub(super) fn size(param: &NewParam, estimate: &ParameterEstimate) -> Option<f64> {
-    let error = estimate.error().filter(|e| *e > 0.0)?;
-    // a limit vanishes as its inverse does, whose relative error is the same
-    let away = if param.null.is_finite() { estimate.value - param.null } else { estimate.value };
-    Some((away / error).abs())
+    if let Some(frequency) = repeated(round, contender) {
+        return Some(format!(
+            "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
+             stands for damping or stiffness that changes with the amplitude"
+        ));
+    }
+    (contender.gain < SIZE).then(|| {
+        format!(
+            "it gains {:.1} on the runs that were fitted, what two standard errors are worth is {SIZE}",
+            contender.gain
+        )
+    })
 }
 
 /// The contender as a cause, with the group of those that score about as much.

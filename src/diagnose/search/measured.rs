@@ -1,7 +1,9 @@
 //! What effects ask of the data: sizes, quantiles and speeds of signals, the sampling step, the length of the record.
 
 use super::evenly::interval;
+use super::round::Runs;
 use super::stage::Stage;
+use super::way::Way;
 use crate::code::{Engine, compile};
 use crate::record::Run;
 use crate::simulate::Simulator;
@@ -14,7 +16,8 @@ use std::collections::BTreeMap;
 /// Magnitudes below this part of the largest one count as rest.
 const REST: f64 = 1e-6;
 
-/// Inputs as recorded, states and outputs as the fitted model has them.
+/// Inputs as recorded, states and outputs as the fitted model has them; in the frequency domain, which knows no time, outputs as
+/// recorded and states as outputs or spectra show them.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Measured {
     signals: BTreeMap<String, Signal>,
@@ -34,7 +37,8 @@ struct Signal {
 }
 
 impl Measured {
-    pub(super) fn new(stage: &Stage, runs: &[Run]) -> Self {
+    pub(super) fn new(stage: &Stage, runs: Runs<'_>) -> Self {
+        let runs = runs.all;
         let definition = stage.model.definition();
         let mut found = Self::default();
         for run in runs {
@@ -45,8 +49,9 @@ impl Measured {
         let inputs: Vec<&str> = definition.inputs.iter().map(|i| i.quantity.name.as_str()).collect();
         let outputs: Vec<&str> = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
         let states: Vec<&str> = definition.states.iter().map(|s| s.quantity.name.as_str()).collect();
-        let (recorded, traced) = (runs.iter().map(|r| r.inputs.clone()).collect::<Vec<_>>(), states_of(stage, runs));
-        for (names, values) in [(&outputs, &stage.response), (&states, &traced), (&inputs, &recorded)] {
+        let recorded: Vec<Vec<f64>> = runs.iter().map(|r| r.inputs.clone()).collect();
+        let (traced, shown) = states_and_outputs(stage, runs);
+        for (names, values) in [(&outputs, &shown), (&states, &traced), (&inputs, &recorded)] {
             for (k, name) in names.iter().enumerate() {
                 let columns = values.iter().map(|rows| rows.iter().skip(k).step_by(names.len()).copied().collect());
                 found.signals.insert((*name).to_string(), Signal::new(columns.collect(), runs));
@@ -113,6 +118,21 @@ impl Scales for Measured {
     }
 }
 
+/// States and outputs of each run (N by n, N by q).
+fn states_and_outputs(stage: &Stage, runs: &[Run]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+    let mut both = (Vec::new(), Vec::new());
+    for (run, (way, theta)) in runs.iter().zip(stage.ways.iter().zip(&stage.theta)) {
+        match way {
+            Way::Steps(_) => return (states_of(stage, runs), stage.response.clone()),
+            Way::Lines { lines, run: place } => {
+                both.0.push(lines.states(*place, theta, run));
+                both.1.push(run.measured.clone());
+            }
+        }
+    }
+    both
+}
+
 /// States of each run (N by n), by the model with its states as outputs; nothing where that has no response.
 fn states_of(stage: &Stage, runs: &[Run]) -> Vec<Vec<f64>> {
     let mut definition = stage.model.definition().clone();
@@ -127,13 +147,14 @@ fn states_of(stage: &Stage, runs: &[Run]) -> Vec<Vec<f64>> {
     let outputs = states.iter().enumerate().map(shown).collect();
     definition.outputs = outputs;
     let dynamics = compile(&Schedule::new(&mut definition), Engine::Tape);
-    let of = |(run, (theta, steps)): (&Run, (&Vec<f64>, &crate::simulate::Steps))| {
+    let of = |(run, (theta, way)): (&Run, (&Vec<f64>, &Way))| {
         let mut x = vec![0.0; run.len() * states.len()];
-        if let Ok(mut simulator) = Simulator::new(&*dynamics, run, steps.clone()) {
+        let simulator = way.steps().and_then(|steps| Simulator::new(&*dynamics, run, steps.clone()).ok());
+        if let Some(mut simulator) = simulator {
             // what comes before a divergence is kept
             let _ = simulator.simulate(theta, &mut x);
         }
         x
     };
-    runs.iter().zip(stage.theta.iter().zip(&stage.steps)).map(of).collect()
+    runs.iter().zip(stage.theta.iter().zip(&stage.ways)).map(of).collect()
 }

@@ -17,13 +17,19 @@ impl Metric {
 
     /// Standard deviation of the noise in line `k` of `n` of an output, with so much time between samples.
     ///
-    /// The lowest lines carry the drift of the noise, and biases and trims that a fit needs: they keep a small weight, as if the
-    /// noise rose with the inverse square of the frequency.
+    /// Lines that screening leaves out, the mean first, carry biases and trims that a fit needs, and whatever the noise remembers from
+    /// before the record: they keep a small weight, as if the noise rose with the inverse square of the frequency, and the mean
+    /// were an eighth of the first line.
     pub(super) fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
         let known = k.max(self.dropped).max(1) as f64;
         let frequency = known / (2.0 * n as f64 * interval);
-        let rise = (known / (k as f64).max(0.5)).max(1.0);
+        let rise = (known / (k as f64).max(0.125)).max(1.0);
         self.spectra[output].at(frequency.ln()).sqrt() * rise
+    }
+
+    /// The same of a line at a frequency, which is taken as it is.
+    pub(super) fn at(&self, output: usize, frequency: f64) -> f64 {
+        self.spectra[output].at(frequency.ln()).sqrt()
     }
 
     /// Root mean square of an output's noise in a run, in its unit.
@@ -33,5 +39,11 @@ impl Metric {
             self.spectra[output].at(frequency.ln())
         };
         ((0..n).map(square).sum::<f64>() / n.max(1) as f64).sqrt()
+    }
+
+    /// Root mean square of an output's noise over lines.
+    pub(super) fn floor_of(&self, output: usize, frequencies: &[f64]) -> f64 {
+        let sum: f64 = frequencies.iter().map(|f| self.at(output, *f).powi(2)).sum();
+        (sum / frequencies.len().max(1) as f64).sqrt()
     }
 }

@@ -2,23 +2,34 @@
 //!
 //! **In** a model, runs to learn from and runs that are held out, a catalogue of effects. **Out** a
 //! [`Diagnosis`](super::diagnosis::Diagnosis). **Never** compares models each by a noise of its own, and never names a cause by screening
-//! alone. **Start** at [`search`] in `search.rs`; its road is `evenly` (samples on a grid) -> `stage` (a model at its fit) -> `measured`
-//! (what effects ask of the data) -> `trace` (an effect's directions) -> `screen` -> `metric`, `whitened`, `refit`
-//! (the best fitted jointly, by one noise) -> `judgement` (scores, groups) -> `elimination` -> `gains`.
+//! alone. **Start** at [`search`] in `search.rs`; its road is `evenly` (samples on a grid) -> `stage` (a model at its fit, by the `way`
+//! of the `domain`) -> `measured` (what effects ask of the data) -> `trace` (an effect's directions; `transfer` in the frequency domain) ->
+//! `round` (all of them screened) -> `contest`, `contender` (the best fitted jointly, by one noise: `metric`, `whitened`, `refit`,
+//! `newton`) -> `confirmed` (the chance) -> `judgement` (scores, groups) -> `beginning` (with which to go on) -> `elimination`,
+//! `revision` -> `gains`.
 
 mod attached;
+mod beginning;
 mod beside;
+mod confirmed;
+mod contender;
+mod contest;
 mod detection;
+mod domain;
 mod elimination;
 mod evenly;
 mod evidence;
 mod experiment;
+mod first;
 mod gains;
 mod judgement;
 mod measured;
 mod metric;
+mod newton;
 mod options;
+mod own_motion;
 mod refit;
+mod revision;
 mod round;
 #[expect(clippy::module_inception, reason = "the road is called what the room does")]
 mod search;
@@ -27,8 +38,12 @@ mod stage;
 #[cfg(test)]
 mod tests;
 mod trace;
+mod transfer;
+mod way;
 mod whitened;
+mod whole;
 
+pub use domain::Domain;
 pub use options::{SearchOptions, Watcher};
 pub use search::search;
 pub use search_error::SearchError;

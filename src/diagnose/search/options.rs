@@ -1,5 +1,6 @@
 //! What a user may choose about a search.
 
+use super::domain::Domain;
 use crate::diagnose::screen::ScreeningOptions;
 use crate::estimate::FitOptions;
 
@@ -14,11 +15,19 @@ pub struct SearchOptions {
     pub fit: FitOptions,
     /// How candidates are screened.
     pub screening: ScreeningOptions,
+    /// Where models are compared with records.
+    pub domain: Domain,
 }
 
 impl Default for SearchOptions {
     fn default() -> Self {
-        Self { alpha: 0.01, most: 4, fit: FitOptions::default(), screening: ScreeningOptions::default() }
+        Self {
+            alpha: 0.01,
+            most: 4,
+            fit: FitOptions::default(),
+            screening: ScreeningOptions::default(),
+            domain: Domain::Time,
+        }
     }
 }
 

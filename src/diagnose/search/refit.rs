@@ -1,15 +1,15 @@
-//! Fits in one frozen noise: by the estimator of the time domain, on whitened lines.
+//! Fits in one frozen noise, on whitened lines.
 
 use super::metric::Metric;
-use super::whitened::{Lens, Whitened};
+use super::newton::{Newton, ProblemTable};
+use super::way::Way;
 use crate::dynamics::Dynamics;
-use crate::estimate::{DerivedQuantities, Estimate, Noise, Options, ParameterEstimate, Problem, ProblemRun, estimate};
+use crate::estimate::{DerivedQuantities, LineResponse, ParameterEstimate, Problem};
 use crate::record::Run;
-use crate::simulate::{Simulator, Steps};
 use fdm_grammar::model::Param;
 
-/// Relative correction that ends a fit: costs are known to its square.
-const TOLERANCE: f64 = 1e-6;
+/// What a correction must promise to gain in log-likelihood.
+const NOTHING: f64 = 1e-3;
 
 /// A model over runs, judged by one noise.
 pub(super) struct Posed<'a> {
@@ -19,8 +19,8 @@ pub(super) struct Posed<'a> {
     pub(super) dynamics: &'a dyn Dynamics,
     /// The runs.
     pub(super) runs: &'a [Run],
-    /// How they are integrated.
-    pub(super) steps: &'a [Steps],
+    /// How they are answered.
+    pub(super) ways: &'a [Way],
     /// The noise.
     pub(super) metric: &'a Metric,
 }
@@ -36,50 +36,82 @@ pub(super) struct Fitting {
     pub(super) estimates: Vec<ParameterEstimate>,
 }
 
-impl Posed<'_> {
+impl<'a> Posed<'a> {
     /// Fits from these values (all parameters of each run); none where there is no response.
     pub(super) fn fit(&self, starts: &[Vec<f64>], iterations: usize) -> Option<Fitting> {
-        let outputs = self.dynamics.layout().outputs;
-        let mut runs = Vec::with_capacity(self.runs.len());
-        for ((run, steps), start) in self.runs.iter().zip(self.steps).zip(starts) {
-            let simulator = Simulator::new(self.dynamics, run, steps.clone()).ok()?;
-            let mut lens = Lens::new(run, outputs, self.metric);
-            let measured = lens.seen(&run.measured);
-            let response = Box::new(Whitened::new(simulator, lens));
-            runs.push(ProblemRun { name: run.name.clone(), response, measured, start: self.inside(start) });
-        }
-        let mut params = self.params.clone();
-        let first = self.inside(starts.first()?);
-        params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = v);
-        let names = (0..outputs).map(|o| o.to_string()).collect();
-        let mut problem =
-            Problem { params, outputs: names, runs, affine: Vec::new(), derived: DerivedQuantities::none() };
-        let noise = Noise::Given(vec![Some(1.0); outputs]);
-        let options = Options { noise, iterations, tolerance: TOLERANCE, colour: false, ..Options::default() };
-        let found = estimate(&mut problem, &options, &mut ()).ok()?;
-        let cost = found.cost.filter(|c| c.is_finite())?;
-        let theta = self.runs.iter().zip(starts).map(|(run, start)| self.reached(&found, run, start)).collect();
-        Some(Fitting { cost, theta, estimates: found.parameters })
+        self.bench()?.fit(starts, iterations, NOTHING)
     }
 
-    /// Values within their bounds.
-    fn inside(&self, theta: &[f64]) -> Vec<f64> {
-        theta.iter().zip(&self.params).map(|(v, p)| if p.fixed { *v } else { v.max(p.lower).min(p.upper) }).collect()
-    }
-
-    /// All parameters of a run at the estimates.
-    fn reached(&self, found: &Estimate, run: &Run, start: &[f64]) -> Vec<f64> {
-        let value = |(p, start): (&Param, &f64)| {
-            let owner = p.per_run.then_some(run.name.as_str());
-            found.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
-        };
-        self.params.iter().zip(start).map(value).collect()
+    /// What several fits of one model share.
+    pub(super) fn bench(&self) -> Option<Bench<'a>> {
+        let posed = self.runs.iter().zip(self.ways).map(|(run, way)| way.posed(self.dynamics, run, self.metric));
+        let (runs, settlers): (Vec<_>, Vec<_>) = posed.collect::<Option<Vec<_>>>()?.into_iter().unzip();
+        let outputs = (0..self.dynamics.layout().outputs).map(|o| o.to_string()).collect();
+        let params = self.ways.first().map_or_else(|| self.params.clone(), |way| way.params(self.params.clone()));
+        Some(Bench {
+            problem: Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() },
+            settlers,
+            own: self.params.len(),
+        })
     }
 
     /// The same with everything fixed that all runs share: what a held-out run still leaves open.
     pub(super) fn held(mut self) -> Self {
         self.params.iter_mut().filter(|p| !p.per_run).for_each(|p| p.fixed = true);
         self
+    }
+}
+
+/// A model over runs, ready to be fitted from several starts.
+pub(super) struct Bench<'a> {
+    problem: Problem<'a>,
+    /// What finds the values of each run that are no parameters of the model; none in time.
+    settlers: Vec<Option<LineResponse>>,
+    /// Parameters of the model.
+    own: usize,
+}
+
+impl Bench<'_> {
+    /// The cost at these values (all parameters of each run), and they within their bounds; none where there is no response.
+    pub(super) fn look(&mut self, starts: &[Vec<f64>]) -> Option<f64> {
+        self.begin(starts)?;
+        Some(Newton::new(&mut self.problem).look()? + self.price())
+    }
+
+    /// Fits from these values with so many corrections, as long as one promises to gain more than `least`; none where there is
+    /// no response.
+    pub(super) fn fit(&mut self, starts: &[Vec<f64>], corrections: usize, least: f64) -> Option<Fitting> {
+        self.begin(starts)?;
+        let table = ProblemTable::of(&self.problem);
+        let mut newton = Newton::new(&mut self.problem);
+        newton.descend(corrections, least)?;
+        let (cost, mut theta, mut estimates) = newton.reached(&table);
+        theta.iter_mut().for_each(|own| own.truncate(self.own));
+        let alone: Vec<&str> = self.problem.params[self.own..].iter().map(|p| p.quantity.name.as_str()).collect();
+        estimates.retain(|e| !alone.contains(&e.name.as_str()));
+        Some(Fitting { cost: cost + self.price(), theta, estimates })
+    }
+
+    /// Every value that a run has for itself takes half a unit of noise: a model gains nothing by having more of them.
+    fn price(&self) -> f64 {
+        0.5 * ((self.problem.params.len() - self.own) * self.problem.runs.len()) as f64
+    }
+
+    fn begin(&mut self, starts: &[Vec<f64>]) -> Option<()> {
+        let params = &mut self.problem.params;
+        let inside = |params: &[Param], theta: &[f64]| -> Vec<f64> {
+            let each = theta.iter().zip(params);
+            each.map(|(v, p)| if p.fixed { *v } else { v.max(p.lower).min(p.upper) }).collect()
+        };
+        let first = inside(params, starts.first()?);
+        for ((run, start), settler) in self.problem.runs.iter_mut().zip(starts).zip(&mut self.settlers) {
+            run.start = inside(params, start);
+            if let Some(settler) = settler {
+                run.start.extend(settler.settle(&run.start, &run.measured).ok()?);
+            }
+        }
+        params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = v);
+        Some(())
     }
 }
 

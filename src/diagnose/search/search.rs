@@ -1,39 +1,46 @@
 //! The road from a model as it stands to a diagnosis.
 
 use super::attached::Attached;
-use super::beside::cosine;
-use super::elimination::{Accepted, eliminate, revise};
+use super::beginning::Beginning;
+use super::confirmed::confirmed;
+use super::contender::Contender;
+use super::contest::Contest;
+use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
 use super::evidence::{Seen, against};
+use super::first::first_stage;
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
 use super::metric::Metric;
 use super::options::{SearchOptions, Watcher};
-use super::refit::{Fitting, Posed};
-use super::round::{Contender, Contest, PRICE, Round, Runs, new_values, place};
+use super::revision::revise;
+use super::round::{Round, Runs, new_values, place};
 use super::search_error::SearchError;
 use super::stage::Stage;
-use crate::diagnose::diagnosis::{Cause, Diagnosis, Rejected, Round as Told, Verdict};
+use super::whole::{Whole, whole_fit};
+use crate::diagnose::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, Round as Told, Verdict};
 use crate::diagnose::force::{self, Attribution};
-use crate::estimate::{Changes, FitOptions, fit, starts};
+use crate::estimate::changed;
 use crate::model::Model;
 use crate::record::Run;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// Digits of a fitted value in the extended text.
 const DIGITS: usize = 5;
 /// Part of the whole gain below which another effect is not looked for.
 const MARGINAL: f64 = 0.01;
-/// Contenders whose second effects are looked at, where the best one leaves much.
-const BEGINNINGS: usize = 3;
-/// Part of the best score that such a contender has.
-const RIVAL: f64 = 0.25;
-/// Contenders that are looked at again beside later effects.
+/// Contenders that are looked at again beside later effects: so many, as long as their score is not both this far behind and by
+/// this part.
 const NEAR: usize = 5;
-/// Cosine above which two contenders are one beginning.
-const ALIKE: f64 = 0.97;
+const BEHIND: f64 = 15.0;
+const APART: f64 = 0.5;
+/// Family-wise chance below which the best candidates are fitted, to see whether they gain what they promise.
+const DOUBTFUL: f64 = 0.1;
+/// So many of them where nothing can be accepted.
+const ASKED: usize = 8;
 
 /// Finds what is missing from a model: fits it as it stands, screens every effect of the catalogue at every place, fits the best,
 /// and accepts what holds; again, until nothing more is justified.
@@ -52,7 +59,8 @@ pub fn search(
 ) -> Result<Diagnosis, SearchError> {
     apart(runs, held)?;
     let all: Vec<Run> = runs.iter().chain(held).map(evenly).collect::<Result<_, _>>()?;
-    let runs = Runs { all: &all, train: runs.len() };
+    let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
+    let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
         return Err(SearchError::NothingMeasured);
     }
@@ -63,56 +71,14 @@ pub fn search(
     Search { runs, catalogue, options, watcher, own, accepted, rejected, told }.run(first)
 }
 
-/// The model at its fit by plain output error.
-fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
-    let mut how = options.fit.clone();
-    how.options.colour = false;
-    let fitted = fit(model, runs.train(), &how, &mut ())?;
-    if fitted.estimate.runs.is_empty() {
-        return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
-    }
-    let model = fitted.model.clone();
-    let reached = |run: &Run, start: &[f64], estimate: &crate::estimate::Estimate| -> Vec<f64> {
-        let each = model.definition().params.iter().zip(start);
-        each.map(|(p, start)| {
-            let owner = p.per_run.then_some(run.name.as_str());
-            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
-        })
-        .collect()
-    };
-    let start = starts(&model, runs.all, &how.changes);
-    let mut theta: Vec<Vec<f64>> =
-        runs.train().iter().zip(&start).map(|(run, start)| reached(run, start, &fitted.estimate)).collect();
-    if !runs.held().is_empty() {
-        let shared: Vec<(String, f64)> = model
-            .definition()
-            .params
-            .iter()
-            .zip(&theta[0])
-            .filter(|(p, _)| !p.per_run && !p.is_recorded())
-            .map(|(p, v)| (p.quantity.name.clone(), v.max(p.lower).min(p.upper)))
-            .collect();
-        let names = shared.iter().map(|(name, _)| name.clone()).collect();
-        let changes = Changes { set: shared, fix: names, free: Vec::new() };
-        let held = fit(&model, runs.held(), &FitOptions { changes, ..how.clone() }, &mut ())?;
-        for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
-            let mut own = reached(run, start, &held.estimate);
-            let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
-            each.filter(|(p, _)| !p.per_run).for_each(|(_, (own, shared))| *own = *shared);
-            theta.push(own);
-        }
-    }
-    Stage::new(model, runs.all, theta)
-}
-
-struct Search<'a> {
-    runs: Runs<'a>,
+pub(super) struct Search<'a> {
+    pub(super) runs: Runs<'a>,
     catalogue: &'a Catalogue,
-    options: &'a SearchOptions,
-    watcher: &'a Watcher<'a>,
+    pub(super) options: &'a SearchOptions,
+    pub(super) watcher: &'a Watcher<'a>,
     /// Everything that the user gave a name.
     own: BTreeSet<String>,
-    accepted: Vec<Accepted>,
+    pub(super) accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     told: Vec<Told>,
 }
@@ -127,17 +93,24 @@ struct End {
     ended: String,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     fn run(mut self, first: Stage) -> Result<Diagnosis, SearchError> {
-        let mut grown: Option<Stage> = None;
+        let first = Arc::new(first);
+        let mut stage = Arc::clone(&first);
         let mut end: Option<End> = None;
+        let mut ahead: Option<(Round<'a>, Option<Contest>)> = None;
         loop {
-            let stage = grown.as_ref().unwrap_or(&first);
-            let measured = Measured::new(stage, self.runs.all);
-            let candidates = self.candidates(stage);
+            let measured = Measured::new(&stage, self.runs);
             let number = self.told.len() + 1;
-            (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
-            let mut round = match (Round::new(stage, self.runs, &candidates, &measured, self.options), &mut end) {
+            let (round, made) = match ahead.take() {
+                Some((round, contest)) => (Ok(round), contest),
+                None => {
+                    let candidates = self.candidates(&stage, None);
+                    (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
+                    (Round::new(Arc::clone(&stage), self.runs, &candidates, &measured, self.options), None)
+                }
+            };
+            let mut round = match (round, &mut end) {
                 // what was accepted stays
                 (Err(reason), Some(last)) => {
                     last.ended = match reason {
@@ -148,40 +121,38 @@ impl Search<'_> {
                 }
                 (round, _) => round?,
             };
-            let (ranking, detectable) = (round.ranking(), round.detectable());
-            let (p, knots) = (round.screening.family_wise, round.screening.spectra.iter().map(|s| s.size()).collect());
-            self.told.push(Told { family_wise_p: p, ranking, accepted: None });
-            let metric = Metric::new(&round.screening.spectra, self.options.screening.dropped);
-            let left_out = std::mem::take(&mut round.left_out);
-            let last = end.get_or_insert_with(|| End {
-                family_wise: p,
-                left_out,
-                detectable: Vec::new(),
-                metric: metric.clone(),
-                knots: Vec::new(),
-                ended: String::new(),
-            });
-            (last.detectable, last.metric, last.knots) = (detectable, metric, knots);
+            let contest = match made {
+                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => {
+                    Some(self.contest(&mut round)?)
+                }
+                made => made,
+            };
+            let p = contest.as_ref().map_or(round.screening.family_wise, |contest| confirmed(&round, contest));
+            self.told.push(Told { family_wise_p: p, ranking: round.ranking(), accepted: None });
+            let last = self.known(&mut end, &mut round, p);
+            if let Some(contest) = &contest {
+                last.metric = contest.metric.clone();
+            }
             if p >= self.options.alpha {
                 last.ended = format!("noise alone would make the best candidate look as good with probability {p:.2}");
+                let fitted = contest.iter().flat_map(|contest| contest.contenders.iter().chain(&contest.far));
+                let reason = "what it gains in fact is not beyond what noise gives to the best of so many";
+                self.rejected.extend(fitted.map(|c| rejected(&round, number, c, reason.into())));
                 break;
             }
             if self.accepted.len() >= self.options.most {
                 last.ended = format!("{} effects are the most that are looked for", self.options.most);
                 break;
             }
-            let contest = round.contest(self.watcher)?;
-            last.metric = contest.metric.clone();
-            let Some(next) = self.accept(&round, &contest, &measured, number)? else {
+            let Some(next) = contest.map(|c| self.accept(&round, &c, &measured, number)).transpose()?.flatten() else {
                 last.ended = "no candidate that was fitted could be accepted".into();
                 break;
             };
+            (stage, ahead) = (next.stage, next.ahead);
             let accepted = self.accepted.last().map(|a| (a.cause.gain_train, a.cause.place.clone()));
             if let (Some(told), Some((_, place))) = (self.told.last_mut(), &accepted) {
                 told.accepted = Some(place.clone());
             }
-            drop(round);
-            grown = Some(next);
             let whole: f64 = self.accepted.iter().map(|a| a.cause.gain_train).sum();
             if let Some((gain, _)) = accepted.filter(|(gain, _)| *gain < MARGINAL * whole) {
                 last.ended = format!("the last effect gained {gain:.1}, less than a hundredth of the whole");
@@ -189,14 +160,42 @@ impl Search<'_> {
             }
         }
         let Some(end) = end else { return Err(SearchError::NoPlaces) };
-        self.conclude(first, grown, end)
+        self.conclude(&first, stage, end)
     }
 
-    /// Candidates that attach to what the user wrote, and are not in the model yet.
-    fn candidates(&self, stage: &Stage) -> Vec<Candidate> {
+    /// The best candidates fitted: fewer where they are asked only whether anything is there.
+    fn contest(&self, round: &mut Round<'a>) -> Result<Contest, SearchError> {
+        if round.screening.family_wise < self.options.alpha {
+            round.contest(self.watcher)
+        } else {
+            round.contest_of(ASKED, self.watcher)
+        }
+    }
+
+    /// Takes down what a search told.
+    fn known<'e>(&self, end: &'e mut Option<End>, round: &mut Round<'a>, p: f64) -> &'e mut End {
+        let metric = Metric::new(&round.screening.spectra, self.options.screening.dropped);
+        let left_out = std::mem::take(&mut round.left_out);
+        let last = end.get_or_insert_with(|| End {
+            family_wise: p,
+            left_out,
+            detectable: Vec::new(),
+            metric: metric.clone(),
+            knots: Vec::new(),
+            ended: String::new(),
+        });
+        last.metric = metric;
+        last.detectable = round.detectable();
+        last.knots = round.screening.spectra.iter().map(|s| s.size()).collect();
+        last
+    }
+
+    /// Candidates that attach to what the user wrote, and are not in the model yet, nor this one.
+    pub(super) fn candidates(&self, stage: &Stage, besides: Option<&EffectAt>) -> Vec<Candidate> {
         let places = self.catalogue.places(&stage.subject);
         let fresh = |c: &Candidate| {
-            let there = self.accepted.iter().any(|a| a.cause.place == place(c));
+            let own = place(c);
+            let there = self.accepted.iter().any(|a| a.cause.place == own) || besides == Some(&own);
             !there && c.targets().iter().all(|t| self.own.contains(t))
         };
         places.candidates.into_iter().filter(fresh).collect()
@@ -205,11 +204,11 @@ impl Search<'_> {
     /// Takes the best contender that nothing speaks against; the model with it, fitted jointly.
     fn accept(
         &mut self,
-        round: &Round<'_>,
+        round: &Round<'a>,
         contest: &Contest,
         measured: &Measured,
         number: usize,
-    ) -> Result<Option<Stage>, SearchError> {
+    ) -> Result<Option<Beginning<'a>>, SearchError> {
         let mut fit = Vec::new();
         for (k, contender) in contest.contenders.iter().enumerate() {
             match objection(round, contender) {
@@ -217,7 +216,8 @@ impl Search<'_> {
                 Some(reason) => self.rejected.push(rejected(round, number, contender, reason)),
             }
         }
-        let Some((k, stage)) = self.best_beginning(round, contest, measured, &fit)? else { return Ok(None) };
+        let Some(next) = self.best_beginning(round, contest, measured, &fit)? else { return Ok(None) };
+        let k = next.contender;
         let (contender, cause) = (&contest.contenders[k], cause(round, contest, k));
         let grouped = |t: usize| {
             let own = place(&round.traces[t].attached.candidate);
@@ -234,115 +234,40 @@ impl Search<'_> {
         }
         let attached = &round.traces[contender.trace].attached;
         (self.watcher)(&format!("accepted {}", cause.place));
-        let near = contest.contenders.iter().enumerate().filter(|(o, _)| *o != k).take(NEAR).map(|(_, c)| {
+        let least = contender.score() - (APART * contender.score()).max(BEHIND);
+        let close = |(o, c): &(usize, &Contender)| *o != k && c.score() > least;
+        let near = contest.contenders.iter().enumerate().filter(close).take(NEAR).map(|(_, c)| {
             let other = &round.traces[c.trace].attached;
             (other.candidate.clone(), written(other, &c.fitting.theta[0]))
         });
         self.accepted.push(Accepted::new(attached, &contender.fitting, cause, near.collect()));
-        Ok(Some(stage))
-    }
-
-    /// The contender to go on with: the best one, unless it leaves much and another one leads further with a second effect.
-    fn best_beginning(
-        &self,
-        round: &Round<'_>,
-        contest: &Contest,
-        measured: &Measured,
-        fit: &[usize],
-    ) -> Result<Option<(usize, Stage)>, SearchError> {
-        let Some(best) = fit.first().copied() else { return Ok(None) };
-        let stage = self.stage_with(round, &contest.contenders[best], measured)?;
-        let score = contest.contenders[best].score();
-        let mut others: Vec<usize> = Vec::new();
-        for k in fit.iter().skip(1).copied() {
-            let own = &contest.contenders[k];
-            let alike = |o: &usize| cosine(&own.direction, &contest.contenders[*o].direction).abs() > ALIKE;
-            let enough = own.score() > RIVAL * score && others.len() + 1 < BEGINNINGS;
-            if enough && !alike(&best) && !others.iter().any(alike) {
-                others.push(k);
-            }
-        }
-        if others.is_empty() || self.accepted.len() + 2 > self.options.most {
-            return Ok(Some((best, stage)));
-        }
-        let costs = |k: usize| PRICE * contest.contenders[k].cost as f64;
-        let Some(first) = self.second_effect(&stage, &contest.metric)? else { return Ok(Some((best, stage))) };
-        (self.watcher)(&format!("the best one leaves much: trying {} other beginnings", others.len()));
-        let mut found = (first + costs(best), best, stage);
-        for k in others {
-            let Ok(stage) = self.stage_with(round, &contest.contenders[k], measured) else { continue };
-            if let Ok(Some(total)) = self.second_effect(&stage, &contest.metric)
-                && total + costs(k) < found.0
-            {
-                found = (total + costs(k), k, stage);
-            }
-        }
-        Ok(Some((found.1, found.2)))
-    }
-
-    /// The cost of the best second effect beside a first one, by a common noise, with the price of its parameters; none where
-    /// nothing is left to be found.
-    fn second_effect(&self, stage: &Stage, metric: &Metric) -> Result<Option<f64>, SearchError> {
-        let measured = Measured::new(stage, self.runs.all);
-        let mut round = Round::new(stage, self.runs, &self.candidates(stage), &measured, self.options)?;
-        if round.screening.family_wise >= self.options.alpha {
-            return Ok(None);
-        }
-        let contest = round.contest(&|_| ())?;
-        let Some(best) = contest.contenders.first() else { return Ok(None) };
-        let posed = Posed {
-            params: best.model.definition().params.clone(),
-            dynamics: best.model.dynamics(),
-            runs: self.runs.train(),
-            steps: &best.steps[..self.runs.train],
-            metric,
-        };
-        let price = PRICE * best.cost as f64;
-        Ok(posed.fit(&best.fitting.theta, 60).map(|fitting| fitting.cost + price))
-    }
-
-    /// The model with a contender in its text, fitted jointly.
-    fn stage_with(&self, round: &Round<'_>, contender: &Contender, measured: &Measured) -> Result<Stage, SearchError> {
-        let attached = &round.traces[contender.trace].attached;
-        let choice = written(attached, &contender.fitting.theta[0]);
-        let text = Attached::new(&attached.candidate, round.stage, measured, &choice).map_err(SearchError::NoFit)?;
-        let model = grown(&round.stage.model, &text, round.stage)?;
-        let mut theta = contender.fitting.theta.clone();
-        match &contender.held {
-            Some((_, held)) => theta.extend(held.theta.iter().cloned()),
-            None => {
-                let values = new_values(attached, &contender.fitting.theta[0]);
-                theta.extend((self.runs.train..self.runs.all.len()).map(|r| attached.theta(round.stage, r, &values)));
-            }
-        }
-        Stage::new(model, self.runs.all, theta)
+        Ok(Some(next))
     }
 
     /// The last fits by one noise, and everything that is told of them.
-    fn conclude(mut self, first: Stage, grown: Option<Stage>, end: End) -> Result<Diagnosis, SearchError> {
+    fn conclude(mut self, first: &Stage, grown: Arc<Stage>, end: End) -> Result<Diagnosis, SearchError> {
         let metric = &end.metric;
-        let before = whole_fit(&first, self.runs, metric)?;
-        let mut last = grown;
-        if let Some(stage) = last.take() {
+        let before = whole_fit(first, self.runs, metric)?;
+        let mut last = None;
+        if !self.accepted.is_empty() {
             (self.watcher)("fitting the extended model");
-            let (stage, dropped) = eliminate(stage, &first, self.runs, metric, &mut self.accepted)?;
+            let (stage, dropped) = eliminate(grown, first, self.runs, metric, &mut self.accepted)?;
             self.rejected.extend(dropped);
-            let stage = revise(stage, &first, self.runs, metric, &mut self.accepted)?;
-            last = (!self.accepted.is_empty()).then_some(stage);
+            last = Some(revise(stage, first, self.runs, metric, &mut self.accepted)?);
         }
         let after = match &last {
             Some(stage) => whole_fit(stage, self.runs, metric)?,
             None => before.clone(),
         };
         let (all, train) = (self.runs.all, self.runs.train);
-        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.steps, &fit.theta);
-        let old = at(&first, &before).unwrap_or_else(|| first.response.clone());
+        let at = |stage: &Stage, fit: &Whole| responses(&stage.model, all, &stage.ways, &fit.theta);
+        let old = at(first, &before).unwrap_or_else(|| first.response.clone());
         let mut new = last.as_ref().map_or(Some(old.clone()), |stage| at(stage, &after)).unwrap_or_else(|| old.clone());
         for accepted in &mut self.accepted {
             accepted.renew(&after.fitting);
         }
         (self.watcher)("asking for forces and for what is left");
-        let seen = Seen::new(&first, self.runs, &before.theta)?;
+        let seen = Seen::new(first, self.runs, &before.theta)?;
         let misfit = seen.misfit();
         let heard = seen.heard();
         let explained = match &last {
@@ -372,10 +297,11 @@ impl Search<'_> {
                 &first.model,
                 all,
                 train,
+                &first.ways,
                 (&first.response, if found { &new } else { &first.response }),
                 metric,
             ),
-            gains: if found { run_gains(all, train, (&old, &new), metric) } else { Vec::new() },
+            gains: if found { run_gains(all, train, &first.ways, (&old, &new), metric) } else { Vec::new() },
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),
             ended: end.ended,
@@ -383,6 +309,7 @@ impl Search<'_> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
+            spectral: first.spectral(),
         })
     }
 
@@ -407,43 +334,6 @@ impl Search<'_> {
             self.rejected.push(Rejected { place, round: k + 1, gain_train, gain_holdout, reason });
         }
     }
-}
-
-/// A model fitted to the runs that are learned from, and what belongs to each held-out run.
-#[derive(Clone)]
-pub(super) struct Whole {
-    pub(super) fitting: Fitting,
-    /// All runs.
-    pub(super) theta: Vec<Vec<f64>>,
-    /// Cost on the held-out runs; 0 without any.
-    held: f64,
-}
-
-impl Whole {
-    /// Cost of all runs.
-    pub(super) fn cost(&self) -> f64 {
-        self.fitting.cost + self.held
-    }
-}
-
-/// Fits a stage by a noise.
-pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Result<Whole, SearchError> {
-    const CORRECTIONS: usize = 60;
-    let (params, dynamics) = (stage.params().to_vec(), stage.model.dynamics());
-    let (train, held) = stage.steps.split_at(runs.train);
-    let posed = Posed { params: params.clone(), dynamics, runs: runs.train(), steps: train, metric };
-    let none = || SearchError::NoFit("it has no fit by the noise found".into());
-    let fitting = posed.fit(&stage.theta[..runs.train], CORRECTIONS).ok_or_else(none)?;
-    let mut theta = fitting.theta.clone();
-    let mut cost = 0.0;
-    if !held.is_empty() {
-        let starts = super::round::shared_from(&params, &theta[0], &stage.theta[runs.train..]);
-        let posed = Posed { params, dynamics, runs: runs.held(), steps: held, metric }.held();
-        let found = posed.fit(&starts, CORRECTIONS);
-        cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
-        theta.extend(found.map_or(starts, |f| f.theta));
-    }
-    Ok(Whole { fitting, theta, held: cost })
 }
 
 /// The model of a stage with an effect in its text.

@@ -1,7 +1,7 @@
 //! Why nothing can be diagnosed, in the words of whoever brought the records.
 
 use crate::diagnose::screen::ScreeningError;
-use crate::estimate::FitError;
+use crate::estimate::{FitError, SpectralError};
 use crate::model::ModelError;
 use crate::simulate::Unsuited;
 use fdm_grammar::Diagnostic;
@@ -46,6 +46,45 @@ pub enum SearchError {
         run: String,
         /// Its length.
         intervals: usize,
+    },
+    /// No spectrum, no response in the frequency domain.
+    #[error("{0}")]
+    Spectral(#[from] SpectralError),
+    /// A model without a linear response.
+    #[error(
+        "the model is not linear: {0}; show what is missing by an output, say `--nonlinear linearise` for the model at its trim, or \
+         diagnose in the time domain"
+    )]
+    NotLinear(String),
+    /// A band with hardly a line in it.
+    #[error(
+        "run `{run}` has {lines} lines between {low:.4} and {high:.4} cycles per unit of time; {least} are needed to tell noise \
+         from an effect (two for each frequency): widen the band, or use longer runs"
+    )]
+    FewLines {
+        /// The run.
+        run: String,
+        /// Its lines.
+        lines: usize,
+        /// The least number.
+        least: usize,
+        /// Lowest frequency.
+        low: f64,
+        /// Highest.
+        high: f64,
+    },
+    /// Lines that repeat each other.
+    #[error(
+        "lines {spacing} apart repeat each other: run `{run}` tells those apart that are {least:.4} or more apart, and chances would \
+         be wrong; leave `--df` out"
+    )]
+    TooClose {
+        /// The run.
+        run: String,
+        /// What was asked for.
+        spacing: f64,
+        /// One over its length.
+        least: f64,
     },
     /// A held-out run that is one of the others.
     #[error(

@@ -1,12 +1,15 @@
 //! A model at its fit: what candidates are compared with.
 
-use super::evenly::interval;
+use super::round::Runs;
 use super::search_error::SearchError;
-use crate::diagnose::screen::{Record, Signals};
-use crate::dynamics::Dynamics;
+use super::way::Way;
+use crate::diagnose::diagnosis::Spectral;
+use crate::diagnose::screen::{
+    Direction, LogSpectrum, Record, Screening, ScreeningError, ScreeningOptions, Signals, screen, screen_lines,
+    spectra, spectra_of_lines,
+};
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::{Divergence, Simulator, Steps, choose_steps};
 use fdm_grammar::effect::Subject;
 use fdm_grammar::model::Param;
 
@@ -18,30 +21,20 @@ pub(super) struct Stage {
     pub(super) subject: Subject,
     /// All parameters (p) of each run.
     pub(super) theta: Vec<Vec<f64>>,
-    /// How each run is integrated.
-    pub(super) steps: Vec<Steps>,
+    /// How each run is answered.
+    pub(super) ways: Vec<Way>,
     /// Outputs of each run, N by q.
     pub(super) response: Vec<Signals>,
 }
 
 impl Stage {
     /// The model at `theta`; every run must have a response there.
-    pub(super) fn new(model: Model, runs: &[Run], theta: Vec<Vec<f64>>) -> Result<Self, SearchError> {
+    pub(super) fn new(model: Model, runs: Runs<'_>, theta: Vec<Vec<f64>>) -> Result<Self, SearchError> {
         let subject = Subject::new(model.source(), model.definition()).map_err(SearchError::Text)?;
-        let (mut steps, mut response) = (Vec::new(), Vec::new());
-        for (run, theta) in runs.iter().zip(&theta) {
-            let unsuited = |reason| SearchError::Unsuited { run: run.name.clone(), reason };
-            let chosen = choose_steps(model.dynamics(), run, theta).map_err(unsuited)?.steps;
-            let mut simulator = Simulator::new(model.dynamics(), run, chosen.clone()).map_err(unsuited)?;
-            simulator.suits(theta).map_err(unsuited)?;
-            let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
-            let diverged =
-                |d: Divergence| SearchError::NoFit(format!("run `{}` diverges at time {}", run.name, d.time));
-            simulator.simulate(theta, &mut y).map_err(diverged)?;
-            steps.push(chosen);
-            response.push(y);
-        }
-        Ok(Self { model, subject, theta, steps, response })
+        let ways = Way::all(&model, runs, &theta)?;
+        let of = |((run, theta), way): ((_, &Vec<f64>), &Way)| way.answer(model.dynamics(), run, theta);
+        let response = runs.all.iter().zip(&theta).zip(&ways).map(of).collect::<Result<_, _>>()?;
+        Ok(Self { model, subject, theta, ways, response })
     }
 
     /// Number of outputs.
@@ -53,37 +46,67 @@ impl Stage {
     pub(super) fn params(&self) -> &[Param] {
         &self.model.definition().params
     }
+
+    /// What is told of the frequency domain; none in time.
+    pub(super) fn spectral(&self) -> Option<Spectral> {
+        self.ways.first().and_then(Way::told)
+    }
+
+    /// What the columns of its records are derivatives by: what all runs share, and what belongs to each run.
+    pub(super) fn columns(&self, runs: Runs<'_>) -> (Vec<usize>, Vec<usize>) {
+        let (shared, own) = free(self.params());
+        let way = self.ways.first().filter(|_| runs.train > 0);
+        way.map_or((shared.clone(), own.clone()), |way| way.columns((shared, own), self.params().len()))
+    }
+
+    /// Spectra of the noise beside directions, against records of its runs.
+    pub(super) fn noise(
+        &self,
+        records: &[Record],
+        directions: &[Direction],
+        options: &ScreeningOptions,
+    ) -> Result<Vec<LogSpectrum>, ScreeningError> {
+        match self.frequencies(records.len()) {
+            Some(frequencies) => spectra_of_lines(records, &frequencies, self.outputs(), directions, options),
+            None => spectra(records, self.outputs(), directions, options),
+        }
+    }
+
+    /// Frequencies of the lines of so many runs; none in time.
+    fn frequencies(&self, runs: usize) -> Option<Vec<Vec<f64>>> {
+        self.ways.iter().take(runs).map(Way::frequencies).collect()
+    }
+
+    /// Screens directions against records of its runs.
+    pub(super) fn screened(
+        &self,
+        records: &[Record],
+        directions: &[Direction],
+        options: &ScreeningOptions,
+    ) -> Result<Screening, ScreeningError> {
+        match self.frequencies(records.len()) {
+            Some(frequencies) => screen_lines(records, &frequencies, self.outputs(), directions, options),
+            None => screen(records, self.outputs(), directions, options),
+        }
+    }
 }
 
-/// Residuals and sensitivities of a run as screening sees them, without directions; with the response.
-///
-/// `columns` are the parameters that all runs share and those of each run, `place` is that of the run among so many.
-pub(super) fn record(
-    dynamics: &dyn Dynamics,
-    run: &Run,
-    (steps, theta): (&Steps, &[f64]),
-    (shared, own): (&[usize], &[usize]),
-    (place, runs): (usize, usize),
-) -> Result<(Record, Signals), SearchError> {
-    let columns: Vec<usize> = shared.iter().chain(own).copied().collect();
-    let unsuited = |reason| SearchError::Unsuited { run: run.name.clone(), reason };
-    let mut simulator = Simulator::new(dynamics, run, steps.clone()).map_err(unsuited)?;
-    let stride = columns.len().next_multiple_of(8);
-    let cells = simulator.samples() * simulator.outputs();
-    let (mut y, mut jacobian) = (vec![0.0; cells], vec![0.0; cells * stride]);
-    let no = |_| SearchError::NoFit(format!("run `{}` has no derivatives at the estimates", run.name));
-    simulator.sensitivities(theta, &columns, &mut y, &mut jacobian).map_err(no)?;
-    let column = |c: usize| -> Signals { jacobian.chunks_exact(stride.max(1)).map(|row| row[c]).collect() };
-    let mut fitted: Vec<Option<Signals>> = (0..shared.len()).map(|c| Some(column(c))).collect();
-    for other in 0..runs {
-        fitted.extend((0..own.len()).map(|c| (other == place).then(|| column(shared.len() + c))));
-    }
-    let residual = run.measured.iter().zip(&y).map(|(z, y)| z - y).collect();
-    Ok((Record { interval: interval(run), residual, fitted, directions: Vec::new() }, y))
+/// Residuals and sensitivities of runs, by a model on its ways, without directions.
+pub(super) fn records(
+    model: &Model,
+    runs: &[Run],
+    ways: &[Way],
+    theta: &[Vec<f64>],
+) -> Result<Vec<Record>, SearchError> {
+    let (shared, own) = free(&model.definition().params);
+    let of = |(place, ((run, theta), way)): (usize, ((_, &Vec<f64>), &Way))| {
+        way.record(model.dynamics(), (run, theta), (&shared, &own), (place, runs.len()))
+    };
+    runs.iter().zip(theta).zip(ways).enumerate().map(of).collect()
 }
 
 /// Free parameters (by index): those that all runs share, those of each run.
-pub(super) fn free(params: &[Param]) -> (Vec<usize>, Vec<usize>) {
+fn free(params: &[Param]) -> (Vec<usize>, Vec<usize>) {
     let pick = |own: bool| {
         let chosen = params.iter().enumerate().filter(move |(_, p)| !p.fixed && p.per_run == own);
         chosen.map(|(k, _)| k).collect()

@@ -107,6 +107,21 @@ fn a_hidden_delay_is_found_and_threads_change_nothing() {
     assert_eq!(one.install(|| diagnosed(&text, &runs, &[])), found);
 }
 
+/// The second effect is small beside the first, and each would be taken for something else alone.
+#[test]
+fn two_hidden_effects_are_both_found_and_nothing_else() {
+    let text = MOTOR.replace("b*INPUT - a*v", "b*delay(u, 0.17) - a*v - 0.5*v*abs(v)");
+    let steps = |t: f64| if (t / 1.3).floor() % 2.0 < 1.0 { 1.0 } else { -0.6 } * if t > 0.5 { 1.0 } else { 0.0 };
+    let waves = |t: f64| 0.8 * (0.7 * t).sin() + 0.6 * (2.9 * t + 1.0).sin();
+    let runs = [run(&text, "a", steps, &[], 0.01), run(&text, "b", waves, &[], 0.01)];
+    let found = diagnosed(&MOTOR.replace("INPUT", "u"), &runs, &[run(&text, "c", |t| steps(1.5 * t), &[], 0.01)]);
+    let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
+    named.sort();
+    assert_eq!(named, ["input_delay(u)", "quadratic_damping(v)"], "{found:#?}");
+    let value = |k: usize| found.causes.iter().find(|c| c.place.to_string() == named[k]).unwrap().parameters[0].value;
+    assert!((value(0) - 0.17).abs() < 0.02 && (value(1) - 0.5).abs() < 0.1, "{:?}", found.causes);
+}
+
 #[test]
 fn what_cannot_be_judged_is_said() {
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();

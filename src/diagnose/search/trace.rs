@@ -4,8 +4,12 @@
 //! extended program serves all points of a candidate, and no text is written for any of them.
 
 use super::attached::Attached;
+use super::domain::Domain;
 use super::measured::Measured;
+use super::round::Runs;
 use super::stage::Stage;
+use super::transfer::transfers;
+use super::way::Way;
 use crate::code::{Engine, compile};
 use crate::diagnose::screen::{Shape, Signals};
 use crate::dynamics::Dynamics;
@@ -29,8 +33,8 @@ pub(super) struct Trace {
     pub(super) points: Vec<Point>,
     /// What it adds there to each run (points by runs).
     pub(super) signals: Vec<Vec<Signals>>,
-    /// The steps of each run with which that was found.
-    pub(super) steps: Vec<Steps>,
+    /// How each run was answered, those that are held out too.
+    pub(super) ways: Vec<Way>,
 }
 
 /// Values of the new parameters.
@@ -74,12 +78,24 @@ impl Point {
 ///
 /// # Errors
 /// Why it is left out, in words.
-pub(super) fn trace(candidate: &Candidate, stage: &Stage, runs: &[Run], measured: &Measured) -> Result<Trace, String> {
+pub(super) fn trace(
+    candidate: &Candidate,
+    stage: &Stage,
+    runs: Runs<'_>,
+    measured: &Measured,
+) -> Result<Trace, String> {
     let attached = Attached::new(candidate, stage, measured, &Choice::new())?;
-    if !runs.iter().all(|run| attached.takes(run)) {
+    if !runs.train().iter().all(|run| attached.takes(run)) {
         return Err("it needs records that the runs do not have".into());
     }
     let points = points(&attached);
+    if points.is_empty() {
+        return Err("the records leave no value to try".into());
+    }
+    if let Domain::Frequency(options) = runs.domain {
+        let (points, signals, ways) = transfers(&attached, points, stage, runs, options)?;
+        return Ok(Trace { attached, points, signals, ways });
+    }
     let mut definition = attached.definition.clone();
     let differentiated = |k: usize| points.iter().any(|p| p.is_linear() && p.lead == k);
     definition.params.iter_mut().for_each(|p| p.fixed = true);
@@ -87,9 +103,10 @@ pub(super) fn trace(candidate: &Candidate, stage: &Stage, runs: &[Run], measured
         definition.params[*at].fixed = !differentiated(k);
     }
     let dynamics = compile(&Schedule::new(&mut definition), Engine::Tape);
-    let bench = Bench { stage, runs, attached: &attached, dynamics: &*dynamics };
+    let steps: Vec<Steps> = stage.ways.iter().filter_map(|way| way.steps().cloned()).collect();
+    let bench = Bench { stage, own: &steps, runs: runs.train(), attached: &attached, dynamics: &*dynamics };
     let (points, signals, steps) = bench.signals(points)?;
-    Ok(Trace { attached, points, signals, steps })
+    Ok(Trace { attached, points, signals, ways: steps.into_iter().map(Way::Steps).collect() })
 }
 
 /// All combinations of trials.
@@ -149,6 +166,8 @@ fn sizes(attached: &Attached, values: &[f64], group: usize) -> Vec<Point> {
 /// Simulates the points of one candidate.
 struct Bench<'a> {
     stage: &'a Stage,
+    /// The steps of the stage.
+    own: &'a [Steps],
     runs: &'a [Run],
     attached: &'a Attached,
     dynamics: &'a dyn Dynamics,
@@ -158,12 +177,9 @@ type Found = (Vec<Point>, Vec<Vec<Signals>>, Vec<Steps>);
 
 impl Bench<'_> {
     fn signals(&self, points: Vec<Point>) -> Result<Found, String> {
-        if points.is_empty() {
-            return Err("the records leave no value to try".into());
-        }
         let level = self.level(&points).ok_or("the extended model has no response at any value that is tried")?;
         // those of held-out runs too, for the fits
-        let steps: Vec<Steps> = (0..self.stage.steps.len()).map(|r| self.steps(r, level)).collect();
+        let steps: Vec<Steps> = (0..self.own.len()).map(|r| self.steps(r, level)).collect();
         let mut benches = Vec::new();
         for (r, steps) in steps.iter().enumerate().take(self.runs.len()) {
             benches.push(self.run(r, steps).ok_or("the extended model cannot be simulated over these runs")?);
@@ -206,7 +222,7 @@ impl Bench<'_> {
     /// The steps of a run at a level.
     fn steps(&self, run: usize, level: usize) -> Steps {
         let layout = self.dynamics.layout();
-        let own = &self.stage.steps[run];
+        let own = &self.own[run];
         match own.scheme() {
             // a program that is not linear is integrated
             Scheme::Recursion { .. } if !layout.affine.rates => Steps::equal(Scheme::RungeKutta, 1 << level),
@@ -281,7 +297,7 @@ impl RunBench<'_> {
     /// By the base model.
     fn base(&self) -> Option<Signals> {
         let stage = self.bench.stage;
-        if self.steps == stage.steps[self.r] {
+        if self.steps == self.bench.own[self.r] {
             return Some(stage.response[self.r].clone());
         }
         let mut simulator =

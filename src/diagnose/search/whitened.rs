@@ -23,7 +23,8 @@ pub(super) struct Lens {
 
 /// One output.
 struct View {
-    dct: Arc<dyn TransformType2And3<f64>>,
+    /// None where signals are lines already.
+    dct: Option<Arc<dyn TransformType2And3<f64>>>,
     /// Samples that were measured.
     samples: Vec<usize>,
     /// Factor of every line.
@@ -37,7 +38,20 @@ impl View {
         let dt = interval(run) * spacing(&samples);
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
         let weight = (0..n).map(|k| orthonormal(k).sqrt() / metric.deviation(o, k, n, dt)).collect();
-        Self { dct: planner.plan_dct2(n.max(1)), samples, weight }
+        Self { dct: Some(planner.plan_dct2(n.max(1))), samples, weight }
+    }
+
+    /// Of lines at these frequencies.
+    fn of_lines(measured: &[f64], (o, q): (usize, usize), frequencies: &[f64], metric: &Metric) -> Self {
+        let samples: Vec<usize> = (0..frequencies.len()).filter(|k| !measured[k * q + o].is_nan()).collect();
+        let weight = samples.iter().map(|k| 1.0 / metric.at(o, frequencies[*k])).collect();
+        Self { dct: None, samples, weight }
+    }
+}
+
+impl View {
+    fn scratch(&self) -> usize {
+        self.dct.as_ref().map_or(0, |dct| dct.get_scratch_len())
     }
 }
 
@@ -52,8 +66,14 @@ impl Lens {
     pub(super) fn new(run: &Run, outputs: usize, metric: &Metric) -> Self {
         let mut planner = DctPlanner::new();
         let views: Vec<View> = (0..outputs).map(|o| View::new(run, (o, outputs), metric, &mut planner)).collect();
-        let scratch = views.iter().map(|v| v.dct.get_scratch_len()).max().unwrap_or(0);
+        let scratch = views.iter().map(View::scratch).max().unwrap_or(0);
         Self { outputs, views, line: vec![0.0; run.len()], scratch: vec![0.0; scratch] }
+    }
+
+    /// For signals that are lines already, of a run that has these.
+    pub(super) fn of_lines(measured: &[f64], outputs: usize, frequencies: &[f64], metric: &Metric) -> Self {
+        let views = (0..outputs).map(|o| View::of_lines(measured, (o, outputs), frequencies, metric)).collect();
+        Self { outputs, views, line: vec![0.0; frequencies.len()], scratch: Vec::new() }
     }
 
     /// The lines of output `o` of a signal whose sample `k` is `signal(k)`, N of them.
@@ -66,7 +86,9 @@ impl Lens {
             return line;
         }
         own.iter_mut().zip(&view.samples).for_each(|(value, k)| *value = signal(*k));
-        view.dct.process_dct2_with_scratch(own, &mut scratch[..view.dct.get_scratch_len()]);
+        if let Some(dct) = &view.dct {
+            dct.process_dct2_with_scratch(own, &mut scratch[..dct.get_scratch_len()]);
+        }
         own.iter_mut().zip(&view.weight).for_each(|(value, weight)| *value *= weight);
         line
     }

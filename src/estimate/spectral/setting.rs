@@ -42,9 +42,10 @@ pub(super) struct Setting {
     pub(super) seen: Vec<bool>,
     pub(super) spectra: Vec<Spectrum>,
     /// Parameters of the problem: the model's, unseen ones fixed, then end values.
-    params: Vec<Param>,
+    pub(super) params: Vec<Param>,
     ends: EndTerms,
-    weighted: Vec<Spectrum>,
+    /// Scaled to one noise density.
+    pub(super) weighted: Vec<Spectrum>,
     plans: Arc<Plans>,
     pub(super) reason: Reason,
 }
@@ -106,9 +107,19 @@ impl Setting {
         self.weighted.iter().map(columns).collect()
     }
 
-    fn response(&self, spectrum: &Spectrum) -> Result<SpectralResponse, SpectralError> {
+    /// The response to the inputs of one of `weighted`.
+    pub(super) fn response(&self, spectrum: &Spectrum) -> Result<SpectralResponse, SpectralError> {
+        self.response_of(&self.linear, spectrum)
+    }
+
+    /// The same of a model with other outputs.
+    pub(super) fn response_of(
+        &self,
+        linear: &LinearModel,
+        spectrum: &Spectrum,
+    ) -> Result<SpectralResponse, SpectralError> {
         let theta = self.model.definition().start();
-        SpectralResponse::new(&self.linear, &theta, spectrum, &self.ends, &self.plans, &self.reason)
+        SpectralResponse::new(linear, &theta, spectrum, &self.ends, &self.plans, &self.reason)
             .map_err(|why| SpectralError::Unanswered(self.named(why)))
     }
 
@@ -208,7 +219,7 @@ pub(super) fn band(spectra: &[Spectrum]) -> (f64, f64) {
     (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max))
 }
 
-fn is_linear(model: &Model) -> bool {
+pub(super) fn is_linear(model: &Model) -> bool {
     let affine = &model.layout().affine;
     affine.rates && affine.outputs.iter().all(|o| *o)
 }
@@ -371,7 +382,7 @@ pub(in crate::estimate) fn seen(structure: &Structure) -> Vec<bool> {
 }
 
 /// Measured coefficients as samples by q: real and imaginary part of a frequency one after the other.
-fn samples(spectrum: &Spectrum) -> Vec<f64> {
+pub(super) fn samples(spectrum: &Spectrum) -> Vec<f64> {
     let count = spectrum.omega.len();
     let outputs: Vec<_> = spectrum.outputs.chunks(count.max(1)).collect();
     let rows = (0..count).flat_map(|k| [false, true].map(|imaginary| (k, imaginary)));

@@ -204,3 +204,57 @@ fn what_was_fitted_cannot_be_found() {
     assert!(found.consistency[3].is_none());
     assert!((found.compensation[(1, 3)] - 1.0).abs() < 1e-6);
 }
+
+/// A line from -1 to 1 in the first output.
+fn ramp(samples: usize, channels: usize) -> Signals {
+    let at = |k: usize| 2.0 * (k / channels) as f64 / samples as f64 - 1.0;
+    (0..samples * channels).map(|k| if k.is_multiple_of(channels) { at(k) } else { 0.0 }).collect()
+}
+
+#[test]
+fn a_drift_is_found_in_the_lowest_lines() {
+    let (mut runs, directions) = records(2, 300, 2, Colour::White, 21);
+    for run in &mut runs {
+        run.directions[4] = ramp(300, 2);
+        // 200 in twice the gain: sum of squares of 600 values of mean square 1/3
+        add(run, 4, 0.45);
+    }
+    let found = screened(&runs, 2, &directions);
+    assert_eq!(found.ranking[0], 4);
+    assert!(found.family_wise < 0.01 && (0.3..0.6).contains(&found.candidates[4].amount), "{}", found.family_wise);
+}
+
+#[test]
+fn a_drift_is_no_effect_in_noise_that_drifts() {
+    let chance = |seed: u64| {
+        let (mut runs, directions) = records(2, 300, 1, Colour::Pink, 300 + seed);
+        runs.iter_mut().for_each(|run| run.directions[4] = ramp(300, 1));
+        screened(&runs, 1, &directions).candidates[4].chance
+    };
+    let found: Vec<f64> = (0..30).map(chance).collect();
+    assert!(found.iter().filter(|p| **p < 0.05).count() <= 5, "{found:?}");
+    // nor is it taken for noise in every case
+    assert!(found.iter().filter(|p| **p < 0.5).count() >= 5, "{found:?}");
+}
+
+#[test]
+fn noise_alone_has_the_same_spectrum_without_judging() {
+    let (runs, directions) = records(2, 200, 2, Colour::Pink, 22);
+    let alone = spectra(&runs, 2, &directions, &ScreeningOptions::default()).unwrap();
+    assert_eq!(alone, screened(&runs, 2, &directions).spectra);
+}
+
+#[test]
+fn what_a_resonance_leaves_at_the_ends_is_no_effect() {
+    // a short pulse where the record begins: all lines below the resonance alike, as what a cut-off wave leaves
+    let repeats = 40;
+    let statistic = |seed: u64| {
+        let (mut runs, directions) = records(2, 300, 1, Colour::Resonant, 500 + seed);
+        for run in &mut runs {
+            run.directions[4] = (0..300).map(|k| (-(k as f64 / 4.0)).exp()).collect();
+        }
+        screen(&runs, 1, &directions, &ScreeningOptions { draws: 0, dropped: 1 }).unwrap().candidates[4].statistic
+    };
+    let mean: f64 = (0..repeats).map(|seed| statistic(seed) / repeats as f64).sum();
+    assert!((0.3..1.8).contains(&mean), "{mean}");
+}

@@ -23,7 +23,9 @@ fn families() -> Vec<(&'static str, Family)> {
 }
 
 fn options() -> ScreeningOptions {
-    ScreeningOptions { draws: number("FDM_DRAWS", 200) as usize, ..ScreeningOptions::default() }
+    let whole = ScreeningOptions::default();
+    let number = |name, otherwise: usize| number(name, otherwise as u64) as usize;
+    ScreeningOptions { draws: number("FDM_DRAWS", whole.draws), dropped: number("FDM_DROPPED", whole.dropped) }
 }
 
 /// Chances of the best candidate over repeats of noise alone.

@@ -1,0 +1,40 @@
+//! The chance that noise makes the best candidate look as good as it does, once the best have been fitted.
+//!
+//! Screening promises a gain; what the joint fit gains, on the runs that are learned from and on those that are held out, may be
+//! less. The statistic of a fitted candidate is then the lesser of both. It is judged by the distribution that the promise
+//! has under noise: what is never larger than another statistic is large no more often.
+
+use super::contest::Contest;
+use super::round::Round;
+
+/// The family-wise chance of the best candidate by what it gained in fact.
+pub(super) fn confirmed(round: &Round<'_>, contest: &Contest) -> f64 {
+    let candidates = &round.screening.candidates;
+    let p = round.screening.family_wise;
+    let Some(lead) = round.screening.ranking.first().map(|t| candidates[*t].lead) else { return p };
+    let fitted = || contest.contenders.iter().chain(&contest.far);
+    let of = |t: &usize| match fitted().find(|c| c.trace == *t) {
+        Some(c) => candidates[*t].lead - 2.0 * (c.predicted - c.whole_gain()).max(0.0),
+        None => candidates[*t].lead,
+    };
+    let left = round.screening.ranking.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
+    // beyond what noise gives once in a hundred times, chances fall like that of chi-square
+    weakened(p, 0.5 * (lead - left).max(0.0))
+}
+
+/// A chance among many, when each of them is so many times (by its logarithm) larger.
+fn weakened(p: f64, nats: f64) -> f64 {
+    -(nats.min(700.0).exp() * (-p.clamp(0.0, 1.0 - 1e-12)).ln_1p()).exp_m1()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chances_grow_with_what_is_lost_and_stay_chances() {
+        assert!((weakened(1e-6, 0.0) - 1e-6).abs() < 1e-18);
+        assert!((weakened(1e-6, 2.0) / (1e-6 * 2.0_f64.exp()) - 1.0).abs() < 1e-4);
+        assert!(weakened(0.004, 5.0) > 0.4 && weakened(0.004, 50.0) <= 1.0 && weakened(1.0, 1.0) <= 1.0);
+    }
+}

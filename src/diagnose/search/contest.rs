@@ -1,0 +1,131 @@
+//! The best candidates of a search fitted jointly with the model, all by one noise.
+
+use super::beside::Beside;
+use super::contender::Contender;
+use super::metric::Metric;
+use super::options::Watcher;
+use super::refit::{Fitting, Posed};
+use super::round::{Round, shared_from};
+use super::search_error::SearchError;
+use super::stage::records;
+use rayon::prelude::*;
+
+/// Candidates that are refitted, at least.
+const FEWEST: usize = 8;
+/// And at most.
+const MOST: usize = 24;
+/// Part of the best promised gain from which a candidate is refitted in any case.
+const REACH: f64 = 0.6;
+/// Corrections of the base model's fit.
+const WHOLE: usize = 25;
+/// Contenders that stay this far behind the best, and below this part of its gain, are not followed to the end.
+const BEHIND: f64 = 40.0;
+const PART: f64 = 0.25;
+/// Contenders whose score is this near to the best are fitted from other starts too.
+const CLOSE: f64 = 10.0;
+/// Contenders of which the best is found before a noise is.
+const LEADERS: usize = 3;
+/// Gain from which the noise that the model seemed to have is that of its error too, in part.
+const LARGE: f64 = 15.0;
+
+/// The fits of a round, by one noise.
+pub(super) struct Contest {
+    pub(super) metric: Metric,
+    /// The best score first.
+    pub(super) contenders: Vec<Contender>,
+    /// Those that stayed far behind, by the first noise.
+    pub(super) far: Vec<Contender>,
+}
+
+impl Round<'_> {
+    /// Fits the best candidates jointly with the model, all by one noise: first that of the saturated residual, then that of the best
+    /// model's.
+    pub(super) fn contest(&mut self, watcher: &Watcher<'_>) -> Result<Contest, SearchError> {
+        self.contest_of(MOST, watcher)
+    }
+
+    /// The same of at most so many candidates.
+    pub(super) fn contest_of(&mut self, most: usize, watcher: &Watcher<'_>) -> Result<Contest, SearchError> {
+        let metric = Metric::new(&self.screening.spectra, self.options.dropped);
+        let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
+        let chosen = self.chosen(most);
+        watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
+        let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
+        let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
+        let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
+        drop(beside);
+        sort(&mut contenders);
+        let leaders = contenders.len().min(LEADERS);
+        contenders[..leaders].par_iter_mut().for_each(|c| c.finish(self, &metric, &base));
+        sort(&mut contenders);
+        let Some(best) = contenders.first() else {
+            return Ok(Contest { metric, contenders, far: Vec::new() });
+        };
+        // the noise that the best model leaves judges all
+        let renewed = if best.gain > LARGE { self.renewed(best) } else { None };
+        let metric = renewed.unwrap_or(metric);
+        let base = self.base(&metric, &base.theta)?;
+        let near = (contenders[0].gain - BEHIND).min(PART * contenders[0].gain);
+        let (mut contenders, far): (Vec<_>, Vec<_>) = contenders.into_iter().partition(|c| c.gain >= near);
+        let base_held = self.base_held(&metric, &base);
+        contenders.par_iter_mut().for_each(|c| {
+            c.finish(self, &metric, &base);
+            c.compare(self, &metric, base_held.as_ref());
+        });
+        sort(&mut contenders);
+        // a name is worth looking for other minima
+        let least = contenders[0].score() - CLOSE;
+        contenders.par_iter_mut().filter(|c| c.score() > least).for_each(|c| {
+            if c.again(self, &metric, &base) {
+                c.compare(self, &metric, base_held.as_ref());
+            }
+        });
+        sort(&mut contenders);
+        Ok(Contest { metric, contenders, far })
+    }
+
+    /// Candidates that are worth a fit: the best by lead, and all whose promise is within reach of the best.
+    fn chosen(&self, most: usize) -> Vec<usize> {
+        let candidates = &self.screening.candidates;
+        let usable = |t: &&usize| candidates[**t].direction.is_some() && candidates[**t].statistic > 0.0;
+        let ranked: Vec<usize> = self.screening.ranking.iter().filter(usable).copied().collect();
+        let best = ranked.iter().map(|t| candidates[*t].statistic).fold(0.0, f64::max);
+        let near = |(k, t): (usize, usize)| (k < FEWEST || candidates[t].statistic > REACH * best).then_some(t);
+        ranked.into_iter().enumerate().filter_map(near).take(most).collect()
+    }
+
+    /// The base model by a noise.
+    fn base(&self, metric: &Metric, starts: &[Vec<f64>]) -> Result<Fitting, SearchError> {
+        let stage = &self.stage;
+        let params = stage.params().to_vec();
+        let ways = &stage.ways[..self.runs.train];
+        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
+        posed.fit(starts, WHOLE).ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
+    }
+
+    /// The base model on the held-out runs.
+    fn base_held(&self, metric: &Metric, base: &Fitting) -> Option<Fitting> {
+        let stage = &self.stage;
+        let starts = shared_from(stage.params(), base.theta.first()?, &stage.theta[self.runs.train..]);
+        let (params, ways) = (stage.params().to_vec(), &stage.ways[self.runs.train..]);
+        let runs = self.runs.held();
+        Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }.held().fit(&starts, WHOLE)
+    }
+
+    /// The noise that is left by a contender, all directions taken out.
+    fn renewed(&mut self, best: &Contender) -> Option<Metric> {
+        let mut records = records(&best.model, self.runs.train(), &best.ways, &best.fitting.theta).ok()?;
+        // directions are large: they are lent
+        let lend = |a: &mut [crate::diagnose::screen::Record], b: &mut [crate::diagnose::screen::Record]| {
+            a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
+        };
+        lend(&mut records, &mut self.records);
+        let found = self.stage.noise(&records, &self.directions, &self.options);
+        lend(&mut records, &mut self.records);
+        Some(Metric::new(&found.ok()?, self.options.dropped))
+    }
+}
+
+fn sort(contenders: &mut [Contender]) {
+    contenders.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.trace.cmp(&b.trace)));
+}

@@ -1,0 +1,121 @@
+//! The model as it stands at its fit: where a search begins.
+
+use super::domain::Domain;
+use super::options::SearchOptions;
+use super::round::Runs;
+use super::search_error::SearchError;
+use super::stage::Stage;
+use crate::estimate::{
+    Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, fit, fit_spectra, starts,
+};
+use crate::model::Model;
+use crate::record::Run;
+
+/// Parts of the record that are fitted first where the start values lead nowhere.
+const SHARES: [f64; 2] = [0.25, 0.5];
+/// Mean R^2 of outputs below which other minima are looked for.
+const MATCH: f64 = 0.5;
+
+/// The model at its fit.
+pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    match runs.domain {
+        Domain::Time => first_in_time(model, runs, options),
+        Domain::Frequency(spectral) => first_in_lines(model, runs, options, spectral),
+    }
+}
+
+/// The model at its fit to spectra. Held-out runs have values of their own only where these show them, and are fitted with their own
+/// noise.
+fn first_in_lines(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &SearchOptions,
+    spectral: &SpectralOptions,
+) -> Result<Stage, SearchError> {
+    let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
+    let start = starts(model, runs.all, &changes);
+    let how = SpectralOptions { changes, options: how, ..spectral.clone() };
+    let fitted = fit_spectra(model, runs.train(), &how, &mut ())?;
+    if let Some(why) = &fitted.unanswered {
+        return Err(SearchError::NoFit(why.to_string()));
+    }
+    let model = fitted.model.clone();
+    let of = |(run, start): (&Run, &Vec<f64>)| {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            fitted.estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let theta = runs.all.iter().zip(&start).map(of).collect();
+    Stage::new(model, runs, theta)
+}
+
+/// The model at its fit by plain output error.
+fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+    let mut how = options.fit.clone();
+    how.options.colour = false;
+    let fitted = plainly(model, runs.train(), &how)?;
+    if fitted.estimate.runs.is_empty() {
+        return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
+    }
+    let model = fitted.model.clone();
+    let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let start = starts(&model, runs.all, &how.changes);
+    let mut theta: Vec<Vec<f64>> =
+        runs.train().iter().zip(&start).map(|(run, start)| reached(run, start, &fitted.estimate)).collect();
+    if !runs.held().is_empty() {
+        let shared: Vec<(String, f64)> = model
+            .definition()
+            .params
+            .iter()
+            .zip(&theta[0])
+            .filter(|(p, _)| !p.per_run && !p.is_recorded())
+            .map(|(p, v)| (p.quantity.name.clone(), v.max(p.lower).min(p.upper)))
+            .collect();
+        let names = shared.iter().map(|(name, _)| name.clone()).collect();
+        let changes = Changes { set: shared, fix: names, free: Vec::new() };
+        let held = plainly(&model, runs.held(), &FitOptions { changes, ..how.clone() })?;
+        for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
+            let mut own = reached(run, start, &held.estimate);
+            let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
+            each.filter(|(p, _)| !p.per_run).for_each(|(_, (own, shared))| *own = *shared);
+            theta.push(own);
+        }
+    }
+    Stage::new(model, runs, theta)
+}
+
+/// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
+/// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
+/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum.
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitError> {
+    if how.continuation != Continuation::Auto {
+        return fit(model, runs, how, &mut ());
+    }
+    let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
+    let sound = |fit: &Fit| fit.estimate.termination.is_good() && fit.estimate.cost.is_some();
+    let plain = by(Continuation::Never).ok().filter(sound);
+    let plain = match plain {
+        Some(plain) if is_match(&plain.estimate) => return Ok(plain),
+        plain => plain,
+    };
+    let grown = by(Continuation::Shares(SHARES.to_vec())).ok().filter(sound);
+    let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
+    let best = plain.into_iter().chain(grown).min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    best.map_or_else(|| fit(model, runs, how, &mut ()), Ok)
+}
+
+/// Whether most of what was measured is explained.
+fn is_match(estimate: &Estimate) -> bool {
+    let told: Vec<f64> = estimate.outputs.iter().filter_map(|o| o.r2).map(|r2| r2.max(-1.0)).collect();
+    told.is_empty() || told.iter().sum::<f64>() / told.len() as f64 > MATCH
+}

@@ -1,0 +1,137 @@
+//! `fdm diagnose` as a user runs it: an effect of the user's own is hidden in records, found, written into the model's text with
+//! its comments kept, and the extended model is one that `fdm fit` takes.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use fdm::Model;
+use fdm::record::Run;
+use fdm::simulate::Simulator;
+use rand::Rng;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use serde_json::Value;
+use std::fmt::Write;
+use std::fs;
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// A boat's yaw; what the rudder does is felt less at high rates of turn, which no effect of the standard catalogue says.
+const MODEL: &str = "// The yaw of a boat, as everybody writes it.
+model yaw \"first order in the rudder\" {
+  input rudder [1];
+  state r \"rate of turn\" [1/s] = 0;
+
+  param T = 0.5 [1/s] \"damping\";   // never below zero
+  param K = 0.8 [1/s^2] \"rudder\";
+
+  der(r) = K*rudder - T*r; // Nomoto
+
+  output turn [1/s] = r;
+}
+";
+const OWN: &str = "// What our boats do.
+effect stall(x: state, i: input) when depends(der(x), i) \"{i} acts less on {x} where {x} is large\" {
+  param loss = 0 [1];
+  add der(x) += -loss*i*x^2;
+}
+";
+
+struct Desk(TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self(tempfile::tempdir().unwrap());
+        desk.write("yaw.fdm", MODEL);
+        desk.write("own.fdm", OWN);
+        for (k, name) in ["one", "two", "kept"].into_iter().enumerate() {
+            desk.write(&format!("{name}.csv"), &record(k));
+        }
+        desk
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.0.path().join(name), text).unwrap();
+    }
+
+    fn read(&self, name: &str) -> String {
+        fs::read_to_string(self.0.path().join(name)).unwrap()
+    }
+
+    fn fdm(&self, words: &str) -> Output {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fdm"));
+        command.args(words.split_whitespace()).current_dir(self.0.path()).output().unwrap()
+    }
+
+    fn good(&self, words: &str) -> String {
+        let output = self.fdm(words);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{words}: {said}");
+        String::from_utf8(output.stdout).unwrap()
+    }
+}
+
+/// A record of the truth, with one part in fifty of noise.
+fn record(k: usize) -> String {
+    let truth = MODEL.replace("- T*r;", "- T*r - 0.9*rudder*r^2;");
+    let model = Model::from_text("truth.fdm", truth).unwrap();
+    let (n, dt) = (240, 0.1);
+    let time: Vec<f64> = (0..n).map(|i| i as f64 * dt).collect();
+    let mut random = ChaCha8Rng::seed_from_u64(40 + k as u64);
+    let mut level = 0.0;
+    let mut inputs = Vec::with_capacity(n);
+    for i in 0..n {
+        if i % 17 == 5 {
+            level = random.random_range(-1.0..1.0);
+        }
+        inputs.push(level);
+    }
+    let mut run = Run {
+        name: "truth".into(),
+        inputs,
+        held: vec![false],
+        measured: vec![f64::NAN; n],
+        time,
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+    };
+    let mut y = vec![0.0; n];
+    Simulator::new(model.dynamics(), &run, 8).unwrap().simulate(&model.definition().start(), &mut y).unwrap();
+    let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+    run.measured = y.iter().map(|y| y + 0.008 * normal()).collect();
+    let mut text = "time,rudder,turn\n".to_string();
+    for i in 0..n {
+        writeln!(text, "{},{},{}", run.time[i], run.inputs[i], run.measured[i]).unwrap();
+    }
+    text
+}
+
+#[test]
+fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
+    let desk = Desk::new();
+    let said = desk.good(
+        "diagnose yaw.fdm --data one.csv --data two.csv --holdout kept.csv --effects own.fdm --write better.fdm --out result --json -q",
+    );
+    let found: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!((&found["verdict"], &found["extended_model"]), (&"effect_found".into(), &"better.fdm".into()), "{said}");
+    let cause = &found["causes"][0];
+    assert_eq!((&cause["effect"], &cause["targets"]), (&"stall".into(), &serde_json::json!(["r", "rudder"])), "{said}");
+    let loss = cause["parameters"][0]["value"].as_f64().unwrap();
+    assert!((loss - 0.9).abs() < 0.15 && cause["gain_holdout"].as_f64().unwrap() > 10.0, "{cause}");
+    assert_eq!(found["causes"].as_array().unwrap().len(), 1, "{said}");
+
+    // the user's own lines stay as they are, to the byte
+    let better = desk.read("better.fdm");
+    let kept = MODEL.lines().filter(|line| !line.contains("der(r)"));
+    kept.for_each(|line| assert!(better.contains(line), "`{line}` is lost:\n{better}"));
+    assert!(better.contains("// Nomoto") && better.contains("*rudder*r^2"), "{better}");
+    assert_eq!(desk.good("fmt --check better.fdm"), "");
+    let json: Value = serde_json::from_str(&desk.read("result/diagnosis.json")).unwrap();
+    assert_eq!(json, found);
+    assert!(desk.read("result/diagnosis.txt").contains("stall(r, rudder)"));
+    assert_eq!(desk.read("result/extended.fdm"), better);
+    assert!(desk.read("result/extended.diff").lines().any(|line| line.starts_with("+  der(r)")));
+
+    // and it is a model that a fit takes
+    let fit: Value =
+        serde_json::from_str(&desk.good("fit better.fdm --data one.csv --data two.csv --json -q")).unwrap();
+    assert!(fit.to_string().contains("loss"), "{fit}");
+}

@@ -1,0 +1,9 @@
+//! Diagnoses in the time and in the frequency domain: on linear systems they name the same causes with the same sizes and gains.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+#[path = "../noise/mod.rs"]
+mod noise;
+mod refusals;
+mod studies;
+mod systems;
+mod verdicts;

@@ -1,0 +1,155 @@
+//! What a naive model of real and of published records lacks, found by the standard catalogue that is told nothing else:
+//! `cargo test --release --test studies_causes -- --ignored --nocapture`.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+#![allow(clippy::print_stdout, reason = "studies print their figures")]
+
+mod noise;
+mod papers;
+
+use fdm::Model;
+use fdm::diagnose::diagnosis::{Diagnosis, EffectAt};
+use fdm::diagnose::search::{SearchOptions, search};
+use fdm::effect::Catalogue;
+use fdm::estimate::{FitOptions, fit};
+use fdm::record::{ReadOptions, Run, channels, read};
+use papers::puma;
+use std::path::Path;
+use std::time::Instant;
+
+fn record(model: &Model, file: &str) -> Run {
+    let path = Path::new("models").join(file);
+    let options = ReadOptions { require_outputs: true, ..ReadOptions::default() };
+    read(&path, &channels(model.definition()), &options).unwrap().0
+}
+
+/// Every so many-th sample.
+fn thinned(run: &Run, every: usize) -> Run {
+    let (m, q) = (run.held.len(), run.output_gaps.len());
+    let rows = |values: &[f64], width: usize| -> Vec<f64> {
+        values.chunks_exact(width.max(1)).step_by(every).flatten().copied().collect()
+    };
+    let time = run.time.iter().step_by(every).copied().collect();
+    Run { time, inputs: rows(&run.inputs, m), measured: rows(&run.measured, q), ..run.clone() }
+}
+
+/// Asks, and prints what is said.
+fn diagnosed(name: &str, model: &Model, runs: &[Run], held: &[Run]) -> Diagnosis {
+    let begun = Instant::now();
+    let found = search(model, runs, held, &Catalogue::standard(), &SearchOptions::default(), &|_| ()).unwrap();
+    println!("{name}: {:?}, p {:.1e}, {:.1} s", found.verdict, found.family_wise_p, begun.elapsed().as_secs_f64());
+    for cause in &found.causes {
+        let group: Vec<String> = cause.group.iter().map(|r| r.place.to_string()).collect();
+        let values: Vec<String> = cause
+            .parameters
+            .iter()
+            .map(|p| format!("{} {:.4} +- {:.4}", p.name, p.value, p.standard_error.unwrap_or(f64::NAN)))
+            .collect();
+        println!(
+            "  {} ({}), gain {:.1}, held out {:.1?}, group {group:?}",
+            cause.place,
+            values.join(", "),
+            cause.gain_train,
+            cause.gain_holdout
+        );
+    }
+    for output in &found.outputs {
+        println!(
+            "  {} {}: RMS {:.4} -> {:.4}, noise {:.4}{}",
+            output.run,
+            output.output,
+            output.rms_before.unwrap_or(f64::NAN),
+            output.rms_after.unwrap_or(f64::NAN),
+            output.noise_floor,
+            if output.held_out { " (held out)" } else { "" }
+        );
+    }
+    for biased in found.biased.iter().filter(|b| b.moved.is_some_and(|m| m.abs() > 2.0)) {
+        println!(
+            "  {} was {:.4}, is {:.4}: {:.1?} standard errors",
+            biased.name, biased.before, biased.after, biased.moved
+        );
+    }
+    for said in found.attribution.iter().flat_map(|a| &a.warnings) {
+        println!("  still: {said}");
+    }
+    found
+}
+
+fn names(found: &Diagnosis) -> Vec<String> {
+    found.causes.iter().map(|c| c.place.to_string()).collect()
+}
+
+/// RMS of the first output when the extended model is fitted to a whole record by plain output error.
+fn rms(found: &Diagnosis, run: &Run) -> f64 {
+    let model = Model::from_text("extended.fdm", found.extended.clone().unwrap()).unwrap();
+    let fitted = fit(&model, std::slice::from_ref(run), &FitOptions::default(), &mut ()).unwrap();
+    let rms = fitted.quality[0].fit.rms.unwrap();
+    println!("  the whole record, fitted by the extended text: RMS {rms:.5}");
+    rms
+}
+
+#[test]
+#[ignore = "a study"]
+fn roll_decay_of_a_tanker() {
+    let model = Model::from_file("models/ship_roll_decay/linear.fdm").unwrap();
+    let whole = thinned(&record(&model, "ship_roll_decay/run.csv"), 5);
+    let found = diagnosed("roll decay", &model, std::slice::from_ref(&whole), &[]);
+    let named = names(&found);
+    assert!(
+        named.iter().any(|n| n == "quadratic_damping(p)") && named.iter().any(|n| n == "cubic_stiffness(p, phi)"),
+        "{named:?}"
+    );
+    assert!(rms(&found, &whole) <= 0.0245);
+}
+
+#[test]
+#[ignore = "a study"]
+fn free_swing_of_a_pendulum() {
+    let model = Model::from_file("models/pendulum_free_swing/viscous.fdm").unwrap();
+    let whole = thinned(&record(&model, "pendulum_free_swing/run.csv"), 4);
+    let found = diagnosed("pendulum", &model, std::slice::from_ref(&whole), &[]);
+    assert_eq!(names(&found)[0], "coulomb_friction(omega)");
+    assert!(rms(&found, &whole) <= 0.0194);
+}
+
+#[test]
+#[ignore = "a study"]
+fn heater_with_a_second_thermal_mode() {
+    let model = Model::from_file("models/tclab/model.fdm").unwrap();
+    let of = |file: &str| record(&model, &format!("tclab/{file}.csv"));
+    let found = diagnosed("heater", &model, &[of("step_1"), of("sine_1")], &[of("sine_2")]);
+    // a body between heater and sensor: to the records it is the same whether heat or reading comes late
+    let second = ["sensor_lag(sensor)", "lag_in_coupling(T, T)", "actuator_lag(heater)"];
+    assert!(second.contains(&names(&found)[0].as_str()), "{:?}", names(&found));
+    let repeat = found.outputs.iter().find(|o| o.held_out).unwrap();
+    assert!(repeat.rms_after.unwrap() < 0.3 * repeat.rms_before.unwrap(), "{repeat:?}");
+}
+
+#[test]
+#[ignore = "a study"]
+fn helicopter_with_late_sticks() {
+    let model = Model::from_file("models/trex550/rigid_body.fdm").unwrap();
+    let of = |file: &str| record(&model, &format!("trex550/{file}.csv"));
+    let found = diagnosed("helicopter", &model, &[of("first_half")], &[of("second_half")]);
+    let late = |place: &EffectAt| {
+        let stick = place.targets.iter().any(|t| t == "lat" || t == "lon");
+        ["input_delay", "actuator_lag", "lag_in_coupling"].contains(&place.effect.as_str()) && stick
+    };
+    assert!(found.causes.iter().any(|c| c.group.iter().any(|r| late(&r.place))), "{:?}", names(&found));
+}
+
+#[test]
+#[ignore = "a study"]
+fn puma_with_the_delay_of_its_rotor() {
+    let flight = puma::flight_of_theory(0.134);
+    let flown = |run: Run, seed: u64| puma::longitudinal(&puma::with_noise(&run, 1.0, seed));
+    let runs = [flown(puma::doublet_of(&flight, 1.0), 1), flown(puma::three_two_one_one_of(&flight, 0.8), 2)];
+    let mut held = flown(puma::doublet_of(&flight, 0.7), 3);
+    held.name = "held out".into();
+    let model = Model::from_file("models/puma/no_delay.fdm").unwrap();
+    let found = diagnosed("Puma", &model, &runs, &[held]);
+    assert_eq!(names(&found), ["input_delay(eta)"]);
+    let damping = found.biased.iter().find(|b| b.name == "Mq").unwrap();
+    println!("  Mq: true -0.835, without the delay {:.3}, with it {:.3}", damping.before, damping.after);
+    assert!(damping.moved.unwrap().abs() > 3.0);
+}
