@@ -21,7 +21,7 @@ impl Band {
     /// From one frequency to another.
     pub(super) fn between(sheets: &[Sheet], low: f64, high: f64) -> Self {
         let rows = |s: &Sheet| s.frequency.partition_point(|v| *v < low)..s.below(high);
-        Self { low, high, rows: sheets.iter().map(rows).collect(), disjoint: None }
+        Self { low: low.max(0.0), high, rows: sheets.iter().map(rows).collect(), disjoint: None }
     }
 
     /// Lines of all runs.

@@ -44,26 +44,7 @@ impl<'a> Seen<'a> {
 
     /// Where a force would enter, and whether residuals are noise; none where that cannot be asked.
     pub(super) fn heard(&self) -> Option<Heard> {
-        let t0 = std::time::Instant::now();
-        let found = heard(&self.stage.model, &self.passages()).ok()?;
-        if std::env::var_os("FDM_HEARD").is_some() {
-            let Heard { places, laws, leftover } = &found;
-            eprintln!("HEARD {:?}", t0.elapsed());
-            eprintln!(
-                "HEARD force {:?}",
-                places.forces.iter().map(|s| (s.place.to_string(), s.evidence)).collect::<Vec<_>>()
-            );
-            eprintln!(
-                "HEARD laws {:?}",
-                laws.list.iter().map(|s| (s.place.to_string(), s.evidence)).collect::<Vec<_>>()
-            );
-            eprintln!(
-                "HEARD left {} {:?}",
-                leftover.repeatable,
-                leftover.coherences.iter().take(2).map(|c| (c.to_string(), c.chance)).collect::<Vec<_>>()
-            );
-        }
-        Some(found)
+        heard(&self.stage.model, &self.passages()).ok()
     }
 
     /// Functions of states and inputs that the residuals look like.

@@ -21,15 +21,23 @@ const ROUNDING: f64 = 1e-7;
 /// Courses of one function in all runs.
 type Course = Vec<Vec<f64>>;
 
-/// At most `most` courses (runs, courses, N), not correlated with each other over all runs, the most common first; each has
-/// the variance that it has among all functions.
-pub(super) fn courses(variables: &[Variable], most: usize) -> Vec<Vec<Vec<f64>>> {
-    let Some(first) = variables.first() else { return Vec::new() };
+/// What a law may be made of.
+pub(super) struct Functions {
+    /// At most so many courses (runs, courses, N) as are asked for, not correlated with each other over all runs, the most
+    /// common first; each has the variance that it has among all functions.
+    pub(super) courses: Vec<Vec<Vec<f64>>>,
+    /// Every function by itself, as a combination of the courses (functions by courses).
+    pub(super) single: DMatrix<f64>,
+}
+
+/// All functions of these variables in at most so many courses; none where nothing changes.
+pub(super) fn functions(variables: &[Variable], most: usize) -> Option<Functions> {
+    let first = variables.first()?;
     let longest = first.centred.iter().map(Vec::len).max().unwrap_or(0) as f64;
     let mut all: Vec<Course> = vec![first.centred.iter().map(|run| vec![1.0; run.len()]).collect()];
     all.extend(variables.iter().flat_map(|v| singles(v, longest)));
     products(variables, &mut all);
-    principal(&all, most)
+    Some(principal(&all, most))
 }
 
 /// Functions of one variable.
@@ -77,7 +85,7 @@ fn products(variables: &[Variable], all: &mut Vec<Course>) {
 }
 
 /// Principal components of functions that are brought to unit variance.
-fn principal(all: &[Course], most: usize) -> Vec<Vec<Vec<f64>>> {
+fn principal(all: &[Course], most: usize) -> Functions {
     let lengths: Vec<usize> = all[0].iter().map(Vec::len).collect();
     let samples: usize = lengths.iter().sum();
     let mut table = DMatrix::zeros(samples, all.len());
@@ -96,13 +104,15 @@ fn principal(all: &[Course], most: usize) -> Vec<Vec<Vec<f64>>> {
     let largest = order.first().map_or(0.0, |k| eigen.eigenvalues[*k]);
     order.retain(|k| eigen.eigenvalues[*k] > ROUNDING * largest);
     order.truncate(most);
-    let turned = &table * eigen.eigenvectors.select_columns(&order);
+    let single = eigen.eigenvectors.select_columns(&order);
+    let turned = &table * &single;
     let mut first = 0;
-    lengths
+    let courses = lengths
         .iter()
         .map(|n| {
             first += n;
             turned.column_iter().map(|c| c.rows(first - n, *n).iter().copied().collect()).collect()
         })
-        .collect()
+        .collect();
+    Functions { courses, single }
 }

@@ -10,7 +10,7 @@ use super::super::spectra::Spectra;
 use super::super::spectrum::SmoothSpectrum;
 use super::super::standing::rank;
 use super::cells::{bands, cells};
-use super::functions::courses;
+use super::functions::{Functions, functions};
 use super::variables::variables;
 use super::weighing::{Settled, settle};
 use crate::model::Model;
@@ -65,10 +65,9 @@ pub(in super::super) fn laws(model: &Model, passages: &[Passage<'_>], ground: &G
     let driven = Driven::new(model, &places);
     let rows: usize = sheets.iter().map(|s| q * s.below(low)).sum();
     let most = (ROOM / (rows * places.len().max(1)).max(1)).clamp(FEWEST, MOST);
-    let courses = courses(&variables(model, &driven, passages)?, most);
-    if courses.is_empty() {
+    let Some(Functions { courses, single }) = functions(&variables(model, &driven, passages)?, most) else {
         return Ok(Laws { list: Vec::new() });
-    }
+    };
     let at_places = responses(&driven, places.len(), passages, sheets, &courses, low)?;
     let at_sensors = in_sensors(sheets, &courses, low);
     let outputs = model.definition().outputs.iter().enumerate();
@@ -78,28 +77,29 @@ pub(in super::super) fn laws(model: &Model, passages: &[Passage<'_>], ground: &G
         name: o.quantity.name.clone(),
     };
     let places: Vec<Place> = places.into_iter().chain(outputs.map(sensor)).collect();
-    let mut list = weigh(sheets, &places, at_places.into_iter().chain(at_sensors).collect());
+    let mut list = weigh(sheets, &places, at_places.into_iter().chain(at_sensors).collect(), &single);
     rank(model, &mut list, |law| (&law.place, law.evidence));
     Ok(Laws { list })
 }
 
-fn weigh(sheets: &[Sheet], places: &[Place], responses: Vec<Vec<Hats>>) -> Vec<Law> {
+fn weigh(sheets: &[Sheet], places: &[Place], responses: Vec<Vec<Hats>>, single: &DMatrix<f64>) -> Vec<Law> {
     let p = sheets[0].fitted[0].ncols();
     let bands = bands(sheets);
     let floor: Vec<SmoothSpectrum> = Spectra::floor(sheets).channels;
     let alone = cells(sheets, &bands, None);
-    let null = settle(&alone, p, &floor);
+    let none = DMatrix::zeros(0, 0);
+    let null = settle(&alone, p, &none, &floor);
     let better = |a: Settled, b: Settled| if b.score > a.score { b } else { a };
     let found: Vec<Settled> = responses
         .into_par_iter()
         .map(|own| {
             let cells = cells(sheets, &bands, Some(&own));
             // noise alone may have taken for noise what a law did, and the floor may be too low
-            better(settle(&cells, p, &floor), settle(&cells, p, &null.spectra))
+            better(settle(&cells, p, single, &floor), settle(&cells, p, single, &null.spectra))
         })
         .collect();
     // noise alone may begin where any law has left it
-    let null = found.iter().fold(null, |best, own| better(best, settle(&alone, p, &own.spectra)));
+    let null = found.iter().fold(null, |best, own| better(best, settle(&alone, p, &none, &own.spectra)));
     let each = places.iter().zip(found);
     each.map(|(place, own)| Law { place: place.clone(), evidence: own.score - null.score - PRICE }).collect()
 }

@@ -11,6 +11,8 @@ const LEAST_FREEDOM: f64 = 0.2;
 const MADE_UP: f64 = 1e-6;
 /// Rounds of spectra by what is left over, and law by spectra.
 const ROUNDS: usize = 4;
+/// Kinds of laws of which the best is taken.
+const KINDS: f64 = 3.0;
 /// Sizes that are compared first, as powers of ten of the inverse of the largest eigenvalue.
 const SIZES: std::ops::Range<i32> = -2..7;
 
@@ -30,35 +32,36 @@ struct Weighed {
     density: Vec<f64>,
 }
 
-/// Which functions a law prefers.
+/// Which functions a law is made of.
 #[derive(Debug, Clone, Copy)]
 enum Preference {
     /// Those that most functions have in common.
     Common,
-    /// None: every function alike, by what it does to the outputs.
-    None,
+    /// All alike, by what they do to the outputs.
+    Alike,
 }
 
 /// A law by one noise.
 struct Sized {
     log_likelihood: f64,
-    /// Variances g d of the coefficients; zero where there is no law.
-    variances: DVector<f64>,
+    /// Root R of the coefficients' covariance R R' (K by its rank); of rank 0 where there is no law.
+    root: DMatrix<f64>,
 }
 
-/// Finds both from spectra to begin with; `p` is the number of fitted parameters.
-pub(super) fn settle(cells: &[Cell], p: usize, start: &[SmoothSpectrum]) -> Settled {
+/// Finds both from spectra to begin with; `p` is the number of fitted parameters, `single` are functions of their own as
+/// combinations (by rows).
+pub(super) fn settle(cells: &[Cell], p: usize, single: &DMatrix<f64>, start: &[SmoothSpectrum]) -> Settled {
     let mut spectra = start.to_vec();
     let mut best: Option<Settled> = None;
     for _ in 0..ROUNDS {
         let weighed = Weighed::new(cells, &spectra);
-        let Some(sized) = sized(&weighed, p) else { break };
+        let Some(sized) = sized(&weighed, p, single) else { break };
         let price: f64 = spectra.iter().map(|s| PRICE * s.size() as f64).sum();
         let score = sized.log_likelihood - price;
         if best.as_ref().is_none_or(|b| score > b.score) {
             best = Some(Settled { spectra: spectra.clone(), score });
         }
-        let Some(next) = weighed.spectra(cells, p, &sized.variances) else { break };
+        let Some(next) = weighed.spectra(cells, p, &sized.root) else { break };
         if next == spectra {
             break;
         }
@@ -67,23 +70,23 @@ pub(super) fn settle(cells: &[Cell], p: usize, start: &[SmoothSpectrum]) -> Sett
     best.unwrap_or(Settled { spectra, score: f64::NEG_INFINITY })
 }
 
-/// The law's size of the greatest likelihood, of all preferences.
-fn sized(weighed: &Weighed, p: usize) -> Option<Sized> {
+/// The law of the greatest likelihood: of many functions, or of one.
+fn sized(weighed: &Weighed, p: usize, single: &DMatrix<f64>) -> Option<Sized> {
     let k = weighed.products.nrows() - p - 1;
     let (fitted, beside) = beside(&weighed.products, p)?;
     let determinant = fitted.map_or(0.0, |f| 2.0 * f.l_dirty().diagonal().map(f64::ln).sum());
     let none = -0.5 * (weighed.log + determinant + beside[(k, k)]);
-    let mut best = Sized { log_likelihood: none, variances: DVector::zeros(k) };
+    let mut best = Sized { log_likelihood: none, root: DMatrix::zeros(k, 0) };
     if k == 0 {
         return Some(best);
     }
-    for preference in [Preference::Common, Preference::None] {
+    for preference in [Preference::Common, Preference::Alike] {
         let scale = DVector::from_fn(k, |i, _| {
             let (own, left) = (weighed.products[(p + i, p + i)], beside[(i, i)]);
             match preference {
                 _ if left <= MADE_UP * own || left <= 0.0 => 0.0,
                 Preference::Common => 1.0,
-                Preference::None => left.sqrt().recip(),
+                Preference::Alike => left.sqrt().recip(),
             }
         });
         let gram = DMatrix::from_fn(k, k, |i, j| scale[i] * beside[(i, j)] * scale[j]);
@@ -93,13 +96,44 @@ fn sized(weighed: &Weighed, p: usize) -> Option<Sized> {
         let eigen = SymmetricEigen::new(gram);
         let cross = eigen.eigenvectors.tr_mul(&beside.view((0, k), (k, 1)).column(0).component_mul(&scale));
         let (gain, size) = largest(&eigen.eigenvalues, &cross);
-        // the better of two
-        let log_likelihood = none + gain - std::f64::consts::LN_2;
+        let log_likelihood = none + gain - KINDS.ln();
         if log_likelihood > best.log_likelihood {
-            best = Sized { log_likelihood, variances: scale.map(|s| size * s * s) };
+            best = Sized { log_likelihood, root: DMatrix::from_diagonal(&(scale * size.sqrt())) };
         }
     }
+    let (gain, root) = one(&weighed.products, &beside, (p, k), single);
+    let log_likelihood = none + gain - KINDS.ln();
+    if log_likelihood > best.log_likelihood {
+        best = Sized { log_likelihood, root };
+    }
     Some(best)
+}
+
+/// The gain of the best law of one function, less the logarithm of their number, and its direction times its deviation.
+fn one(
+    products: &DMatrix<f64>,
+    beside: &DMatrix<f64>,
+    (p, k): (usize, usize),
+    single: &DMatrix<f64>,
+) -> (f64, DMatrix<f64>) {
+    let (own, left) = (products.view((p, p), (k, k)), beside.view((0, 0), (k, k)));
+    let cross = beside.view((0, k), (k, 1)).into_owned();
+    let mut best = (0.0, DMatrix::zeros(k, 0));
+    for function in single.row_iter() {
+        let direction = function.transpose();
+        let (energy, left) = ((own * &direction).dot(&direction), (left * &direction).dot(&direction));
+        let a = cross.dot(&direction);
+        let twice = a * a / left;
+        if !(left > MADE_UP * energy && twice > 1.0 && twice.is_finite()) {
+            continue;
+        }
+        // the variance of the coefficient at which the likelihood is greatest
+        let gain = 0.5 * (twice - 1.0 - twice.ln()) - (single.nrows() as f64).ln();
+        if gain > best.0 {
+            best = (gain, DMatrix::from_columns(&[direction * ((twice - 1.0) / left).sqrt()]));
+        }
+    }
+    best
 }
 
 /// Factor of the fitted parameters' products, and what is left of all others beside them.
@@ -159,19 +193,18 @@ impl Weighed {
     }
 
     /// Smooth spectra of what parameters and law leave.
-    fn spectra(&self, cells: &[Cell], p: usize, variances: &DVector<f64>) -> Option<Vec<SmoothSpectrum>> {
-        let size = p + variances.len();
+    fn spectra(&self, cells: &[Cell], p: usize, root: &DMatrix<f64>) -> Option<Vec<SmoothSpectrum>> {
+        let (size, rank) = (p + root.nrows(), root.ncols());
         // coefficients in units of their deviations, parameters as they are
-        let unit = DVector::from_fn(size, |i, _| if i < p { 1.0 } else { variances[i - p].sqrt() });
-        let mut system = DMatrix::from_fn(size, size, |i, j| unit[i] * self.products[(i, j)] * unit[j]);
+        let mut unit = DMatrix::zeros(size, p + rank);
+        unit.view_mut((0, 0), (p, p)).fill_with_identity();
+        unit.view_mut((p, p), (size - p, rank)).copy_from(root);
+        let own = self.products.view((0, 0), (size, size)).into_owned();
+        let mut system = unit.transpose() * &own * &unit;
         let floor = 1e-12 * (0..p).map(|i| system[(i, i)]).fold(0.0, f64::max);
-        (0..size).for_each(|i| system[(i, i)] += if i < p { floor } else { 1.0 });
-        let mut spread = if size > 0 { system.cholesky()?.inverse() } else { DMatrix::zeros(0, 0) };
-        for i in 0..size {
-            for j in 0..size {
-                spread[(i, j)] *= unit[i] * unit[j];
-            }
-        }
+        (0..p + rank).for_each(|i| system[(i, i)] += if i < p { floor } else { 1.0 });
+        let inverse = if p + rank > 0 { system.cholesky()?.inverse() } else { DMatrix::zeros(0, 0) };
+        let spread = &unit * inverse * unit.transpose();
         let mut found = DVector::zeros(size + 1);
         found.rows_mut(0, size).copy_from(&(-&spread * self.products.view((0, size), (size, 1))));
         found[size] = 1.0;

@@ -43,12 +43,10 @@ fn a_narrow_mode_in_a_sensor_is_seen_there() {
 
 #[test]
 fn noise_is_neither() {
-    for (family, pinkish, seed) in [(&FAMILIES[0], true, 3), (&FAMILIES[1], false, 4)] {
-        let case = Case::new(family, Hidden::Nothing, pinkish, 0.03, 0.0, SHORT, seed);
-        let (_, found) = attributed(&case);
-        assert!(found.warnings.is_empty() && found.sites.is_empty(), "{found:?}");
-        assert_eq!(found.verdict, Verdict::Nothing);
-    }
+    let case = Case::new(&FAMILIES[0], Hidden::Nothing, true, 0.03, 0.0, SHORT, 3);
+    let (_, found) = attributed(&case);
+    assert!(found.warnings.is_empty() && found.sites.is_empty(), "{found:?}");
+    assert_eq!(found.verdict, Verdict::Nothing);
 }
 
 #[test]
@@ -68,11 +66,10 @@ fn an_equation_stands_before_an_input_that_moves_it() {
 
 #[test]
 fn noise_that_sensors_share_is_no_force() {
-    let mut case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.03, 0.0, 2 * SHORT, 9);
+    let mut case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.03, 0.0, SHORT, 9);
     let (mut normal, q) = (Normal(ChaCha8Rng::seed_from_u64(77)), 3);
     for run in &mut case.runs {
-        let rms =
-            |c: usize| (run.measured.iter().skip(c).step_by(q).map(|v| v * v).sum::<f64>() / (2 * SHORT) as f64).sqrt();
+        let rms = |c: usize| (run.measured.iter().skip(c).step_by(q).map(|v| v * v).sum::<f64>() / SHORT as f64).sqrt();
         let sizes: Vec<f64> = (0..q).map(rms).collect();
         for row in run.measured.chunks_exact_mut(q) {
             let shared = normal.next();
