@@ -180,6 +180,7 @@ mod tests {
         let whole = columns.clone();
         let line = Lines {
             run: 0,
+            sampled: true,
             channel: 0,
             samples: (0..count).collect(),
             frequency: (1..=count).map(|k| k as f64).collect(),
