@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// Ratio of the frequencies at which neighbouring bands begin.
-const WIDTH: f64 = 1.18;
+const WIDTH: f64 = 1.12;
 /// Fewest lines of a band, of the longest run; the lowest ones stand alone, since under noise of long memory each has its level.
 const FEWEST: usize = 4;
 /// What is left of a cell's products when they are factored, in units of the noise: shared columns have about unit energy in

@@ -3,9 +3,10 @@
 //! **In** residuals, sensitivities and one simulated direction for each candidate and size, run by run. **Out** a
 //! [`Screening`]: statistic, size, chance of each candidate, and the chance that the best of all is noise. **Never**
 //! simulates or fits: directions come from whoever can extend a model. **Start** at [`screen`]; its road is
-//! `lines` (cosine transform) -> `shared` (the few columns that carry all signals) -> `repeats` (runs that repeat each other) ->
-//! `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `rest` (outliers, noise that outputs
-//! share) -> `score` -> `calibration` (what noise does to the best of many); `judge` goes it, `consistency` compares runs.
+//! `lines` (cosine transform) -> `shared` (the few columns that carry all signals, by a `sketch`) -> `repeats` (runs that repeat each
+//! other) -> `cells` (bands) -> `noise` (spectrum of each output) -> `projection` (what the fit has eaten) -> `ends` (where a record cuts a
+//! resonance off) -> `rest` (outliers, noise that outputs share) -> `score` -> `drawing` and `calibration` (what noise does to the best of
+//! many); `saturated` goes the first part of it, `judge` the second, `consistency` compares runs.
 
 mod banded;
 mod calibration;

@@ -12,11 +12,18 @@ use super::calibration::Normal;
 use nalgebra::DVector;
 
 /// Distance of knots in log f.
-const SPACING: f64 = 0.22;
+const SPACING: f64 = 0.14;
 /// Most knots.
-const MOST: usize = 48;
-/// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other.
-const CURVATURES: [f64; 3] = [0.04, 0.18, 0.8];
+const MOST: usize = 72;
+/// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other; a resonance of quality 3 has
+/// the last.
+const CURVATURES: [f64; 4] = [0.04, 0.18, 0.8, 3.2];
+/// A resonance has at least half as many periods in a record (line k has k / 2): below, where a line or two tell all there is to
+/// tell, the curvature is this at most.
+const PERIODS: f64 = 10.0;
+const GENTLE: f64 = 0.2;
+/// How much less likely than the likeliest so far a curvature is, in log-likelihood, beyond which rougher ones are not tried.
+const HOPELESS: f64 = 4.0;
 /// Deviation of the slope d log S / d log f.
 const SLOPE: f64 = 1.0;
 /// Deviation of the level: any.
@@ -84,14 +91,18 @@ impl LogSpectrum {
         let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
         let mut values = None;
         let mut parts = Vec::new();
-        for curvature in CURVATURES.iter().rev() {
+        let mut best = f64::NEG_INFINITY;
+        for curvature in &CURVATURES {
             let prior = prior(&knots, *curvature);
             let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
             let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
             values = Some(part.values.clone());
             parts.push((likelihood, part));
+            best = best.max(likelihood);
+            if likelihood < best - HOPELESS {
+                break;
+            }
         }
-        let best = parts.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
         let total: f64 = parts.iter().map(|p| (p.0 - best).exp()).sum();
         let parts: Vec<Smooth> = parts
             .into_iter()
@@ -202,9 +213,10 @@ fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
     }
     let (step, middle) = (knots[1] - knots[0], (size - 1) / 2);
     precision.add_square(&[(middle, -1.0), (middle + 1, 1.0)], (SLOPE * step).powi(-2));
-    // a walk of the slope: its deviation grows with the root of the distance
-    let deviation = curvature * (step / 0.3).powf(1.5);
     for k in 1..size - 1 {
+        let own = if knots[k] < knots[0] + PERIODS.ln() { curvature.min(GENTLE) } else { curvature };
+        // a walk of the slope: its deviation grows with the root of the distance
+        let deviation = own * (step / 0.3).powf(1.5);
         precision.add_square(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation.powi(-2));
     }
     precision

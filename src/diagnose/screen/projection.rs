@@ -1,19 +1,16 @@
 //! What the fit has eaten: coordinates in which the noise found is white, the fitted signals first and everything else
 //! beside them.
 
-use super::calibration::Normal;
 use super::cells::{Cell, Cells};
 use super::shared::Shared;
 use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
 
 /// Combinations of columns (of unit norm) with less than this of the largest energy are not determined.
 const UNDETERMINED: f64 = 1e-12;
-/// Combinations of directions with less than this share of the largest energy are left in the residual.
-const WEAK: f64 = 2e-4;
-/// Most combinations of directions that are taken out of the residual.
+/// What is missing of a direction (of unit norm) when it may be left in the residual.
+const WEAK: f64 = 2e-3;
+/// Most directions that are taken out of the residual.
 const MOST: usize = 40;
-/// Rounds in which these are found.
-const POWERS: usize = 6;
 
 /// Coordinates of all signals in the metric of a noise.
 #[derive(Debug, Clone)]
@@ -92,31 +89,31 @@ impl Frame {
     }
 }
 
-/// Directions of the most energy among these of unit norm, orthonormal (iteration of a subspace: it need not be the very
-/// strongest that are taken out).
+/// Directions that carry these of unit norm, orthonormal: always that of which the most is missing, so that one which is like no
+/// other (a drift) is not left out for the sake of many that are alike.
 fn strongest(directions: &DMatrix<f64>) -> DMatrix<f64> {
     let mut unit = directions.clone();
     for mut column in unit.column_iter_mut() {
         column.try_normalize_mut(0.0);
     }
-    let size = unit.nrows();
-    if size == 0 {
-        return DMatrix::zeros(0, 0);
-    }
-    let mut normal = Normal::new(0);
-    let mut subspace = DMatrix::from_fn(size, size.min(MOST + MOST / 2), |_, _| normal.next());
+    let mut left: Vec<f64> = unit.column_iter().map(|column| column.norm_squared()).collect();
+    let mut basis: Vec<DVector<f64>> = Vec::new();
     let back = unit.transpose();
-    for _ in 0..POWERS {
-        subspace = QR::new(&unit * (&back * subspace)).q();
+    while basis.len() < MOST.min(unit.nrows()) {
+        let largest = (0..left.len()).max_by(|a, b| left[*a].total_cmp(&left[*b]));
+        let Some(pivot) = largest.filter(|k| left[*k] > WEAK) else { break };
+        let mut own = unit.column(pivot).into_owned();
+        // twice is enough (Kahan & Parlett)
+        for _ in 0..2 {
+            basis.iter().for_each(|known| own.axpy(-known.dot(&own), known, 1.0));
+        }
+        own.normalize_mut();
+        let seen = &back * &own;
+        left.iter_mut().zip(seen.iter()).for_each(|(left, seen)| *left -= seen * seen);
+        left[pivot] = 0.0;
+        basis.push(own);
     }
-    let seen = &back * &subspace;
-    let eigen = SymmetricEigen::new(seen.transpose() * &seen);
-    let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let largest = order.first().map_or(0.0, |k| eigen.eigenvalues[*k]);
-    order.truncate(MOST);
-    order.retain(|k| eigen.eigenvalues[*k] > WEAK * largest && eigen.eigenvalues[*k] > 0.0);
-    subspace * DMatrix::from_fn(eigen.eigenvalues.len(), order.len(), |i, k| eigen.eigenvectors[(i, order[k])])
+    if basis.is_empty() { DMatrix::zeros(unit.nrows(), 0) } else { DMatrix::from_columns(&basis) }
 }
 
 /// L with L L' of a metric; what has no weight gets a little.
@@ -158,4 +155,26 @@ pub(super) fn leverage(cell: &Cell, density: f64, basis: &DMatrix<f64>) -> f64 {
 pub(super) fn left_over(cell: &Cell, multiples: &DVector<f64>) -> f64 {
     let taken = (&cell.factor * multiples).norm_squared();
     (cell.residual - 2.0 * cell.products.dot(multiples) + taken).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_direction_like_no_other_is_taken_out() {
+        // four hundred of two parts each, of which the weak ones are together stronger than the last one
+        let mut directions = DMatrix::zeros(60, 401);
+        for k in 0..400 {
+            directions[(k % 20, k)] = 1.0;
+            directions[(20 + (7 * k + k / 20) % 25, k)] = 0.3;
+        }
+        directions[(50, 400)] = 5.0;
+        let basis = strongest(&directions);
+        assert!((basis.transpose() * &basis - DMatrix::identity(basis.ncols(), basis.ncols())).amax() < 1e-9);
+        assert!(basis.ncols() <= MOST && basis.row(50).norm() > 0.999);
+        for column in directions.column_iter() {
+            assert!((column - &basis * basis.tr_mul(&column)).norm() < 0.4 * column.norm());
+        }
+    }
 }
