@@ -79,7 +79,8 @@ pub fn attribute(model: &Model, base: &Heard, best: Option<Explained<'_>>) -> At
         let left = e.evidence.repeats() || e.evidence.places.evidence() > UNKNOWN;
         left && effect < PART * (effect + e.evidence.rest())
     };
-    let verdict = if force && by_law < by_force && !base.leftover.found() {
+    // beside a strong force that does not repeat, noise looks a little like inputs and laws as well
+    let verdict = if force && by_law.max(base.leftover.evidence()) < by_force {
         Verdict::Disturbance
     } else if force || best.as_ref().map_or(base.repeats(), unexplained) {
         Verdict::UnknownCause
@@ -101,6 +102,11 @@ impl Leftover {
     /// Whether something was found.
     fn found(&self) -> bool {
         self.repeatable < CHANCE
+    }
+
+    /// Logarithm of the odds, where something was found.
+    fn evidence(&self) -> f64 {
+        if self.found() { -self.repeatable.max(f64::MIN_POSITIVE).ln() } else { 0.0 }
     }
 
     /// What stands out most, where anything does.
@@ -142,7 +148,7 @@ fn sites(model: &Model, base: &Heard, best: Option<Explained<'_>>) -> Vec<Standi
     let definition = model.definition();
     for evidence in [Some(base), best.map(|e| e.evidence)].into_iter().flatten() {
         let Some(found) = evidence.leftover.foremost() else { continue };
-        let own = -evidence.leftover.repeatable.max(f64::MIN_POSITIVE).ln();
+        let own = evidence.leftover.evidence();
         let output = definition.outputs.iter().position(|o| o.quantity.name == found.output);
         let input = definition.inputs.iter().position(|i| i.quantity.name == found.partner.input());
         if let (Some(output), Some(input)) = (output, input) {
