@@ -2,13 +2,13 @@
 
 use crate::noise::Normal;
 use fdm::Model;
-use fdm::Source;
 use fdm::diagnose::diagnosis::Diagnosis;
 use fdm::diagnose::search::{Domain, SearchError, SearchOptions, search};
 use fdm::effect::Catalogue;
 use fdm::estimate::SpectralOptions;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use fdm_grammar::Source;
 
 /// A system: its text with places for what is hidden.
 pub(crate) struct System {

@@ -1,10 +1,10 @@
 //! What both domains say of the same records.
 
 use crate::systems::*;
-use fdm::Source;
 use fdm::diagnose::diagnosis::{Cause, Diagnosis, Verdict};
 use fdm::diagnose::search::Domain;
 use fdm::effect::Catalogue;
+use fdm_grammar::Source;
 
 fn first(found: &Diagnosis) -> &Cause {
     assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");

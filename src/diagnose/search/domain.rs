@@ -7,7 +7,7 @@ use crate::record::Run;
 use crate::spectrum::Frequencies;
 
 /// Part of the sampling frequency up to which lines are taken, where the inputs move less.
-const UPPER: f64 = 0.25;
+const UPPER: f64 = 0.45;
 /// Fewest lines of a run by which noise is told from an effect.
 const LEAST: usize = 32;
 

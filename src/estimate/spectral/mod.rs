@@ -15,6 +15,8 @@ mod fit;
 pub(super) mod hidden;
 mod known_inputs;
 mod lines;
+#[cfg(test)]
+mod lines_tests;
 mod offsets;
 mod options;
 pub(super) mod response;
