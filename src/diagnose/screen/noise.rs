@@ -43,7 +43,7 @@ const LEAST_CURVATURE: f64 = 0.3;
 /// which no model is asked about, and a likelihood by such numbers would hear nothing else.
 const DYNAMIC: f64 = 1e-4;
 /// Variance of log S below which S is known well enough, and the most that is allowed for.
-const KNOWN: f64 = 0.1;
+const KNOWN: f64 = 1.0;
 const DOUBT: f64 = 12.0;
 /// Lines without which not even a level is known.
 const LEAST: f64 = 2.0;

@@ -218,7 +218,7 @@ mod tests {
         assert!(reason("input_dead_zone(u)").contains("not linear"), "{left_out:?}");
         // z is shown together with w only
         assert!(reason("quadratic_damping(z)").contains("not linear"), "{left_out:?}");
-        for carried in ["quadratic_damping(x)", "product_term(x, w, u)", "output_bias_drift(x_m)"] {
+        for carried in ["quadratic_damping(x)", "product_term(x, u, w)", "output_bias_drift(x_m)"] {
             assert!(tried.iter().any(|place| place == carried), "{tried:?}");
         }
     }
