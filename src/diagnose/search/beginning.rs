@@ -65,7 +65,7 @@ impl<'a> Search<'a> {
             let Ok(stage) = self.stage_with(round, &contest.contenders[k], measured) else { continue };
             let stage = Arc::new(stage);
             let Ok((mut ahead, _)) = self.ahead(&stage, &named(k)) else { continue };
-            let Ok(next) = ahead.contest_of(SECONDS, &|_| ()) else { continue };
+            let Ok(next) = ahead.contest_of(SECONDS..=SECONDS, &|_| ()) else { continue };
             if let Some(total) = self.total(&ahead, &next, &contest.metric)
                 && total + costs(k) < least
             {

@@ -2,10 +2,14 @@
 //!
 //! Screening promises a gain; what the joint fit gains, on the runs that are learned from and on those that are held out, may be
 //! less. The statistic of a fitted candidate is then the lesser of both. It is judged by the distribution that the promise
-//! has under noise: what is never larger than another statistic is large no more often.
+//! has under noise: what is never larger than another statistic is large no more often. A gain far beyond all that speaks for itself.
 
 use super::contest::Contest;
 use super::round::Round;
+
+/// A score that noise gives to no candidate, whatever its nuisances: what is beyond it counts although nothing was promised, as where a
+/// model is so far off that a small step says little of a large one.
+const SURE: f64 = 25.0;
 
 /// The family-wise chance of the best candidate by what it gained in fact.
 pub(super) fn confirmed(round: &Round<'_>, contest: &Contest) -> f64 {
@@ -19,7 +23,9 @@ pub(super) fn confirmed(round: &Round<'_>, contest: &Contest) -> f64 {
     };
     let left = round.screening.ranking.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
     // beyond what noise gives once in a hundred times, chances fall like that of chi-square
-    weakened(p, 0.5 * (lead - left).max(0.0))
+    let promised = weakened(p, 0.5 * (lead - left).max(0.0));
+    let beyond = fitted().map(|c| c.score() - SURE).fold(f64::NEG_INFINITY, f64::max);
+    promised.min(candidates.len() as f64 * (-beyond).exp())
 }
 
 /// A chance among many, when each of them is so many times (by its logarithm) larger.

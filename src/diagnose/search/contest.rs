@@ -9,6 +9,7 @@ use super::round::{Round, shared_from};
 use super::search_error::SearchError;
 use super::stage::records;
 use rayon::prelude::*;
+use std::ops::RangeInclusive;
 
 /// Candidates that are refitted, at least.
 const FEWEST: usize = 8;
@@ -41,14 +42,24 @@ impl Round<'_> {
     /// Fits the best candidates jointly with the model, all by one noise: first that of the saturated residual, then that of the best
     /// model's.
     pub(super) fn contest(&mut self, watcher: &Watcher<'_>) -> Result<Contest, SearchError> {
-        self.contest_of(MOST, watcher)
+        self.contest_of(FEWEST..=MOST, watcher)
     }
 
-    /// The same of at most so many candidates.
-    pub(super) fn contest_of(&mut self, most: usize, watcher: &Watcher<'_>) -> Result<Contest, SearchError> {
+    /// The same of all candidates, whatever screening promises: where the model is far off, its error passes for noise and promises say
+    /// little.
+    pub(super) fn contest_of_all(&mut self, watcher: &Watcher<'_>) -> Result<Contest, SearchError> {
+        self.contest_of(usize::MAX..=usize::MAX, watcher)
+    }
+
+    /// The same of so many candidates, the fewest and the most.
+    pub(super) fn contest_of(
+        &mut self,
+        count: RangeInclusive<usize>,
+        watcher: &Watcher<'_>,
+    ) -> Result<Contest, SearchError> {
         let metric = Metric::new(&self.screening.spectra, self.options.dropped);
         let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
-        let chosen = self.chosen(most);
+        let chosen = self.chosen(count);
         watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
         let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
@@ -85,13 +96,13 @@ impl Round<'_> {
     }
 
     /// Candidates that are worth a fit: the best by lead, and all whose promise is within reach of the best.
-    fn chosen(&self, most: usize) -> Vec<usize> {
+    fn chosen(&self, count: RangeInclusive<usize>) -> Vec<usize> {
         let candidates = &self.screening.candidates;
         let usable = |t: &&usize| candidates[**t].direction.is_some() && candidates[**t].statistic > 0.0;
         let ranked: Vec<usize> = self.screening.ranking.iter().filter(usable).copied().collect();
         let best = ranked.iter().map(|t| candidates[*t].statistic).fold(0.0, f64::max);
-        let near = |(k, t): (usize, usize)| (k < FEWEST || candidates[t].statistic > REACH * best).then_some(t);
-        ranked.into_iter().enumerate().filter_map(near).take(most).collect()
+        let near = |(k, t): (usize, usize)| (k < *count.start() || candidates[t].statistic > REACH * best).then_some(t);
+        ranked.into_iter().enumerate().filter_map(near).take(*count.end()).collect()
     }
 
     /// The base model by a noise.

@@ -165,11 +165,16 @@ impl<'a> Search<'a> {
 
     /// The best candidates fitted: fewer where they are asked only whether anything is there.
     fn contest(&self, round: &mut Round<'a>) -> Result<Contest, SearchError> {
-        if round.screening.family_wise < self.options.alpha {
-            round.contest(self.watcher)
-        } else {
-            round.contest_of(ASKED, self.watcher)
+        let alpha = self.options.alpha;
+        if round.screening.family_wise >= alpha {
+            return round.contest_of(ASKED..=ASKED, self.watcher);
         }
+        let contest = round.contest(self.watcher)?;
+        if confirmed(round, &contest) < alpha {
+            return Ok(contest);
+        }
+        // something is there, and none of those that promise most is it
+        round.contest_of_all(self.watcher)
     }
 
     /// Takes down what a search told.
@@ -235,7 +240,7 @@ impl<'a> Search<'a> {
         let attached = &round.traces[contender.trace].attached;
         (self.watcher)(&format!("accepted {}", cause.place));
         let least = contender.score() - (APART * contender.score()).max(BEHIND);
-        let close = |(o, c): &(usize, &Contender)| *o != k && c.score() > least;
+        let close = |(o, c): &(usize, &Contender)| *o != k && c.score() > least && fit.contains(o);
         let near = contest.contenders.iter().enumerate().filter(close).take(NEAR).map(|(_, c)| {
             let other = &round.traces[c.trace].attached;
             (other.candidate.clone(), written(other, &c.fitting.theta[0]))
