@@ -23,11 +23,11 @@ impl Sketch {
             let wide = frequency.partition_point(|f| *f < frequency[first] * WIDTH);
             let end = wide.max(first + ROWS).min(frequency.len());
             let exact = end - first <= ROWS;
-            for k in first..end {
+            for (k, own) in frequency.iter().enumerate().take(end).skip(first) {
                 let random = mixed(seed.wrapping_mul(0x1_0000_0001).wrapping_add(k as u64));
                 let sign = if exact || random & 1 == 0 { 1.0 } else { -1.0 };
                 let row = if exact { k - first } else { (random >> 32) as usize % ROWS };
-                places.push((rows + row, sign * weight(frequency[k])));
+                places.push((rows + row, sign * weight(*own)));
             }
             rows += ROWS.min(end - first);
             first = end;
