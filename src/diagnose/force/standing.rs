@@ -18,7 +18,7 @@ pub struct Standing {
 
 /// Sorts places by their evidence, the likeliest first; but a force on an input is one in the equation that the input moves, in
 /// another name: where both are as likely the equation stands first.
-pub(super) fn rank<T>(model: &Model, list: &mut Vec<T>, of: impl Fn(&T) -> (&Place, f64)) {
+pub(super) fn rank<T>(model: &Model, list: &mut [T], of: impl Fn(&T) -> (&Place, f64)) {
     list.sort_by(|a, b| of(b).1.total_cmp(&of(a).1));
     for at in 0..list.len() {
         let (place, evidence) = of(&list[at]);

@@ -136,8 +136,11 @@ fn one(
     best
 }
 
-/// Factor of the fitted parameters' products, and what is left of all others beside them.
-fn beside(products: &DMatrix<f64>, p: usize) -> Option<(Option<Cholesky<f64, Dyn>>, DMatrix<f64>)> {
+/// Factor of the fitted parameters' products; none where nothing is fitted.
+type Fitted = Option<Cholesky<f64, Dyn>>;
+
+/// That factor, and what is left of all others beside them.
+fn beside(products: &DMatrix<f64>, p: usize) -> Option<(Fitted, DMatrix<f64>)> {
     let rest = products.nrows() - p;
     let own = products.view((p, p), (rest, rest)).into_owned();
     if p == 0 {
