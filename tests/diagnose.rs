@@ -20,10 +20,10 @@ model yaw \"first order in the rudder\" {
   input rudder [1];
   state r \"rate of turn\" [1/s] = 0;
 
-  param T = 0.5 [1/s] \"damping\";   // never below zero
+  param T = 0.5 [1/s]   \"damping\";  // never below zero
   param K = 0.8 [1/s^2] \"rudder\";
 
-  der(r) = K*rudder - T*r; // Nomoto
+  der(r) = K*rudder - T*r;  // Nomoto
 
   output turn [1/s] = r;
 }

@@ -185,13 +185,13 @@ fn rows_of_a_matrix_are_lined_up() {
 
 #[test]
 fn effects_have_the_same_layout() {
-    let text = "effect sensor(y:output,z:state|input)unless depends(der(y),z) \"lag of {y}\" {param T=0 in[0,duration/4]try step,2.5*step;
-      replace y with T ;add der(x)+=c*z; noise der(x)=s;}
+    let text = "effect sensor(y:output,z:state|input)unless depends(der(y),z) \"lag of {y}\" {param T=0 in[0,duration/4]try -step,2.5*step;
+      replace y with(1+T)*y ;add der(x)+=c*z; noise der(x)=s;}
 effect short(i: input) \"s\" { param c = 0; replace i with c*i; }
 effect v(i:input){nuisance v0 in scale(i,0.02); const long_name=2*step \"time\";const T=1;}";
     let wanted = "effect sensor(y: output, z: state | input) unless depends(der(y), z) \"lag of {y}\" {
-  param T = 0 in [0, duration/4] try step, 2.5*step;
-  replace y with T;
+  param T = 0 in [0, duration/4] try -step, 2.5*step;
+  replace y with (1 + T)*y;
   add der(x) += c*z;
   noise der(x) = s;
 }
