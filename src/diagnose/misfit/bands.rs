@@ -82,6 +82,11 @@ pub(super) fn bands(channels: &[Channel<'_>], floor: f64) -> Vec<Band> {
             sums[band].1 += floor * floor * share;
         }
     }
+    shares(&sums, edge)
+}
+
+/// Bands from the sums of error and of noise in each, by their shares of the whole error.
+pub(super) fn shares(sums: &[(f64, f64)], edge: impl Fn(usize) -> f64) -> Vec<Band> {
     let total: f64 = sums.iter().map(|s| s.0).sum();
     let part = |value: f64| if total > 0.0 { value / total } else { 0.0 };
     let one = |(k, (error, noise)): (usize, &(f64, f64))| Band {

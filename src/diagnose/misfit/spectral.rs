@@ -1,6 +1,6 @@
 //! The misfit of spectra: how large, and in which bands; of time and amplitudes they say nothing.
 
-use super::bands::{Band, MOST, UPPER, root_of_median};
+use super::bands::{Band, MOST, UPPER, root_of_median, shares};
 use super::gain::{Lines, gains_of};
 use super::misfit::Misfit;
 use super::sentences::sentences;
@@ -101,13 +101,5 @@ fn bands(columns: &[Column], deviation: f64) -> Vec<Band> {
         sums[band].0 += r * r;
         sums[band].1 += deviation * deviation;
     }
-    let total: f64 = sums.iter().map(|s| s.0).sum();
-    let part = |value: f64| if total > 0.0 { value / total } else { 0.0 };
-    let one = |(k, (error, noise)): (usize, &(f64, f64))| Band {
-        low: edge(k),
-        high: edge(k + 1),
-        share: part(*error),
-        noise: part(*noise),
-    };
-    sums.iter().enumerate().map(one).collect()
+    shares(&sums, edge)
 }

@@ -134,3 +134,17 @@ fn what_cannot_be_judged_is_said() {
     assert!(asked(&runs, &[twin]).contains("has the samples of `a`"));
     assert!(asked(&[runs[0].part(0..20)], &[]).contains("20 samples"));
 }
+
+#[test]
+fn a_mode_that_repeats_a_free_motion_is_no_mode() {
+    const MODE: &str = "effect mode(y: output) \"a mode\" { param c = 0; nuisance omega in [1.5, 3] try 1.8, 2.1, 2.5; \
+                        nuisance zeta in [0.01, 0.5] try 0.05; state m, v; der(m) = v; \
+                        der(v) = omega^2*(y - m) - 2*zeta*omega*v; add y += c*v/omega; }";
+    let (catalogue, findings) = Catalogue::read(&Source::new("mode.fdm", MODE));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
+    let runs = [roll(0.8, 0.7, "a"), roll(0.8, 0.4, "b")];
+    let found = search(&model, &runs, &[], &catalogue, &SearchOptions::default(), &|_| ()).unwrap();
+    assert!(found.causes.is_empty(), "{:?}", found.causes);
+    assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
+}

@@ -184,15 +184,7 @@ impl Bench<'_> {
         for (r, steps) in steps.iter().enumerate().take(self.runs.len()) {
             benches.push(self.run(r, steps).ok_or("the extended model cannot be simulated over these runs")?);
         }
-        let (mut kept, mut signals) = (Vec::new(), Vec::new());
-        for point in points {
-            let found: Option<Vec<Signals>> = benches.iter_mut().map(|bench| bench.direction(&point)).collect();
-            let Some(found) = found else { continue };
-            if found.iter().flatten().any(|v| *v != 0.0) {
-                kept.push(point);
-                signals.push(found);
-            }
-        }
+        let (kept, signals) = kept(points, |point| benches.iter_mut().map(|bench| bench.direction(point)).collect());
         if kept.is_empty() { Err("it changes nothing in these runs".into()) } else { Ok((kept, signals, steps)) }
     }
 
@@ -306,6 +298,16 @@ impl RunBench<'_> {
         simulator.simulate(&stage.theta[self.r], &mut y).ok()?;
         y.iter().all(|v| v.is_finite()).then_some(y)
     }
+}
+
+/// Points at which the effect adds something to some run, and what to each: `direction` is none where that is not finite.
+pub(super) fn kept(
+    points: Vec<Point>,
+    mut direction: impl FnMut(&Point) -> Option<Vec<Signals>>,
+) -> (Vec<Point>, Vec<Vec<Signals>>) {
+    let mut found = |point: Point| direction(&point).map(|signals| (point, signals));
+    let does_something = |(_, signals): &(Point, Vec<Signals>)| signals.iter().flatten().any(|v| *v != 0.0);
+    points.into_iter().filter_map(&mut found).filter(does_something).unzip()
 }
 
 /// Root mean square difference of two directions, as a part of the second.

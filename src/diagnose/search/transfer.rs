@@ -4,7 +4,7 @@
 use super::attached::Attached;
 use super::round::Runs;
 use super::stage::Stage;
-use super::trace::Point;
+use super::trace::{Point, kept};
 use super::way::Way;
 use crate::diagnose::screen::Signals;
 use crate::estimate::{LineResponse, Response, SpectralLines, SpectralOptions};
@@ -43,15 +43,7 @@ pub(super) fn transfers(
     for run in 0..runs.train {
         benches.push(Bench::new(attached, stage, &lines, run).ok_or("the extended model has no frequency response")?);
     }
-    let (mut kept, mut signals) = (Vec::new(), Vec::new());
-    for point in points {
-        let found: Option<Vec<Signals>> = benches.iter_mut().map(|bench| bench.direction(&point)).collect();
-        let Some(found) = found else { continue };
-        if found.iter().flatten().any(|v| *v != 0.0) {
-            kept.push(point);
-            signals.push(found);
-        }
-    }
+    let (kept, signals) = kept(points, |point| benches.iter_mut().map(|bench| bench.direction(point)).collect());
     match kept.is_empty() {
         true => Err("it changes nothing in the frequency domain".into()),
         false => Ok((kept, signals, Way::of_lines(&lines, runs.all.len()))),

@@ -7,7 +7,7 @@
 use super::fault::SpectralError;
 use super::options::SpectralOptions;
 use super::response::SpectralResponse;
-use super::setting::{Setting, band, is_linear, samples};
+use super::setting::{Setting, band, is_linear, of_run, samples};
 use crate::estimate::problem::Response;
 use crate::frequency::EndPoint;
 use crate::linear::{LinearModel, Values};
@@ -17,7 +17,7 @@ use crate::simulate::{Block, Divergence, RowLayout, Sink};
 use crate::spectrum::Spectrum;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::Leaf;
-use fdm_grammar::model::{Origin, Output, Param, Quantity};
+use fdm_grammar::model::{Output, Param, Quantity};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -102,16 +102,8 @@ impl SpectralLines {
     /// stands behind them.
     pub fn params(&self, mut params: Vec<Param>) -> Vec<Param> {
         params.iter_mut().zip(&self.setting.seen).filter(|(_, seen)| !**seen).for_each(|(p, _)| p.fixed = true);
-        params.extend(self.own.iter().map(|own| Param {
-            quantity: Quantity { name: own.name().into(), doc: String::new(), unit: None },
-            origin: Origin::Declared,
-            value: 0.0,
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
-            fixed: false,
-            per_run: true,
-            prior: None,
-        }));
+        let quantity = |own: &OwnValue| Quantity { name: own.name().into(), doc: String::new(), unit: None };
+        params.extend(self.own.iter().map(|own| of_run(quantity(own))));
         params
     }
 

@@ -390,8 +390,13 @@ pub(super) fn samples(spectrum: &Spectrum) -> Vec<f64> {
 }
 
 fn end_value(name: String, state: &Quantity) -> Param {
+    of_run(Quantity { name, ..state.clone() })
+}
+
+/// A parameter that belongs to each run alone and may have any value.
+pub(super) fn of_run(quantity: Quantity) -> Param {
     Param {
-        quantity: Quantity { name, ..state.clone() },
+        quantity,
         origin: Origin::Declared,
         value: 0.0,
         lower: f64::NEG_INFINITY,
