@@ -22,6 +22,7 @@ mod evidence;
 mod experiment;
 mod first;
 mod gains;
+mod held_noise;
 mod judgement;
 mod measured;
 mod metric;

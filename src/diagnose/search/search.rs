@@ -189,7 +189,7 @@ impl<'a> Search<'a> {
             knots: Vec::new(),
             ended: String::new(),
         });
-        last.metric = metric;
+        last.metric = metric.with_surplus_of(&last.metric);
         last.detectable = round.detectable();
         last.knots = round.screening.spectra.iter().map(|s| s.size()).collect();
         last
