@@ -38,6 +38,7 @@ mod search_error;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod ties;
 mod trace;
 mod transfer;
 mod way;
