@@ -8,14 +8,15 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
 //!
-//! Six sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
-//! start or many), `strategy` (other ways when the plain one goes astray, and confidence), `spectral` (spectra instead of samples in time) and
-//! `responses` (frequency responses from sweeps).
+//! Seven sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
+//! start or many), `strategy` (other ways when the plain one goes astray, and confidence), `spectral` (spectra instead of samples in time),
+//! `responses` (frequency responses from sweeps) and `filter` (filter error: noise that enters the equations).
 
 mod changes;
 mod errors;
 #[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
+mod filter;
 mod initial;
 mod iteration;
 mod keeper;
@@ -40,6 +41,7 @@ pub use errors::derived::{DerivedName, DerivedQuantities};
 pub use errors::direction::Direction;
 pub use errors::noise_colour::{NoiseColour, Uncorrected};
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use filter::{FilterError, FilterFit, fit_filter};
 pub use initial::initial_guess;
 pub use iteration::normal::{NormalEquations, NotFinite};
 pub use iteration::restart::Aid;

@@ -96,7 +96,7 @@ impl Kinds {
                 Role::Param | Role::State => Level::Param,
                 _ => Level::Varying,
             },
-            Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
+            Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
             Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
             Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
