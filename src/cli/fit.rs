@@ -2,6 +2,7 @@
 
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
+use crate::filter;
 use crate::integrator::{Integration, integration};
 use crate::iteration::Choice;
 use crate::keeping::Keeping;
@@ -67,7 +68,7 @@ pub(crate) struct Arguments {
 
 impl Arguments {
     /// Options that would be ignored are told, not ignored.
-    fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
+    pub(crate) fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
         match given {
             [] => Ok(()),
             given => Err(Failure::input([format!(
@@ -77,7 +78,7 @@ impl Arguments {
         }
     }
 
-    fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
+    pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
             options: self.choice.options(noise(&self.noise, model)?),
@@ -105,6 +106,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         &others.concat(),
         "the frequency domain (--method fd, --method fr)",
     )?;
+    if arguments.choice.is_of_a_filter() {
+        return filter::run(arguments);
+    }
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -149,6 +153,9 @@ pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
         remarks.push(termination.to_string());
     } else if !fit.estimate.is_good() {
         remarks.push(UNDETERMINED.into());
+    }
+    if fit.model.definition().states.iter().any(|s| s.noise.is_some()) {
+        remarks.push("the noise in the model's equations was left out: `--method fe` takes it into account".into());
     }
     if !all {
         remarks.push("interrupted: the result is the best of the starts that had ended".into());

@@ -152,7 +152,7 @@ fn concluded(
         correlations,
         corrected_covariance,
         colours: Vec::new(),
-        uncorrected: Some(Uncorrected::NotAsked),
+        uncorrected: Some(Uncorrected::Innovations),
         noise: Some(covariance_of(setting, &values)),
         noise_free: Vec::new(),
         undetermined: statistics.directions,
