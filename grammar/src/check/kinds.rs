@@ -308,6 +308,7 @@ fn too_variable(
             let message = format!("{} cannot depend on {what}", known[k].words(scope));
             let hint = match most {
                 Level::Constant => "it is made of numbers and consts",
+                _ if known[k].part == Part::Intensity => "it is made of numbers, consts and params",
                 _ => "it is made of numbers, consts and params; what is not given is found from the equations",
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
