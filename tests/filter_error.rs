@@ -91,7 +91,7 @@ fn held(seed: u64, samples: usize) -> (Model, Run) {
     let theta = theta(&model, &UNSTABLE_TRUTH);
     let (intensities, deviations) = (vec![0.0, 0.1], vec![0.005, 0.01]);
     let flight = Flight { model: &model, theta, intensities, deviations, samples, dt: 0.05 };
-    let run = flight.record("held", seed, |t, y| vec![multistep(t) - 1.2 * y[0] - 0.5 * y[1]]);
+    let run = flight.record("held", seed, |t, y| vec![10.0 * multistep(t) - 1.2 * y[0] - 0.5 * y[1]]);
     (model, run)
 }
 

@@ -186,9 +186,13 @@ struct Filter {
     weights: Vec<(usize, f64)>,
     /// Root mean square of each weighted column: values are multiplied by it.
     scale: Vec<f64>,
-    /// Scaled values, and their covariance where residuals are 1.
+    /// Scaled values.
     values: Vec<f64>,
-    covariance: Vec<f64>,
+    /// A square root L of their covariance L L' where residuals are 1: start and end of it are far apart (Potter 1963).
+    root: Vec<f64>,
+    /// Variance of scaled values at the beginning.
+    open: f64,
+    along: Vec<f64>,
     gain: Vec<f64>,
     row: Vec<f64>,
     /// Sum of squared innovations with forgetting, over their factors, and their number.
@@ -238,7 +242,9 @@ impl Filter {
         let mut filter = Self {
             scale: vec![0.0; p],
             values: vec![0.0; p],
-            covariance: vec![0.0; p * p],
+            root: vec![0.0; p * p],
+            open: 0.0,
+            along: vec![0.0; p],
             gain: vec![0.0; p],
             row: vec![0.0; p],
             squares: 0.0,
@@ -275,9 +281,10 @@ impl Filter {
         // a rate in units of its residual
         let size = |b: &&Block| rates.iter().find(|(e, _)| *e == b.equation).map_or(0.0, |r| r.1 * self.weight(r.0));
         let size = group.blocks.iter().map(size).fold(1.0, f64::max);
+        self.open = (OPEN * size).powi(2);
         for (j, unknown) in self.unknowns.iter().enumerate() {
             self.values[j] = definition.params[unknown.param as usize].value * self.scale[j];
-            self.covariance[j * p + j] = (OPEN * size).powi(2);
+            self.root[j * p + j] = OPEN * size;
         }
         for block in &group.blocks {
             let rate = rates.iter().find(|(e, _)| *e == block.equation).map_or(1.0, |r| r.1);
@@ -306,33 +313,39 @@ impl Filter {
         }
     }
 
+    /// Variance of a scaled value where residuals are 1.
+    fn variance(&self, j: usize) -> f64 {
+        let p = self.values.len();
+        self.root[j * p..(j + 1) * p].iter().map(|v| v * v).sum()
+    }
+
     /// Forgets a part of what was known, but never more than was unknown at the beginning.
     fn forget(&mut self, factor: f64) {
-        let p = self.values.len();
-        let most = (0..p).map(|j| self.covariance[j * p + j]).fold(0.0, f64::max);
         (self.squares, self.count) = (factor * self.squares, factor * self.count);
-        if most < OPEN * OPEN {
-            self.covariance.iter_mut().for_each(|c| *c /= factor);
+        if (0..self.values.len()).all(|j| self.variance(j) < self.open) {
+            let wider = factor.sqrt().recip();
+            self.root.iter_mut().for_each(|v| *v *= wider);
         }
     }
 
-    /// Takes one row: the gain of equation 19, the update of 21, the covariance of 22, kept symmetric.
+    /// Takes one row: the gain of equation 19, the update of 21, the covariance of 22 by its square root.
     fn take(&mut self, block: &Block, i: usize) {
         let (p, weight) = (self.values.len(), self.weight(block.equation));
         self.fill(block, i, weight);
-        for a in 0..p {
-            self.gain[a] = (0..p).map(|b| self.covariance[a * p + b] * self.row[b]).sum();
+        for b in 0..p {
+            self.along[b] = (0..p).map(|a| self.root[a * p + b] * self.row[a]).sum();
         }
-        let size = 1.0 + self.row.iter().zip(&self.gain).map(|(x, g)| x * g).sum::<f64>();
+        let size = 1.0 + self.along.iter().map(|f| f * f).sum::<f64>();
         let expected: f64 = self.row.iter().zip(&self.values).map(|(x, v)| x * v).sum();
         let innovation = weight * block.rows.left[i] - expected;
         self.squares += innovation * innovation / size;
         self.count += 1.0;
+        let shrink = 1.0 / (size + size.sqrt());
         for a in 0..p {
+            let row = &mut self.root[a * p..(a + 1) * p];
+            self.gain[a] = row.iter().zip(&self.along).map(|(l, f)| l * f).sum();
+            row.iter_mut().zip(&self.along).for_each(|(l, f)| *l -= shrink * self.gain[a] * f);
             self.values[a] += self.gain[a] * innovation / size;
-            for b in 0..p {
-                self.covariance[a * p + b] -= self.gain[a] * self.gain[b] / size;
-            }
         }
     }
 
@@ -383,7 +396,7 @@ fn iterate(filters: &[Filter], (run, time): (usize, f64), rows: f64) -> Iterate 
         let p = f.values.len();
         let variance = f.squares / (f.count - p as f64).max(1.0);
         values.extend(f.values.iter().zip(&f.scale).map(|(v, s)| v / s));
-        errors.extend((0..p).map(|j| (variance * f.covariance[j * p + j].max(0.0)).sqrt() / f.scale[j]));
+        errors.extend((0..p).map(|j| (variance * f.variance(j)).sqrt() / f.scale[j]));
     }
     let one_step = (filters.iter().map(Filter::one_step).sum::<f64>() / rows.max(1.0)).sqrt();
     Iterate { run, time, values, errors, one_step }
