@@ -9,6 +9,7 @@ use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
 use super::evidence::{Seen, against};
 use super::first::first_stage;
+use super::following::following;
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
@@ -189,7 +190,7 @@ impl<'a> Search<'a> {
             knots: Vec::new(),
             ended: String::new(),
         });
-        last.metric = metric;
+        last.metric = metric.with_surplus_of(&last.metric);
         last.detectable = round.detectable();
         last.knots = round.screening.spectra.iter().map(|s| s.size()).collect();
         last
@@ -288,6 +289,7 @@ impl<'a> Search<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { seen.suggestions() } else { None };
         let found = !self.accepted.is_empty();
+        let following = following(last.as_ref().map_or(first, |stage| stage), self.runs, &end.detectable);
         Ok(Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
@@ -314,6 +316,7 @@ impl<'a> Search<'a> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
+            following,
             spectral: first.spectral(),
         })
     }
