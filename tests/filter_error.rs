@@ -288,7 +288,7 @@ fn study_of_turbulence() {
 #[ignore = "a study: release build, half a minute"]
 fn study_of_an_unstable_vehicle() {
     let (mut filter, mut open, mut lost) = (Vec::new(), Vec::new(), 0);
-    for seed in 0..100 {
+    for seed in 0..40 {
         let (model, run) = held(2000 + seed, 600);
         let found = filtered(&model, &[run.clone()]);
         filter.push(UNSTABLE_TRUTH.map(|(name, _)| of(&found.fit, name)).to_vec());
