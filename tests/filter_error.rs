@@ -218,6 +218,11 @@ fn the_same_bits_for_every_number_of_threads_and_an_end_when_asked() {
     assert_eq!(stopped, Termination::IterationLimit);
 }
 
+/// Repeats of a study.
+fn wanted(most: u64) -> u64 {
+    std::env::var("FDM_REPEATS").ok().and_then(|n| n.parse().ok()).unwrap_or(most)
+}
+
 /// Mean and deviation of (value - truth)/error over repeats, and the mean error in units of the scatter.
 struct Repeats {
     bias: f64,
@@ -262,7 +267,7 @@ fn study_of_turbulence() {
     let calm = model(CALM);
     for s in [0.003, 0.01, 0.03] {
         let (mut filter, mut open) = (Vec::new(), Vec::new());
-        for seed in 0..100 {
+        for seed in 0..wanted(100) {
             let (model, run) = gusty(1000 + seed, s, 600);
             let found = filtered(&model, &[run.clone()]);
             filter.push(TRUTH.map(|(name, _)| of(&found.fit, name)).to_vec());
@@ -288,7 +293,7 @@ fn study_of_turbulence() {
 #[ignore = "a study: release build, half a minute"]
 fn study_of_an_unstable_vehicle() {
     let (mut filter, mut open, mut lost) = (Vec::new(), Vec::new(), 0);
-    for seed in 0..40 {
+    for seed in 0..wanted(40) {
         let (model, run) = held(2000 + seed, 600);
         let found = filtered(&model, &[run.clone()]);
         filter.push(UNSTABLE_TRUTH.map(|(name, _)| of(&found.fit, name)).to_vec());
