@@ -49,7 +49,7 @@ const CONFIGURATIONS: [[f64; 10]; 3] = [
 
 #[test]
 fn a_hydrofoil_under_its_autopilot_in_three_configurations() {
-    let model = Model::from_file("models/hydrofoil/blocks.fdm").unwrap();
+    let model = Model::from_file("models/hydrofoil/model.fdm").unwrap();
     assert!(model.warnings().is_empty(), "{:?}", model.warnings());
     let names: Vec<String> = (1..=10).map(|k| format!("C{k}")).collect();
     for (number, truth) in CONFIGURATIONS.iter().enumerate() {
