@@ -74,14 +74,14 @@ impl Arguments {
         let folder = self.models.clone().or_else(models).ok_or_else(|| {
             Failure::input(["there is no folder `models` with experiments here or above; name one with --models DIR"])
         })?;
+        if self.name != "all" {
+            return Ok(vec![Catalogue::one(&folder, &self.name).map_err(|e| Failure::input([e]))?]);
+        }
         let catalogue = Catalogue::open(&folder).map_err(|e| Failure::input([e]))?;
         if catalogue.experiments.is_empty() {
             return Err(Failure::input([format!("{}: no folder in it has an {}", folder.display(), Experiment::FILE)]));
         }
-        if self.name == "all" {
-            return Ok(catalogue.experiments);
-        }
-        Ok(vec![catalogue.find(&self.name).map_err(|e| Failure::input([e]))?.clone()])
+        Ok(catalogue.experiments)
     }
 
     fn text(&self, outcomes: &[Outcome]) -> String {

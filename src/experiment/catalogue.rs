@@ -40,6 +40,18 @@ impl Catalogue {
         Ok(Self { experiments })
     }
 
+    /// The experiment of this name alone, so that others may be broken: the folder of that name, else what all of them are called.
+    ///
+    /// # Errors
+    /// As [`Self::open`]; [`ExperimentError::Unknown`].
+    pub fn one(folder: &Path, name: &str) -> Result<Experiment, ExperimentError> {
+        let own = folder.join(name);
+        if own.join(Experiment::FILE).is_file() {
+            return Experiment::read(&own);
+        }
+        Ok(Self::open(folder)?.find(name)?.clone())
+    }
+
     /// The experiment of this name, upper or lower case.
     ///
     /// # Errors

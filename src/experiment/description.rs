@@ -64,6 +64,8 @@ pub struct Record {
     pub digits: Option<usize>,
     /// Decides noise and random phases.
     pub seed: u64,
+    /// So many of them, each with noise and phases of its own.
+    pub copies: Option<u32>,
     /// Runge-Kutta steps between samples; chosen by accuracy when not given (8 in a closed loop).
     pub steps: Option<usize>,
 }

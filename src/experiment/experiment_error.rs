@@ -1,5 +1,6 @@
 //! What can be wrong with an experiment.
 
+use super::catalogue::UnknownName;
 use super::description::Experiment;
 use crate::model::ModelError;
 use crate::record::RecordError;
@@ -35,6 +36,9 @@ pub enum ExperimentError {
         /// All that does not.
         faults: Vec<Fault>,
     },
+    /// There is none of this name.
+    #[error(transparent)]
+    Unknown(#[from] UnknownName),
     /// One of its models is not a model.
     #[error(transparent)]
     Model(#[from] ModelError),

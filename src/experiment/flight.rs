@@ -4,9 +4,10 @@ use super::closed_loop::{Loop, closed};
 use super::description::{Experiment, Record};
 use super::experiment_error::{ExperimentError, Fault};
 use super::noise::{Noise, Normal};
+use super::signal::Signal;
 use super::table::Table;
 use crate::Model;
-use crate::record::Run;
+use crate::record::{Channel, Channels, ReadOptions, Run, read};
 use crate::simulate::{Simulator, choose_steps};
 use fdm_grammar::model::Quantity;
 
@@ -15,6 +16,18 @@ use fdm_grammar::model::Quantity;
 /// # Errors
 /// [`ExperimentError`], for models, names and signals that do not fit, and for a truth that runs away.
 pub(super) fn flown(experiment: &Experiment, record: &Record, truth: &str) -> Result<Vec<Table>, ExperimentError> {
+    let Some(copies) = record.copies else { return once(experiment, record, truth) };
+    let copy = |k: u32| {
+        let name = format!("{}_{}", record.name, k + 1);
+        let seed = record.seed.wrapping_mul(1 << 32).wrapping_add(u64::from(k));
+        once(experiment, &Record { name, seed, ..record.clone() }, truth)
+    };
+    let copies: Result<Vec<Vec<Table>>, _> = (0..copies).map(copy).collect();
+    Ok(copies?.into_iter().flatten().collect())
+}
+
+/// One flight.
+fn once(experiment: &Experiment, record: &Record, truth: &str) -> Result<Vec<Table>, ExperimentError> {
     let truth = Model::from_file(experiment.folder.join(truth))?;
     let flight = Flight { experiment, record, truth: &truth };
     let whole = match &record.controller {
@@ -67,6 +80,11 @@ impl Flight<'_> {
         let (n, dt) = (self.samples(), self.record.dt);
         let mut sum = vec![0.0; n];
         for (k, signal) in signals.iter().enumerate() {
+            if let Signal::Record { file, column } = signal {
+                let values = self.recorded(file, column, quantity)?;
+                sum.iter_mut().zip(values).for_each(|(s, v)| *s += v);
+                continue;
+            }
             let names = [&self.experiment.name, &self.record.name, &quantity.name, &k.to_string()];
             let mut chance = Normal::new(self.record.seed, &names.map(String::as_str));
             let time = &self.truth.definition().time;
@@ -76,6 +94,28 @@ impl Flight<'_> {
             sum.iter_mut().zip(values).for_each(|(s, v)| *s += v);
         }
         Ok(Some(sum))
+    }
+
+    /// A column of a record at the samples, in the unit of the input.
+    fn recorded(&self, file: &str, column: &str, quantity: &Quantity) -> Result<Vec<f64>, ExperimentError> {
+        let channel = Channel { name: quantity.name.clone(), unit: quantity.unit.clone() };
+        let time = self.truth.definition().time.clone();
+        let (inputs, none) = (vec![channel], Vec::new());
+        let wanted =
+            Channels { time, timed: true, samples: 2, inputs, outputs: none, driving: Vec::new(), slopes: Vec::new() };
+        let map = vec![(quantity.name.clone(), column.to_string())];
+        let (run, _) =
+            read(&self.experiment.folder.join(file), &wanted, &ReadOptions { map, ..ReadOptions::default() })?;
+        let (times, values) = (&run.time, &run.inputs);
+        let at = |t: f64| {
+            let after = times.partition_point(|own| *own <= t);
+            if after == 0 || after == times.len() {
+                return values[after.saturating_sub(1)];
+            }
+            let part = (t - times[after - 1]) / (times[after] - times[after - 1]);
+            values[after - 1] + part * (values[after] - values[after - 1])
+        };
+        Ok((0..self.samples()).map(|k| at(self.record.dt * k as f64)).collect())
     }
 
     /// Every name under `inputs` and `noise` is one of these.

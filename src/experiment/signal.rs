@@ -99,6 +99,13 @@ pub enum Signal {
         #[serde(default)]
         law: Law,
     },
+    /// A column of a measured record, linear between its samples; before and behind them it keeps its end values.
+    Record {
+        /// The file, beside the experiment's.
+        file: String,
+        /// Its column.
+        column: String,
+    },
     /// Chance: a gust. White at the samples, or what a lag of this time constant leaves of white noise.
     Chance {
         /// Standard deviation.
@@ -188,6 +195,8 @@ impl Signal {
                     false => 0.0,
                 })
             }
+            // known where the files are: `flight`
+            Self::Record { .. } => return None,
             Self::Chance { deviation, lag } => {
                 let deviation = deviation.within(unit)?;
                 chance.lagged(samples, dt, *lag).iter().map(|z| deviation * z).collect()

@@ -56,6 +56,18 @@ fn inputs_have_their_forms_and_their_units() {
     assert_eq!(wrong.sampled(3, 1.0, Some(&Unit::radian()), &Unit::second(), &mut Normal::new(1, &[])), None);
 }
 
+#[test]
+fn an_input_is_a_column_of_a_record() {
+    let text = "title = 't'\nsource = 's'\n[[record]]\nname = 'r'\ntruth = 'm.fdm'\ndt = 0.5\nduration = 3\n\
+        inputs.u = [{ form = 'record', file = 'old.csv', column = 'stick' }, { form = 'step', at = 0, height = 10 }]\n";
+    let model = "model m { input u [deg]; state x [deg]; param k = 2 [1/s]; der(x) = k*(u - x); output y [deg] = u; }";
+    let old = "t [s],other,stick [rad]\n0,9,0\n1,9,0.1\n2,9,-0.1\n";
+    let folder = folder(text, &[("m.fdm", model), ("old.csv", old)]);
+    let made = tables(&Experiment::read(folder.path()).expect("an experiment")).expect("records");
+    let wanted = [0.0, 0.05, 0.1, 0.0, -0.1, -0.1, -0.1].map(|v: f64| v.to_degrees() + 10.0);
+    assert!(made[0].columns[1].2.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9), "{made:?}");
+}
+
 /// Size of a line.
 fn line(values: &[f64], dt: f64, frequency: f64) -> f64 {
     let part = |of: fn(f64) -> f64| {
