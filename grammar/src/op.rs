@@ -131,7 +131,7 @@ ops! {
             let m = b.apply(Op::Mul, &[s, da]);
             b.apply(Op::Neg, &[m])
         });
-    Tan Function "tan" 1 value |a, _b, _c| math::tan(a), complex |a, _b, _c| a.tan(),
+    Tan Function "tan" 1 value |a, _b, _c| math::tan(a), complex |a, _b, _c| a.sin() / a.cos(),
         tangent |b, _x, y, d| d[0].map(|da| { let q = one_plus_square(b, y); b.apply(Op::Mul, &[q, da]) });
     Asin Function "asin" 1 value |a, _b, _c| math::asin(a), complex |a, _b, _c| complex_asin(a),
         tangent |b, x, _y, d| d[0].map(|da| { let r = root_one_minus_square(b, x[0]); over(b, da, r) });

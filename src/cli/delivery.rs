@@ -1,6 +1,6 @@
 //! Where a result goes: to the terminal as tables or JSON, to a picture, to a folder.
 
-use crate::failure::{Failure, print};
+use crate::failure::{Failure, print, remark};
 use crate::histories::{histories, tables};
 use clap::Args;
 use fdm::Model;
@@ -79,15 +79,14 @@ fn admits(path: &Path) -> io::Result<()> {
 
 impl Prepared<'_> {
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn deliver(&self, outcome: Outcome<'_>) -> bool {
         let json = format!("{}\n", outcome.json);
         let printed = print(if self.delivery.json { &json } else { &outcome.text });
-        outcome.remarks.iter().for_each(|r| eprintln!("{r}"));
+        outcome.remarks.iter().for_each(|r| remark(format_args!("{r}")));
         let plot = self.delivery.plot.as_deref().map_or(Ok(()), |path| draw(&outcome, path));
         let written = self.destination.as_ref().map_or(Ok(()), |place| write(outcome, json, place));
         let failed = [plot.err(), written.err()];
-        failed.iter().flatten().for_each(|e| eprintln!("error: {e}"));
+        failed.iter().flatten().for_each(|e| remark(format_args!("error: {e}")));
         printed && failed.iter().all(Option::is_none)
     }
 }

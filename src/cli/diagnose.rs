@@ -99,7 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         screening: ScreeningOptions::default(),
         domain,
     };
-    let progress = Mutex::new(Progress::new(arguments.quiet));
+    let progress = Mutex::new(Progress::of_a_whole(arguments.quiet));
     let say = |text: &str| {
         if let Ok(progress) = progress.lock() {
             progress.say(text);

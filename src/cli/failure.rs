@@ -31,17 +31,16 @@ impl Failure {
     }
 
     /// Tells the user and gives the exit code.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn report(&self) -> ExitCode {
         match self {
             Self::Model(e) => match &**e {
                 ModelError::Invalid { text, diagnostics } => {
                     tell(text, diagnostics);
                 }
-                other => eprintln!("error: {other}"),
+                other => remark(format_args!("error: {other}")),
             },
-            Self::Records(errors) => errors.iter().for_each(|e| eprintln!("error: {e}")),
-            Self::Input(reasons) => reasons.iter().for_each(|r| eprintln!("error: {r}")),
+            Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
+            Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {r}"))),
         }
         ExitCode::from(INPUT)
     }
@@ -54,7 +53,6 @@ impl From<ModelError> for Failure {
 }
 
 /// Findings about a model, with where to read more about them.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     if findings.is_empty() {
         return;
@@ -66,17 +64,22 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
             codes.push(code);
         }
     }
-    eprintln!("`fdm explain {}` says more\n", codes.join(" "));
+    remark(format_args!("`fdm explain {}` says more\n", codes.join(" ")));
+}
+
+/// Writes a line to standard error; where nobody listens it is lost.
+pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
 /// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn print(text: &str) -> bool {
     use std::io::{ErrorKind, Write};
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            eprintln!("error: the result cannot be printed: {}", fdm::store::reason(&e));
+            remark(format_args!("error: the result cannot be printed: {}", fdm::store::reason(&e)));
             false
         }
         _ => true,

@@ -1,6 +1,6 @@
 //! Keeping the state of a long fit, so that it can be interrupted.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, remark};
 use clap::Args;
 use fdm::estimate::Keeper;
 use fdm::store::{Checkpoint, Identity};
@@ -33,12 +33,11 @@ impl Keeping {
     }
 
     /// Opens the folder before any work is done.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
         let Some(folder) = &self.checkpoint else { return Ok(Kept(None)) };
         let checkpoint = Checkpoint::open(folder, identity).map_err(|e| Failure::input([e]))?;
         if checkpoint.resumed() && !quiet {
-            eprintln!("note: going on from the checkpoint in {}", folder.display());
+            remark(format_args!("note: going on from the checkpoint in {}", folder.display()));
         }
         Ok(Kept(Some(Told { checkpoint, failed: AtomicBool::new(false) })))
     }
@@ -50,27 +49,25 @@ impl Kept {
     }
 
     /// Says at the end what was damaged and what could not be kept; whether the last state was kept.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn close(self) -> bool {
         let Some(Told { checkpoint, .. }) = self.0 else { return true };
-        checkpoint.notes().iter().for_each(|n| eprintln!("note: {n}"));
+        checkpoint.notes().iter().for_each(|n| remark(format_args!("note: {n}")));
         let Some(failure) = checkpoint.failure() else { return true };
-        eprintln!(
+        remark(format_args!(
             "warning: the checkpoint stopped before the fit ended ({failure}); nothing of the result is lost, but a \
              repetition would not go on from its end"
-        );
+        ));
         false
     }
 }
 
 impl Keeper for Told {
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
         let kept = self.checkpoint.keep(name, state);
         match &kept {
             Ok(()) => self.failed.store(false, Ordering::Relaxed),
             Err(failure) if !self.failed.swap(true, Ordering::Relaxed) => {
-                eprintln!("warning: the checkpoint cannot be kept at present ({failure}); the fit goes on");
+                remark(format_args!("warning: the checkpoint cannot be kept at present ({failure}); the fit goes on"));
             }
             Err(_) => {}
         }

@@ -1,6 +1,7 @@
 //! Shows that work is going on: a live line on a terminal, a line for each iteration elsewhere, nothing when asked to be quiet.
-//! An interrupt ends the work after the iteration in hand, and what was reached is printed.
+//! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
+use crate::failure::remark;
 use fdm::estimate::{Iteration, Observer, StartSummary};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -16,8 +17,8 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// Live on a terminal; `quiet` says nothing at all.
-    pub(crate) fn new(quiet: bool) -> Self {
+    /// Of work of which nothing can be kept before its end: an interrupt ends the program at once.
+    pub(crate) fn of_a_whole(quiet: bool) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let target = if quiet || !terminal { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
         let bar = ProgressBar::with_draw_target(None, target);
@@ -25,21 +26,26 @@ impl Progress {
             bar.set_style(style);
         }
         bar.enable_steady_tick(std::time::Duration::from_millis(100));
-        let interrupted = Arc::new(AtomicBool::new(false));
+        Self { bar, lines: !quiet && !terminal, interrupted: Arc::new(AtomicBool::new(false)) }
+    }
+
+    /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
+    pub(crate) fn new(quiet: bool) -> Self {
+        let progress = Self::of_a_whole(quiet);
+        let interrupted = &progress.interrupted;
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does
-            let _ = signal_hook::flag::register_conditional_default(signal, Arc::clone(&interrupted));
-            let _ = signal_hook::flag::register(signal, Arc::clone(&interrupted));
+            let _ = signal_hook::flag::register_conditional_default(signal, Arc::clone(interrupted));
+            let _ = signal_hook::flag::register(signal, Arc::clone(interrupted));
         }
-        Self { bar, lines: !quiet && !terminal, interrupted }
+        progress
     }
 
     /// Says what is being done.
-    #[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
     pub(crate) fn say(&self, text: &str) {
         self.bar.set_message(text.to_string());
         if self.lines {
-            eprintln!("{text}");
+            remark(format_args!("{text}"));
         }
     }
 

@@ -1,6 +1,6 @@
 //! The recorded runs that a verb works on.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, remark};
 use clap::Args;
 use fdm::Model;
 use fdm::record::{ReadOptions, Run, Summary, channels, read};
@@ -98,11 +98,10 @@ fn tell_apart(runs: &mut [(Run, Summary)]) {
 }
 
 /// What a careful reader would mention about the records.
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn notes(records: &[(Run, Summary)]) {
     for (run, summary) in records {
         for note in &summary.notes {
-            eprintln!("note: {}: {note}", run.name);
+            remark(format_args!("note: {}: {note}", run.name));
         }
         let gaps: Vec<String> = summary
             .sources
@@ -111,7 +110,7 @@ pub(crate) fn notes(records: &[(Run, Summary)]) {
             .map(|s| format!("{} of `{}`", s.gaps, s.channel))
             .collect();
         if !gaps.is_empty() {
-            eprintln!("note: {}: cells without a value: {}", run.name, gaps.join(", "));
+            remark(format_args!("note: {}: cells without a value: {}", run.name, gaps.join(", ")));
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
-use crate::failure::{Failure, NUMBERS, print};
+use crate::failure::{Failure, NUMBERS, print, remark};
 use crate::integrator::{Integration, integration};
 use crate::reading::{Reading, open};
 use crate::records::{Selection, load};
@@ -64,7 +64,6 @@ enum Values {
     Found(Box<ResultFolder>),
 }
 
-#[allow(clippy::print_stderr, reason = "this is where the command line speaks")]
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (model, values) = arguments.subject()?;
     let mut params = model.definition().params.clone();
@@ -90,13 +89,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     for response in &responses {
         let chosen = arguments.integration.is_open();
         if model.layout().states > 0 && !arguments.json {
-            eprintln!("{}: {}", response.run.name, integration(&response.accuracy, chosen));
+            remark(format_args!("{}: {}", response.run.name, integration(&response.accuracy, chosen)));
         }
         if let Some(d) = response.divergence {
             let state = d.state.map_or(String::from("an output"), |s| {
                 format!("state `{}`", model.definition().states[s].quantity.name)
             });
-            eprintln!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time);
+            remark(format_args!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time));
             code = ExitCode::from(NUMBERS);
         }
     }

@@ -10,6 +10,7 @@ use crate::dynamics::Point;
 use fdm_grammar::model::Model;
 use fdm_grammar::schedule::{Layout, Schedule};
 use num_complex::Complex64;
+use std::ops::Range;
 
 /// Its square is below the last digit of everything, so the step has no error of truncation.
 const STEP: f64 = 1e-30;
@@ -19,7 +20,7 @@ const CLOSER: f64 = 1e-20;
 /// Disturbed evaluations from which rounding is estimated, and how much more there may be of it.
 pub(super) const DISTURBANCES: usize = 3;
 const MARGIN: f64 = 16.0;
-/// The same for a step, which is asked only where the two sides differ: each misses a single operation half of the time.
+/// The same for a step, and for both where the two sides differ: each misses a single operation half of the time.
 const SUSPICIONS: usize = 16;
 
 /// Where a model is looked at.
@@ -34,8 +35,18 @@ pub(super) struct Site {
 pub(super) struct Symbolic {
     /// The equations themselves.
     pub(super) values: Vec<f64>,
-    /// The entries of all partials, in a fixed order.
+    /// The entries of all partials, by leaf.
     pub(super) entries: Vec<Entry>,
+}
+
+impl Symbolic {
+    /// The derivatives of all equations by one leaf, with what rounding may have done to them.
+    pub(super) fn column(&self, leaf: usize, column: &mut [(f64, f64)]) {
+        column.fill((0.0, 0.0));
+        let first = self.entries.partition_point(|e| e.leaf < leaf);
+        let own = self.entries[first..].iter().take_while(|e| e.leaf == leaf);
+        own.for_each(|e| column[e.equation] = (e.value, e.noise));
+    }
 }
 
 /// A partial that the patterns know.
@@ -98,13 +109,22 @@ impl<'a> Sides<'a> {
     /// All partials, and what rounding does to them.
     pub(super) fn symbolic(&self, site: &Site) -> Symbolic {
         let mut symbolic = self.evaluate(site, &mut Rounding::exact());
-        for number in 0..DISTURBANCES {
+        self.disturb(site, &mut symbolic, 0..DISTURBANCES);
+        symbolic
+    }
+
+    /// What more disturbances say of rounding, where the two sides differ.
+    pub(super) fn suspect(&self, site: &Site, symbolic: &mut Symbolic) {
+        self.disturb(site, symbolic, DISTURBANCES..SUSPICIONS);
+    }
+
+    fn disturb(&self, site: &Site, symbolic: &mut Symbolic, numbers: Range<usize>) {
+        for number in numbers {
             let disturbed = self.evaluate(site, &mut Rounding::disturbed(number));
             for (entry, other) in symbolic.entries.iter_mut().zip(disturbed.entries) {
                 entry.noise = entry.noise.max(MARGIN * (other.value - entry.value).abs());
             }
         }
-        symbolic
     }
 
     fn evaluate(&self, site: &Site, rounding: &mut Rounding) -> Symbolic {
@@ -143,6 +163,7 @@ impl<'a> Sides<'a> {
         let mut values = [&rates[..n], &outputs[..q]].concat();
         values.extend(&known[layout.initial.clone()]);
         values.extend(&known[layout.tau.clone()]);
+        entries.sort_by_key(|e| e.leaf);
         Symbolic { values, entries }
     }
 

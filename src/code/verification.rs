@@ -118,19 +118,19 @@ impl<'a> Comparison<'a> {
         for (i, value) in self.sides.values(site).into_iter().enumerate() {
             self.judge(i, None, (symbolic.values[i], 0.0), value);
         }
-        symbolic.entries.sort_by_key(|e| e.leaf);
         let mut column = vec![(0.0, 0.0); self.sides.equations()];
         let free: Vec<usize> = (0..self.sides.leaves()).filter(|leaf| self.is_free(*leaf)).collect();
+        let mut suspected = false;
         for leaf in free {
-            column.fill((0.0, 0.0));
-            let first = symbolic.entries.partition_point(|e| e.leaf < leaf);
-            for entry in symbolic.entries[first..].iter().take_while(|e| e.leaf == leaf) {
-                column[entry.equation] = (entry.value, entry.noise);
-            }
+            symbolic.column(leaf, &mut column);
             let numeric = self.sides.numeric(site, leaf);
             let apart =
                 |((symbolic, noise), numeric): (&(f64, f64), &f64)| deviation(*symbolic, *numeric, *noise) > TOLERANCE;
             if column.iter().zip(&numeric).any(apart) {
+                if !std::mem::replace(&mut suspected, true) {
+                    self.sides.suspect(site, &mut symbolic);
+                    symbolic.column(leaf, &mut column);
+                }
                 let noise = self.sides.numeric_noise(site, leaf, &numeric);
                 column.iter_mut().zip(noise).for_each(|((_, own), other)| *own += other);
             }
@@ -280,6 +280,7 @@ mod tests {
         let bodies = [
             "state x = 0.3, z = 1e-6; der(x) = sqrt(log(cos(z^3))); der(z) = -z;",
             "state x = 0.3, z = 0.2; der(x) = deadzone(z/a*(if 0 < 0 then 0 else a), 0); der(z) = -z;",
+            "state x = 0.3, z = 0.2; der(x) = log10(abs(tan(acos(1e-7*z)))); der(z) = -z;",
             "state x = 0.3, z = 0.2; der(x) = deadzone(clip(0, b, z), deadzone(hypot(z, 0), 0)); der(z) = -z;",
         ];
         for body in bodies {

@@ -233,6 +233,24 @@ pub struct Spectral {
     pub notes: Vec<String>,
 }
 
+/// Inputs that follow the states of the model, and what these records hide for it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ties {
+    /// Which, and how closely.
+    pub inputs: Vec<FollowingInput>,
+    /// Effects that the fitted parameters make up for, in part or altogether: they may be there, and nobody would see them.
+    pub hidden: Vec<EffectAt>,
+}
+
+/// An input that follows the states, as under a controller or a pilot.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FollowingInput {
+    /// Its name.
+    pub input: String,
+    /// The part of its variance that a linear function of the states explains.
+    pub explained: f64,
+}
+
 /// What a diagnosis came to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Diagnosis {
@@ -270,6 +288,8 @@ pub struct Diagnosis {
     pub places: Option<Localisation>,
     /// What an unknown cause looks like, where the verdict is that.
     pub suggestions: Option<Suggestions>,
+    /// Inputs that follow states; none where every input is its own.
+    pub ties: Option<Ties>,
     /// Of a diagnosis in the frequency domain.
     pub spectral: Option<Spectral>,
 }

@@ -25,6 +25,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     if d.causes.is_empty() {
         text.push_str(&detectable(d));
     }
+    text.push_str(&tied(d));
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
     if let Some(spectral) = &d.spectral {
         let (low, high) = spectral.band;
@@ -163,6 +164,34 @@ fn moved(d: &Diagnosis) -> String {
     }
     (1..6).for_each(|column| aligned_right(&mut table, column));
     format!("\n{}", trimmed(&table))
+}
+
+/// Inputs that follow the states, and what that hides.
+fn tied(d: &Diagnosis) -> String {
+    let Some(ties) = &d.ties else { return String::new() };
+    let mut text = String::from("\n");
+    for tie in &ties.inputs {
+        let own = 100.0 * (1.0 - tie.explained);
+        let _ = writeln!(
+            text,
+            "{} follows the states, as under a controller or a pilot: {own:.0} % of it is its own",
+            tie.input
+        );
+    }
+    if ties.hidden.is_empty() {
+        let _ = writeln!(text, "nothing that was tried is hidden by that");
+        return text;
+    }
+    let hidden: Vec<String> = ties.hidden.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = ties.hidden.len() - hidden.len();
+    let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
+    let _ = writeln!(
+        text,
+        "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; commands that move the inputs beside \
+         the loop would show it",
+        hidden.join(", ")
+    );
+    text
 }
 
 fn ruled_out(d: &Diagnosis) -> String {

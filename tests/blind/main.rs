@@ -7,6 +7,7 @@
 mod answer;
 mod case;
 mod chance;
+mod cheapness;
 mod experiment;
 mod families;
 mod hidden;
@@ -36,7 +37,8 @@ fn blind() {
         "table" => table::print(&study::results(&study::folder())),
         "cases" => cases(),
         "speed" => speed(),
-        other => panic!("FDM_BLIND_DO={other}: table, cases, speed, or nothing for the whole set"),
+        "screening" => cheapness::compare(&large()),
+        other => panic!("FDM_BLIND_DO={other}: table, cases, speed, screening, or nothing for the whole set"),
     }
 }
 
@@ -66,10 +68,15 @@ fn cases() {
     }
 }
 
-/// How long a diagnosis takes: three runs of 2,000 samples, eight states, about a hundred candidates.
-fn speed() {
+/// Three runs of 2,000 samples, eight states, about a hundred candidates.
+fn large() -> Case {
     let spec = Spec { family: &CHAIN, hides: Hides::Effect, colour: Colour::White, level: 0.02, number: 0 };
-    let case = Case::hiding(spec, "quadratic_damping(v)", 150.0);
+    Case::hiding(spec, "quadratic_damping(v)", 150.0)
+}
+
+/// How long a diagnosis takes.
+fn speed() {
+    let case = large();
     let subject = Subject::new(case.base.source(), case.base.definition()).expect("a text that compiles");
     let count = hidden::INSIDE.places(&subject).candidates.len();
     println!("{count} candidates, {} states, 3 runs of {} samples", case.base.layout().states, CHAIN.samples);

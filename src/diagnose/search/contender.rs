@@ -119,7 +119,7 @@ impl Contender {
 
     /// Compares with the base model on the held-out runs.
     pub(super) fn compare(&mut self, round: &Round<'_>, metric: &Metric, base: Option<&Fitting>) {
-        let (params, runs) = (self.model.definition().params.clone(), round.runs.held());
+        let (params, runs, metric) = (self.model.definition().params.clone(), round.runs.held(), metric.for_held());
         let Some(base) = base.filter(|_| !runs.is_empty()) else { return };
         let attached = &round.traces[self.trace].attached;
         let values = new_values(attached, &self.fitting.theta[0]);

@@ -78,11 +78,18 @@ impl Round<'_> {
         let base = self.base(&metric, &base.theta)?;
         let near = (contenders[0].gain - BEHIND).min(PART * contenders[0].gain);
         let (mut contenders, far): (Vec<_>, Vec<_>) = contenders.into_iter().partition(|c| c.gain >= near);
-        let base_held = self.base_held(&metric, &base);
+        let mut base_held = self.base_held(&metric, &base);
         contenders.par_iter_mut().for_each(|c| {
             c.finish(self, &metric, &base);
             c.compare(self, &metric, base_held.as_ref());
         });
+        let raised = self.with_surplus(&metric, base_held.as_ref(), &contenders);
+        let is_raised = raised.is_some();
+        let metric = raised.unwrap_or(metric);
+        if is_raised {
+            base_held = self.base_held(&metric, &base);
+            contenders.par_iter_mut().for_each(|c| c.compare(self, &metric, base_held.as_ref()));
+        }
         sort(&mut contenders);
         // a name is worth looking for other minima
         let least = contenders[0].score() - CLOSE;
@@ -119,7 +126,7 @@ impl Round<'_> {
         let stage = &self.stage;
         let starts = shared_from(stage.params(), base.theta.first()?, &stage.theta[self.runs.train..]);
         let (params, ways) = (stage.params().to_vec(), &stage.ways[self.runs.train..]);
-        let runs = self.runs.held();
+        let (runs, metric) = (self.runs.held(), metric.for_held());
         Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }.held().fit(&starts, WHOLE)
     }
 

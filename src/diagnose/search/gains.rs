@@ -25,6 +25,7 @@ pub(super) fn run_gains(
 ) -> Vec<RunGain> {
     let of = |(r, run): (usize, &Run)| {
         let outputs = run.measured.len() / run.len().max(1);
+        let metric = if r < train { metric } else { metric.for_held() };
         let (mut lens, measured) = (ways[r].lens(run, outputs, metric), ways[r].measured(run));
         let mut lines = |response: &[f64]| {
             let residual: Vec<f64> = measured.iter().zip(response).map(|(z, y)| z - y).collect();
@@ -54,6 +55,7 @@ pub(super) fn output_gains(
     let mut found = Vec::with_capacity(runs.len() * q);
     for (r, run) in runs.iter().enumerate() {
         let (measured, frequencies) = (ways[r].measured(run), ways[r].frequencies());
+        let metric = if r < train { metric } else { metric.for_held() };
         // lines of a band: what they have together is spread over all samples
         let spread = frequencies.as_ref().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
         for (o, output) in outputs.iter().enumerate() {

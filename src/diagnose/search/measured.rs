@@ -119,7 +119,7 @@ impl Scales for Measured {
 }
 
 /// States and outputs of each run (N by n, N by q).
-fn states_and_outputs(stage: &Stage, runs: &[Run]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
+pub(super) fn states_and_outputs(stage: &Stage, runs: &[Run]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let mut both = (Vec::new(), Vec::new());
     for (run, (way, theta)) in runs.iter().zip(stage.ways.iter().zip(&stage.theta)) {
         match way {

@@ -22,6 +22,7 @@ mod evidence;
 mod experiment;
 mod first;
 mod gains;
+mod held_noise;
 mod judgement;
 mod measured;
 mod metric;
@@ -37,6 +38,7 @@ mod search_error;
 mod stage;
 #[cfg(test)]
 mod tests;
+mod ties;
 mod trace;
 mod transfer;
 mod way;

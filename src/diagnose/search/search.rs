@@ -18,6 +18,7 @@ use super::revision::revise;
 use super::round::{Round, Runs, new_values, place};
 use super::search_error::SearchError;
 use super::stage::Stage;
+use super::ties::ties;
 use super::whole::{Whole, whole_fit};
 use crate::diagnose::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, Round as Told, Verdict};
 use crate::diagnose::force::{self, Attribution};
@@ -189,7 +190,7 @@ impl<'a> Search<'a> {
             knots: Vec::new(),
             ended: String::new(),
         });
-        last.metric = metric;
+        last.metric = metric.with_surplus_of(&last.metric);
         last.detectable = round.detectable();
         last.knots = round.screening.spectra.iter().map(|s| s.size()).collect();
         last
@@ -288,6 +289,7 @@ impl<'a> Search<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { seen.suggestions() } else { None };
         let found = !self.accepted.is_empty();
+        let ties = ties(last.as_ref().map_or(first, |stage| stage), self.runs, &end.detectable);
         Ok(Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
@@ -314,6 +316,7 @@ impl<'a> Search<'a> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
+            ties,
             spectral: first.spectral(),
         })
     }

@@ -29,6 +29,8 @@ struct View {
     samples: Vec<usize>,
     /// Factor of every line.
     weight: Vec<f64>,
+    /// Logarithm of the frequency of every line; that of the mean is minus infinity.
+    log_frequency: Vec<f64>,
 }
 
 impl View {
@@ -38,14 +40,16 @@ impl View {
         let dt = interval(run) * spacing(&samples);
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
         let weight = (0..n).map(|k| orthonormal(k).sqrt() / metric.deviation(o, k, n, dt)).collect();
-        Self { dct: Some(planner.plan_dct2(n.max(1))), samples, weight }
+        let log_frequency = (0..n).map(|k| (k as f64 / (2.0 * n as f64 * dt)).ln()).collect();
+        Self { dct: Some(planner.plan_dct2(n.max(1))), samples, weight, log_frequency }
     }
 
     /// Of lines at these frequencies.
     fn of_lines(measured: &[f64], (o, q): (usize, usize), frequencies: &[f64], metric: &Metric) -> Self {
         let samples: Vec<usize> = (0..frequencies.len()).filter(|k| !measured[k * q + o].is_nan()).collect();
         let weight = samples.iter().map(|k| 1.0 / metric.at(o, frequencies[*k])).collect();
-        Self { dct: None, samples, weight }
+        let log_frequency = samples.iter().map(|k| frequencies[*k].ln()).collect();
+        Self { dct: None, samples, weight, log_frequency }
     }
 }
 
@@ -102,6 +106,14 @@ impl Lens {
             let lines = lines.to_vec();
             lines.into_iter().enumerate().for_each(|(k, value)| signal[k * q + o] = value);
         }
+    }
+
+    /// Logarithm of the frequency and square of every line of output `o` of a signal; all but the mean.
+    pub(super) fn squares(&mut self, o: usize, signal: &[f64]) -> Vec<(f64, f64)> {
+        let q = self.outputs;
+        let lines = self.lines(o, |k| signal[k * q + o]).to_vec();
+        let all = self.views[o].log_frequency.iter().copied().zip(lines.into_iter().map(|line| line * line));
+        all.filter(|(log_frequency, _)| log_frequency.is_finite()).collect()
     }
 
     /// A signal in lines.

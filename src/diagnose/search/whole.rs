@@ -35,6 +35,7 @@ pub(super) fn whole_fit(stage: &Stage, runs: Runs<'_>, metric: &Metric) -> Resul
     let mut cost = 0.0;
     if !held.is_empty() {
         let starts = shared_from(&params, &theta[0], &stage.theta[runs.train..]);
+        let metric = metric.for_held();
         let posed = Posed { params, dynamics, runs: runs.held(), ways: held, metric }.held();
         let found = posed.fit(&starts, CORRECTIONS);
         cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
