@@ -60,9 +60,9 @@ fn every_reference_system_is_recovered() {
         for key in ["what", "expected", "got", "passed"] {
             assert!(checks.iter().all(|c| !c[key].is_null()), "{key}");
         }
-        if papers.contains(&outcome["system"].as_str().unwrap()) && outcome["system"] != "miniature_helicopter" {
-            assert!(outcome["worst_error_in_standard_errors"].as_f64().is_none_or(|w| w <= 4.0), "{outcome}");
-        }
+        // printed errors do not know the noise of carried terms
+        let most = if outcome["system"] == "bo105" { 6.0 } else { 4.0 };
+        assert!(outcome["worst_error_in_standard_errors"].as_f64().is_none_or(|worst| worst <= most), "{outcome}");
     }
     assert!(output.status.success());
     assert!(output.stderr.is_empty(), "nothing moves where there is no terminal: {}", text(&output.stderr));

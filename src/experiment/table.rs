@@ -36,11 +36,10 @@ impl Table {
     /// As [`write`].
     pub fn write(&self, folder: &Path) -> Result<PathBuf, ExperimentError> {
         let path = folder.join(format!("{}.csv", self.name.replace([' ', '/'], "_")));
-        let column =
-            |(name, unit, values): &'_ (String, Option<String>, Vec<f64>)| (name.clone(), unit.clone(), values.clone());
-        let owned: Vec<_> = self.columns.iter().map(column).collect();
-        let columns: Vec<Column<'_>> =
-            owned.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
+        let mut columns = Vec::with_capacity(self.columns.len());
+        for (name, unit, values) in &self.columns {
+            columns.push(Column { name, unit: unit.as_deref(), values });
+        }
         write(&path, &columns)?;
         Ok(path)
     }
