@@ -97,7 +97,7 @@ impl Setting {
         let mut setting = Self { model, runs, others, changes: Changes::default(), truth: BTreeMap::new() };
         setting.find_truth(experiment, &names, shelf)?;
         setting.changes = setting.changed(stage, earlier);
-        setting.check_names(experiment, stage)?;
+        setting.check_names(experiment, stage, earlier)?;
         Ok(setting)
     }
 
@@ -165,7 +165,12 @@ impl Setting {
     }
 
     /// Names of parameters that the model does not have.
-    fn check_names(&self, experiment: &Experiment, stage: &Stage) -> Result<(), ExperimentError> {
+    fn check_names(
+        &self,
+        experiment: &Experiment,
+        stage: &Stage,
+        earlier: &BTreeMap<&str, &Found>,
+    ) -> Result<(), ExperimentError> {
         let d = self.model.definition();
         let params = || {
             d.params.iter().map(|p| p.quantity.name.as_str()).chain(d.derived.iter().map(|d| d.quantity.name.as_str()))
@@ -177,7 +182,14 @@ impl Setting {
         let named = lists.into_iter().flatten().chain(flat).chain(held).chain(stage.set.keys());
         let place = || format!("step `{}`", stage.name);
         let unknown = named.filter(|name| !params().any(|p| p == name.as_str()));
-        let faults: Vec<Fault> = unknown.map(|name| Fault::unknown(place(), "parameter", name, params())).collect();
+        let mut faults: Vec<Fault> = unknown.map(|name| Fault::unknown(place(), "parameter", name, params())).collect();
+        for (step, names) in &stage.held {
+            // what went astray is told by its own check
+            let Some(found) = earlier.get(step.as_str()).filter(|f| !f.parameters.is_empty()) else { continue };
+            let known = || found.parameters.iter().map(|p| p.name.as_str());
+            let lost = names.iter().filter(|name| !known().any(|own| own == name.as_str()));
+            faults.extend(lost.map(|name| Fault::unknown(place(), "earlier parameter", name, known())));
+        }
         if faults.is_empty() {
             return Ok(());
         }

@@ -222,6 +222,15 @@ fn mistakes_are_told_with_their_place_and_the_nearest_name() {
     let step = |text: &str| told(&format!("{LOOP}[[step]]\nname = 's'\nmodel = 'plant.fdm'\n{text}"));
     assert!(step("records = ['fligth']").contains("did you mean `flight`?"));
     assert!(step("from = 't'").contains("earlier step"));
+    let other = "model other { input u; state v; param c = -1, b = 2; der(v) = c*v + b*u; output rate = v; }";
+    let held = folder(
+        &format!(
+            "{LOOP}[[step]]\nname = 'first'\nmodel = 'other.fdm'\nmethod = 'regress'\n[[step]]\nname = 's'\nmodel = 'plant.fdm'\nheld = {{ first = ['a', 'b'] }}\n"
+        ),
+        &[("plant.fdm", PLANT), ("pid.fdm", CONTROLLER), ("other.fdm", other)],
+    );
+    let said = reproduce(&Experiment::read(held.path()).expect("an experiment"), false).expect_err("nothing to hold");
+    assert!(said.to_string().contains("there is no earlier parameter `a`"), "{said}");
     assert!(step("fix = ['aa']").contains("did you mean `a`?"));
     assert!(step("method = 'fd'\nends = 'fre'").contains("`free`, `known`, `none`"));
     let flown =
