@@ -134,3 +134,53 @@ fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
         serde_json::from_str(&desk.good("fit better.fdm --data one.csv --data two.csv --json -q")).unwrap();
     assert!(fit.to_string().contains("loss"), "{fit}");
 }
+
+/// The boat under an autopilot that turns the rudder against the rate of turn it reads, with a command that is hardly there.
+fn steered(seed: u64) -> String {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let (dt, damping, gain) = (0.1, 0.5_f64, 0.8);
+    let decay = (-damping * dt).exp();
+    let (mut r, mut command) = (1.0, 0.0);
+    let mut text = "time,rudder,turn\n".to_string();
+    for i in 0..240 {
+        if i % 40 == 20 {
+            command = random.random_range(-0.05..0.05);
+        }
+        let turn = r + 0.004 * random.random_range(-1.0..1.0);
+        let rudder = command - 0.4 * turn;
+        writeln!(text, "{},{rudder},{turn}", f64::from(i) * dt).unwrap();
+        r = decay * r + (1.0 - decay) / damping * gain * rudder;
+    }
+    text
+}
+
+#[test]
+fn an_input_that_follows_the_states_is_told_with_what_it_hides() {
+    let desk = Desk::new();
+    desk.write("held.fdm", &MODEL.replace("[1/s] = 0;", "[1/s] = 1;"));
+    desk.write("loop.csv", &steered(3));
+    let of = |words: &str| -> Value { serde_json::from_str(&desk.good(words)).unwrap() };
+    let found = of("diagnose held.fdm --data loop.csv --hold rudder --json -q");
+    let tie = &found["following"]["inputs"][0];
+    assert!(tie["input"] == "rudder" && tie["explained"].as_f64().unwrap() > 0.9, "{tie}");
+    assert!(!found["following"]["hidden"].as_array().unwrap().is_empty(), "{}", found["following"]);
+    let said = desk.good("diagnose held.fdm --data loop.csv --hold rudder -q");
+    assert!(said.contains("rudder follows the states") && said.contains("what these records hide"), "{said}");
+    let open = of("diagnose yaw.fdm --data one.csv --only sensor_lag,output_delay --json -q");
+    assert!(open["following"].is_null(), "{}", open["following"]);
+}
+
+#[test]
+fn effects_are_chosen_by_name() {
+    let desk = Desk::new();
+    let all = desk.good("effects yaw.fdm");
+    let some = desk.good("effects yaw.fdm --only input_delay,sensor_lag");
+    assert!(
+        all.contains("product_term") && some.contains("sensor_lag(turn)") && !some.contains("product_term"),
+        "{some}"
+    );
+    assert!(!desk.good("effects yaw.fdm --without product_term").contains("product_term"));
+    let wrong = desk.fdm("diagnose yaw.fdm --data one.csv --only input_delai");
+    let said = String::from_utf8_lossy(&wrong.stderr).into_owned();
+    assert!(wrong.status.code() == Some(2) && said.contains("did you mean `input_delay`?"), "{said}");
+}

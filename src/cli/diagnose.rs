@@ -1,6 +1,6 @@
 //! `fdm diagnose`: what a model gets wrong, the cause, the extended text, and the gain.
 
-use crate::effects::Effects;
+use crate::effects::{Chosen, Effects};
 use crate::failure::{Failure, NUMBERS, print};
 use crate::progress::Progress;
 use crate::records::{Records, load, notes};
@@ -32,6 +32,8 @@ pub(crate) struct Arguments {
     holdout: Vec<PathBuf>,
     #[command(flatten)]
     effects: Effects,
+    #[command(flatten)]
+    chosen: Chosen,
     /// Keep a parameter at its start value
     #[arg(long, value_name = "NAME", help_heading = "Parameters")]
     fix: Vec<String>,
@@ -82,7 +84,7 @@ fn probability(text: &str) -> Result<f64, String> {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let domain = domain(arguments)?;
-    let catalogue = arguments.effects.read()?;
+    let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
     let model = arguments.subject.load()?;
     let (runs, held) = read(arguments, &model)?;
     if let Some(folder) = &arguments.out {

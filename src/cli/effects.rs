@@ -5,9 +5,10 @@ use crate::subject::load_model;
 use clap::Args;
 use fdm::effect::{Catalogue, Kind, Places, Subject};
 use fdm::{Model, ModelError};
+use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Diagnostic, Source};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -21,6 +22,39 @@ pub(crate) struct Effects {
     files: Vec<PathBuf>,
 }
 
+/// Which of them are looked for.
+#[derive(Debug, Args)]
+pub(crate) struct Chosen {
+    /// Look for these effects only, such as `input_delay,actuator_lag`
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "without")]
+    only: Vec<String>,
+    /// Look for all but these; a model with many states has hundreds of places for a `product_term`
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    without: Vec<String>,
+}
+
+impl Chosen {
+    /// What is left of a catalogue; names that it does not have are refused.
+    pub(crate) fn of(&self, mut catalogue: Catalogue) -> Result<Catalogue, Failure> {
+        let names: BTreeSet<String> = catalogue.effects().map(|e| e.name().to_string()).collect();
+        let unknown = |name: &&String| !names.contains(*name);
+        let said = self.only.iter().chain(&self.without).filter(unknown).map(|name| {
+            let near = nearest(name, names.iter().map(String::as_str));
+            let near = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            format!("there is no effect `{name}`{near} (`fdm effects` lists them)")
+        });
+        let said: Vec<String> = said.collect();
+        if !said.is_empty() {
+            return Err(Failure::input(said));
+        }
+        catalogue.retain(|name| match self.only.is_empty() {
+            true => !self.without.iter().any(|n| n == name),
+            false => self.only.iter().any(|n| n == name),
+        });
+        Ok(catalogue)
+    }
+}
+
 /// What `fdm effects` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
@@ -29,13 +63,15 @@ pub(crate) struct Arguments {
     model: PathBuf,
     #[command(flatten)]
     effects: Effects,
+    #[command(flatten)]
+    chosen: Chosen,
     /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let catalogue = arguments.effects.read()?;
+    let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
     let (_, subject) = subject(&arguments.model)?;
     let places = catalogue.places(&subject);
     let text =

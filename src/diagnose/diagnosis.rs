@@ -235,7 +235,7 @@ pub struct Spectral {
 
 /// Inputs that follow the states of the model, and what these records hide for it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Ties {
+pub struct Following {
     /// Which, and how closely.
     pub inputs: Vec<FollowingInput>,
     /// Effects that the fitted parameters make up for, in part or altogether: they may be there, and nobody would see them.
@@ -289,7 +289,7 @@ pub struct Diagnosis {
     /// What an unknown cause looks like, where the verdict is that.
     pub suggestions: Option<Suggestions>,
     /// Inputs that follow states; none where every input is its own.
-    pub ties: Option<Ties>,
+    pub following: Option<Following>,
     /// Of a diagnosis in the frequency domain.
     pub spectral: Option<Spectral>,
 }

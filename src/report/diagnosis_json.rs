@@ -26,7 +26,7 @@ pub fn diagnosis_json(d: &Diagnosis, extended_model: Option<&str>) -> Value {
         "biased_parameters": d.biased,
         "gains": d.gains,
         "outputs": d.outputs,
-        "ties": d.ties,
+        "following": d.following,
         "left_out": d.left_out,
         "noise_knots": d.noise_knots,
         "domain": if d.spectral.is_some() { "frequency" } else { "time" },

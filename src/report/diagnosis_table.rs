@@ -25,7 +25,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     if d.causes.is_empty() {
         text.push_str(&detectable(d));
     }
-    text.push_str(&tied(d));
+    text.push_str(&following(d));
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
     if let Some(spectral) = &d.spectral {
         let (low, high) = spectral.band;
@@ -167,23 +167,23 @@ fn moved(d: &Diagnosis) -> String {
 }
 
 /// Inputs that follow the states, and what that hides.
-fn tied(d: &Diagnosis) -> String {
-    let Some(ties) = &d.ties else { return String::new() };
+fn following(d: &Diagnosis) -> String {
+    let Some(following) = &d.following else { return String::new() };
     let mut text = String::from("\n");
-    for tie in &ties.inputs {
-        let own = 100.0 * (1.0 - tie.explained);
+    for input in &following.inputs {
+        let own = 100.0 * (1.0 - input.explained);
         let _ = writeln!(
             text,
             "{} follows the states, as under a controller or a pilot: {own:.0} % of it is its own",
-            tie.input
+            input.input
         );
     }
-    if ties.hidden.is_empty() {
+    if following.hidden.is_empty() {
         let _ = writeln!(text, "nothing that was tried is hidden by that");
         return text;
     }
-    let hidden: Vec<String> = ties.hidden.iter().take(SHOWN).map(ToString::to_string).collect();
-    let more = ties.hidden.len() - hidden.len();
+    let hidden: Vec<String> = following.hidden.iter().take(SHOWN).map(ToString::to_string).collect();
+    let more = following.hidden.len() - hidden.len();
     let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
     let _ = writeln!(
         text,

@@ -56,6 +56,11 @@ impl Catalogue {
         }
     }
 
+    /// Keeps the effects whose name pleases.
+    pub fn retain(&mut self, pleases: impl Fn(&str) -> bool) {
+        self.effects.retain(|effect| pleases(effect.name()));
+    }
+
     /// The effects in their order.
     pub fn effects(&self) -> impl Iterator<Item = &Effect> {
         self.effects.iter().map(|e| &**e)

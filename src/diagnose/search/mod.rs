@@ -21,6 +21,7 @@ mod evenly;
 mod evidence;
 mod experiment;
 mod first;
+mod following;
 mod gains;
 mod held_noise;
 mod judgement;
@@ -38,7 +39,6 @@ mod search_error;
 mod stage;
 #[cfg(test)]
 mod tests;
-mod ties;
 mod trace;
 mod transfer;
 mod way;

@@ -9,6 +9,7 @@ use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
 use super::evidence::{Seen, against};
 use super::first::first_stage;
+use super::following::following;
 use super::gains::{biased, output_gains, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
@@ -18,7 +19,6 @@ use super::revision::revise;
 use super::round::{Round, Runs, new_values, place};
 use super::search_error::SearchError;
 use super::stage::Stage;
-use super::ties::ties;
 use super::whole::{Whole, whole_fit};
 use crate::diagnose::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, Round as Told, Verdict};
 use crate::diagnose::force::{self, Attribution};
@@ -289,7 +289,7 @@ impl<'a> Search<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { seen.suggestions() } else { None };
         let found = !self.accepted.is_empty();
-        let ties = ties(last.as_ref().map_or(first, |stage| stage), self.runs, &end.detectable);
+        let following = following(last.as_ref().map_or(first, |stage| stage), self.runs, &end.detectable);
         Ok(Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
@@ -316,7 +316,7 @@ impl<'a> Search<'a> {
             attribution,
             places: heard.map(|h| h.places),
             suggestions,
-            ties,
+            following,
             spectral: first.spectral(),
         })
     }

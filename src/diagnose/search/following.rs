@@ -6,7 +6,7 @@
 use super::measured::states_and_outputs;
 use super::round::Runs;
 use super::stage::Stage;
-use crate::diagnose::diagnosis::{Detectable, FollowingInput, Ties};
+use crate::diagnose::diagnosis::{Detectable, Following, FollowingInput};
 use nalgebra::{DMatrix, DVector};
 
 /// Part of an input's variance that its states explain, from which it is said to follow them.
@@ -17,7 +17,7 @@ const HIDDEN: f64 = 0.03;
 const RANK: f64 = 1e-8;
 
 /// What follows what on the runs that are learned from; none where every input is its own.
-pub(super) fn ties(stage: &Stage, runs: Runs<'_>, detectable: &[Detectable]) -> Option<Ties> {
+pub(super) fn following(stage: &Stage, runs: Runs<'_>, detectable: &[Detectable]) -> Option<Following> {
     let definition = stage.model.definition();
     let (n, m) = (definition.states.len(), definition.inputs.len());
     let (states, _) = states_and_outputs(stage, runs.all);
@@ -37,7 +37,7 @@ pub(super) fn ties(stage: &Stage, runs: Runs<'_>, detectable: &[Detectable]) -> 
     let inputs: Vec<FollowingInput> = (0..m).filter_map(of).collect();
     let hidden = detectable.iter().filter(|d| d.smallest.is_none() || d.distinct < HIDDEN);
     let hidden = hidden.map(|d| d.place.clone()).collect();
-    (!inputs.is_empty()).then_some(Ties { inputs, hidden })
+    (!inputs.is_empty()).then_some(Following { inputs, hidden })
 }
 
 fn about_mean(values: &[f64]) -> Vec<f64> {
