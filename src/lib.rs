@@ -4,6 +4,7 @@ pub mod code;
 pub mod diagnose;
 pub mod dynamics;
 pub mod estimate;
+pub mod experiment;
 pub mod frequency;
 pub mod linear;
 pub mod lsp;

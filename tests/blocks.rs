@@ -1,4 +1,4 @@
-//! Blocks and ties in whole studies: a hydrofoil under its autopilot, blocks at rest, equalities switched off.
+//! Blocks and ties in whole studies: blocks at rest, equalities switched off. (A hydrofoil under its autopilot: `fdm reproduce hydrofoil`.)
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod noise;
@@ -38,55 +38,6 @@ fn response(model: &Model, run: &Run, theta: &[f64]) -> Vec<f64> {
 
 fn changes(set: &[(&str, f64)]) -> Changes {
     Changes { set: set.iter().map(|(n, v)| ((*n).to_string(), *v)).collect(), ..Changes::default() }
-}
-
-/// Table 2 of the paper: true values of C1 to C8 and the cubic terms in three configurations.
-const CONFIGURATIONS: [[f64; 10]; 3] = [
-    [0.0450, 0.131, 0.1794, 0.3276, 1.912, 0.5097, 2.668, 0.4427, 0.0, 0.0],
-    [0.0450, 0.131, 0.1794, 0.4446, 1.912, 0.5097, 2.053, 0.4427, 10.0, 0.0],
-    [0.0950, 0.131, 0.1906, 0.4446, 2.114, 0.5579, 1.806, 0.5126, 0.0, 0.0],
-];
-
-#[test]
-fn a_hydrofoil_under_its_autopilot_in_three_configurations() {
-    let model = Model::from_file("models/hydrofoil/blocks.fdm").unwrap();
-    assert!(model.warnings().is_empty(), "{:?}", model.warnings());
-    let names: Vec<String> = (1..=10).map(|k| format!("C{k}")).collect();
-    for (number, truth) in CONFIGURATIONS.iter().enumerate() {
-        let truth: Vec<(&str, f64)> = names.iter().map(String::as_str).zip(truth.iter().copied()).collect();
-        let mut record = run(&model, (241, 0.05), |t, _| if t >= 0.5 { 0.6 } else { 0.0 });
-        let y = response(&model, &record, &theta(&model, &truth));
-        let last = &y[y.len() - 4..];
-        assert!((0.1..1.2).contains(&last[0]) && last[1].abs() < 0.1, "it flies at another height: {last:?}");
-        let mut normal = Normal(number as u64 + 3);
-        let deviation: Vec<f64> = (0..4).map(|o| 0.002 * largest(&y, o)).collect();
-        record.measured = y.iter().enumerate().map(|(k, y)| y + deviation[k % 4] * normal.next()).collect();
-        // from starts that are off by a fifth
-        let away: Vec<(&str, f64)> = truth.iter().enumerate().map(|(k, (n, v))| (*n, v * [1.2, 0.8][k % 2])).collect();
-        let found =
-            fit(&model, &[record], &FitOptions { changes: changes(&away), ..FitOptions::default() }, &mut ()).unwrap();
-        for (name, want) in &truth[..8] {
-            let p = found.estimate.parameter(name, None).unwrap();
-            let (off, error) = ((p.value / want - 1.0).abs(), p.error().unwrap());
-            assert!(off < 0.03, "configuration {number}: {name} is {} instead of {want} ± {error}", p.value);
-        }
-        for (name, want) in &truth[8..] {
-            let p = found.estimate.parameter(name, None).unwrap();
-            let error = p.error().unwrap();
-            assert!((p.value - want).abs() < 4.0 * error, "configuration {number}: {name} {} ± {error}", p.value);
-            // the cubic term that is there is seen, those that are not are bounded
-            assert_eq!(
-                p.value.abs() > 4.0 * error,
-                *want != 0.0,
-                "configuration {number}: {name} {} ± {error}",
-                p.value
-            );
-        }
-    }
-}
-
-fn largest(y: &[f64], output: usize) -> f64 {
-    y.iter().skip(output).step_by(4).fold(0.0, |most, y| y.abs().max(most))
 }
 
 #[test]

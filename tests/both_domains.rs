@@ -75,7 +75,7 @@ fn the_pitch_model_of_a_business_jet() {
 
 #[test]
 fn an_unstable_helicopter_in_short_records() {
-    let model = Model::from_file("models/hover/model.fdm").unwrap();
+    let model = Model::from_file("models/helicopter_benchmark/model.fdm").unwrap();
     let runs = records(&model, 4, (500, 0.02), 0.05);
     agree(&model, &runs, Frequencies::Grid { lowest: None, highest: Some(24.0) });
 }

@@ -109,7 +109,7 @@ fn rows_apart(a: &[f64], b: &[f64], stride: usize, outputs: usize) -> f64 {
     difference(a, b, stride * outputs)
 }
 
-const HOVER: &str = include_str!("../models/hover/model.fdm");
+const HOVER: &str = include_str!("../models/helicopter_benchmark/model.fdm");
 
 #[test]
 fn a_helicopter_in_three_subsystems() {

@@ -41,6 +41,7 @@ const FDM: &[&str] = &[
     "estimate",
     "diagnose",
     "store",
+    "experiment",
     "report",
     "lsp",
     "cli",

@@ -11,7 +11,7 @@ fn model(text: &str) -> Model {
 }
 
 fn eigenvalues(path: &str) -> Vec<Complex64> {
-    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("models/light_helicopter").join(path);
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("models/hover").join(path);
     let model = Model::from_file(path).unwrap_or_else(|mistakes| panic!("{mistakes}"));
     // a vector of speeds and angles has no unit
     assert!(model.warnings().iter().all(|w| w.code == Code::UnitUnknown), "{:?}", model.warnings());
@@ -26,7 +26,7 @@ fn eigenvalues(path: &str) -> Vec<Complex64> {
 fn a_helicopter_is_the_same_as_matrices_as_equations_and_as_a_rigid_body() {
     let matrices = eigenvalues("matrices.fdm");
     assert_eq!(matrices.len(), 9);
-    for other in ["scalars.fdm", "rigid_body.fdm"] {
+    for other in ["linear.fdm", "model.fdm"] {
         let other = eigenvalues(other);
         for (a, b) in matrices.iter().zip(&other) {
             assert!((a - b).norm() < 1e-9, "{matrices:?}\n{other:?}");

@@ -267,7 +267,7 @@ pub(crate) fn helicopter(limit: &[Row]) {
     for (name, tag) in [("w2f-581x1", "w2f581"), ("w2f-59x10", "w2f59")] {
         let tags = ["f", "U", "Z", "E", "p", "Y", "J"].map(|c| format!("{tag}_{c}"));
         let tags = tags.each_ref().map(String::as_str);
-        let Some(workload) = Workload::load(name, "models/hover/model.fdm", tags) else { continue };
+        let Some(workload) = Workload::load(name, "models/helicopter_benchmark/model.fdm", tags) else { continue };
         workload.jacobian().print(limit);
         workload.equations().print(limit);
         if tag == "w2f59" {

@@ -20,7 +20,7 @@ struct Helicopter {
 
 impl Helicopter {
     fn load() -> Option<Self> {
-        let model = Model::from_file("models/hover/model.fdm").expect("the model compiles");
+        let model = Model::from_file("models/helicopter_benchmark/model.fdm").expect("the model compiles");
         let (inputs, measured, deviations) = (data("w2t_u")?, data("w2t_z")?, data("w2t_sd")?);
         let samples = inputs.len() / RECORDS / 4;
         let runs: Vec<Run> = (0..RECORDS)

@@ -26,7 +26,7 @@ pub(crate) fn run() {
 
 /// CPU seconds since the process began and peak memory in MiB, after the first Jacobian of one 20 s record at 350 Hz.
 pub(crate) fn measure() {
-    let model = Model::from_file("models/hover/model.fdm").expect("the model compiles");
+    let model = Model::from_file("models/helicopter_benchmark/model.fdm").expect("the model compiles");
     let run = record();
     let columns: Vec<usize> = (0..model.layout().params).collect();
     let mut simulator = Simulator::new(model.dynamics(), &run, 1).expect("nothing is held and delayed");

@@ -26,6 +26,7 @@ mod reading;
 mod records;
 mod recursive;
 mod regress;
+mod reproduce;
 mod responses;
 mod show;
 mod simulate;
@@ -71,6 +72,8 @@ enum Verb {
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
     Regress(regress::Arguments),
+    /// Make the records of the reference systems, fit them, and compare with the published figures
+    Reproduce(reproduce::Arguments),
     /// Frequency responses between inputs and outputs as the records show them, with coherence and random error
     Spectra(spectra::Arguments),
     /// Show what becomes of a model's text: syntax, model, graph, derivatives, schedule, code, linear
@@ -102,6 +105,7 @@ fn main() -> ExitCode {
         Verb::Lsp(a) => lsp::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
+        Verb::Reproduce(a) => reproduce::run(a),
         Verb::Spectra(a) => spectra::run(a),
         Verb::Show(a) => show::run(a),
         Verb::Explain(a) => explain::run(a),

@@ -12,6 +12,7 @@ mod fitted_responses;
 mod history;
 mod json;
 mod modes;
+mod outcomes;
 mod parameters;
 mod plot;
 mod recursive;
@@ -35,6 +36,7 @@ pub use fitted_responses::{fitted_response_columns, fitted_response_json, fitted
 pub use history::history_table;
 pub use json::{fit_json, quality_json};
 pub use modes::{modes_json, modes_table, trim_sentence};
+pub use outcomes::{outcome_table, outcomes_json, outcomes_markdown, outcomes_table};
 pub use plot::{PlotError, TimeHistory, svg};
 pub use recursive::{recursive_histories, recursive_json, recursive_table, recursive_times};
 pub use regression::{dependence_table, regression_json, regression_table, structure_table};

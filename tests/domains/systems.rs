@@ -169,7 +169,7 @@ pub(crate) fn diagnosed(
     search(model, runs, held, catalogue, &SearchOptions { domain, ..SearchOptions::default() }, &|_| ())
 }
 
-const HOVER: &str = include_str!("../../models/hover/model.fdm");
+const HOVER: &str = include_str!("../../models/helicopter_benchmark/model.fdm");
 
 /// The helicopter in hover.
 pub(crate) fn hover() -> Model {

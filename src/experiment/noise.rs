@@ -1,0 +1,169 @@
+//! Measurement noise: how large, of what colour, of which law. The same on every machine.
+
+use fdm_grammar::math;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Deserialize;
+use std::f64::consts::TAU;
+
+/// Noise of one output: a number is the standard deviation of white noise in the output's unit.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Noise {
+    /// Its standard deviation.
+    pub deviation: f64,
+    /// What the deviation is a part of.
+    pub of: Of,
+    /// Its spectrum.
+    pub colour: Colour,
+    /// Whether it multiplies: the logarithm of the output is what has the noise.
+    pub logarithm: bool,
+}
+
+/// What a standard deviation is a part of.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Of {
+    /// The output's unit.
+    #[default]
+    Unit,
+    /// The largest magnitude in the record.
+    Largest,
+    /// The root mean square about the mean of the record.
+    Rms,
+    /// The value at the same time: relative noise.
+    Value,
+}
+
+/// The spectrum of noise.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub enum Colour {
+    /// Flat.
+    #[default]
+    White,
+    /// What a lag of this time constant leaves of white noise: AR(1) at the samples.
+    Lag(f64),
+    /// Falling as one over the frequency.
+    Pink,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "noise is a number, or a table with `deviation` and `of`, `lag`, `pink`, `logarithm`")]
+enum Written {
+    Number(f64),
+    Table(Described),
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Described {
+    deviation: f64,
+    #[serde(default)]
+    of: Of,
+    lag: Option<f64>,
+    #[serde(default)]
+    pink: bool,
+    #[serde(default)]
+    logarithm: bool,
+}
+
+impl<'de> Deserialize<'de> for Noise {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        Ok(match Written::deserialize(from)? {
+            Written::Number(deviation) => Self { deviation, ..Self::default() },
+            Written::Table(d) => {
+                let colour = match (d.lag, d.pink) {
+                    (Some(lag), _) => Colour::Lag(lag),
+                    (None, true) => Colour::Pink,
+                    (None, false) => Colour::White,
+                };
+                Self { deviation: d.deviation, of: d.of, colour, logarithm: d.logarithm }
+            }
+        })
+    }
+}
+
+impl Noise {
+    /// Adds noise to the values of an output, `dt` apart.
+    pub fn add(&self, values: &mut [f64], dt: f64, chance: &mut Normal) {
+        let n = values.len() as f64;
+        let scale = match self.of {
+            Of::Unit | Of::Value => 1.0,
+            Of::Largest => values.iter().fold(0.0, |a: f64, v| a.max(v.abs())),
+            Of::Rms => {
+                let mean = values.iter().sum::<f64>() / n;
+                (values.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / n).sqrt()
+            }
+        };
+        let drawn = self.drawn(values.len(), dt, chance);
+        for (value, z) in values.iter_mut().zip(drawn) {
+            let part = scale * self.deviation * z;
+            *value = match (self.logarithm, self.of) {
+                (true, _) => *value * math::exp(part),
+                (false, Of::Value) => *value * (1.0 + part),
+                (false, _) => *value + part,
+            };
+        }
+    }
+
+    /// Noise of deviation 1.
+    pub(super) fn drawn(&self, samples: usize, dt: f64, chance: &mut Normal) -> Vec<f64> {
+        match self.colour {
+            Colour::White => (0..samples).map(|_| chance.next()).collect(),
+            Colour::Lag(lag) => chance.lagged(samples, dt, lag),
+            Colour::Pink => pink(samples, dt, chance),
+        }
+    }
+}
+
+/// Octaves of lags of equal variance.
+fn pink(samples: usize, dt: f64, chance: &mut Normal) -> Vec<f64> {
+    let octaves = (samples.max(2) as f64).log2().ceil() as u32;
+    let mut sum = vec![0.0; samples];
+    for octave in 0..octaves {
+        let part = chance.lagged(samples, dt, dt * f64::from(1u32 << octave.min(30)));
+        sum.iter_mut().zip(part).for_each(|(s, z)| *s += z);
+    }
+    let scale = 1.0 / f64::from(octaves.max(1)).sqrt();
+    sum.iter().map(|s| scale * s).collect()
+}
+
+/// Normal deviates.
+#[derive(Debug, Clone)]
+pub struct Normal {
+    random: ChaCha8Rng,
+}
+
+impl Normal {
+    /// Those of a seed and of names: a record's, a channel's.
+    pub fn new(seed: u64, names: &[&str]) -> Self {
+        // FNV-1a, with a byte between names
+        let bytes = names.iter().flat_map(|name| name.bytes().chain([0xff]));
+        let hash = bytes.fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3));
+        Self { random: ChaCha8Rng::seed_from_u64(hash ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15)) }
+    }
+
+    /// From 0 to 1.
+    pub fn uniform(&mut self) -> f64 {
+        self.random.random()
+    }
+
+    /// Of deviation 1 (Box and Muller).
+    #[allow(clippy::should_implement_trait, reason = "it never ends")]
+    pub fn next(&mut self) -> f64 {
+        let (a, b) = (self.uniform(), self.uniform());
+        (-2.0 * math::log(1.0 - a)).sqrt() * math::cos(TAU * b)
+    }
+
+    /// What a lag leaves of white noise, scaled to deviation 1; it begins in its stationary state.
+    pub(super) fn lagged(&mut self, samples: usize, dt: f64, lag: f64) -> Vec<f64> {
+        let keep = if lag > 0.0 { math::exp(-dt / lag) } else { 0.0 };
+        let fresh = (1.0 - keep * keep).sqrt();
+        let mut state = self.next();
+        let mut drawn = Vec::with_capacity(samples);
+        for _ in 0..samples {
+            drawn.push(state);
+            state = keep * state + fresh * self.next();
+        }
+        drawn
+    }
+}
