@@ -2,6 +2,7 @@
 
 use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS};
+use crate::filter;
 use crate::integrator::{Integration, integration};
 use crate::iteration::Choice;
 use crate::keeping::Keeping;
@@ -14,7 +15,7 @@ use crate::strategies::Strategies;
 use crate::subject::Subject;
 use clap::Args;
 use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, MultiStart, fit_kept};
+use fdm::estimate::{BestOptions, Fit, FitOptions, MultiStart, best_iterate, changed, fit_kept};
 use fdm::record::Run;
 use fdm::report::{confidence, fit_json, fit_table, history_table, starts_table, way};
 use fdm::store::{Identity, Manifest};
@@ -67,7 +68,7 @@ pub(crate) struct Arguments {
 
 impl Arguments {
     /// Options that would be ignored are told, not ignored.
-    fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
+    pub(crate) fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
         match given {
             [] => Ok(()),
             given => Err(Failure::input([format!(
@@ -77,7 +78,7 @@ impl Arguments {
         }
     }
 
-    fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
+    pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
             options: self.choice.options(noise(&self.noise, model)?),
@@ -105,14 +106,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         &others.concat(),
         "the frequency domain (--method fd, --method fr)",
     )?;
+    if arguments.choice.is_of_a_filter() {
+        return filter::run(arguments);
+    }
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
     if !arguments.delivery.quiet {
         notes(&records);
     }
-    let options = arguments.options(&model)?;
+    let mut options = arguments.options(&model)?;
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    let first = match arguments.choice.is_recursive() {
+        true => begin_at_best_iterate(&model, &runs, &mut options)?,
+        false => String::new(),
+    };
     let identity = Identity::of(&model, &runs, &options);
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare()?;
@@ -127,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         arguments.records.describe(&runs, &mut manifest);
     }
     let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
-    let (text, json) = (text(&fit, &runs, arguments), fit_json(&fit));
+    let (text, json) = (format!("{first}{}", text(&fit, &runs, arguments)), fit_json(&fit));
     let (model, remarks) = (&fit.model, remarks(&fit, all));
     let (spectra, tables) = (Vec::new(), Vec::new());
     let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
@@ -135,6 +143,22 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let whole = kept.close();
     let good = fit.estimate.is_good() && all && delivered && whole;
     Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// Start values from recursive least squares, where none were typed; says which iterate they are.
+fn begin_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) -> Result<String, Failure> {
+    let model = changed(model, &options.changes).map_err(|e| Failure::input([e]))?;
+    let found = best_iterate(&model, runs, &BestOptions::default()).map_err(|e| Failure::input([e]))?;
+    let params = &found.model.definition().params;
+    for parameter in &found.recursion.parameters {
+        let value = params.iter().find(|p| p.quantity.name == parameter.name).map(|p| p.value);
+        let typed = options.changes.set.iter().any(|(name, _)| *name == parameter.name);
+        options.changes.set.extend(value.filter(|_| !typed).map(|v| (parameter.name.clone(), v)));
+    }
+    let (count, best) = (found.recursion.iterates.len(), found.best + 1);
+    Ok(format!(
+        "begun at iterate {best} of {count} of recursive least squares (`fdm regress --method rls` shows them)\n\n"
+    ))
 }
 
 /// What is said where parameters are not determined.
@@ -149,6 +173,9 @@ pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
         remarks.push(termination.to_string());
     } else if !fit.estimate.is_good() {
         remarks.push(UNDETERMINED.into());
+    }
+    if fit.model.definition().states.iter().any(|s| s.noise.is_some()) {
+        remarks.push("the noise in the model's equations was left out: `--method fe` takes it into account".into());
     }
     if !all {
         remarks.push("interrupted: the result is the best of the starts that had ended".into());

@@ -34,6 +34,10 @@ enum Approach {
     Fd,
     /// The same on frequency responses from sweeps, weighted by coherence
     Fr,
+    /// Recursive least squares with forgetting first: of its iterates the one whose simulation errs least begins
+    Rls,
+    /// Filter error: a Kalman filter for noise in the equations (turbulence), which the model declares by `noise der(x) = q;`
+    Fe,
 }
 
 impl Choice {
@@ -47,10 +51,25 @@ impl Choice {
         matches!(self.method, Approach::Fr)
     }
 
+    /// Whether the errors of a Kalman filter's predictions are to be fitted.
+    pub(crate) fn is_of_a_filter(&self) -> bool {
+        matches!(self.method, Approach::Fe)
+    }
+
+    /// Whether recursive least squares find the start values.
+    pub(crate) fn is_recursive(&self) -> bool {
+        matches!(self.method, Approach::Rls)
+    }
+
+    /// The gain, where it was changed.
+    pub(crate) fn is_gained(&self) -> bool {
+        self.gain != 1.0
+    }
+
     /// The options of an estimation with this noise.
     pub(crate) fn options(&self, noise: Noise) -> Options {
         let method = match self.method {
-            Approach::Correction | Approach::Fd | Approach::Fr => Method::Correction,
+            Approach::Correction | Approach::Fd | Approach::Fr | Approach::Fe | Approach::Rls => Method::Correction,
             Approach::NelderMead => Method::NelderMead,
             Approach::Lbfgs => Method::Lbfgs,
         };

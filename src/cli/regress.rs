@@ -2,8 +2,9 @@
 
 use crate::failure::{Failure, NUMBERS, print};
 use crate::records::{Records, notes};
+use crate::recursive::Recursive;
 use crate::subject::Subject;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use fdm::Model;
 use fdm::record::Run;
 use fdm::regression::{
@@ -28,6 +29,9 @@ pub(crate) struct Arguments {
     /// Estimate a parameter that the model declares `fixed`
     #[arg(long, value_name = "NAME", help_heading = "Parameters")]
     free: Vec<String>,
+    /// Least squares of all rows at once, or recursively, step by step, with forgetting
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t, help_heading = "Regression")]
+    method: Approach,
     /// Compare transforms at the frequencies of this band, in cycles per unit of time
     #[arg(long, value_name = "LO:HI", value_parser = pair, help_heading = "Regression")]
     band: Option<(f64, f64)>,
@@ -45,6 +49,8 @@ pub(crate) struct Arguments {
     /// levels off and errors are least (`level`), or so many
     #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
     components: Components,
+    #[command(flatten)]
+    recursive: Recursive,
     /// Search the structure of every measured rate among signals, squares and products instead
     #[arg(long, help_heading = "Regression")]
     stepwise: bool,
@@ -59,10 +65,46 @@ pub(crate) struct Arguments {
     quiet: bool,
 }
 
+/// What `--method` takes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+enum Approach {
+    /// Least squares by singular values
+    #[default]
+    Ls,
+    /// Recursive least squares with forgetting; of all iterates the one whose simulation errs least
+    Rls,
+}
+
 /// Parts of the band and of the records that `--dependence` shows.
 const PARTS: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
 
 impl Arguments {
+    /// Options that would be ignored are told, not ignored.
+    fn refuse(&self) -> Result<(), Failure> {
+        let (given, method, belongs) = match self.method {
+            Approach::Ls => (self.recursive.given(), "least squares", "--method rls"),
+            Approach::Rls => {
+                let given = [
+                    ("--band", self.band.is_some()),
+                    ("--df", self.df.is_some()),
+                    ("--smooth", self.smooth != Smoothing::default()),
+                    ("--components", self.components != Components::default()),
+                    ("--stepwise", self.stepwise),
+                    ("--dependence", self.dependence),
+                ];
+                let given = given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect();
+                (given, "recursive least squares", "--method ls")
+            }
+        };
+        match &given[..] {
+            [] => Ok(()),
+            given => Err(Failure::input([format!(
+                "{} belongs to {belongs} and has no part in {method}; leave it out",
+                given.join(", ")
+            )])),
+        }
+    }
+
     fn options(&self) -> RegressionOptions {
         let domain = match (self.band, self.df) {
             (None, _) => Domain::Time,
@@ -76,6 +118,7 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    arguments.refuse()?;
     let model = arguments.subject.load()?;
     let mut params = model.definition().params.clone();
     arguments.subject.changes(&arguments.fix, &arguments.free).apply(&mut params).map_err(Failure::input)?;
@@ -85,6 +128,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         notes(&records);
     }
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+    if arguments.method == Approach::Rls {
+        return arguments.recursive.run(&model, &runs, arguments.detrend, arguments.json);
+    }
     let text = match arguments.stepwise {
         true => searched(&model, &runs, arguments),
         false => estimated(&model, &runs, arguments),

@@ -75,8 +75,9 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         graph: Default::default(),
     };
     let zero = model.graph.number(0.0);
-    model.states =
-        (0..states).map(|k| State { quantity: quantity(format!("x{k}")), rate: zero, initial: zero }).collect();
+    model.states = (0..states)
+        .map(|k| State { quantity: quantity(format!("x{k}")), rate: zero, initial: zero, noise: None })
+        .collect();
     model
 }
 

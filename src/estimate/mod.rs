@@ -8,20 +8,22 @@
 //! -> `step` (within bounds) -> `trial` (accept or damp) -> `correction` (converged?) -> `conclusion` -> `coloured`
 //! (errors under coloured noise) -> `statistics` -> `estimate`.
 //!
-//! Six sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
-//! start or many), `strategy` (other ways when the plain one goes astray, and confidence), `spectral` (spectra instead of samples in time) and
-//! `responses` (frequency responses from sweeps).
+//! Seven sub-rooms: `iteration` (values to the minimum), `errors` (what is known there), `road` (start values to a fit, one
+//! start or many), `strategy` (other ways when the plain one goes astray, and confidence), `spectral` (spectra instead of samples in time),
+//! `responses` (frequency responses from sweeps) and `filter` (filter error: noise that enters the equations).
 
 mod changes;
 mod errors;
 #[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
+mod filter;
 mod initial;
 mod iteration;
 mod keeper;
 mod noise;
 mod problem;
 mod progress;
+mod recursive;
 mod responses;
 mod road;
 mod solve;
@@ -40,6 +42,7 @@ pub use errors::derived::{DerivedName, DerivedQuantities};
 pub use errors::direction::Direction;
 pub use errors::noise_colour::{NoiseColour, Uncorrected};
 pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use filter::{FilterError, FilterFit, fit_filter};
 pub use initial::initial_guess;
 pub use iteration::normal::{NormalEquations, NotFinite};
 pub use iteration::restart::Aid;
@@ -48,6 +51,7 @@ pub use keeper::Keeper;
 pub use noise::Noise;
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use progress::{Iteration, Observer};
+pub use recursive::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
 pub use road::attempt::attempt;
 pub use road::fit::{Fit, FitOptions, changed, examined, fit, fit_kept};

@@ -90,7 +90,9 @@ fn known(document: &Document, declared: Declared<'_>) -> String {
 fn concerns(tree: &SyntaxTree, kind: &StatementKind, name: &str) -> bool {
     match kind {
         StatementKind::Equation(left, _) => derivatives(tree, *left).any(|state| state == name),
-        StatementKind::Noise(list) | StatementKind::Tie(list) => list.iter().any(|(n, _)| n.text == name),
+        StatementKind::Noise(list) | StatementKind::Process(list) | StatementKind::Tie(list) => {
+            list.iter().any(|(n, _)| n.text == name)
+        }
         StatementKind::Prior(list) => list.iter().any(|(subject, _)| match tree.expr(*subject) {
             Expr::Name(n) => n == name,
             Expr::Call(n, _) => n.text == name,

@@ -60,7 +60,10 @@ impl Places<'_> {
     fn statement(&mut self, _: &SyntaxTree, kind: &StatementKind) {
         match kind {
             StatementKind::Declare(_, list) => list.iter().for_each(|d| self.name(&d.name)),
-            StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+            StatementKind::Noise(list)
+            | StatementKind::Process(list)
+            | StatementKind::Trim(list)
+            | StatementKind::Tie(list) => {
                 list.iter().for_each(|(n, _): &(Name, ExprRef)| self.name(n));
             }
             StatementKind::Table(table) => self.name(&table.name),

@@ -186,7 +186,7 @@ fn equation_blocks(
 }
 
 /// Equations that share parameters, directly or by way of others.
-fn groups(equations: &Equations) -> Vec<Vec<usize>> {
+pub(super) fn groups(equations: &Equations) -> Vec<Vec<usize>> {
     let mut groups: Vec<(Vec<usize>, Vec<u32>)> = Vec::new();
     for (k, equation) in equations.equations.iter().enumerate() {
         let params: Vec<u32> = equation.columns.iter().map(|(p, _)| *p).collect();

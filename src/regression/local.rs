@@ -9,6 +9,18 @@ const DEGREE: usize = 4;
 /// Derivatives at all samples; NaN where too few neighbours have a value. Near the ends the window is the outermost one. A
 /// window holds at least five samples.
 pub(super) fn derivatives(time: &[f64], values: &[f64], points: usize) -> Vec<f64> {
+    along(time, values, points, 1)
+}
+
+/// Values of the polynomials themselves: the record smoothed.
+pub(super) fn smoothed(time: &[f64], values: &[f64], points: usize) -> Vec<f64> {
+    let moved = along(time, values, points, 0);
+    // too few neighbours: as measured
+    values.iter().zip(moved).map(|(v, m)| if m.is_nan() { *v } else { v + m }).collect()
+}
+
+/// Derivatives of this order (0 or 1); values are relative to the sample itself.
+fn along(time: &[f64], values: &[f64], points: usize, order: usize) -> Vec<f64> {
     let points = points.min(time.len()).max(1);
     let half = points / 2;
     let mut weights: Option<(Vec<f64>, Vec<f64>)> = None;
@@ -27,25 +39,26 @@ pub(super) fn derivatives(time: &[f64], values: &[f64], points: usize) -> Vec<f6
                 known.len() == at.len() && known.iter().zip(&at).all(|(a, b)| (a - b).abs() < 1e-9)
             });
             if !same {
-                weights = slope_weights(&at).map(|w| (at, w));
+                weights = weights_of(&at, order).map(|w| (at, w));
             }
             let Some((_, weights)) = &weights else { return f64::NAN };
             // relative to the sample itself, so that a large offset leaves no rounding behind
-            present.iter().zip(weights).map(|(i, w)| w * (values[*i] - values[k])).sum::<f64>() / span
+            let sum: f64 = present.iter().zip(weights).map(|(i, w)| w * (values[*i] - values[k])).sum();
+            if order == 0 { sum } else { sum / span }
         })
         .collect()
 }
 
-/// What the samples at these places contribute to the slope of their polynomial at 0.
-fn slope_weights(at: &[f64]) -> Option<Vec<f64>> {
+/// What the samples at these places contribute to the value or the slope of their polynomial at 0.
+fn weights_of(at: &[f64], order: usize) -> Option<Vec<f64>> {
     if at.len() <= DEGREE {
         return None;
     }
     let powers = DMatrix::from_fn(at.len(), DEGREE + 1, |i, j| at[i].powi(j as i32));
     let qr = powers.qr();
-    // slope = e1' R^-1 Q' values
+    // value = e0' R^-1 Q' values, slope = e1' R^-1 Q' values
     let mut unit = DVector::zeros(DEGREE + 1);
-    unit[1] = 1.0;
+    unit[order] = 1.0;
     let solved = qr.r().transpose().solve_lower_triangular(&unit)?;
     Some((qr.q() * solved).iter().copied().collect())
 }
@@ -65,6 +78,18 @@ mod tests {
         for (k, t) in time.iter().enumerate().filter(|(k, _)| *k != 7) {
             assert!((found[k] - (1.0 - 4.0 * t + 1.2 * t.powi(3))).abs() < 1e-8, "{k}: {}", found[k]);
         }
+    }
+
+    #[test]
+    fn smoothing_leaves_polynomials_and_takes_noise() {
+        let time: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
+        let value = |t: f64| 3.0 - t + 0.2 * t.powi(3);
+        let clean: Vec<f64> = time.iter().map(|t| value(*t)).collect();
+        let same = smoothed(&time, &clean, 9);
+        assert!(same.iter().zip(&clean).all(|(a, b)| (a - b).abs() < 1e-10));
+        let rough: Vec<f64> = clean.iter().enumerate().map(|(k, v)| v + if k % 2 == 0 { 0.1 } else { -0.1 }).collect();
+        let off = |v: &[f64]| v.iter().zip(&clean).skip(8).take(24).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        assert!(off(&smoothed(&time, &rough, 9)) < 0.2 * off(&rough));
     }
 
     #[test]

@@ -83,8 +83,16 @@ pub enum RegressionError {
     Uneven { run: String },
     #[error("a window of {0} samples holds no polynomial of degree four; take an odd number from 5 on")]
     Window(usize),
-    #[error("a cut-off of {0} cycles per unit of time is not above zero")]
+    #[error("a cut-off of {0} cycles per unit of time is not above zero, or not below half the sampling rate")]
     Cutoff(f64),
+    #[error("run `{run}`: the low-pass filter needs equal intervals; smooth by a polynomial, which takes any")]
+    UnevenFilter { run: String },
+    #[error(
+        "a forgetting factor of {0} is not above 0 and at most 1; 1 forgets nothing, 0.99 most of what is some hundred samples old"
+    )]
+    Forgetting(f64),
+    #[error("parts of {0} units of time are no parts of a record; give a length above 0")]
+    Restart(f64),
     #[error("a solution has at least one component")]
     NoComponent,
     #[error("{equations}: {rows} rows are too few for {parameters} parameters; use a longer record or a wider band")]

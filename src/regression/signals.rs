@@ -85,6 +85,11 @@ impl<'a> Signals<'a> {
 
     /// Expressions at every sample, one series each; NaN where a state that they need has a gap.
     pub(super) fn evaluate(&self, model: &Model, graph: &Graph, roots: &[ExprId]) -> Vec<Vec<f64>> {
+        self.evaluate_at(model, graph, roots, false)
+    }
+
+    /// The same; `ending` at the end of the interval before each sample, where inputs that are held have the values of the sample before.
+    pub(super) fn evaluate_at(&self, model: &Model, graph: &Graph, roots: &[ExprId], ending: bool) -> Vec<Vec<f64>> {
         let (n, m) = (self.states.len(), self.run.held.len());
         let theta = model.start();
         let tau = |e: ExprId| graph.evaluate(e, |l| if let Leaf::Param(k) = l { theta[k as usize] } else { f64::NAN });
@@ -102,6 +107,9 @@ impl<'a> Signals<'a> {
                 *x = state.as_ref().map_or(f64::NAN, |s| s[sample]);
             }
             drive[..m].copy_from_slice(&self.run.inputs[sample * m..][..m]);
+            for k in (0..m).filter(|k| ending && sample > 0 && self.run.held[*k]) {
+                drive[k] = self.run.inputs[(sample - 1) * m + k];
+            }
             // where rates are differences over both sides, so are the derivatives of inputs
             model.vanishing().for_each(|k| drive[k as usize] = self.run.slope_at(k as usize, sample));
             for (place, (signal, tau)) in drive[m..].iter_mut().zip(&delayed) {

@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::table::digits;
-use crate::estimate::{Estimate, ParameterEstimate, Status};
+use crate::estimate::{Estimate, ParameterEstimate, Status, Uncorrected};
 use crate::quality::{InputCorrelation, OutputQuality};
 
 /// Correlations beyond this are worth a line.
@@ -116,6 +116,9 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
 
 /// Whether the Cramer-Rao errors can be trusted.
 fn colour(estimate: &Estimate) -> Vec<String> {
+    if estimate.uncorrected == Some(Uncorrected::Innovations) {
+        return Vec::new();
+    }
     if let Some(reason) = estimate.uncorrected.as_ref().filter(|_| estimate.noise.is_some()) {
         return vec![format!("errors are not corrected for the colour of the residuals: {reason}")];
     }

@@ -3,7 +3,8 @@
 use super::table::{aligned_right, digits, plain, trimmed};
 use crate::Model;
 use crate::code::{TOLERANCE, Verification};
-use fdm_grammar::model::{Input, Output, Param, Quantity};
+use fdm_grammar::graph::show;
+use fdm_grammar::model::{Input, Output, Param, Quantity, State};
 use serde_json::{Value, json};
 
 /// Declarations as a table, then a line on the programs and one on the derivatives.
@@ -53,6 +54,11 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
         value["record_of"] = json!(i.measured.map(|o| &definition.outputs[o as usize].quantity.name));
         value
     };
+    let state = |s: &State| {
+        let mut value = quantity(&s.quantity);
+        value["noise"] = json!(s.noise.map(|e| show(&definition.graph, e, definition)));
+        value
+    };
     let output = |o: &Output| {
         let mut value = quantity(&o.quantity);
         value["noise"] = json!(o.noise);
@@ -65,7 +71,7 @@ pub fn check_json(model: &Model, verification: &Verification) -> Value {
     json!({
         "model": model.name(),
         "inputs": definition.inputs.iter().map(input).collect::<Vec<_>>(),
-        "states": definition.states.iter().map(|s| quantity(&s.quantity)).collect::<Vec<_>>(),
+        "states": definition.states.iter().map(state).collect::<Vec<_>>(),
         "parameters": definition.params.iter().filter(|p| !p.is_recorded()).map(param).collect::<Vec<_>>(),
         "derived": definition.derived.iter().map(|d| quantity(&d.quantity)).collect::<Vec<_>>(),
         "outputs": definition.outputs.iter().map(output).collect::<Vec<_>>(),

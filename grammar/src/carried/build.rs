@@ -29,18 +29,22 @@ pub(super) fn build(original: &Model, plan: Plan) -> Carried {
     kept.into_iter().zip(moved).for_each(|(row, e)| rows[row] = e);
     let initial = original.states.iter().map(|s| s.initial);
     let derived = original.derived.iter().map(|d| d.expr);
-    let others: Vec<ExprId> = initial.chain(derived).chain(original.trim.iter().map(|(_, e)| *e)).collect();
+    let noises = original.states.iter().filter_map(|s| s.noise);
+    let trim = original.trim.iter().map(|(_, e)| *e);
+    let others: Vec<ExprId> = initial.chain(derived).chain(trim).chain(noises).collect();
     let others = builder.moved(&others);
     let Builder { mut model, terms, .. } = builder;
     let n = model.states.len();
     let (rates, outputs) = rows.split_at(n);
     let (initial, rest) = others.split_at(n);
-    let (derived, trim) = rest.split_at(model.derived.len());
+    let (derived, rest) = rest.split_at(model.derived.len());
+    let (trim, noises) = rest.split_at(model.trim.len());
     model.states.iter_mut().zip(rates).for_each(|(s, e)| s.rate = *e);
     model.states.iter_mut().zip(initial).for_each(|(s, e)| s.initial = *e);
     model.outputs.iter_mut().zip(outputs).for_each(|(o, e)| o.expr = *e);
     model.derived.iter_mut().zip(derived).for_each(|(d, e)| d.expr = *e);
     model.trim.iter_mut().zip(trim).for_each(|((_, value), e)| *value = *e);
+    model.states.iter_mut().filter_map(|s| s.noise.as_mut()).zip(noises).for_each(|(q, e)| *q = *e);
     Carried { model, terms }
 }
 

@@ -83,14 +83,16 @@ pub(super) fn without_influence(
     }
 }
 
-/// Which parameters the outputs and the trim depend on.
+/// Which parameters the outputs, the trim and the noise depend on.
 fn reached_params(model: &Model) -> Vec<bool> {
     let graph = &model.graph;
     let mut reached = vec![false; model.params.len()];
     let mut seen = vec![false; graph.nodes().len()];
     // what the trim depends on moves the coefficients of the linearised model
     let trim = model.trim.iter().map(|(_, e)| *e);
-    let mut open: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).chain(trim).collect();
+    // and the intensity of a noise how far the measurement strays from the outputs
+    let noise = model.states.iter().filter_map(|s| s.noise);
+    let mut open: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).chain(trim).chain(noise).collect();
     while let Some(e) = open.pop() {
         if std::mem::replace(&mut seen[e.index()], true) {
             continue;

@@ -96,7 +96,7 @@ impl Kinds {
                 Role::Param | Role::State => Level::Param,
                 _ => Level::Varying,
             },
-            Owner::Known(k) if known[k].part == Part::Trim => Level::Param,
+            Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
             Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
             Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
@@ -308,6 +308,7 @@ fn too_variable(
             let message = format!("{} cannot depend on {what}", known[k].words(scope));
             let hint = match most {
                 Level::Constant => "it is made of numbers and consts",
+                _ if known[k].part == Part::Intensity => "it is made of numbers, consts and params",
                 _ => "it is made of numbers, consts and params; what is not given is found from the equations",
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)

@@ -1,4 +1,5 @@
-//! What is known beside the equations: `prior a ~ normal(mean, deviation);`, `noise y = deviation;`, `trim { x = value; }`.
+//! What is known beside the equations: `prior a ~ normal(mean, deviation);`, `noise y = deviation;`, `noise der(x) = intensity;`,
+//! `trim { x = value; }`.
 
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
@@ -20,6 +21,8 @@ pub(super) enum Part {
     Deviation,
     /// The standard deviation of an output's noise.
     Noise,
+    /// The intensity of the noise in a state's equation.
+    Intensity,
     /// The value of a state or an input at the trim.
     Trim,
 }
@@ -39,12 +42,13 @@ impl Known {
     /// In messages: "the mean of the prior of `a`".
     pub(super) fn words(&self, scope: &Scope<'_>) -> String {
         let symbol = &scope.symbols[self.symbol];
-        let initial = symbol.role == Role::State && self.part != Part::Trim;
+        let initial = symbol.role == Role::State && !matches!(self.part, Part::Trim | Part::Intensity);
         let name = if initial { format!("{}(0)", symbol.name()) } else { symbol.name().into() };
         match self.part {
             Part::Mean => format!("the mean of the prior of `{name}`"),
             Part::Deviation => format!("the deviation of the prior of `{name}`"),
             Part::Noise => format!("the noise of `{name}`"),
+            Part::Intensity => format!("the noise of `der({name})`"),
             Part::Trim => format!("the trim of `{name}`"),
         }
     }
@@ -57,6 +61,7 @@ pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Kno
         match &statement.kind {
             StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
             StatementKind::Noise(list) => list.iter().for_each(|(output, value)| reader.noise(output, *value)),
+            StatementKind::Process(list) => list.iter().for_each(|(state, value)| reader.process(state, *value)),
             StatementKind::Trim(list) => list.iter().for_each(|(signal, value)| reader.trim(signal, *value)),
             _ => {}
         }
@@ -97,6 +102,23 @@ impl Reader<'_, '_> {
         }
         if self.is_first(s, output.span, "noise") {
             self.known.push(Known { part: Part::Noise, symbol: s, subject: output.span, root: value });
+        }
+    }
+
+    fn process(&mut self, state: &Name, value: ExprRef) {
+        let scope = self.scope;
+        let Some(s) = self.declared(&state.text, state.span, |s| s.role == Role::State) else { return };
+        let symbol = &scope.symbols[s];
+        if symbol.role != Role::State {
+            let message = format!("`{}` is {}; `der` is of states", state.text, article(symbol.role));
+            let hint = match symbol.role {
+                Role::Output => format!("`noise {} = 0.1;` is the noise of its measurement", state.text),
+                _ => "noise enters the equations of states".to_string(),
+            };
+            return self.tell(Code::WrongName, state.span, message, hint);
+        }
+        if self.is_first(s, state.span, "process noise") {
+            self.known.push(Known { part: Part::Intensity, symbol: s, subject: state.span, root: value });
         }
     }
 
@@ -231,9 +253,10 @@ fn article(role: Role) -> String {
     format!("{article} {}", role.keyword())
 }
 
-/// The priors by parameter of the model, the noise by output, the trim by state or input.
+/// The priors by parameter of the model, the noise by output, its intensity by state, the trim by state or input.
 #[derive(Default)]
 pub(super) struct Knowledge {
+    pub(super) process: Vec<(u32, ExprId)>,
     pub(super) trim: Vec<(Signal, ExprId)>,
     pub(super) priors: Vec<(u32, Prior)>,
     pub(super) noise: Vec<(u32, f64)>,
@@ -260,6 +283,11 @@ pub(super) fn values(
             knowledge.trim.push((signal, expressions.of(k.root)));
             continue;
         }
+        if k.part == Part::Intensity {
+            knowledge.process.push((indices.of[k.symbol], expressions.of(k.root)));
+            intensity(scope, kinds, expressions, k, findings);
+            continue;
+        }
         if k.part == Part::Mean {
             mean = value(k);
             estimated(scope, kinds, k, findings);
@@ -283,6 +311,18 @@ pub(super) fn values(
         }
     }
     knowledge
+}
+
+/// Tells an intensity that is a number and not above 0.
+fn intensity(scope: &Scope<'_>, kinds: &Kinds, expressions: &Expressions, k: &Known, findings: &mut Vec<Diagnostic>) {
+    let value = expressions.constant(k.root).filter(|v| v.is_finite() && !kinds.of(k.root).broken);
+    if let Some(value) = value.filter(|v| *v <= 0.0) {
+        let message = format!("{} is {value}, and must be above 0", k.words(scope));
+        let finding = Diagnostic::new(Code::NeedlessValue, scope.tree.span(k.root), message);
+        findings.push(
+            finding.hint("without this statement no noise enters the equation; a param in its place is estimated"),
+        );
+    }
 }
 
 /// Tells a prior of what is not estimated.

@@ -138,7 +138,12 @@ pub(super) fn assemble(
             Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None, slope: None }),
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
-                model.states.push(State { quantity, rate: rates[indices.of[s] as usize].unwrap_or(zero), initial });
+                model.states.push(State {
+                    quantity,
+                    rate: rates[indices.of[s] as usize].unwrap_or(zero),
+                    initial,
+                    noise: None,
+                });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
             Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
@@ -166,6 +171,9 @@ fn learn(model: &mut Model, knowledge: Knowledge) {
     }
     for (k, deviation) in knowledge.noise {
         model.outputs[k as usize].noise = Some(deviation);
+    }
+    for (k, intensity) in knowledge.process {
+        model.states[k as usize].noise = Some(intensity);
     }
     model.trim = knowledge.trim;
 }
@@ -213,7 +221,11 @@ fn show_slopes(model: &mut Model, first: usize) {
     if model.inputs.len() == driving.len() {
         return;
     }
-    let others = model.states.iter().flat_map(|s| [s.rate, s.initial]).chain(model.derived.iter().map(|d| d.expr));
+    let others = model
+        .states
+        .iter()
+        .flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise))
+        .chain(model.derived.iter().map(|d| d.expr));
     let others: Vec<ExprId> = others.chain(model.trim.iter().map(|(_, e)| *e)).collect();
     let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
     let mut graph = Graph::default();
@@ -226,7 +238,7 @@ fn show_slopes(model: &mut Model, first: usize) {
             other => other,
         })
     });
-    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
+    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
     let places = states.chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let places = places.chain(model.trim.iter_mut().map(|(_, e)| e));
     places.zip(others).for_each(|(e, new)| *e = new);
@@ -237,7 +249,7 @@ fn show_slopes(model: &mut Model, first: usize) {
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
 /// such, the graph is built anew without them.
 fn drop_unused_delays(model: &mut Model) {
-    let states = model.states.iter().flat_map(|s| [s.rate, s.initial]);
+    let states = model.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise));
     let outputs = model.outputs.iter().map(|o| o.expr);
     let trim = model.trim.iter().map(|(_, e)| *e);
     let params = model.derived.iter().map(|d| d.expr).chain(model.ties.iter().map(|t| t.expr));
@@ -247,7 +259,7 @@ fn drop_unused_delays(model: &mut Model) {
     }
     let mut graph = Graph::default();
     let mut moved = model.graph.rebuild(&roots, &mut graph, Graph::reference).into_iter();
-    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
+    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
     let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let expressions = expressions.chain(model.ties.iter_mut().map(|t| &mut t.expr));

@@ -115,6 +115,7 @@ impl<'a> Scope<'a> {
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
+                | StatementKind::Process(_)
                 | StatementKind::Trim(_) => {}
             }
         }

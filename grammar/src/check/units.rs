@@ -7,7 +7,7 @@ use super::equations::Equation;
 use super::expressions::Expressions;
 use super::functions::Function;
 use super::kinds::{Kinds, Level};
-use super::knowledge::Known;
+use super::knowledge::{Known, Part};
 use super::measures::{Measure, Measures, OutOfRange, factor_between};
 use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Block, Blocks, Owner};
@@ -123,8 +123,10 @@ impl Pass<'_, '_, '_> {
                 continue;
             }
             let mut survey = self.ledger.survey();
+            let radicand = self.radicand(block);
             for e in checked.blocks.nodes(block) {
-                let measure = self.node(*e);
+                // the root of a density has no unit of whole powers: what stands below it is compared
+                let measure = if radicand.is_some() && *e == block.root { Measure::Number } else { self.node(*e) };
                 self.nodes[e.0 as usize] = measure;
                 let meaning = checked.meanings[e.0 as usize];
                 if matches!(meaning, Meaning::Symbol(_) | Meaning::Record(_) | Meaning::Table(_)) {
@@ -133,6 +135,33 @@ impl Pass<'_, '_, '_> {
             }
             self.finish(block, survey);
         }
+    }
+
+    /// What the intensity of a noise is the square root of.
+    fn radicand(&self, block: &Block) -> Option<ExprRef> {
+        let Owner::Known(k) = block.owner else { return None };
+        match self.checked.scope.tree.expr(block.root) {
+            Expr::Call(name, arguments) if self.checked.known[k].part == Part::Intensity && name.text == "sqrt" => {
+                arguments.first().copied().filter(|_| arguments.len() == 1)
+            }
+            _ => None,
+        }
+    }
+
+    /// Compares the density of a noise, whose root is its intensity, with the square of the rate times the time.
+    fn density(&mut self, s: SymbolId, radicand: ExprRef) {
+        let (Some(time), Measure::Known(own)) = (self.time, self.symbols[s]) else { return };
+        let rate = self.measures.joined(Measure::Known(own), time, true);
+        let Ok(Measure::Known(rate)) = rate else { return };
+        let Ok(square) = self.measures.power(rate, 2) else { return };
+        let Ok(wanted) = self.measures.joined(Measure::Known(square), time, false) else { return };
+        let Err((x, y)) = self.measures.agreed(wanted, self.of(radicand)) else { return };
+        let (wanted, found) = (self.measures.unit(x), self.measures.unit(y));
+        let factor = factor_between(wanted, found).map_or(String::new(), |f| format!("; {f}"));
+        let name = self.checked.scope.symbols[s].name();
+        let message = format!("the density of the noise of `der({name})` is in {wanted}, this is in {found}{factor}");
+        let finding = Diagnostic::new(Code::UnitMismatch, self.span(radicand), message);
+        self.findings.push(finding.hint("a density is the square of the rate times the time"));
     }
 
     pub(super) fn of(&self, e: ExprRef) -> Measure {
@@ -388,6 +417,11 @@ impl Pass<'_, '_, '_> {
                 }
             }
             Owner::Lower(s) | Owner::Upper(s) => self.compare(s, value, block.root, "this bound"),
+            Owner::Known(k) if self.checked.known[k].part == Part::Intensity => {
+                if let Some(radicand) = self.radicand(block) {
+                    self.density(self.checked.known[k].symbol, radicand);
+                }
+            }
             Owner::Known(k) => {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));

@@ -75,7 +75,7 @@ table CL(alpha[rad])\"lift\"[1]=linear{-0.2:-0.9,
 trim{x=1;v=a;}trim {
 x = 2;
 }
-noise y=0.1;prior a~normal(0,1),x(0)~normal(1,2);tie Lq=Mp,a=2*b;
+noise y=0.1;noise der( x1 )=q,der(x)=2*q;prior a~normal(0,1),x(0)~normal(1,2);tie Lq=Mp,a=2*b;
 der(x) = (v + aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa*bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb + ccccccccccccccccccccccccccc/ddddddddddddddd - e*act.y)*2;
  der(x1)=u
 
@@ -109,6 +109,7 @@ model m "doc" {  // begins
     x = 2;
   }
   noise y = 0.1;
+  noise der(x1) = q, der(x) = 2*q;
   prior a ~ normal(0, 1), x(0) ~ normal(1, 2);
   tie Lq = Mp, a = 2*b;
   der(x)  = (v + aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa*bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb

@@ -14,7 +14,7 @@ pub use forces::Entry;
 pub use substitution::Unshown;
 pub use ties::Tie;
 
-use crate::graph::{Graph, Leaf, Names, Signal};
+use crate::graph::{Graph, Leaf, Names, Node, Signal};
 use crate::op::ExprId;
 use crate::unit::Unit;
 
@@ -81,6 +81,9 @@ pub struct State {
     pub rate: ExprId,
     /// Value at the beginning of a run, an expression of parameters.
     pub initial: ExprId,
+    /// Intensity of the white noise that enters the equation (`noise der(x) = q;`), an expression of parameters: the standard
+    /// deviation of what it adds to the state in one unit of time.
+    pub noise: Option<ExprId>,
 }
 
 /// Where the first value of a parameter comes from.
@@ -196,6 +199,25 @@ impl Model {
     /// Start values of all parameters.
     pub fn start(&self) -> Vec<f64> {
         self.params.iter().map(|p| p.value).collect()
+    }
+
+    /// For each parameter whether it stands in intensities of noises (`noise der(x) = q;`) and nowhere else: it moves no response.
+    pub fn only_in_noise(&self) -> Vec<bool> {
+        let mentioned = |roots: Vec<ExprId>| {
+            let mut mentioned = vec![false; self.params.len()];
+            for e in self.graph.reachable(roots) {
+                if let Node::Leaf(Leaf::Param(k)) = self.graph.node(e) {
+                    mentioned[k as usize] = true;
+                }
+            }
+            mentioned
+        };
+        let states = self.states.iter().flat_map(|s| [s.rate, s.initial]);
+        let others = self.outputs.iter().map(|o| o.expr).chain(self.trim.iter().map(|(_, e)| *e));
+        let delays = self.graph.delayed().iter().map(|d| d.tau);
+        let elsewhere = mentioned(states.chain(others).chain(delays).collect());
+        let noise = mentioned(self.states.iter().filter_map(|s| s.noise).collect());
+        noise.iter().zip(elsewhere).map(|(noise, elsewhere)| *noise && !elsewhere).collect()
     }
 
     /// Whether an expression (of rates or outputs) mentions explicit time.

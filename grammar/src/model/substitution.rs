@@ -85,7 +85,12 @@ impl Model {
         let derived = self.derived.iter().map(|d| d.expr);
         let outputs = self.outputs.iter().map(|o| o.expr);
         let trim = self.trim.iter().map(|(_, e)| *e);
-        self.states.iter().map(|s| s.initial).chain(derived).chain(outputs).chain(trim)
+        self.states
+            .iter()
+            .flat_map(|s| std::iter::once(s.initial).chain(s.noise))
+            .chain(derived)
+            .chain(outputs)
+            .chain(trim)
     }
 
     /// The same, to be changed.
@@ -93,7 +98,7 @@ impl Model {
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);
         self.states
             .iter_mut()
-            .map(|s| &mut s.initial)
+            .flat_map(|s| std::iter::once(&mut s.initial).chain(&mut s.noise))
             .chain(derived)
             .chain(self.outputs.iter_mut().map(|o| &mut o.expr))
             .chain(self.trim.iter_mut().map(|(_, e)| e))

@@ -81,3 +81,25 @@ fn states_that_no_output_shows_are_named() {
     assert_eq!(error.states, ["y", "z"]);
     assert!(error.to_string().starts_with("no output shows the states `y`, `z`: "), "{error}");
 }
+
+/// The intensity of a noise is part of the model wherever it goes: ties put into effect, records in the place of states.
+#[test]
+fn noise_in_equations_goes_where_the_equations_go() {
+    let text = "model m { input u; state x, z; param a = -1, q = 0.1, r = 0.2, s = 1; tie r = 2*q;
+        der(x) = a*x + u; der(z) = x - s*z; noise der(x) = r, der(z) = q*s; output y = z, w = x; }";
+    let model = compile(&Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}")).model;
+    let shown =
+        |model: &Model, k: usize| model.states[k].noise.map(|e| show(&model.graph, e, model)).expect("there is noise");
+    assert_eq!((shown(&model, 0), shown(&model, 1)), ("2*q".into(), "s*q".into()));
+    let names = |model: &Model| -> Vec<String> {
+        let only = model.only_in_noise();
+        let chosen = model.params.iter().zip(only).filter(|(_, only)| *only);
+        chosen.map(|(p, _)| p.quantity.name.clone()).collect()
+    };
+    assert_eq!(names(&model), ["q"]);
+    let substituted = model.substituted(&[0]).expect("x is shown");
+    assert_eq!(shown(&substituted, 0), "2*q");
+    assert!(["s*q", "q*s"].contains(&shown(&substituted, 1).as_str()), "{}", shown(&substituted, 1));
+    let carried = model.carried().expect("linear").model;
+    assert_eq!(names(&carried), ["q"]);
+}

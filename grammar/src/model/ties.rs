@@ -81,7 +81,7 @@ impl Model {
 
     /// Every expression of the model.
     pub(super) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
-        let states = self.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial]);
+        let states = self.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
         let outputs = self.outputs.iter_mut().map(|o| &mut o.expr);
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);
         let trim = self.trim.iter_mut().map(|(_, e): &mut (Signal, ExprId)| e);

@@ -107,6 +107,9 @@ impl Expected<'_> {
     fn knowledge(&self) -> Option<String> {
         let (wanted, form) = match self.word(self.statement.start) {
             "prior" => (Want::Tilde, "a prior is written `prior a ~ normal(mean, deviation)`"),
+            "noise" if self.word(self.statement.start + 1) == "der" => {
+                (Want::Equals, "noise in an equation is written `noise der(x) = intensity`")
+            }
             "noise" => (Want::Equals, "known noise is written `noise y = deviation`"),
             "tie" => (Want::Equals, "a tie is written `tie a = b`"),
             "table" if self.wants(Want::Colon) => (Want::Colon, "a point is written `x: y`"),

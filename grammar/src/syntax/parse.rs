@@ -99,7 +99,13 @@ fn want(rule: Rule) -> Option<Want> {
         }
         Rule::vector | Rule::element | Rule::reference => Want::Expression,
         Rule::point | Rule::points => Want::Point,
-        Rule::name | Rule::declaration | Rule::deviation | Rule::setting | Rule::bond | Rule::target => Want::Name,
+        Rule::name
+        | Rule::declaration
+        | Rule::deviation
+        | Rule::intensity
+        | Rule::setting
+        | Rule::bond
+        | Rule::target => Want::Name,
         Rule::connection | Rule::method => Want::Name,
         Rule::infix | Rule::arguments => Want::Infix,
         Rule::doc => Want::Doc,
@@ -123,7 +129,9 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
-        Rule::prior | Rule::noise | Rule::trim | Rule::tie | Rule::table | Rule::use_model => Want::Statement,
+        Rule::prior | Rule::process | Rule::noise | Rule::trim | Rule::tie | Rule::table | Rule::use_model => {
+            Want::Statement
+        }
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
         Rule::slot_kind => Want::Kind,
@@ -169,6 +177,10 @@ impl<'a> Build<'a> {
                 let deviations = parts.filter(|p| p.as_rule() == Rule::deviation);
                 StatementKind::Noise(deviations.filter_map(|p| self.named(p)).collect())
             }
+            Rule::process => {
+                let intensities = parts.filter(|p| p.as_rule() == Rule::intensity);
+                StatementKind::Process(intensities.filter_map(|p| self.intensity(p)).collect())
+            }
             Rule::trim => {
                 let settings = parts.filter(|p| p.as_rule() == Rule::setting);
                 StatementKind::Trim(settings.filter_map(|p| self.named(p)).collect())
@@ -199,6 +211,14 @@ impl<'a> Build<'a> {
         let mut name = word(&parts.next()?, self.offset, 0);
         name.text.retain(|c| !c.is_whitespace());
         Some((name, self.expression(parts.nth(1)?)?))
+    }
+
+    /// `der(x) = intensity`: the name is that of the state.
+    fn intensity(&mut self, pair: Pair<Rule>) -> Option<(Name, ExprRef)> {
+        let mut parts = pair.into_inner().filter(|p| matches!(p.as_rule(), Rule::target | Rule::expression));
+        let mut name = word(&parts.next()?, self.offset, 0);
+        name.text.retain(|c| !c.is_whitespace());
+        Some((name, self.expression(parts.next()?)?))
     }
 
     /// What follows the word `table`.

@@ -150,6 +150,10 @@ impl<'a> Printer<'a> {
                 format!("prior {};", list.iter().map(belief).collect::<Vec<_>>().join(", "))
             }
             StatementKind::Noise(list) => equalities("noise", list),
+            StatementKind::Process(list) => {
+                let one = |(n, e): &(Name, ExprRef)| format!("der({}) = {}", n.text, self.expression(*e));
+                format!("noise {};", list.iter().map(one).collect::<Vec<_>>().join(", "))
+            }
             StatementKind::Tie(list) => equalities("tie", list),
             StatementKind::Trim(list) => {
                 let parts: Vec<_> =

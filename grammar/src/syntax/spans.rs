@@ -28,7 +28,10 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
     match kind {
         StatementKind::Declare(_, list) => list.iter_mut().for_each(|d| of_declaration(d, visit)),
         StatementKind::Time(unit) => visit(&mut unit.span),
-        StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+        StatementKind::Noise(list)
+        | StatementKind::Process(list)
+        | StatementKind::Trim(list)
+        | StatementKind::Tie(list) => {
             list.iter_mut().for_each(|(name, _)| visit(&mut name.span));
         }
         StatementKind::Table(table) => {

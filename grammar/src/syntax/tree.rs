@@ -310,6 +310,8 @@ pub enum StatementKind {
     Prior(Vec<(ExprRef, ExprRef)>),
     /// `noise y = deviation, ...;`
     Noise(Vec<(Name, ExprRef)>),
+    /// `noise der(x) = intensity, ...;`: by state.
+    Process(Vec<(Name, ExprRef)>),
     /// `trim { u = value; ... }`
     Trim(Vec<(Name, ExprRef)>),
     /// `tie Lq = Mp, a = 2*b;`: equalities between declared params that a study may switch off
@@ -336,7 +338,10 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
         StatementKind::Equation(a, b) => [*a, *b].into_iter().for_each(visit),
         StatementKind::Time(_) => {}
         StatementKind::Prior(pairs) => pairs.iter().for_each(|(a, b)| [*a, *b].into_iter().for_each(&mut visit)),
-        StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+        StatementKind::Noise(list)
+        | StatementKind::Process(list)
+        | StatementKind::Trim(list)
+        | StatementKind::Tie(list) => {
             list.iter().for_each(|(_, e)| visit(*e));
         }
         StatementKind::Table(table) => table.points.iter().for_each(|(x, y)| [*x, *y].into_iter().for_each(&mut visit)),

@@ -54,6 +54,8 @@ pub enum Uncorrected {
     NotFinite,
     /// It was not asked for.
     NotAsked,
+    /// The residuals are innovations, white where the noise that the model declares is right.
+    Innovations,
 }
 
 impl fmt::Display for Uncorrected {
@@ -67,6 +69,7 @@ impl fmt::Display for Uncorrected {
             Self::TooLarge => f.write_str("too many samples times parameters; take every k-th sample"),
             Self::NotFinite => f.write_str("the colour of the residuals could not be told"),
             Self::NotAsked => f.write_str("not asked for"),
+            Self::Innovations => f.write_str("innovations of a filter have none where its noise is right"),
         }
     }
 }

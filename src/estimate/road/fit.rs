@@ -127,7 +127,7 @@ pub fn fit_kept(
     keeper: Option<&dyn Keeper>,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
-    let model = changed(model, &options.changes)?;
+    let model = without_noise(&changed(model, &options.changes)?);
     let mut options = options.clone().with_declared_noise(&model);
     let mut start = starts(&model, runs, &options.changes);
     let ledger = Ledger::new(keeper);
@@ -179,6 +179,17 @@ pub fn examined(
         fit.reweighting = reweighted(&fit, runs, starts, options, observer)?;
     }
     Ok(fit)
+}
+
+/// The model with the intensities of noises held: they move no response, so that output error says nothing of them.
+fn without_noise(model: &Model) -> Model {
+    let only = model.definition().only_in_noise();
+    if !only.contains(&true) {
+        return model.clone();
+    }
+    let mut params = model.definition().params.clone();
+    params.iter_mut().zip(only).filter(|(_, only)| *only).for_each(|(p, _)| p.fixed = true);
+    model.with_params(params)
 }
 
 /// The model with the changes that were asked for.

@@ -129,5 +129,7 @@ fn equations(model: &Model) -> Vec<(String, String)> {
         Signal::Input(k) => m.leaf(Leaf::Input(k)),
     };
     let trim = m.trim.iter().map(|(s, e)| (format!("{} at the trim", signal(s)), shown(*e)));
+    let noise = |s: &fdm_grammar::model::State| Some((format!("noise of der({})", s.quantity.name), shown(s.noise?)));
+    let trim = trim.chain(m.states.iter().filter_map(noise));
     rates.chain(initial).chain(derived).chain(outputs).chain(trim).collect()
 }

@@ -482,6 +482,32 @@ fn priors_and_noise() {
                 "2:21 E0502 a number is needed here, this is a condition; `if condition then 1 else 0` makes it a number",
             ],
         ),
+        ("noise der(x) = 2*a;", &[]),
+        ("noise der(xx) = 1;", &["2:11 E0201 `xx` is not declared; did you mean `x`?"]),
+        (
+            "noise der(y) = 1;",
+            &["2:11 E0207 `y` is an output; `der` is of states; `noise y = 0.1;` is the noise of its measurement"],
+        ),
+        (
+            "noise der(u) = 1;",
+            &["2:11 E0207 `u` is an input; `der` is of states; noise enters the equations of states"],
+        ),
+        (
+            "noise der(x) = 0;",
+            &[
+                "2:16 E0302 the noise of `der(x)` is 0, and must be above 0; without this statement no noise enters the equation; a param in its place is estimated",
+            ],
+        ),
+        (
+            "noise der(x) = 0.1*u;",
+            &[
+                "2:20 E0305 the noise of `der(x)` cannot depend on the input `u`; it is made of numbers, consts and params",
+            ],
+        ),
+        (
+            "noise der(x) = 1; noise der(x) = 2;",
+            &["2:29 E0202 the process noise of `x` is given a second time; remove one of them"],
+        ),
         ("noise yy = 1;", &["2:7 E0201 `yy` is not declared; did you mean `y`?"]),
         (
             "noise x = 1;",

@@ -56,6 +56,7 @@ fn statement(w: &mut Written, [kind, a, b, c]: [u8; 4]) {
                 w.expr(Expr::Call(name(["normal", "normal", "uniform"][usize::from(c % 3)]), vec![any(b), any(c)]));
             StatementKind::Prior(vec![(subject, if c % 8 == 0 { any(c) } else { value })])
         }
+        9 if c % 2 == 1 => StatementKind::Process(vec![(name(NAMES[usize::from(a) % NAMES.len()]), any(b))]),
         9 => StatementKind::Noise(vec![(name(NAMES[usize::from(a) % NAMES.len()]), any(b))]),
         7 => StatementKind::Time(name(UNITS[usize::from(a) % UNITS.len()])),
         role => {

@@ -53,9 +53,10 @@ pub(super) fn flatten(tree: SyntaxTree, budget: &mut Budget) -> Expanded {
 fn has_arrays(tree: &SyntaxTree) -> bool {
     let shaped = tree.statements.iter().any(|s| match &s.kind {
         StatementKind::Declare(_, list) => list.iter().any(|d| d.shape.is_some()),
-        StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
-            list.iter().any(|(name, _)| name.text.contains('['))
-        }
+        StatementKind::Noise(list)
+        | StatementKind::Process(list)
+        | StatementKind::Trim(list)
+        | StatementKind::Tie(list) => list.iter().any(|(name, _)| name.text.contains('[')),
         _ => false,
     });
     shaped

@@ -25,6 +25,7 @@ impl Evaluator<'_, '_> {
             }
             StatementKind::Prior(list) => keep(StatementKind::Prior(self.priors(list))),
             StatementKind::Noise(list) => keep(StatementKind::Noise(self.targets(list))),
+            StatementKind::Process(list) => keep(StatementKind::Process(self.targets(list))),
             StatementKind::Trim(list) => keep(StatementKind::Trim(self.targets(list))),
             StatementKind::Tie(list) => keep(StatementKind::Tie(self.targets(list))),
             StatementKind::Table(table) => {

@@ -31,7 +31,10 @@ impl Part {
                     names += 1;
                     bytes += table.name.text.len() + length(&table.doc);
                 }
-                StatementKind::Noise(list) | StatementKind::Trim(list) | StatementKind::Tie(list) => {
+                StatementKind::Noise(list)
+                | StatementKind::Process(list)
+                | StatementKind::Trim(list)
+                | StatementKind::Tie(list) => {
                     names += list.len();
                     bytes += list.iter().map(|(name, _)| name.text.len()).sum::<usize>();
                 }
@@ -189,6 +192,7 @@ impl Writer<'_> {
             StatementKind::Trim(list) => {
                 StatementKind::Trim(pairs(list, &|name| self.part.role(name) != Some(Some(Role::Input))))
             }
+            StatementKind::Process(list) => StatementKind::Process(pairs(list, &|_| true)),
             StatementKind::Tie(list) => StatementKind::Tie(pairs(list, &|name| self.connections.get(name).is_none())),
             StatementKind::Table(table) => StatementKind::Table(self.table(table)),
             StatementKind::Time(_) | StatementKind::Noise(_) | StatementKind::Use(_) => return None,

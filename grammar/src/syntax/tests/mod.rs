@@ -171,6 +171,7 @@ fn the_rest_of_the_language_is_read_and_written_back() {
         "param A[3, 3] = [[a, 1, 0], [0, -0.5, 0], [0, 0, 1e-9]] in [-5, 5] [1/s] fixed, b[1, 2] = 0;",
         "der(x) = A*x + B*u + x[2]*A[1:2, :] + act.y*act.inner.z[3];",
         "noise y[2] = 0.1, y = 0.2;",
+        "noise der(x) = q, der(act.z[2]) = sqrt(2*s^2/L);",
         "trim { x[1] = 2; act.y = u; }",
         "prior a ~ normal(-0.7, 0.1), x(0) ~ normal(0, 2);",
         "output y \"seen\" = tf(x, [b1, b0], [1, a1, a0]) [m];",
