@@ -215,7 +215,7 @@ fn hovering(model: &Model, deviation: f64, seed: u64, samples: usize) -> Run {
 }
 
 fn helicopter() -> Model {
-    let text = std::fs::read_to_string("models/light_helicopter/scalars.fdm").unwrap();
+    let text = std::fs::read_to_string("models/hover/linear.fdm").unwrap();
     let free = text.replace(
         "state u, v, w, phi, theta, psi, p, q, r;",
         "state u = free, v = free, w = free, phi = free, theta = free, psi = free, p = free, q = free, r = free;",
