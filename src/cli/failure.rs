@@ -57,7 +57,7 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     if findings.is_empty() {
         return;
     }
-    eprint!("{}", fdm::report::render(source, findings, std::io::stderr().is_terminal()));
+    murmur(format_args!("{}", fdm::report::render(source, findings, std::io::stderr().is_terminal())));
     let mut codes: Vec<&str> = Vec::new();
     for code in findings.iter().map(|f| f.code.text()) {
         if !codes.contains(&code) && codes.len() < MOST_CODES {
@@ -69,8 +69,13 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
 
 /// Writes a line to standard error; where nobody listens it is lost.
 pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
+    murmur(format_args!("{line}\n"));
+}
+
+/// The same as it is.
+fn murmur(text: std::fmt::Arguments<'_>) {
     use std::io::Write;
-    let _ = writeln!(std::io::stderr().lock(), "{line}");
+    let _ = std::io::stderr().lock().write_fmt(text);
 }
 
 /// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.
