@@ -159,7 +159,7 @@ fn with_hardly_any_noise_in_the_equations_it_is_output_error() {
     let flight = Flight { model: &calm, theta, intensities, deviations, samples: 400, dt: 0.05 };
     let run = flight.record("flight", 5, |t, _| vec![multistep(t)]);
     let noisy = model(&CALM.replace("  output rate", "  noise der(q) = 1e-9;\n  output rate"));
-    let (filtered, plain) = (filtered(&noisy, &[run.clone()]), open_loop(&calm, &[run]));
+    let (filtered, plain) = (filtered(&noisy, std::slice::from_ref(&run)), open_loop(&calm, &[run]));
     for (name, _) in &TRUTH[..4] {
         let (one, other) = (of(&filtered.fit, name), plain.estimate.parameter(name, None).unwrap());
         let error = other.standard_error.unwrap();
@@ -269,7 +269,7 @@ fn study_of_turbulence() {
         let (mut filter, mut open) = (Vec::new(), Vec::new());
         for seed in 0..wanted(100) {
             let (model, run) = gusty(1000 + seed, s, 600);
-            let found = filtered(&model, &[run.clone()]);
+            let found = filtered(&model, std::slice::from_ref(&run));
             filter.push(TRUTH.map(|(name, _)| of(&found.fit, name)).to_vec());
             let plain = open_loop(&calm, &[run]);
             open.push(TRUTH[..4].iter().map(|(name, _)| of(&plain, name)).collect::<Vec<_>>());
@@ -295,7 +295,7 @@ fn study_of_an_unstable_vehicle() {
     let (mut filter, mut open, mut lost) = (Vec::new(), Vec::new(), 0);
     for seed in 0..wanted(40) {
         let (model, run) = held(2000 + seed, 600);
-        let found = filtered(&model, &[run.clone()]);
+        let found = filtered(&model, std::slice::from_ref(&run));
         filter.push(UNSTABLE_TRUTH.map(|(name, _)| of(&found.fit, name)).to_vec());
         let plain = open_loop(&model, &[run]);
         match plain.estimate.is_good() {

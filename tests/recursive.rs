@@ -142,20 +142,20 @@ fn the_best_iterate_is_none_worse_than_any_other_and_output_error_starts_from_it
     let model = model(MODEL);
     let run = flown(&model, &TRUTH, 0.02, 3, 800);
     let options = BestOptions { recursion: with(0.97), ..BestOptions::default() };
-    let found = best_iterate(&model, &[run.clone()], &options).unwrap();
+    let found = best_iterate(&model, std::slice::from_ref(&run), &options).unwrap();
     assert_eq!(found.criterion, Criterion::Simulation);
     let best = found.error_of(found.best).unwrap();
     assert_eq!(found.simulated.len(), 799);
     assert!(found.simulated.iter().all(|(_, e)| e.is_none_or(|e| e >= best)));
     assert!(best < found.error_of(798).unwrap(), "the last one remembers some hundred steps of a noisy record");
-    let better = fit(&found.model, &[run.clone()], &FitOptions::default(), &mut ()).unwrap();
+    let better = fit(&found.model, std::slice::from_ref(&run), &FitOptions::default(), &mut ()).unwrap();
     assert!(better.estimate.is_good(), "{}", better.estimate.termination);
     for (name, truth) in TRUTH {
         let p = better.estimate.parameter(name, None).unwrap();
         assert!((p.value - truth).abs() < 4.0 * p.error().unwrap(), "{name}: {}", p.value);
     }
     let last = BestOptions { criterion: Criterion::Last, ..options };
-    assert_eq!(best_iterate(&model, &[run.clone()], &last).unwrap().best, 798);
+    assert_eq!(best_iterate(&model, std::slice::from_ref(&run), &last).unwrap().best, 798);
     let steps = best_iterate(&model, &[run], &BestOptions { criterion: Criterion::OneStep, ..options }).unwrap();
     let least = steps.recursion.iterates.iter().map(|i| i.one_step).fold(f64::INFINITY, f64::min);
     assert_eq!(steps.recursion.iterates[steps.best].one_step, least);
@@ -167,7 +167,7 @@ fn smoothing_lessens_what_noise_does_to_steps() {
     let run = flown(&model, &TRUTH, 0.02, 5, 2000);
     let off = |preprocessing: Preprocessing| {
         let options = RecursiveOptions { forgetting: 1.0, preprocessing };
-        let found = recursive(&model, &[run.clone()], &options).unwrap();
+        let found = recursive(&model, std::slice::from_ref(&run), &options).unwrap();
         let last = found.iterates.last().unwrap();
         last.errors[column(&found, "a")]
     };
@@ -181,12 +181,12 @@ fn what_cannot_be_is_told() {
     let model = model(MODEL);
     let run = flown(&model, &TRUTH, 0.0, 1, 50);
     for forgetting in [0.0, 1.5, f64::NAN, -1.0] {
-        let told = recursive(&model, &[run.clone()], &with(forgetting)).unwrap_err();
+        let told = recursive(&model, std::slice::from_ref(&run), &with(forgetting)).unwrap_err();
         assert!(matches!(told, RegressionError::Forgetting(_)), "{told}");
     }
     assert_eq!(recursive(&model, &[], &with(1.0)), Err(RegressionError::NoRuns));
     let options = BestOptions { restart: Some(0.0), ..BestOptions::default() };
-    assert_eq!(best_iterate(&model, &[run.clone()], &options).unwrap_err(), RegressionError::Restart(0.0));
+    assert_eq!(best_iterate(&model, std::slice::from_ref(&run), &options).unwrap_err(), RegressionError::Restart(0.0));
     let short = run.part(0..2);
     assert!(matches!(recursive(&model, &[short], &with(1.0)), Err(RegressionError::TooFewRows { .. })));
 }
@@ -275,7 +275,7 @@ fn study_of_the_hovering_helicopter() {
             let preprocessing = Preprocessing { cutoff, points: cutoff.map(|_| 9), detrend: Detrend::None };
             let recursion = RecursiveOptions { forgetting, preprocessing };
             let options = BestOptions { recursion, criterion: Criterion::Simulation, restart: Some(4.0) };
-            let found = best_iterate(&model, &[run.clone()], &options).unwrap();
+            let found = best_iterate(&model, std::slice::from_ref(&run), &options).unwrap();
             let r = &found.recursion;
             let shown = |e: Option<f64>| e.map_or("lost".into(), |e| format!("{e:.2e}"));
             let last = r.iterates.len() - 1;
@@ -294,7 +294,7 @@ fn study_of_the_hovering_helicopter() {
     }
     let run = hovering(&model, 1e-3, 7, 2000);
     let options = BestOptions { recursion: with(0.995), criterion: Criterion::Simulation, restart: Some(4.0) };
-    let found = best_iterate(&model, &[run.clone()], &options).unwrap();
+    let found = best_iterate(&model, std::slice::from_ref(&run), &options).unwrap();
     let options =
         FitOptions { shooting: Some(Shooting::Segments(10)), changes: Changes::default(), ..FitOptions::default() };
     let fitted = fit(&found.model, &[run], &options, &mut ()).unwrap();

@@ -33,7 +33,7 @@ impl Table {
     /// Writes the record to a folder and says where.
     ///
     /// # Errors
-    /// As [`write`].
+    /// As [`write()`].
     pub fn write(&self, folder: &Path) -> Result<PathBuf, ExperimentError> {
         let path = folder.join(format!("{}.csv", self.name.replace([' ', '/'], "_")));
         let mut columns = Vec::with_capacity(self.columns.len());
