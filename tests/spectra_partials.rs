@@ -87,7 +87,8 @@ impl Subject {
 
     /// Derivatives, output by output, by all columns.
     fn partials(&mut self, theta: &[f64]) -> Option<Vec<f64>> {
-        let stride = theta.len().next_multiple_of(8);
+        // a controller may have no parameter at all
+        let stride = theta.len().next_multiple_of(8).max(8);
         let mut jacobian = vec![0.0; self.y.len() * stride];
         self.linear.evaluate(&theta[..self.params], &mut self.values).ok()?;
         let columns: Vec<usize> = (0..theta.len()).collect();

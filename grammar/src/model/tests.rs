@@ -90,7 +90,9 @@ fn noise_in_equations_goes_where_the_equations_go() {
     let model = compile(&Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}")).model;
     let shown =
         |model: &Model, k: usize| model.states[k].noise.map(|e| show(&model.graph, e, model)).expect("there is noise");
-    assert_eq!((shown(&model, 0), shown(&model, 1)), ("2*q".into(), "s*q".into()));
+    assert_eq!(shown(&model, 0), "2*q");
+    // in which order a product stands is nobody's concern
+    assert!(["s*q", "q*s"].contains(&shown(&model, 1).as_str()), "{}", shown(&model, 1));
     let names = |model: &Model| -> Vec<String> {
         let only = model.only_in_noise();
         let chosen = model.params.iter().zip(only).filter(|(_, only)| *only);
