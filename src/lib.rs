@@ -1,6 +1,8 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
 pub mod code;
+pub mod comparison;
+pub mod design;
 pub mod diagnose;
 pub mod dynamics;
 pub mod estimate;
@@ -9,6 +11,7 @@ pub mod frequency;
 pub mod linear;
 pub mod lsp;
 mod model;
+pub mod page;
 pub mod quality;
 pub mod record;
 pub mod regression;
@@ -16,6 +19,7 @@ pub mod report;
 pub mod simulate;
 pub mod spectrum;
 pub mod store;
+pub mod study;
 
 pub use fdm_grammar::{effect, math};
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].

@@ -129,6 +129,20 @@ fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
     assert_eq!(desk.read("result/extended.fdm"), better);
     assert!(desk.read("result/extended.diff").lines().any(|line| line.starts_with("+  der(r)")));
 
+    // the folder has what its page needs
+    desk.good("report result -o page.html");
+    let page = desk.read("page.html");
+    for expected in [
+        "Something is missing from the model",
+        "class=\"added\"",
+        "class=\"removed\"",
+        "kept (held out)",
+        "overlay-1-1",
+        "// Nomoto",
+    ] {
+        assert!(page.contains(expected), "{expected}");
+    }
+
     // and it is a model that a fit takes
     let fit: Value =
         serde_json::from_str(&desk.good("fit better.fdm --data one.csv --data two.csv --json -q")).unwrap();

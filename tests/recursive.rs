@@ -251,6 +251,18 @@ fn the_helicopter_is_identified_while_its_pilot_holds_it() {
     assert!(error < 0.02, "{error}");
 }
 
+/// Parts of an unstable vehicle's record are simulated from where each begins, whatever the model says about the beginning of the record.
+#[test]
+fn parts_begin_where_they_were_measured() {
+    let text = std::fs::read_to_string("models/hover/linear.fdm").unwrap();
+    let at_rest = model(&text);
+    let run = hovering(&helicopter(), 1e-4, 1, 900);
+    let options = BestOptions { recursion: with(1.0), criterion: Criterion::Simulation, restart: Some(2.0) };
+    let found = best_iterate(&at_rest, &[run], &options).unwrap();
+    let error = found.error_of(found.best).unwrap();
+    assert!(error < 0.02, "{error}");
+}
+
 /// As in the paper: forgetting, best iterate, output error from there; with noise, with smoothing and without.
 #[test]
 #[ignore = "a study: release build, a minute"]

@@ -1,4 +1,4 @@
-//! Results on disk: written by `fdm fit --out`, read back by `simulate` and `validate`, refused when they are not what they
+//! Results on disk: written by `fdm fit --out`, read back by `simulate`, `validate` and `compare`, refused when they are not what they
 //! should be.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -240,4 +240,36 @@ fn a_result_that_cannot_be_written_at_the_end_is_printed() {
     assert_eq!(String::from_utf8_lossy(&output.stdout), printed);
     assert!(said(&output).contains("the result is what is printed"), "{}", said(&output));
     assert!(desk.path("result/result.json").exists(), "and what can be written is");
+}
+
+#[test]
+fn the_better_model_wins_where_it_was_fitted_and_where_it_was_not() {
+    let desk = Desk::new();
+    // without the input the decay is all there is
+    let blind = MODEL.replace("g = 1 in [-10, 10]", "g = 0 fixed").replace("model decay", "model blind");
+    fs::write(desk.path("blind.fdm"), blind).unwrap();
+    desk.good(&format!("{FIT} --out good"));
+    desk.good(&format!("{} --out poor", FIT.replace("model.fdm", "blind.fdm")));
+    let found = desk.json("compare poor good --data three.csv --hold u --json -q");
+    let [poor, good] = [0, 1].map(|k| found["candidates"][k].clone());
+    assert_eq!(good["criteria"]["aic"], 0.0);
+    let gained = 2.0 * (poor["cost"].as_f64().unwrap() - good["cost"].as_f64().unwrap());
+    assert!((poor["criteria"]["aic"].as_f64().unwrap() - (gained - 2.0)).abs() < 1e-6, "{found}");
+    assert_eq!(found["nestings"][0]["richer"], "good");
+    assert!(found["nestings"][0]["p_value"].as_f64().unwrap() < 1e-3);
+    // what validation says of the held-out run
+    let validated = desk.json("validate --from-result good --data three.csv --hold u --json -q");
+    assert_eq!(found["predictions"][1]["outputs"][0]["rms"], validated["validation"]["outputs"][0]["rms"]);
+    for edge in found["edges"].as_array().unwrap() {
+        assert_eq!(edge["best"], "good");
+        assert!(edge["advantage"]["reduction"].as_f64().unwrap() > 0.9, "{edge}");
+    }
+    let text = desk.good("compare poor good --data three.csv --hold u");
+    assert!(text.contains("good predicts better"), "{text}");
+    let seen = desk.fdm("compare poor good --data one.csv --hold u -q");
+    assert!(said(&seen).contains("good: run `one` was part of the fit; it predicts nothing"), "{}", said(&seen));
+    let other = desk.good("compare good poor/../good");
+    assert!(other.contains("good#2"), "{other}");
+    desk.refused("compare good");
+    assert!(desk.refused("compare good nothing").contains("nothing"));
 }

@@ -41,8 +41,12 @@ const FDM: &[&str] = &[
     "estimate",
     "diagnose",
     "store",
+    "comparison",
     "experiment",
+    "design",
+    "study",
     "report",
+    "page",
     "lsp",
     "cli",
 ];

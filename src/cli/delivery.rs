@@ -2,9 +2,11 @@
 
 use crate::failure::{Failure, print, remark};
 use crate::histories::{histories, tables};
+use crate::modes::of_result;
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Fit;
+use fdm::page::Subject;
 use fdm::record::Run;
 use fdm::report::{TimeHistory, quality_json, svg};
 use fdm::store::{Contents, Destination, Manifest, reason};
@@ -27,6 +29,9 @@ pub(crate) struct Delivery {
     /// Write everything to a folder: model, options, fingerprints of the data, result, tables, time histories, picture
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
+    /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Say nothing while working
     #[arg(short, long)]
     pub(crate) quiet: bool,
@@ -58,9 +63,14 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Delivery {
+    /// Whether it will be asked what the result was made from.
+    pub(crate) fn describes(&self) -> bool {
+        self.out.is_some() || self.report.is_some()
+    }
+
     /// Looks at the places before any work is done in vain.
     pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
-        if let Some(path) = &self.plot {
+        for path in self.plot.iter().chain(&self.report) {
             admits(path).map_err(|e| Failure::input([format!("{}: {}", path.display(), reason(&e))]))?;
         }
         let destination = self.out.as_deref().map(Destination::prepare).transpose();
@@ -79,15 +89,36 @@ fn admits(path: &Path) -> io::Result<()> {
 
 impl Prepared<'_> {
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
-    pub(crate) fn deliver(&self, outcome: Outcome<'_>) -> bool {
+    pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
+        if self.delivery.json || self.delivery.describes() {
+            let runs: Vec<String> = outcome.runs.iter().map(|run| run.name.clone()).collect();
+            outcome.json["modes"] = of_result(outcome.model, &outcome.json, &runs);
+        }
         let json = format!("{}\n", outcome.json);
         let printed = print(if self.delivery.json { &json } else { &outcome.text });
         outcome.remarks.iter().for_each(|r| remark(format_args!("{r}")));
         let plot = self.delivery.plot.as_deref().map_or(Ok(()), |path| draw(&outcome, path));
-        let written = self.destination.as_ref().map_or(Ok(()), |place| write(outcome, json, place));
+        let written = self.kept(outcome, json);
         let failed = [plot.err(), written.err()];
         failed.iter().flatten().for_each(|e| remark(format_args!("error: {e}")));
         printed && failed.iter().all(Option::is_none)
+    }
+}
+
+impl Prepared<'_> {
+    /// Writes folder and page, where they are wanted, from the same files.
+    fn kept(&self, outcome: Outcome<'_>, json: String) -> Result<(), String> {
+        if !self.delivery.describes() {
+            return Ok(());
+        }
+        let lost = |e: String| format!("{e}; the result is what is printed");
+        let files = contents(outcome, json).and_then(|c| c.files().map_err(said)).map_err(lost)?;
+        let page = self.delivery.report.as_deref().map_or(Ok(()), |path| {
+            let text = fdm::page::page(&Subject::from_files(&files).map_err(said)?);
+            std::fs::write(path, text).map_err(|e| format!("{}: {}", path.display(), reason(&e)))
+        });
+        let folder = self.destination.as_ref().map_or(Ok(()), |place| place.fill(&files).map_err(said));
+        folder.and(page).map_err(lost)
     }
 }
 
@@ -102,7 +133,8 @@ fn draw(outcome: &Outcome<'_>, path: &Path) -> Result<(), String> {
     std::fs::write(path, text).map_err(|e| format!("{}: {}; the result is what is printed", path.display(), reason(&e)))
 }
 
-fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), String> {
+/// Everything that a folder holds.
+fn contents(outcome: Outcome<'_>, json: String) -> Result<Contents, String> {
     let mut text = outcome.text.clone();
     outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
     let mut others = vec![("result.txt".to_string(), text.into_bytes())];
@@ -114,8 +146,7 @@ fn write(outcome: Outcome<'_>, json: String, place: &Destination) -> Result<(), 
     let used = texts.collect();
     let judged = outcome.fit.map_or(&[][..], |fit| &fit.quality);
     let quality = format!("{}\n", Value::from(quality_json(outcome.model, judged)));
-    let contents = Contents { manifest: outcome.manifest, model, used, result: json, quality, others };
-    contents.write(place).map_err(|e| format!("{e}; the result is what is printed"))
+    Ok(Contents { manifest: outcome.manifest, model, used, result: json, quality, others })
 }
 
 fn said(e: impl Display) -> String {

@@ -2,6 +2,7 @@
 
 use crate::effects::{Chosen, Effects};
 use crate::failure::{Failure, NUMBERS, print};
+use crate::histories::overlay_table;
 use crate::progress::Progress;
 use crate::records::{Records, load, notes};
 use crate::spectral::Lines;
@@ -12,8 +13,10 @@ use fdm::diagnose::diagnosis::Diagnosis;
 use fdm::diagnose::screen::ScreeningOptions;
 use fdm::diagnose::search::{Domain, SearchError, SearchOptions, search};
 use fdm::estimate::{Changes, FitOptions, Options};
+use fdm::page::{self, page};
 use fdm::record::Run;
 use fdm::report::{diagnosis_json, diagnosis_text};
+use fdm::store::{DataFile, Identity, Manifest};
 use serde_json::Value;
 use similar::TextDiff;
 use std::path::{Path, PathBuf};
@@ -59,6 +62,9 @@ pub(crate) struct Arguments {
     /// Write text, JSON, the extended model and the difference to a folder
     #[arg(long, value_name = "DIR", help_heading = "Result")]
     out: Option<PathBuf>,
+    /// Write one page for a browser: what is wrong, causes, the change of the equations, responses before and after
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
     /// Print JSON instead of tables
     #[arg(long, help_heading = "Result")]
     json: bool,
@@ -112,7 +118,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         progress.finish();
     }
     let found = found.map_err(refused)?;
-    Ok(deliver(arguments, &model, &found))
+    let manifest = made_from(arguments, &model, &runs, &held, &options);
+    Ok(deliver(arguments, &model, &found, manifest))
+}
+
+/// What the diagnosis was made from.
+fn made_from(
+    arguments: &Arguments,
+    model: &Model,
+    runs: &[Run],
+    held: &[Run],
+    options: &SearchOptions,
+) -> Option<Manifest> {
+    if arguments.out.is_none() && arguments.report.is_none() {
+        return None;
+    }
+    let all: Vec<Run> = runs.iter().chain(held).cloned().collect();
+    let mut manifest =
+        Manifest::of_diagnosis(model, Identity::of(model, &all, options), options.fit.options.noise.clone());
+    manifest.command = std::env::args().collect();
+    arguments.records.describe(runs, &mut manifest);
+    let held = held.iter().zip(&arguments.holdout).map(|(run, file)| DataFile::new(&run.name, file));
+    manifest.data.extend(held);
+    Some(manifest)
 }
 
 /// Options that mean nothing to the other domain are refused, not passed over.
@@ -159,7 +187,7 @@ fn refused(error: SearchError) -> Failure {
 }
 
 /// Prints the result and writes what was asked for; what cannot be written is told, and costs nothing of what was found.
-fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> ExitCode {
+fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis, manifest: Option<Manifest>) -> ExitCode {
     let difference = found.extended.as_ref().map_or(String::new(), |text| difference(arguments, model, text));
     let mut failed = Vec::new();
     let mut path = None;
@@ -177,8 +205,9 @@ fn deliver(arguments: &Arguments, model: &Model, found: &Diagnosis) -> ExitCode 
     if arguments.write.is_some() && found.extended.is_none() {
         text.push_str("nothing was written: no effect was accepted\n");
     }
-    if let Some(folder) = &arguments.out {
-        failed.extend(write(folder, &text, &json, &difference, found).err());
+    if let Some(manifest) = manifest {
+        let files = files(model, &text, &json, &difference, found);
+        failed.extend(manifest.sealed(files).map_err(|e| Failure::input([e])).and_then(|f| write(arguments, &f)).err());
     }
     let printed = print(&if arguments.json { format!("{json}\n") } else { text });
     failed.iter().for_each(|failure| _ = failure.report());
@@ -191,15 +220,28 @@ fn difference(arguments: &Arguments, model: &Model, text: &str) -> String {
     diff.unified_diff().context_radius(1).header(&name, "extended").to_string()
 }
 
-fn write(folder: &Path, text: &str, json: &Value, difference: &str, found: &Diagnosis) -> Result<(), Failure> {
-    let json = format!("{json}\n");
-    let mut files = vec![("diagnosis.txt", text), ("diagnosis.json", json.as_str())];
+/// What a folder holds.
+fn files(model: &Model, text: &str, json: &Value, difference: &str, found: &Diagnosis) -> Vec<(String, Vec<u8>)> {
+    let own = model.source().text().to_string();
+    let mut files =
+        vec![("diagnosis.txt", text.to_string()), ("diagnosis.json", format!("{json}\n")), ("model.fdm", own)];
     if let Some(extended) = &found.extended {
-        files.extend([("extended.fdm", extended.as_str()), ("extended.diff", difference)]);
+        files.extend([("extended.fdm", extended.clone()), ("extended.diff", difference.to_string())]);
     }
-    for (name, contents) in files {
+    let mut files: Vec<(String, Vec<u8>)> = files.into_iter().map(|(n, t)| (n.to_string(), t.into_bytes())).collect();
+    files.extend(found.overlays.iter().enumerate().map(|(k, overlay)| overlay_table(model, k, overlay)));
+    files
+}
+
+/// The folder and the page, where they are wanted, from the same files.
+fn write(arguments: &Arguments, files: &[(String, Vec<u8>)]) -> Result<(), Failure> {
+    for (folder, (name, contents)) in arguments.out.iter().flat_map(|folder| files.iter().map(move |f| (folder, f))) {
         let path = folder.join(name);
         std::fs::write(&path, contents).map_err(|e| unwritten(&path, &e))?;
+    }
+    if let Some(path) = &arguments.report {
+        let subject = page::Subject::from_files(files).map_err(|e| Failure::input([e]))?;
+        std::fs::write(path, page(&subject)).map_err(|e| unwritten(path, &e))?;
     }
     Ok(())
 }

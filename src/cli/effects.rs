@@ -1,6 +1,6 @@
 //! `fdm effects`: what may be missing from a model, and where.
 
-use crate::failure::{Failure, print};
+use crate::failure::{Failure, in_colours, print};
 use crate::subject::load_model;
 use clap::Args;
 use fdm::effect::{Catalogue, Kind, Places, Subject};
@@ -10,7 +10,6 @@ use fdm_grammar::{Diagnostic, Source};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -111,7 +110,7 @@ pub(crate) fn invalid(source: &Source, diagnostics: Vec<Diagnostic>) -> Failure 
 /// A line for each effect that fits anywhere, with its places below.
 fn as_text(catalogue: &Catalogue, places: &Places) -> String {
     let mut text = String::new();
-    let colour = std::io::stdout().is_terminal();
+    let colour = in_colours(&std::io::stdout());
     let (bold, plain) = if colour { ("\x1b[1m", "\x1b[0m") } else { ("", "") };
     for effect in catalogue.effects() {
         let signature = effect.signature();

@@ -52,12 +52,23 @@ impl From<ModelError> for Failure {
     }
 }
 
+/// Options that would be ignored are told, not ignored.
+pub(crate) fn none_ignored(method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
+    match given {
+        [] => Ok(()),
+        given => Err(Failure::input([format!(
+            "{} belongs to {belongs} and has no part in {method}; leave it out",
+            given.join(", ")
+        )])),
+    }
+}
+
 /// Findings about a model, with where to read more about them.
 pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     if findings.is_empty() {
         return;
     }
-    murmur(format_args!("{}", fdm::report::render(source, findings, std::io::stderr().is_terminal())));
+    murmur(format_args!("{}", fdm::report::render(source, findings, in_colours(&std::io::stderr()))));
     let mut codes: Vec<&str> = Vec::new();
     for code in findings.iter().map(|f| f.code.text()) {
         if !codes.contains(&code) && codes.len() < MOST_CODES {
@@ -65,6 +76,11 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
         }
     }
     remark(format_args!("`fdm explain {}` says more\n", codes.join(" ")));
+}
+
+/// Whether a stream shows colours: a terminal, unless `NO_COLOR` is set to something (no-color.org).
+pub(crate) fn in_colours(stream: &impl IsTerminal) -> bool {
+    stream.is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
 /// Writes a line to standard error; where nobody listens it is lost.

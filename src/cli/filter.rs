@@ -1,7 +1,7 @@
 //! `fdm fit --method fe`: maximum likelihood with a Kalman filter, where noise enters the equations.
 
 use crate::delivery::Outcome;
-use crate::failure::{Failure, NUMBERS};
+use crate::failure::{Failure, NUMBERS, none_ignored};
 use crate::fit::{Arguments as Fit, UNDETERMINED, title};
 use crate::integrator::integration;
 use crate::progress::Progress;
@@ -27,7 +27,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     given.extend(arguments.keeping.is_asked().then_some("--checkpoint"));
     given.extend(arguments.choice.is_gained().then_some("--gain"));
     given.extend((arguments.integration.scheme() == Some(Scheme::Radau)).then_some("--integrator radau"));
-    arguments.refuse("the filter-error method", &given, "output error")?;
+    none_ignored("the filter-error method", &given, "output error")?;
     let mut progress = Progress::new(arguments.delivery.quiet);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     let identity = Identity::of(&model, &runs, &Filtered { filter_error: &options });
     let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
     manifest.command = std::env::args().collect();
-    if arguments.delivery.out.is_some() {
+    if arguments.delivery.describes() {
         arguments.records.describe(&runs, &mut manifest);
     }
     let outcome = Outcome {

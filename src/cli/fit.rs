@@ -1,8 +1,9 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs.
 
 use crate::delivery::{Delivery, Outcome};
-use crate::failure::{Failure, NUMBERS};
+use crate::failure::{Failure, NUMBERS, none_ignored};
 use crate::filter;
+use crate::histories::histories;
 use crate::integrator::{Integration, integration};
 use crate::iteration::Choice;
 use crate::keeping::Keeping;
@@ -17,7 +18,7 @@ use clap::Args;
 use fdm::Model;
 use fdm::estimate::{BestOptions, Fit, FitOptions, MultiStart, best_iterate, changed, fit_kept};
 use fdm::record::Run;
-use fdm::report::{confidence, fit_json, fit_table, history_table, starts_table, way};
+use fdm::report::{confidence, fit_json, fit_table, history_table, overlays, starts_table, way};
 use fdm::store::{Identity, Manifest};
 use std::process::ExitCode;
 
@@ -54,12 +55,15 @@ pub(crate) struct Arguments {
     pub(crate) spectral: Spectral,
     #[command(flatten)]
     pub(crate) integration: Integration,
-    /// Show the interval of two standard errors of each parameter
+    /// Show the 95 % interval of each parameter
     #[arg(long, help_heading = "Result")]
     pub(crate) intervals: bool,
     /// Show the iteration, correction by correction
     #[arg(long, help_heading = "Result")]
     pub(crate) history: bool,
+    /// Watch the cost fall, and see measurement and model in the terminal
+    #[arg(long, help_heading = "Result")]
+    watch: bool,
     #[command(flatten)]
     pub(crate) keeping: Keeping,
     #[command(flatten)]
@@ -67,17 +71,6 @@ pub(crate) struct Arguments {
 }
 
 impl Arguments {
-    /// Options that would be ignored are told, not ignored.
-    pub(crate) fn refuse(&self, method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
-        match given {
-            [] => Ok(()),
-            given => Err(Failure::input([format!(
-                "{} belongs to {belongs} and has no part in {method}; leave it out",
-                given.join(", ")
-            )])),
-        }
-    }
-
     pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
             changes: self.subject.changes(&self.fix, &self.free),
@@ -93,23 +86,19 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if arguments.choice.is_spectral() {
-        arguments.refuse("--method fd", &arguments.spectral.of_responses(), "--method fr")?;
+        none_ignored("--method fd", &arguments.spectral.of_responses(), "--method fr")?;
         return spectral::run(arguments);
     }
     if arguments.choice.is_of_responses() {
-        arguments.refuse("--method fr", &arguments.spectral.of_spectra(), "--method fd")?;
+        none_ignored("--method fr", &arguments.spectral.of_spectra(), "--method fd")?;
         return responses::run(arguments);
     }
     let others = [arguments.spectral.of_both(), arguments.spectral.of_spectra(), arguments.spectral.of_responses()];
-    arguments.refuse(
-        "estimation in the time domain",
-        &others.concat(),
-        "the frequency domain (--method fd, --method fr)",
-    )?;
+    none_ignored("estimation in the time domain", &others.concat(), "the frequency domain (--method fd, --method fr)")?;
     if arguments.choice.is_of_a_filter() {
         return filter::run(arguments);
     }
-    let mut progress = Progress::new(arguments.delivery.quiet);
+    let mut progress = Progress::new(arguments.delivery.quiet).watching(arguments.watch);
     let model = arguments.subject.load()?;
     let records = arguments.records.load(&model, true)?;
     if !arguments.delivery.quiet {
@@ -131,7 +120,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 
     let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
     (manifest.command, manifest.seed) = (std::env::args().collect(), Some(arguments.seed));
-    if arguments.delivery.out.is_some() {
+    if arguments.delivery.describes() {
         arguments.records.describe(&runs, &mut manifest);
     }
     let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
@@ -198,6 +187,9 @@ fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
     }
     if !fit.starts.is_empty() {
         text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));
+    }
+    if arguments.watch {
+        text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
     }
     text.push_str(&confidence(fit));
     text.push_str(&way(fit));

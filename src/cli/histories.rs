@@ -1,5 +1,7 @@
 //! Measurement beside response over time, for pictures and for files.
 
+use fdm::Model;
+use fdm::diagnose::diagnosis::Overlay;
 use fdm::estimate::Fit;
 use fdm::record::{Column, Dialect, Run, write_to};
 use fdm::report::TimeHistory;
@@ -38,6 +40,21 @@ pub(crate) fn tables(fit: &Fit, runs: &[Run]) -> Vec<(String, Vec<u8>)> {
         (name, table(fit, run, &result.response, &result.residuals))
     });
     tables.collect()
+}
+
+/// The table of a run of a diagnosis: time, and of every output what was measured, and the responses before and after.
+pub(crate) fn overlay_table(model: &Model, k: usize, overlay: &Overlay) -> (String, Vec<u8>) {
+    let definition = model.definition();
+    let q = definition.outputs.len();
+    let pick = |values: &[f64], o: usize| values.iter().skip(o).step_by(q).copied().collect();
+    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), overlay.time.clone())];
+    for (o, output) in definition.outputs.iter().enumerate() {
+        let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
+        columns.push((name.clone(), unit.clone(), pick(&overlay.measured, o)));
+        columns.push((format!("{name}_before"), unit.clone(), pick(&overlay.before, o)));
+        columns.push((format!("{name}_after"), unit, pick(&overlay.after, o)));
+    }
+    (format!("run_{}_{}.csv", k + 1, plain(&overlay.run)), as_file(&columns))
 }
 
 fn table(fit: &Fit, run: &Run, response: &[f64], residuals: &[f64]) -> Vec<u8> {

@@ -4,7 +4,7 @@ use crate::failure::{Failure, remark};
 use clap::Args;
 use fdm::estimate::Keeper;
 use fdm::store::{Checkpoint, Identity};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Where the state of a fit is kept.
@@ -34,13 +34,22 @@ impl Keeping {
 
     /// Opens the folder before any work is done.
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
-        let Some(folder) = &self.checkpoint else { return Ok(Kept(None)) };
-        let checkpoint = Checkpoint::open(folder, identity).map_err(|e| Failure::input([e]))?;
-        if checkpoint.resumed() && !quiet {
-            remark(format_args!("note: going on from the checkpoint in {}", folder.display()));
-        }
-        Ok(Kept(Some(Told { checkpoint, failed: AtomicBool::new(false) })))
+        self.checkpoint.as_deref().map_or(Ok(Kept(None)), |folder| open(folder, identity, quiet))
     }
+
+    /// Opens a folder in it: one of several that one command needs.
+    pub(crate) fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
+        let folder = self.checkpoint.as_ref().map(|folder| folder.join(name));
+        folder.map_or(Ok(Kept(None)), |folder| open(&folder, identity, quiet))
+    }
+}
+
+fn open(folder: &Path, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
+    let checkpoint = Checkpoint::open(folder, identity).map_err(|e| Failure::input([e]))?;
+    if checkpoint.resumed() && !quiet {
+        remark(format_args!("note: going on from the checkpoint in {}", folder.display()));
+    }
+    Ok(Kept(Some(Told { checkpoint, failed: AtomicBool::new(false) })))
 }
 
 impl Kept {

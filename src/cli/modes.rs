@@ -6,9 +6,10 @@ use crate::subject::{assignment, load_model};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Changes;
-use fdm::linear::{LinearModel, ModeErrors, Modes, Values};
+use fdm::linear::{LinearModel, ModeErrors, Modes, Trim, Values};
 use fdm::report::{modes_json, modes_table};
-use fdm::store::ResultFolder;
+use fdm::store::{ResultFolder, estimates};
+use serde_json::Value;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -40,13 +41,9 @@ struct Found {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (model, found) = arguments.subject()?;
-    let theta = model.definition().start();
-    let mut linear = LinearModel::new(&model).map_err(|e| Failure::input([e]))?;
-    let mut values = Values::default();
-    linear.evaluate(&theta, &mut values).map_err(|e| Failure::input([e]))?;
-    let modes = Modes::new(linear.structure(), &values).map_err(|e| Failure::input([e]))?;
-    let trim = linear.trim(&theta);
-    let errors = found.map_or(Vec::new(), |found| errors(&model, &modes, &found));
+    let (trim, modes) = modes(&model)?;
+    let covariance = found.map(|found| found.folder.covariance(&model, &found.run));
+    let errors = covariance.map_or(Vec::new(), |covariance| errors(&model, &modes, &covariance));
     let text = match arguments.json {
         true => format!("{}\n", modes_json(&model, &trim, &modes, &errors)),
         false => modes_table(&model, &trim, &modes, &errors),
@@ -66,16 +63,14 @@ impl Arguments {
             (None, Some(model)) => (load_model(model)?, None),
             (None, None) => return Err(Failure::input(["a model or a result is needed"])),
         };
-        let mut params = model.definition().params.clone();
-        if let Some(Found { folder, run }) = &found {
-            let theta = folder.theta(&model, run, self.like.as_deref()).map_err(|e| Failure::input([e]))?;
-            let estimated = folder.covariance(&model, run);
-            for (k, param) in params.iter_mut().enumerate() {
-                param.value = theta[k];
-                // what the fit estimated has derivatives, whatever the model's text says of it
-                param.fixed &= estimated[k * theta.len() + k] == 0.0;
+        let model = match &found {
+            None => model,
+            Some(Found { folder, run }) => {
+                let theta = folder.theta(&model, run, self.like.as_deref()).map_err(|e| Failure::input([e]))?;
+                with_estimates(&model, &theta, &folder.covariance(&model, run))
             }
-        }
+        };
+        let mut params = model.definition().params.clone();
         let changes = Changes { set: self.set.clone(), ..Changes::default() };
         changes.apply(&mut params).map_err(Failure::input)?;
         Ok((model.with_params(params), found))
@@ -87,19 +82,61 @@ impl Arguments {
         if self.like.is_some() || folder.runs().len() < 2 {
             return Ok(self.like.clone().unwrap_or(first));
         }
-        let linear = LinearModel::new(model).map_err(|e| Failure::input([e]))?;
-        let s = linear.structure();
-        let of_rates = |k: &u32| (s.terms[*k as usize].row as usize) < s.states;
-        let moved = s.slopes.iter().filter(|l| of_rates(&l.term)).map(|l| l.param);
-        let mut moved = moved.chain(s.tau_slopes.iter().map(|l| l.param));
-        let own = moved.any(|p| model.definition().params[p as usize].per_run);
+        let own = own_parameters_move_rates(model)?;
         // a name that no run has: the folder says that one must be chosen
         Ok(if own { String::new() } else { first })
     }
 }
 
-fn errors(model: &Model, modes: &Modes, found: &Found) -> Vec<Option<ModeErrors>> {
-    let covariance = found.folder.covariance(model, &found.run);
+/// Where a model is linearised at the values of its parameters, and its modes there.
+fn modes(model: &Model) -> Result<(Trim, Modes), Failure> {
+    let theta = model.definition().start();
+    let mut linear = LinearModel::new(model).map_err(|e| Failure::input([e]))?;
+    let mut values = Values::default();
+    linear.evaluate(&theta, &mut values).map_err(|e| Failure::input([e]))?;
+    let modes = Modes::new(linear.structure(), &values).map_err(|e| Failure::input([e]))?;
+    Ok((linear.trim(&theta), modes))
+}
+
+fn errors(model: &Model, modes: &Modes, covariance: &[f64]) -> Vec<Option<ModeErrors>> {
     let p = model.definition().params.len();
     modes.modes.iter().map(|mode| mode.errors(|i, j| covariance[i * p + j])).collect()
+}
+
+/// States of the largest model whose modes are part of every result; larger ones are asked for.
+const MOST_STATES: usize = 40;
+
+/// The modes of a model as it was found, as part of its result; null where there are none, or not the same for all runs.
+pub(crate) fn of_result(model: &Model, result: &Value, runs: &[String]) -> Value {
+    let Some(run) = runs.first().filter(|_| model.layout().states <= MOST_STATES) else { return Value::Null };
+    if runs.len() > 1 && own_parameters_move_rates(model).unwrap_or(true) {
+        return Value::Null;
+    }
+    let (theta, covariance) = estimates(model, result, run);
+    let found = with_estimates(model, &theta, &covariance);
+    match modes(&found) {
+        Ok((trim, modes)) => modes_json(&found, &trim, &modes, &errors(&found, &modes, &covariance)),
+        Err(_) => Value::Null,
+    }
+}
+
+/// The model with values as they were found.
+fn with_estimates(model: &Model, theta: &[f64], covariance: &[f64]) -> Model {
+    let mut params = model.definition().params.clone();
+    for (k, param) in params.iter_mut().enumerate() {
+        param.value = theta[k];
+        // what the fit estimated has derivatives, whatever the model's text says of it
+        param.fixed &= covariance[k * theta.len() + k] == 0.0;
+    }
+    model.with_params(params)
+}
+
+/// Whether a parameter of single runs has a part in the linear model's rates.
+fn own_parameters_move_rates(model: &Model) -> Result<bool, Failure> {
+    let linear = LinearModel::new(model).map_err(|e| Failure::input([e]))?;
+    let s = linear.structure();
+    let of_rates = |k: &u32| (s.terms[*k as usize].row as usize) < s.states;
+    let moved = s.slopes.iter().filter(|l| of_rates(&l.term)).map(|l| l.param);
+    let mut moved = moved.chain(s.tau_slopes.iter().map(|l| l.param));
+    Ok(moved.any(|p| model.definition().params[p as usize].per_run))
 }

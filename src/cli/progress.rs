@@ -3,6 +3,7 @@
 
 use crate::failure::remark;
 use fdm::estimate::{Iteration, Observer, StartSummary};
+use fdm::report::sparkline;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
@@ -13,6 +14,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub(crate) struct Progress {
     bar: ProgressBar,
     lines: bool,
+    /// The costs so far, where they are to be watched.
+    costs: Option<Vec<f64>>,
     interrupted: Arc<AtomicBool>,
 }
 
@@ -26,7 +29,7 @@ impl Progress {
             bar.set_style(style);
         }
         bar.enable_steady_tick(std::time::Duration::from_millis(100));
-        Self { bar, lines: !quiet && !terminal, interrupted: Arc::new(AtomicBool::new(false)) }
+        Self { bar, lines: !quiet && !terminal, costs: None, interrupted: Arc::new(AtomicBool::new(false)) }
     }
 
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
@@ -41,6 +44,12 @@ impl Progress {
         progress
     }
 
+    /// Shows how the cost falls.
+    pub(crate) fn watching(mut self, wanted: bool) -> Self {
+        self.costs = wanted.then(Vec::new);
+        self
+    }
+
     /// Says what is being done.
     pub(crate) fn say(&self, text: &str) {
         self.bar.set_message(text.to_string());
@@ -53,6 +62,11 @@ impl Progress {
         if self.interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
+    /// Set by an interrupt, for work that is not an estimation.
+    pub(crate) fn interrupted(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.interrupted)
+    }
+
     /// Ends the live line.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
@@ -63,7 +77,16 @@ impl Observer for Progress {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
         let Iteration { number, cost, step, refused, .. } = iteration;
         let tried = if *refused > 0 { format!(", {refused} refused") } else { String::new() };
-        self.say(&format!("iteration {number:3}   cost {cost:.9e}   largest step {step:.2e} standard errors{tried}"));
+        if *number == 0 {
+            self.costs.iter_mut().for_each(Vec::clear);
+        }
+        let fallen = self.costs.as_mut().map_or(String::new(), |costs| {
+            costs.push(*cost);
+            format!("   {}", sparkline(costs))
+        });
+        self.say(&format!(
+            "iteration {number:3}   cost {cost:.9e}   largest step {step:.2e} standard errors{tried}{fallen}"
+        ));
         self.flow()
     }
 
@@ -79,4 +102,18 @@ impl Observer for Progress {
         self.say(&format!("{ended} of {count} starts ended   start {}: {cost}, {}", start.number, start.message));
         self.flow()
     }
+}
+
+/// How many of several things have ended and how long the rest will take, on a terminal only.
+pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
+    let terminal = std::io::stderr().is_terminal() && count > 1;
+    let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(Some(count as u64), target);
+    if let Ok(style) = ProgressStyle::with_template(&format!(
+        "{{spinner}} {{pos}} of {{len}} {what} [{{elapsed}}, {{eta}} left] {{msg}}"
+    )) {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(std::time::Duration::from_millis(200));
+    bar
 }

@@ -2,8 +2,9 @@
 
 use crate::failure::Failure;
 use fdm::Model;
-use fdm::store::{ResultFolder, differences};
-use std::path::Path;
+use fdm::record::Run;
+use fdm::store::{DataFile, ResultFolder, differences};
+use std::path::{Path, PathBuf};
 
 /// A result that was read back, and its model.
 pub(crate) struct Reading {
@@ -24,6 +25,13 @@ pub(crate) fn open(folder: &Path, beside: Option<&Path>) -> Result<Reading, Fail
         }
     }
     Ok(Reading { folder, model })
+}
+
+/// The runs that a result was fitted to.
+pub(crate) fn were_fitted(folder: &ResultFolder, runs: &[Run], files: &[PathBuf]) -> Vec<String> {
+    let files = runs.iter().zip(files).map(|(run, file)| DataFile::new(&run.name, file));
+    let fitted = |file: &DataFile| folder.manifest().data.iter().any(|own| own.is_same(file));
+    files.filter(fitted).map(|file| file.run).collect()
 }
 
 fn another(path: &Path, folder: &ResultFolder, differences: &[String]) -> String {

@@ -1,11 +1,12 @@
 //! `fdm regress`: equation error, in the time domain or, with a band, in the frequency domain.
 
-use crate::failure::{Failure, NUMBERS, print};
+use crate::failure::{Failure, NUMBERS, none_ignored, print};
 use crate::records::{Records, notes};
 use crate::recursive::Recursive;
 use crate::subject::Subject;
 use clap::{Args, ValueEnum};
 use fdm::Model;
+use fdm::estimate::changed;
 use fdm::record::Run;
 use fdm::regression::{
     Components, Dependence, Detrend, Domain, Limits, RegressionError, RegressionOptions, Smoothing, by_cutoff,
@@ -96,13 +97,7 @@ impl Arguments {
                 (given, "recursive least squares", "--method ls")
             }
         };
-        match &given[..] {
-            [] => Ok(()),
-            given => Err(Failure::input([format!(
-                "{} belongs to {belongs} and has no part in {method}; leave it out",
-                given.join(", ")
-            )])),
-        }
+        none_ignored(method, &given, belongs)
     }
 
     fn options(&self) -> RegressionOptions {
@@ -120,9 +115,8 @@ impl Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     arguments.refuse()?;
     let model = arguments.subject.load()?;
-    let mut params = model.definition().params.clone();
-    arguments.subject.changes(&arguments.fix, &arguments.free).apply(&mut params).map_err(Failure::input)?;
-    let model = model.with_params(params);
+    let changes = arguments.subject.changes(&arguments.fix, &arguments.free);
+    let model = changed(&model, &changes).map_err(|e| Failure::input([e]))?;
     let records = arguments.records.load(&model, true)?;
     if !arguments.quiet {
         notes(&records);

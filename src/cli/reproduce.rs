@@ -1,12 +1,16 @@
 //! `fdm reproduce`: experiments from their descriptions to the figures of the papers.
 
 use crate::failure::{Failure, NUMBERS, print};
+use crate::progress::counted;
+use crate::rehearsal::{Wanted, rehearsed};
+use crate::repetition::Repetition;
 use clap::Args;
 use fdm::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
-use fdm::report::{outcome_table, outcomes_json, outcomes_markdown, outcomes_table};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use fdm::report::{
+    outcome_table, outcomes_json, outcomes_markdown, outcomes_table, studies_json, studies_markdown, studies_text,
+};
+use fdm::study::Study;
 use rayon::prelude::*;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -31,14 +35,28 @@ pub(crate) struct Arguments {
     /// Print the summary as a table of a page
     #[arg(long)]
     markdown: bool,
+    /// Repeat the steps whose estimates have a truth so many times with other noise, and say how often the printed intervals hold it;
+    /// measured records are replaced by what the fit says of them
+    #[arg(long, value_name = "N", help_heading = "Repeats", conflicts_with = "records",
+          allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
+    repeats: Option<u32>,
+    #[command(flatten)]
+    repetition: Repetition,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let experiments = arguments.experiments()?;
+    if let Some(count) = arguments.repeats {
+        let wanted = Wanted { count: count as usize, thin: arguments.thin, repetition: &arguments.repetition };
+        return rehearsed(&experiments, &wanted, &|studies| arguments.told(studies));
+    }
+    if let [first, ..] = arguments.repetition.given()[..] {
+        return Err(Failure::input([format!("{first} belongs to --repeats; say how many")]));
+    }
     if let Some(folder) = &arguments.records {
         return written(&experiments, folder);
     }
-    let bar = progress(experiments.len());
+    let bar = counted(experiments.len(), "experiments");
     let one = |experiment: &Experiment| {
         let outcome = reproduce(experiment, arguments.thin);
         bar.inc(1);
@@ -84,6 +102,14 @@ impl Arguments {
         Ok(catalogue.experiments)
     }
 
+    fn told(&self, studies: &[Study]) -> String {
+        match (self.json, self.markdown) {
+            (true, _) => format!("{}\n", studies_json(studies)),
+            (_, true) => studies_markdown(studies),
+            _ => studies_text(studies),
+        }
+    }
+
     fn text(&self, outcomes: &[Outcome]) -> String {
         if self.json {
             return format!("{}\n", outcomes_json(outcomes));
@@ -123,16 +149,4 @@ fn written(experiments: &[Experiment], folder: &Path) -> Result<ExitCode, Failur
         }
     }
     Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
-}
-
-/// How many experiments have ended, on a terminal only.
-fn progress(count: usize) -> ProgressBar {
-    let terminal = std::io::stderr().is_terminal() && count > 1;
-    let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(Some(count as u64), target);
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {pos} of {len} experiments [{elapsed}] {msg}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(std::time::Duration::from_millis(200));
-    bar
 }

@@ -43,7 +43,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     }
     let mut manifest = Manifest::new(&model, Identity::of(&model, &runs, &options), Noise::Diagonal);
     manifest.command = std::env::args().collect();
-    if arguments.delivery.out.is_some() {
+    if arguments.delivery.describes() {
         arguments.records.describe(&runs, &mut manifest);
     }
     let outcome = Outcome {

@@ -6,10 +6,10 @@ use crate::failure::{Failure, NUMBERS};
 use crate::fit::remarks;
 use crate::integrator::Integration;
 use crate::progress::Progress;
-use crate::reading::{Reading, open};
+use crate::reading::{Reading, open, were_fitted};
 use crate::records::{Records, notes};
 use clap::Args;
-use fdm::estimate::{Fit, FitOptions, Options, fit};
+use fdm::estimate::{Fit, FitOptions, fit};
 use fdm::record::Run;
 use fdm::report::{estimate_table, fit_json, validation_table};
 use fdm::store::{Identity, Manifest, ResultFolder};
@@ -42,13 +42,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         notes(&records);
     }
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let options = FitOptions {
-        changes: folder.held(&model),
-        options: Options { noise: folder.manifest().noise.clone(), ..Options::default() },
-        per_interval: arguments.integration.per_interval(),
-        scheme: arguments.integration.scheme(),
-        ..FitOptions::default()
-    };
+    let (per_interval, scheme) = (arguments.integration.per_interval(), arguments.integration.scheme());
+    let options = FitOptions { per_interval, scheme, ..folder.validation(&model) };
     let prepared = arguments.delivery.prepare()?;
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
@@ -58,7 +53,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
     manifest.command = std::env::args().collect();
     arguments.records.describe(&runs, &mut manifest);
-    let remarks = own_remarks(&fit, &folder, &manifest);
+    let remarks = own_remarks(&fit, &were_fitted(&folder, &runs, &arguments.records.data));
     let mut document = fit_json(&fit);
     document["validation"] = json!({
         "of": folder.folder().display().to_string(),
@@ -80,13 +75,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(if fit.estimate.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
-fn own_remarks(fit: &Fit, folder: &ResultFolder, manifest: &Manifest) -> Vec<String> {
+fn own_remarks(fit: &Fit, fitted: &[String]) -> Vec<String> {
     let mut found = remarks(fit, true);
-    for file in &manifest.data {
-        if folder.manifest().data.iter().any(|fitted| fitted.is_same(file)) {
-            found.push(format!("note: run `{}` was part of the fit; it validates nothing", file.run));
-        }
-    }
+    found.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit; it validates nothing")));
     found
 }
 

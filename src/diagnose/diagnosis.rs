@@ -224,6 +224,23 @@ pub struct RunGain {
     pub deviation: f64,
 }
 
+/// The responses of a run before and after, where models were compared in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlay {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    pub held_out: bool,
+    /// Time of each sample (N), on an even grid.
+    pub time: Vec<f64>,
+    /// Measured outputs, N by q row-major; NaN where there is none.
+    pub measured: Vec<f64>,
+    /// Outputs of the model as it was given, fitted to the runs that take part.
+    pub before: Vec<f64>,
+    /// Outputs with the accepted effects; the same where there are none.
+    pub after: Vec<f64>,
+}
+
 /// How models were compared with records in the frequency domain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spectral {
@@ -274,6 +291,8 @@ pub struct Diagnosis {
     pub outputs: Vec<OutputGain>,
     /// What each run gains.
     pub gains: Vec<RunGain>,
+    /// Responses before and after, run by run; empty in the frequency domain.
+    pub overlays: Vec<Overlay>,
     /// Number of hat functions of each output's noise spectrum; 1 is white.
     pub noise_knots: Vec<usize>,
     /// The user's text with the accepted effects; none when there are none.

@@ -7,6 +7,7 @@ use crate::estimate::progress::Iteration;
 use crate::estimate::termination::Termination;
 use crate::quality::OutputFit;
 use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// What can be said about a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -44,6 +45,8 @@ pub struct ParameterEstimate {
     /// Standard error corrected for the colour of the residuals (Morelli and Klein); none where [`Estimate::uncorrected`]
     /// says why, and where there is no other either.
     pub corrected_error: Option<f64>,
+    /// Degrees of freedom of the corrected error, which says how well the colour of the noise is known; none where that is not said.
+    pub freedom: Option<f64>,
     /// Its unit, as text.
     pub unit: Option<String>,
     /// What can be said about it.
@@ -61,6 +64,20 @@ impl ParameterEstimate {
     pub fn error(&self) -> Option<f64> {
         self.corrected_error.or(self.standard_error)
     }
+
+    /// The interval that holds the true value in 95 of 100 cases, by the error that is to be trusted and what is known of it: as many of
+    /// these errors on both sides as Student's law says.
+    pub fn interval(&self) -> Option<[f64; 2]> {
+        let half = self.error()? * quantile(self.freedom.filter(|_| self.corrected_error.is_some()));
+        Some([self.value - half, self.value + half])
+    }
+}
+
+/// Standard errors on both sides that hold 95 % of Student's law with so many degrees of freedom; of the normal law without.
+pub fn quantile(freedom: Option<f64>) -> f64 {
+    const NORMAL: f64 = 1.959_963_984_540_054;
+    let law = freedom.and_then(|f| StudentsT::new(0.0, 1.0, f.max(1.0)).ok());
+    law.map_or(NORMAL, |law| law.inverse_cdf(0.975).max(NORMAL))
 }
 
 /// A symmetric matrix.

@@ -17,6 +17,7 @@ mod errors;
 #[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
 mod filter;
+mod information;
 mod initial;
 mod iteration;
 mod keeper;
@@ -41,8 +42,9 @@ pub use changes::{ChangeError, Changes};
 pub use errors::derived::{DerivedName, DerivedQuantities};
 pub use errors::direction::Direction;
 pub use errors::noise_colour::{NoiseColour, Uncorrected};
-pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric, quantile};
 pub use filter::{FilterError, FilterFit, fit_filter};
+pub use information::{Information, Silence};
 pub use initial::initial_guess;
 pub use iteration::normal::{NormalEquations, NotFinite};
 pub use iteration::restart::Aid;

@@ -1,6 +1,7 @@
 //! Of all iterates of recursive least squares the one whose simulated error over the whole record is least (Ren and Feng 2010).
 
 use crate::estimate::initial::initial_guess;
+use crate::estimate::spectral::offsets::with_initials;
 use crate::model::Model;
 use crate::record::Run;
 use crate::regression::{Recursion, RecursiveOptions, RegressionError, recursive};
@@ -122,7 +123,8 @@ fn with_values(model: &Model, recursion: &Recursion, values: &[f64], run: Option
 
 /// Simulates iterates.
 struct Judge<'a> {
-    model: &'a Model,
+    /// Where parts begin anew, with initial values of their own for all states.
+    model: Model,
     recursion: &'a Recursion,
     /// The runs, or their parts, with the run that each belongs to and its steps.
     parts: Vec<(Run, usize, Steps)>,
@@ -131,12 +133,16 @@ struct Judge<'a> {
 }
 
 impl<'a> Judge<'a> {
-    fn new(model: &'a Model, recursion: &'a Recursion, restart: Option<f64>) -> Self {
+    fn new(model: &Model, recursion: &'a Recursion, restart: Option<f64>) -> Self {
+        let model = match restart {
+            Some(_) => with_initials(model, &model.definition().start()),
+            None => model.clone(),
+        };
         let q = model.layout().outputs;
         let mut parts = Vec::new();
         for (r, run) in recursion.runs.iter().enumerate() {
             for part in cut(run, restart) {
-                let params = with_values(model, recursion, &recursion.batch, Some(r));
+                let params = with_values(&model, recursion, &recursion.batch, Some(r));
                 let theta = initial_guess(&params, model.dynamics(), &part);
                 let steps = choose_steps_by(model.dynamics(), &part, &theta, None).map(|a| a.steps);
                 parts.push((part, r, steps.unwrap_or_else(|_| Steps::equal(Scheme::RungeKutta, 1))));
@@ -170,7 +176,7 @@ impl<'a> Judge<'a> {
         let q = self.spread.len();
         let mut left = vec![0.0; q];
         for ((part, run, _), simulator) in self.parts.iter().zip(simulators) {
-            let params = with_values(self.model, self.recursion, values, Some(*run));
+            let params = with_values(&self.model, self.recursion, values, Some(*run));
             let theta = initial_guess(&params, self.model.dynamics(), part);
             let mut y = vec![0.0; part.measured.len()];
             simulator.as_mut()?.simulate(&theta, &mut y).ok()?;

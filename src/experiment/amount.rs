@@ -2,6 +2,7 @@
 
 use fdm_grammar::Unit;
 use serde::{Deserialize, Deserializer, de};
+use std::str::FromStr;
 
 /// A number, possibly in a unit of its own.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,14 +45,23 @@ impl<'de> Deserialize<'de> for Amount {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         match Written::deserialize(from)? {
             Written::Number(value) => Ok(Self { value, unit: None }),
-            Written::Text(text) => {
-                let (number, unit) = text.split_once(' ').unwrap_or((&text, "1"));
-                let value = number.parse().map_err(|_| de::Error::custom(format!("`{number}` is not a number")))?;
-                let unit =
-                    Unit::parse(unit.trim()).map_err(|_| de::Error::custom(format!("`{unit}` is not a unit")))?;
-                Ok(Self { value, unit: Some(unit) })
-            }
+            Written::Text(text) => match text.split_once(' ') {
+                Some(_) => text.parse().map_err(de::Error::custom),
+                None => format!("{text} 1").parse().map_err(de::Error::custom),
+            },
         }
+    }
+}
+
+impl FromStr for Amount {
+    type Err = String;
+
+    /// A number, and behind a space its unit; without one it is in that of the channel.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (number, unit) = text.split_once(' ').map_or((text, None), |(number, unit)| (number, Some(unit.trim())));
+        let value = number.parse().map_err(|_| format!("`{number}` is not a number"))?;
+        let unit = unit.map(|unit| Unit::parse(unit).map_err(|_| format!("`{unit}` is not a unit")));
+        Ok(Self { value, unit: unit.transpose()? })
     }
 }
 

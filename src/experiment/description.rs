@@ -64,6 +64,9 @@ pub struct Record {
     pub digits: Option<usize>,
     /// Decides noise and random phases.
     pub seed: u64,
+    /// Noise and gusts are those of this repeat, while random phases stay; none for the record itself.
+    #[serde(skip)]
+    pub repeat: Option<String>,
     /// So many of them, each with noise and phases of its own.
     pub copies: Option<u32>,
     /// Runge-Kutta steps between samples; chosen by accuracy when not given (8 in a closed loop).
@@ -89,6 +92,12 @@ pub enum Method {
     Oe,
     /// Maximum likelihood in the frequency domain.
     Fd,
+    /// Frequency responses from sweeps.
+    Fr,
+    /// Filter error.
+    Fe,
+    /// Recursive least squares, and the best of its iterates.
+    Rls,
     /// Equation error.
     Regress,
     /// Nothing is estimated: eigenvalues of the model as it stands.
@@ -143,6 +152,14 @@ pub struct Stage {
     pub components: Option<String>,
     /// Samples in the window by which `regress` takes rates.
     pub smooth: Option<usize>,
+    /// Weight of a step of `rls` relative to the one behind it.
+    pub forgetting: Option<f64>,
+    /// Cut-off of a low-pass without phase before `rls`, in cycles per unit of time.
+    pub lowpass: Option<f64>,
+    /// Samples of the polynomial that smooths records before `rls`.
+    pub polynomial: Option<usize>,
+    /// Length of the parts that are simulated to find the best iterate of `rls`, each from initial values of its own.
+    pub restart: Option<f64>,
     /// States whose records take their place in a first fit.
     pub substitute: Vec<String>,
     /// Segments of multiple shooting.

@@ -1,6 +1,6 @@
 //! An experiment from its description to its outcome.
 
-use super::description::Experiment;
+use super::description::{Experiment, Stage};
 use super::experiment_error::{ExperimentError, Fault};
 use super::flight::flown;
 use super::outcome::{Check, Outcome};
@@ -30,14 +30,29 @@ pub fn tables(experiment: &Experiment) -> Result<Vec<Table>, ExperimentError> {
 /// [`ExperimentError`], where the description does not fit its models and records. A fit that goes wrong is a check that has not passed.
 pub fn reproduce(experiment: &Experiment, thin: bool) -> Result<Outcome, ExperimentError> {
     let stages = &experiment.stages;
-    let mut done: Vec<Option<(Found, Vec<Check>)>> = vec![None; stages.len()];
     let mut left_out = vec![false; stages.len()];
     let place = |name: &String| stages.iter().position(|s| s.name == *name);
     for (k, stage) in stages.iter().enumerate() {
         let needs = stage.held.keys().chain(&stage.from).filter_map(place);
         left_out[k] = thin && (stage.long || needs.into_iter().any(|n| left_out[n]));
     }
-    let taken = stages.iter().zip(&left_out).filter(|(_, out)| !**out).map(|(stage, _)| stage);
+    let done = evaluated(experiment, &left_out, &checks)?;
+    Ok(concluded(experiment, done.into_iter().flatten().collect()))
+}
+
+/// Runs all steps that are not left out, each when those that it needs are done; `conclude` says what becomes of one.
+///
+/// # Errors
+/// As [`reproduce`].
+pub(super) fn evaluated<T: Clone + Send>(
+    experiment: &Experiment,
+    left_out: &[bool],
+    conclude: &(dyn Fn(&Stage, &Setting, &Found) -> T + Sync),
+) -> Result<Vec<Option<(Found, T)>>, ExperimentError> {
+    let stages = &experiment.stages;
+    let place = |name: &String| stages.iter().position(|s| s.name == *name);
+    let mut done: Vec<Option<(Found, T)>> = vec![None; stages.len()];
+    let taken = stages.iter().zip(left_out).filter(|(_, out)| !**out).map(|(stage, _)| stage);
     let wanted: BTreeSet<&str> = taken.flat_map(|stage| stage.needed(experiment)).collect();
     let shelf = Shelf::filled(experiment, &wanted)?;
     loop {
@@ -50,21 +65,21 @@ pub fn reproduce(experiment: &Experiment, thin: bool) -> Result<Outcome, Experim
         }
         let earlier: BTreeMap<&str, &Found> =
             stages.iter().zip(&done).filter_map(|(s, d)| Some((s.name.as_str(), &d.as_ref()?.0))).collect();
-        let one = |k: &usize| -> Result<(Found, Vec<Check>), ExperimentError> {
+        let one = |k: &usize| -> Result<(Found, T), ExperimentError> {
             let stage = &stages[*k];
             let setting = Setting::new(experiment, stage, &shelf, &earlier)?;
             let fault =
                 |f: Fault| ExperimentError::Faults { file: experiment.folder.join(Experiment::FILE), faults: vec![f] };
             let found = run(stage, &setting).map_err(fault)?;
-            let checks = checks(stage, &setting, &found);
-            Ok((found, checks))
+            let concluded = conclude(stage, &setting, &found);
+            Ok((found, concluded))
         };
-        let results: Vec<Result<_, _>> = ready.par_iter().map(one).collect();
+        let results: Vec<Result<(Found, T), ExperimentError>> = ready.par_iter().map(one).collect();
         for (k, result) in ready.into_iter().zip(results) {
             done[k] = Some(result?);
         }
     }
-    Ok(concluded(experiment, done.into_iter().flatten().collect()))
+    Ok(done)
 }
 
 fn concluded(experiment: &Experiment, done: Vec<(Found, Vec<Check>)>) -> Outcome {

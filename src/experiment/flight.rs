@@ -85,8 +85,11 @@ impl Flight<'_> {
                 sum.iter_mut().zip(values).for_each(|(s, v)| *s += v);
                 continue;
             }
-            let names = [&self.experiment.name, &self.record.name, &quantity.name, &k.to_string()];
-            let mut chance = Normal::new(self.record.seed, &names.map(String::as_str));
+            let number = k.to_string();
+            let mut names: Vec<&str> = vec![&self.experiment.name, &self.record.name, &quantity.name, &number];
+            // what is commanded is the same in all repeats
+            names.extend(self.record.repeat.as_deref().filter(|_| matches!(signal, Signal::Chance { .. })));
+            let mut chance = Normal::new(self.record.seed, &names);
             let time = &self.truth.definition().time;
             let values = signal.sampled(n, dt, quantity.unit.as_ref(), time, &mut chance);
             let wrong = || Fault::Unit { place: format!("input `{}`", quantity.name), what: "a signal" };
@@ -106,16 +109,7 @@ impl Flight<'_> {
         let map = vec![(quantity.name.clone(), column.to_string())];
         let (run, _) =
             read(&self.experiment.folder.join(file), &wanted, &ReadOptions { map, ..ReadOptions::default() })?;
-        let (times, values) = (&run.time, &run.inputs);
-        let at = |t: f64| {
-            let after = times.partition_point(|own| *own <= t);
-            if after == 0 || after == times.len() {
-                return values[after.saturating_sub(1)];
-            }
-            let part = (t - times[after - 1]) / (times[after] - times[after - 1]);
-            values[after - 1] + part * (values[after] - values[after - 1])
-        };
-        Ok((0..self.samples()).map(|k| at(self.record.dt * k as f64)).collect())
+        Ok((0..self.samples()).map(|k| run.input_at(0, self.record.dt * k as f64).0).collect())
     }
 
     /// Every name under `inputs` and `noise` is one of these.
@@ -134,7 +128,8 @@ impl Flight<'_> {
     /// The noise of an output, and where it comes from.
     pub(super) fn noise(&self, output: &str) -> Option<(Noise, Normal)> {
         let noise = self.record.noise.get(output).or_else(|| self.record.noise.get("all"))?;
-        let names = [self.experiment.name.as_str(), &self.record.name, output, "noise"];
+        let mut names = vec![self.experiment.name.as_str(), &self.record.name, output, "noise"];
+        names.extend(self.record.repeat.as_deref());
         Some((*noise, Normal::new(self.record.seed, &names)))
     }
 

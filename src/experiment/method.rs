@@ -3,9 +3,11 @@
 use super::description::Stage;
 use super::experiment_error::Fault;
 use super::setting::Setting;
-use crate::estimate::{FitOptions, MultiStart, Noise, Nonlinear, Options, Shooting, SpectralOptions};
+use crate::estimate::{
+    BestOptions, FitOptions, MultiStart, Noise, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions,
+};
 use crate::frequency::EndTerms;
-use crate::regression::{Components, Domain, RegressionOptions, Smoothing};
+use crate::regression::{Components, Detrend, Domain, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing};
 use crate::spectrum::Frequencies;
 
 impl Stage {
@@ -61,6 +63,26 @@ impl Stage {
             regressed: !self.own_values,
             finish: self.expected.keys().any(of_time),
         })
+    }
+
+    /// Options of a fit to frequency responses.
+    pub(super) fn of_responses(&self, setting: &Setting) -> ResponseOptions {
+        let (changes, options) = (setting.changes.clone(), self.estimation());
+        ResponseOptions {
+            changes,
+            options,
+            frequencies: self.frequencies(),
+            finish: false,
+            ..ResponseOptions::default()
+        }
+    }
+
+    /// Options of recursive least squares.
+    pub(super) fn recursively(&self) -> BestOptions {
+        let preprocessing = Preprocessing { cutoff: self.lowpass, points: self.polynomial, detrend: Detrend::None };
+        let default = RecursiveOptions::default();
+        let recursion = RecursiveOptions { forgetting: self.forgetting.unwrap_or(default.forgetting), preprocessing };
+        BestOptions { recursion, restart: self.restart, ..BestOptions::default() }
     }
 
     /// Options of equation error: at frequencies where a band is given.

@@ -4,7 +4,7 @@
 //! the one that came out; records as tables. **Never** a number that is not made here or read from a record, and never prints.
 //! **Start** at [`reproduce`]; its road is `catalogue` (which experiments there are) -> `description` (the file) -> `flight` (records made by a
 //! model: `signal`, `noise`, `closed_loop`) -> `table` (columns, and runs from them) -> `stage` (a step of the evaluation: `method`) ->
-//! `verdict` (what was expected of it).
+//! `verdict` (what was expected of it). [`Rehearsal`] goes it again and again with other noise.
 
 mod amount;
 mod catalogue;
@@ -16,6 +16,7 @@ mod flight;
 mod method;
 mod noise;
 mod outcome;
+mod rehearsal;
 mod setting;
 mod signal;
 mod stage;
@@ -30,7 +31,8 @@ pub use catalogue::{Catalogue, UnknownName};
 pub use description::{Answer, Expected, Experiment, Method, Record, Says, Segments, Stage};
 pub use evaluation::{reproduce, tables};
 pub use experiment_error::{ExperimentError, Fault};
-pub use noise::{Colour, Noise, Of};
+pub use noise::{Colour, Noise, Normal, Of};
 pub use outcome::{Check, Outcome};
+pub use rehearsal::{MeasuredStage, Rehearsal, StageAnswer, measured_stages};
 pub use signal::{Law, Phases, Signal};
 pub use table::Table;

@@ -105,8 +105,8 @@ impl Noise {
         }
     }
 
-    /// Noise of deviation 1.
-    pub(super) fn drawn(&self, samples: usize, dt: f64, chance: &mut Normal) -> Vec<f64> {
+    /// Noise of deviation 1 at samples `dt` apart.
+    pub fn drawn(&self, samples: usize, dt: f64, chance: &mut Normal) -> Vec<f64> {
         match self.colour {
             Colour::White => (0..samples).map(|_| chance.next()).collect(),
             Colour::Lag(lag) => chance.lagged(samples, dt, lag),

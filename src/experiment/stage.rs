@@ -6,12 +6,12 @@ use super::setting::Setting;
 use super::weakest::Weakest;
 use crate::Model;
 use crate::estimate::{
-    Changes, Direction, Estimate, Fit, FitOptions, Options, ParameterEstimate, Status, by_confidence, fit, fit_spectra,
+    Direction, Estimate, ParameterEstimate, Status, best_iterate, by_confidence, changed, fit, fit_filter,
+    fit_responses, fit_spectra,
 };
 use crate::linear::{LinearModel, Modes, Values};
 use crate::quality::OutputQuality;
 use crate::regression::regress;
-use fdm_grammar::model::Origin;
 use num_complex::Complex64;
 use std::collections::BTreeMap;
 
@@ -71,6 +71,9 @@ pub(super) fn run(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
     match stage.method {
         Method::Oe => Ok(in_time(stage, setting)),
         Method::Fd => in_frequency(stage, setting),
+        Method::Fr => Ok(by_responses(stage, setting)),
+        Method::Fe => Ok(by_filter(stage, setting)),
+        Method::Rls => Ok(recursively(stage, setting)),
         Method::Regress => by_regression(stage, setting),
         Method::Modes => Ok(modes(setting)),
     }
@@ -85,24 +88,12 @@ fn in_time(stage: &Stage, setting: &Setting) -> Found {
     found.judged("", &fit.quality);
     found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
     if !setting.others.is_empty() && found.astray.is_none() {
-        match predicted(&fit, setting) {
+        match fit.predict(&setting.others, &mut ()) {
             Ok(other) => found.judged("predicted ", &other.quality),
-            Err(reason) => found.astray = Some(reason),
+            Err(e) => found.astray = Some(e.to_string()),
         }
     }
     found
-}
-
-/// Runs that took no part, with initial states and biases of their own.
-fn predicted(fit_: &Fit, setting: &Setting) -> Result<Fit, String> {
-    let shared =
-        fit_.model.definition().params.iter().filter(|p| !p.per_run && !p.fixed && p.origin == Origin::Declared);
-    let names: Vec<String> = shared.map(|p| p.quantity.name.clone()).collect();
-    let value = |name: &String| Some((name.clone(), fit_.estimate.parameter(name, None)?.value));
-    let changes = Changes { set: names.iter().filter_map(value).collect(), fix: names, ..Changes::default() };
-    let options =
-        FitOptions { changes, options: Options { colour: false, ..Options::default() }, ..FitOptions::default() };
-    fit(&fit_.model, &setting.others, &options, &mut ()).map_err(|e| e.to_string())
 }
 
 fn in_frequency(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
@@ -121,12 +112,72 @@ fn in_frequency(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
     Ok(found)
 }
 
-fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
-    let mut params = setting.model.definition().params.clone();
-    if let Err(mistakes) = setting.changes.apply(&mut params) {
-        return Ok(Found::gone(mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")));
+fn by_responses(stage: &Stage, setting: &Setting) -> Found {
+    match fit_responses(&setting.model, &setting.runs, &stage.of_responses(setting), &mut ()) {
+        Ok(fit) => Found::of(&fit.estimate, fit.estimate.parameters.clone()),
+        Err(e) => Found::gone(e),
     }
-    let model = setting.model.with_params(params);
+}
+
+/// Deviations of the measurement noise are figures: `noise(y)`.
+fn by_filter(stage: &Stage, setting: &Setting) -> Found {
+    let found = match fit_filter(&setting.model, &setting.runs, &stage.in_time(setting), &mut ()) {
+        Ok(found) => found,
+        Err(e) => return Found::gone(e),
+    };
+    let mut figures = Found::of(&found.fit.estimate, found.fit.estimate.parameters.clone());
+    figures.judged("", &found.fit.quality);
+    let whiteness = found.fit.quality.iter().filter_map(|q| Some(q.whiteness.as_ref()?.p_value));
+    figures.figures.insert("white p".into(), whiteness.fold(1.0, f64::min));
+    for (output, deviation) in setting.model.definition().outputs.iter().zip(&found.deviations) {
+        figures.figures.insert(format!("noise({})", output.quantity.name), deviation.value);
+    }
+    figures
+}
+
+/// The best iterate; the errors of its simulation, of the last one's and of least squares without forgetting are figures.
+fn recursively(stage: &Stage, setting: &Setting) -> Found {
+    let model = match changed(&setting.model, &setting.changes) {
+        Ok(model) => model,
+        Err(e) => return Found::gone(e),
+    };
+    let best = match best_iterate(&model, &setting.runs, &stage.recursively()) {
+        Ok(best) => best,
+        Err(e) => return Found::gone(e),
+    };
+    let (recursion, mut found) = (&best.recursion, Found::default());
+    let last = recursion.iterates.len().saturating_sub(1);
+    let figures = [
+        ("error of the best iterate", best.error_of(best.best)),
+        ("error of the last iterate", best.error_of(last)),
+        ("error of least squares", best.batch_error),
+        ("time of the best iterate", recursion.iterates.get(best.best).map(|i| i.time)),
+    ];
+    found.figures.extend(figures.into_iter().filter_map(|(name, value)| Some((name.to_string(), value?))));
+    let Some(iterate) = recursion.iterates.get(best.best) else { return Found::gone("there is no iterate") };
+    found.parameters = (recursion.parameters.iter().zip(&iterate.values).zip(&iterate.errors))
+        .map(|((p, value), error)| ParameterEstimate {
+            name: p.name.clone(),
+            run: p.run.clone(),
+            value: *value,
+            standard_error: Some(*error),
+            corrected_error: None,
+            freedom: None,
+            unit: p.unit.clone(),
+            status: Status::Estimated,
+            start: None,
+            lower: None,
+            upper: None,
+        })
+        .collect();
+    found
+}
+
+fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
+    let model = match changed(&setting.model, &setting.changes) {
+        Ok(model) => model,
+        Err(e) => return Ok(Found::gone(e)),
+    };
     let regression = match regress(&model, &setting.runs, &stage.by_regression()?) {
         Ok(regression) => regression,
         Err(e) => return Ok(Found::gone(e)),
@@ -143,6 +194,7 @@ fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
             value: p.value,
             standard_error: Some(p.standard_error),
             corrected_error: p.coloured_error,
+            freedom: None,
             unit: p.unit.clone(),
             status: Status::Estimated,
             start: None,

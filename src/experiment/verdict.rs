@@ -2,6 +2,7 @@
 
 use super::amount::Tolerance;
 use super::description::{Answer, Expected, Stage};
+use super::flight::rounded;
 use super::outcome::Check;
 use super::setting::Setting;
 use super::stage::Found;
@@ -159,7 +160,7 @@ fn short(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {
         return format!("{v}");
     }
-    let rounded: f64 = format!("{v:.4e}").parse().unwrap_or(v);
+    let rounded = rounded(v, 5);
     if (1e-4..1e6).contains(&v.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
 }
 

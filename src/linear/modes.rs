@@ -194,14 +194,16 @@ impl Mode {
         let slopes = self.slopes.as_ref()?;
         let (re, im, size) = (self.s.re, self.s.im, self.s.norm());
         let size_slope = |d: &Complex64| if size > 0.0 { (re * d.re + im * d.im) / size } else { 0.0 };
-        let error = |slope: &dyn Fn(&Complex64) -> f64| {
-            let g: Vec<f64> = slopes.iter().map(slope).collect();
-            let terms = |i: usize| (0..g.len()).map(|j| g[i] * g[j] * covariance(i, j)).sum::<f64>();
-            (0..g.len()).filter(|i| g[*i] != 0.0).map(terms).sum::<f64>().max(0.0).sqrt()
+        let joint = |one: &dyn Fn(&Complex64) -> f64, other: &dyn Fn(&Complex64) -> f64| {
+            let [g, h] = [one, other].map(|of| slopes.iter().map(of).collect::<Vec<f64>>());
+            let terms = |i: usize| (0..h.len()).map(|j| g[i] * h[j] * covariance(i, j)).sum::<f64>();
+            (0..g.len()).filter(|i| g[*i] != 0.0).map(terms).sum::<f64>()
         };
+        let error = |slope: &dyn Fn(&Complex64) -> f64| joint(slope, slope).max(0.0).sqrt();
         Some(ModeErrors {
             re: error(&|d| d.re),
             im: error(&|d| d.im),
+            covariance: joint(&|d| d.re, &|d| d.im),
             // |damping| is 1 on the whole real axis
             damping: if im == 0.0 { 0.0 } else { error(&|d| (re * size_slope(d) / size - d.re) / size) },
             frequency: if size > 0.0 { error(&size_slope) } else { error(&|d| d.norm()) },
@@ -216,6 +218,8 @@ pub struct ModeErrors {
     pub re: f64,
     /// Of the imaginary part.
     pub im: f64,
+    /// Covariance of both.
+    pub covariance: f64,
     /// Of the damping ratio.
     pub damping: f64,
     /// Of the natural frequency.

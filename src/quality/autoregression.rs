@@ -30,6 +30,11 @@ impl AutoRegression {
         r
     }
 
+    /// What n times the variance of a mean of n values comes to, for large n: the spectrum at frequency zero.
+    pub(crate) fn long_run_variance(&self) -> f64 {
+        self.variance / (1.0 - self.coefficients.iter().sum::<f64>()).powi(2)
+    }
+
     /// The innovations e of a series; NaN where a value, or one that it follows from, is missing.
     pub(crate) fn innovations(&self, series: &[f64]) -> Vec<f64> {
         /// What stays in the nearest cache.

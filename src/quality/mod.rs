@@ -1,9 +1,11 @@
 //! How well a response matches a measurement, and what the residuals say about the noise and about what is missing.
 //!
 //! **In** the time, the measurement, the response and the inputs of a run. **Out** [`OutputQuality`] of each output: size and
-//! kind of the mismatch, whiteness, correlation with the inputs; the colour of noise for the errors of estimates.
+//! kind of the mismatch, whiteness, correlation with the inputs; which of two responses is nearer ([`advantage`]); the colour of noise
+//! for the errors of estimates.
 //! **Never** simulates, estimates parameters or judges a model's structure. **Start** at [`run_quality`].
 
+mod advantage;
 pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
 pub(crate) mod colour;
@@ -18,6 +20,7 @@ pub(crate) mod sampling;
 pub(crate) mod specimen;
 mod whiteness;
 
+pub use advantage::{Advantage, advantage};
 pub use input_correlation::InputCorrelation;
 pub use output_fit::{OutputFit, TicParts};
 pub use residuals::{OutputQuality, Signals, residual_quality, run_quality};

@@ -18,7 +18,7 @@ const BOUND: f64 = 20.0;
 const INSENSITIVE: f64 = 10.0;
 
 /// Parameters with standard errors, bounds and insensitivities, what every pair costs, and how well time histories are matched; `intervals` adds the
-/// interval of two standard errors.
+/// interval of 95 %.
 pub fn fitted_response_table(fit: &ResponseFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));

@@ -1,5 +1,6 @@
 //! Estimates for other programs.
 
+use super::remarks::{estimate_remarks, fit_remarks};
 use crate::Model;
 use crate::estimate::{Estimate, Fit, StartSummary, Symmetric, Termination, by_confidence};
 use crate::quality::{OutputFit, OutputQuality};
@@ -23,6 +24,7 @@ pub fn fit_json(fit: &Fit) -> Value {
     let mut document = estimate_json(&fit.model, e);
     if !fit.quality.is_empty() {
         document["outputs"] = quality_json(&fit.model, &fit.quality).into();
+        document["remarks"] = json!(fit_remarks(fit));
     }
     let way = json!({
         "integration": integration,
@@ -63,6 +65,7 @@ pub(super) fn estimate_json(model: &Model, e: &Estimate) -> Value {
         "noise_covariance": e.noise.as_ref().map(rows),
         "condition": e.condition,
         "history": e.history,
+        "remarks": estimate_remarks(e),
     })
 }
 

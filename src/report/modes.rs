@@ -76,8 +76,9 @@ pub fn modes_json(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<Mo
             "time_to_half": mode.time_to_half(), "time_to_double": mode.time_to_double(),
         });
         if let Some(e) = errors.get(k) {
-            value["standard_errors"] =
-                json!(e.map(|e| json!({ "re": e.re, "im": e.im, "damping": e.damping, "frequency": e.frequency })));
+            value["standard_errors"] = json!(e.map(|e| json!({
+                "re": e.re, "im": e.im, "covariance": e.covariance, "damping": e.damping, "frequency": e.frequency,
+            })));
         }
         value
     };
@@ -88,6 +89,7 @@ pub fn modes_json(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<Mo
         "modes": modes.modes.iter().enumerate().map(one).collect::<Vec<_>>(),
         "infinite": modes.infinite,
         "time": model.definition().time.to_string(),
+        "linearised": trim_sentence(model, trim),
         "trim": {
             "obtained": word(trim.obtained),
             "solved": trim.solved.iter().map(|s| name(model, *s)).collect::<Vec<_>>(),

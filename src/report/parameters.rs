@@ -6,7 +6,7 @@ use crate::estimate::{ParameterEstimate, Status};
 /// Standard errors beyond this part of the value are worth a mark.
 const UNCERTAIN: f64 = 0.2;
 
-/// One row for each parameter, per-run ones once for every run; `intervals` adds two standard errors on both sides.
+/// One row for each parameter, per-run ones once for every run; `intervals` adds the interval that holds the true value in 95 of 100 cases.
 pub(super) fn parameter_table(parameters: &[ParameterEstimate], intervals: bool) -> String {
     let runs = parameters.iter().any(|p| p.run.is_some());
     let corrected = parameters.iter().any(|p| p.corrected_error.is_some());
@@ -21,7 +21,7 @@ pub(super) fn parameter_table(parameters: &[ParameterEstimate], intervals: bool)
     }
     columns.push(("%", true, percent));
     if intervals {
-        columns.push(("2 sigma interval", false, interval));
+        columns.push(("95 % interval", false, interval));
     }
     columns.push(("unit", false, |p| p.unit.clone().unwrap_or_default()));
     columns.push(("status", false, status));
@@ -57,12 +57,12 @@ fn percent(p: &ParameterEstimate) -> String {
 }
 
 fn interval(p: &ParameterEstimate) -> String {
-    let Some(error) = p.error() else { return String::new() };
+    let (Some(error), Some([low, high])) = (p.error(), p.interval()) else { return String::new() };
     let shown = |v: f64| {
         let settled = if error > 0.0 && v != 0.0 { (v / error).abs().log10().floor() as i64 + 3 } else { 5 };
         digits(v, settled.clamp(2, 12) as usize)
     };
-    format!("{} to {}", shown(p.value - 2.0 * error), shown(p.value + 2.0 * error))
+    format!("{} to {}", shown(low), shown(high))
 }
 
 fn status(p: &ParameterEstimate) -> String {

@@ -1,8 +1,57 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::table::digits;
-use crate::estimate::{Estimate, ParameterEstimate, Status, Uncorrected};
+use crate::estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
 use crate::quality::{InputCorrelation, OutputQuality};
+use serde::Serialize;
+use std::fmt;
+
+/// What a remark is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum About {
+    /// Parameters that nothing determines.
+    Undetermined,
+    /// Parameters that priors determine, not data.
+    Prior,
+    /// Parameters that the data tell apart badly.
+    Correlated,
+    /// Parameters at their bounds.
+    Bound,
+    /// Help that the iteration needed.
+    Iteration,
+    /// An output that is matched to rounding.
+    NoNoise,
+    /// The colour of the residuals, and what it does to standard errors.
+    Colour,
+    /// Residuals that are an offset.
+    Offset,
+    /// Residuals that follow or lead an input.
+    Input,
+    /// Residuals that could not be tested.
+    Untested,
+}
+
+/// What should not be overlooked.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Remark {
+    /// What it is about.
+    pub about: About,
+    /// In words.
+    pub sentence: String,
+}
+
+impl Remark {
+    fn new(about: About, sentence: String) -> Self {
+        Self { about, sentence }
+    }
+}
+
+impl fmt::Display for Remark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.sentence)
+    }
+}
 
 /// Correlations beyond this are worth a line.
 const CORRELATED: f64 = 0.9;
@@ -16,39 +65,48 @@ const MOST_INPUTS: usize = 6;
 const MOST_BOUNDS: usize = 4;
 
 /// What a careful reader of the parameters would ask about.
-pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<String> {
-    let mut remarks: Vec<String> =
-        estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence)).collect();
+pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
+    let undetermined = estimate.undetermined.iter().map(|d| format!("not determined: {}", d.sentence));
+    let mut remarks: Vec<Remark> = undetermined.map(|s| Remark::new(About::Undetermined, s)).collect();
     for d in &estimate.determined_by_prior {
         let what = if d.moves.len() == 1 { "what is known of it is its prior" } else { "priors alone tell them apart" };
-        remarks.push(format!("not determined by the data: {}; {what}", d.sentence));
+        remarks.push(Remark::new(About::Prior, format!("not determined by the data: {}; {what}", d.sentence)));
     }
-    remarks.extend(correlated(estimate));
-    remarks.extend(bounds(estimate));
-    for aid in &estimate.aids {
-        remarks.push(format!("the iteration needed help: {aid}"));
-    }
-    for output in &estimate.noise_free {
-        remarks.push(format!("`{output}` is matched to rounding: its noise and the standard errors mean nothing"));
-    }
+    let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
+    say(About::Correlated, correlated(estimate));
+    say(About::Bound, bounds(estimate));
+    say(About::Iteration, estimate.aids.iter().map(|aid| format!("the iteration needed help: {aid}")).collect());
+    let rounding = |o: &String| format!("`{o}` is matched to rounding: its noise and the standard errors mean nothing");
+    say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
     if estimate.noise_free.is_empty() {
-        remarks.extend(colour(estimate));
+        say(About::Colour, colour(estimate));
+    }
+    remarks
+}
+
+/// Both, of a fit in the time domain.
+pub(super) fn fit_remarks(fit: &Fit) -> Vec<Remark> {
+    let mut remarks = estimate_remarks(&fit.estimate);
+    if fit.estimate.noise_free.is_empty() {
+        remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }
     remarks
 }
 
 /// What a careful reader of the residuals would ask about; `time` is the unit of time.
-pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<String> {
+pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<Remark> {
     let several = quality.iter().any(|q| q.fit.run != quality[0].fit.run);
     let place = |q: &OutputQuality| {
         let run = if several { format!(" in {}", q.fit.run) } else { String::new() };
         format!("residual of `{}`{run}", q.fit.name)
     };
-    let mut remarks = untested(quality, several);
+    let mut remarks: Vec<Remark> =
+        untested(quality, several).into_iter().map(|s| Remark::new(About::Untested, s)).collect();
     for q in quality {
         if let Some(parts) = q.fit.tic_parts.filter(|p| p.bias > OFFSET) {
             let share = 100.0 * parts.bias;
-            remarks.push(format!("{} is an offset for {share:.0} %: a bias parameter may be missing", place(q)));
+            let said = format!("{} is an offset for {share:.0} %: a bias parameter may be missing", place(q));
+            remarks.push(Remark::new(About::Offset, said));
         }
     }
     let mut found: Vec<(&OutputQuality, &InputCorrelation)> =
@@ -61,10 +119,12 @@ pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<String> {
             _ => "something the input does is missing",
         };
         let when = if i.largest_lag < 0.0 { format!("{lag} ahead of it") } else { format!("at lag {lag}") };
-        remarks.push(format!("{} correlates with input `{}` {when} ({:+.2}): {meaning}", place(q), i.input, i.largest));
+        let said = format!("{} correlates with input `{}` {when} ({:+.2}): {meaning}", place(q), i.input, i.largest);
+        remarks.push(Remark::new(About::Input, said));
     }
     if found.len() > MOST_INPUTS {
-        remarks.push(format!("{} more correlations of residuals with inputs", found.len() - MOST_INPUTS));
+        let said = format!("{} more correlations of residuals with inputs", found.len() - MOST_INPUTS);
+        remarks.push(Remark::new(About::Input, said));
     }
     remarks
 }
@@ -169,6 +229,7 @@ mod tests {
             inputs: Vec::new(),
         };
         let said = residual_remarks(&[of("a", "r"), of("b", "r"), of("a", "s")], "s");
+        let said: Vec<String> = said.iter().map(ToString::to_string).collect();
         let tests: Vec<&String> = said.iter().filter(|s| s.contains("not tested")).collect();
         assert!(tests.len() == 2 && tests[0].starts_with("residuals of `a`, `b` in r were not tested: "), "{said:?}");
         assert!(tests[1].starts_with("residual of `a` in s was not tested: "), "{said:?}");

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
 /// Parameters with standard errors, what became of nonlinear terms, and how well spectra and time histories are matched; `intervals` adds
-/// the interval of two standard errors.
+/// the interval of 95 %.
 pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&nonlinear(fit));

@@ -1,7 +1,7 @@
 //! Estimates as tables that can be read at a glance.
 
 use super::parameters::parameter_table;
-use super::remarks::{estimate_remarks, residual_remarks};
+use super::remarks::{Remark, estimate_remarks, fit_remarks};
 use super::residuals::{output_table, residual_table};
 use crate::estimate::{Estimate, Fit};
 use comfy_table::presets::NOTHING;
@@ -13,19 +13,15 @@ pub fn estimate_table(estimate: &Estimate) -> String {
     join(parameter_table(&estimate.parameters, false), residuals, &estimate_remarks(estimate))
 }
 
-/// The same with what the residuals say; `intervals` adds the interval of two standard errors.
+/// The same with what the residuals say; `intervals` adds the interval of 95 %.
 pub fn fit_table(fit: &Fit, intervals: bool) -> String {
     if fit.quality.is_empty() {
         return estimate_table(&fit.estimate);
     }
-    let mut remarks = estimate_remarks(&fit.estimate);
-    if fit.estimate.noise_free.is_empty() {
-        remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
-    }
-    join(parameter_table(&fit.estimate.parameters, intervals), residual_table(&fit.quality), &remarks)
+    join(parameter_table(&fit.estimate.parameters, intervals), residual_table(&fit.quality), &fit_remarks(fit))
 }
 
-fn join(parameters: String, residuals: String, remarks: &[String]) -> String {
+fn join(parameters: String, residuals: String, remarks: &[Remark]) -> String {
     let mut text = parameters;
     if !residuals.is_empty() {
         text.push('\n');
@@ -36,7 +32,7 @@ fn join(parameters: String, residuals: String, remarks: &[String]) -> String {
 }
 
 /// A number with this many significant digits, as a decimal where that is short.
-pub(super) fn digits(v: f64, significant: usize) -> String {
+pub(crate) fn digits(v: f64, significant: usize) -> String {
     if v == 0.0 || !v.is_finite() {
         return format!("{v}");
     }

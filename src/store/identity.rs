@@ -40,6 +40,26 @@ impl Identity {
         Self { parts }
     }
 
+    /// The names of the options, whatever they hold: those of one kind of estimation.
+    pub fn options(&self) -> Vec<String> {
+        let mut names: Vec<String> = Vec::new();
+        for name in self.parts.iter().filter_map(|(part, _)| part.strip_prefix("option ")) {
+            let name = name.split(',').next().unwrap_or_default().to_string();
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
+    }
+
+    /// The identity of work on several texts, by name, with this program.
+    pub fn of_texts(texts: &[(String, Vec<u8>)], options: &impl fmt::Debug) -> Self {
+        let mut parts = vec![("version of fdm".into(), env!("CARGO_PKG_VERSION").into())];
+        parts.extend(texts.iter().map(|(name, bytes)| (format!("file `{name}`"), fingerprint(bytes))));
+        parts.extend(lines(options));
+        Self { parts }
+    }
+
     /// What is not the same in `now`.
     pub fn differences(&self, now: &Self) -> Vec<Difference> {
         let value = |of: &Self, part: &str| of.parts.iter().find(|(p, _)| p == part).map(|(_, v)| v.clone());

@@ -12,6 +12,8 @@ use std::path::Path;
 pub(super) const NAME: &str = "manifest.json";
 /// Says that a folder is one of ours.
 const KIND: &str = "fdm result";
+/// The same for a diagnosis.
+const DIAGNOSIS: &str = "fdm diagnosis";
 /// Changes when an older program could not read a folder any more.
 pub(super) const FORMAT: u32 = 1;
 
@@ -120,6 +122,21 @@ impl Manifest {
         }
     }
 
+    /// The same of a diagnosis.
+    pub fn of_diagnosis(model: &crate::Model, identity: Identity, noise: Noise) -> Self {
+        Self { kind: DIAGNOSIS.into(), ..Self::new(model, identity, noise) }
+    }
+
+    /// With these files in its list, as the last of them.
+    ///
+    /// # Errors
+    /// When it has no text.
+    pub fn sealed(mut self, mut files: Vec<(String, Vec<u8>)>) -> Result<Vec<(String, Vec<u8>)>, serde_json::Error> {
+        self.files = files.iter().map(|(name, content)| KeptFile::new(name, content)).collect();
+        files.push((NAME.into(), self.text()?.into_bytes()));
+        Ok(files)
+    }
+
     /// The text of the file, which says when it was changed.
     pub(super) fn text(&self) -> Result<String, serde_json::Error> {
         let mut sealed = Self { sha256: String::new(), ..self.clone() };
@@ -132,14 +149,23 @@ impl Manifest {
         self.text().is_ok_and(|own| own == text)
     }
 
-    /// Reads the format of any folder of ours, whatever its version; none when it is not one.
+    /// Reads the format of any result of ours, whatever its version; none when it is not one.
     pub(super) fn format(text: &str) -> Option<u32> {
+        Self::format_of(text, &[KIND])
+    }
+
+    /// The same of results and diagnoses.
+    pub(super) fn any_format(text: &str) -> Option<u32> {
+        Self::format_of(text, &[KIND, DIAGNOSIS])
+    }
+
+    fn format_of(text: &str, kinds: &[&str]) -> Option<u32> {
         #[derive(Deserialize)]
         struct Head {
             kind: String,
             format: u32,
         }
         let head: Head = serde_json::from_str(text).ok()?;
-        (head.kind == KIND).then_some(head.format)
+        kinds.contains(&head.kind.as_str()).then_some(head.format)
     }
 }

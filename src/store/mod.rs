@@ -26,4 +26,4 @@ pub use disk::reason;
 pub use fingerprint::fingerprint;
 pub use identity::{Difference, Identity};
 pub use manifest::{DataFile, KeptFile, Manifest};
-pub use result_folder::{Contents, KeptParameter, ResultError, ResultFolder};
+pub use result_folder::{Contents, KeptParameter, ResultError, ResultFolder, estimates, whole_files};

@@ -4,10 +4,10 @@ use super::destination::{Destination, DestinationError, before};
 use super::disk::reason;
 use super::fingerprint::fingerprint;
 use super::manifest::{self, KeptFile, Manifest};
-use crate::estimate::Changes;
+use crate::estimate::{Changes, FitOptions, Options};
 use crate::model::{Model, ModelError};
 use crate::simulate::Accuracy;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fmt;
 use std::fs;
@@ -38,7 +38,7 @@ pub struct ResultFolder {
 }
 
 /// A parameter as it was found.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct KeptParameter {
     /// Its name.
     pub name: String,
@@ -48,6 +48,22 @@ pub struct KeptParameter {
     pub value: f64,
     /// What was said about it, in one word.
     pub status: String,
+    /// Its unit, as text.
+    #[serde(default)]
+    pub unit: Option<String>,
+    /// Cramer-Rao standard error.
+    #[serde(default)]
+    pub standard_error: Option<f64>,
+    /// Standard error corrected for the colour of the residuals.
+    #[serde(default)]
+    pub corrected_error: Option<f64>,
+}
+
+impl KeptParameter {
+    /// The error to be trusted.
+    pub fn error(&self) -> Option<f64> {
+        self.corrected_error.or(self.standard_error)
+    }
 }
 
 /// Why a folder gives no result.
@@ -154,17 +170,64 @@ impl Contents {
     /// # Errors
     /// [`DestinationError`].
     pub fn write(self, destination: &Destination) -> Result<(), DestinationError> {
+        destination.fill(&self.files()?)
+    }
+
+    /// The files of the folder, names and contents, the manifest last.
+    ///
+    /// # Errors
+    /// [`DestinationError`] when the manifest has no text.
+    pub fn files(self) -> Result<Vec<(String, Vec<u8>)>, DestinationError> {
         let own = [(MODEL, self.model), (RESULT, self.result), (QUALITY, self.quality)];
         let mut files: Vec<(String, Vec<u8>)> =
             own.into_iter().map(|(name, text)| (name.to_string(), text.into_bytes())).collect();
         files.extend(self.used.into_iter().enumerate().map(|(k, text)| (used_name(k + 1), text.into_bytes())));
         files.extend(self.others);
-        let mut manifest = self.manifest;
-        manifest.files = files.iter().map(|(name, content)| KeptFile::new(name, content)).collect();
-        let text = manifest.text().map_err(|e| DestinationError::Unwritable { reason: e.to_string() })?;
-        files.push((manifest::NAME.into(), text.into_bytes()));
-        destination.fill(&files)
+        self.manifest.sealed(files).map_err(|e| DestinationError::Unwritable { reason: e.to_string() })
     }
+}
+
+/// The files of a result or a diagnosis, names and contents, the manifest last: every one of them as it was written.
+///
+/// # Errors
+/// [`ResultError`].
+pub fn whole_files(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultError> {
+    let folder = standing(folder);
+    let (text, manifest) = manifest_of(&folder, Manifest::any_format)?;
+    let mut files = Vec::new();
+    for file in &manifest.files {
+        let content = read_same(&folder, file);
+        let changed = || ResultError::Changed { folder: folder.clone(), files: vec![file.name.clone()] };
+        files.push((file.name.clone(), content.ok_or_else(changed)?));
+    }
+    files.push((manifest::NAME.into(), text.into_bytes()));
+    Ok(files)
+}
+
+/// A program that died between two renames has left the result beside its place.
+fn standing(folder: &Path) -> PathBuf {
+    match !folder.exists() && before(folder).is_dir() {
+        true => before(folder),
+        false => folder.to_path_buf(),
+    }
+}
+
+/// The manifest of a folder, and its text; `format` tells which folders are ours.
+fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String, Manifest), ResultError> {
+    let foreign = || ResultError::Foreign { folder: folder.into() };
+    let text = match fs::read_to_string(folder.join(manifest::NAME)) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound && folder.is_dir() => return Err(foreign()),
+        Err(e) if e.kind() == io::ErrorKind::InvalidData => return Err(foreign()),
+        Err(e) => return Err(ResultError::Unreadable { reason: format!("{}: {}", folder.display(), reason(&e)) }),
+    };
+    let format = format(&text).ok_or_else(foreign)?;
+    if format > manifest::FORMAT {
+        return Err(ResultError::Newer { folder: folder.into(), format });
+    }
+    let manifest = serde_json::from_str::<Manifest>(&text).ok().filter(|m| m.is_whole(&text));
+    let changed = || ResultError::Changed { folder: folder.into(), files: vec![manifest::NAME.into()] };
+    Ok((text, manifest.ok_or_else(changed)?))
 }
 
 impl ResultFolder {
@@ -173,27 +236,9 @@ impl ResultFolder {
     /// # Errors
     /// [`ResultError`].
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, ResultError> {
-        let mut folder = folder.as_ref().to_path_buf();
-        // a program that died between two renames has left the result beside its place
-        if !folder.exists() && before(&folder).is_dir() {
-            folder = before(&folder);
-        }
-        let path = folder.join(manifest::NAME);
-        let text = match fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(e) if e.kind() == io::ErrorKind::NotFound && folder.is_dir() => {
-                return Err(ResultError::Foreign { folder });
-            }
-            Err(e) if e.kind() == io::ErrorKind::InvalidData => return Err(ResultError::Foreign { folder }),
-            Err(e) => return Err(ResultError::Unreadable { reason: format!("{}: {}", folder.display(), reason(&e)) }),
-        };
-        let format = Manifest::format(&text).ok_or_else(|| ResultError::Foreign { folder: folder.clone() })?;
-        if format > manifest::FORMAT {
-            return Err(ResultError::Newer { folder, format });
-        }
-        let manifest = serde_json::from_str::<Manifest>(&text).ok().filter(|m| m.is_whole(&text));
+        let folder = standing(folder.as_ref());
+        let (_, manifest) = manifest_of(&folder, Manifest::format)?;
         let changed = |folder: &Path, files: Vec<String>| ResultError::Changed { folder: folder.into(), files };
-        let manifest = manifest.ok_or_else(|| changed(&folder, vec![manifest::NAME.into()]))?;
         let wrong: Vec<String> =
             manifest.files.iter().filter(|f| !is_same(&folder, f)).map(|f| f.name.clone()).collect();
         if !wrong.is_empty() {
@@ -273,27 +318,7 @@ impl ResultFolder {
     /// The covariance of the parameters of `model` (p by p, row by row), of per-run ones those of `run`; corrected for coloured
     /// residuals where the fit did that. Zero for what was not estimated.
     pub fn covariance(&self, model: &Model, run: &str) -> Vec<f64> {
-        let params = &model.definition().params;
-        let p = params.len();
-        let mut covariance = vec![0.0; p * p];
-        let kept = ["corrected_covariance", "covariance"].map(|name| &self.result[name]);
-        let full = |c: &&&Value| c["values"].as_array().is_some_and(|rows| !rows.is_empty());
-        let Some(kept) = kept.iter().find(full) else { return covariance };
-        let place = |k: &Value| {
-            let kept = self.parameters.get(k.as_u64()? as usize)?;
-            let owner = kept.run.as_deref();
-            params.iter().position(|p| p.quantity.name == kept.name && (owner.is_none() || owner == Some(run)))
-        };
-        let places: Vec<Option<usize>> =
-            kept["parameters"].as_array().map_or(Vec::new(), |all| all.iter().map(place).collect());
-        for (i, row) in places.iter().enumerate() {
-            for (j, column) in places.iter().enumerate() {
-                if let (Some(a), Some(b), Some(v)) = (row, column, kept["values"][i][j].as_f64()) {
-                    covariance[a * p + b] = v;
-                }
-            }
-        }
-        covariance
+        covariance(model, &self.result, &self.parameters, run)
     }
 
     /// Method and steps with which a run was fitted, and their integration error.
@@ -323,6 +348,12 @@ impl ResultFolder {
         changes
     }
 
+    /// The fit of `model` that validates this result: [`Self::held`], by the noise that it assumed.
+    pub fn validation(&self, model: &Model) -> FitOptions {
+        let options = Options { noise: self.manifest.noise.clone(), ..Options::default() };
+        FitOptions { changes: self.held(model), options, ..FitOptions::default() }
+    }
+
     /// The fitted run whose own parameters are to be used.
     fn owner(&self, run: &str, like: Option<&str>) -> Result<String, ResultError> {
         let fitted = self.runs();
@@ -338,12 +369,51 @@ impl ResultFolder {
     }
 }
 
+fn covariance(model: &Model, result: &Value, parameters: &[KeptParameter], run: &str) -> Vec<f64> {
+    let params = &model.definition().params;
+    let p = params.len();
+    let mut covariance = vec![0.0; p * p];
+    let kept = ["corrected_covariance", "covariance"].map(|name| &result[name]);
+    let full = |c: &&&Value| c["values"].as_array().is_some_and(|rows| !rows.is_empty());
+    let Some(kept) = kept.iter().find(full) else { return covariance };
+    let place = |k: &Value| {
+        let kept = parameters.get(k.as_u64()? as usize)?;
+        let owner = kept.run.as_deref();
+        params.iter().position(|p| p.quantity.name == kept.name && (owner.is_none() || owner == Some(run)))
+    };
+    let places: Vec<Option<usize>> =
+        kept["parameters"].as_array().map_or(Vec::new(), |all| all.iter().map(place).collect());
+    for (i, row) in places.iter().enumerate() {
+        for (j, column) in places.iter().enumerate() {
+            if let (Some(a), Some(b), Some(v)) = (row, column, kept["values"][i][j].as_f64()) {
+                covariance[a * p + b] = v;
+            }
+        }
+    }
+    covariance
+}
+
+/// Values and covariance (p by p) of the parameters of `model` in a result that is not on disk yet; of per-run ones those of `run`.
+pub fn estimates(model: &Model, result: &Value, run: &str) -> (Vec<f64>, Vec<f64>) {
+    let parameters = Vec::<KeptParameter>::deserialize(&result["parameters"]).unwrap_or_default();
+    let value = |p: &fdm_grammar::model::Param| {
+        let own = |k: &&KeptParameter| k.name == p.quantity.name && k.run.as_deref() == Some(run).filter(|_| p.per_run);
+        parameters.iter().find(own).map_or(p.value, |k| k.value)
+    };
+    let theta = model.definition().params.iter().map(value).collect();
+    (theta, covariance(model, result, &parameters, run))
+}
+
 fn is_same(folder: &Path, file: &KeptFile) -> bool {
+    read_same(folder, file).is_some()
+}
+
+/// A file as it was written; none when it is missing or another.
+fn read_same(folder: &Path, file: &KeptFile) -> Option<Vec<u8>> {
     // the list is ours, and still no name in it may lead out of the folder
-    let inside = Path::new(&file.name).file_name().is_some_and(|n| n == file.name.as_str());
-    inside
-        && fs::read(folder.join(&file.name))
-            .is_ok_and(|c| c.len() as u64 == file.bytes && fingerprint(&c) == file.sha256)
+    Path::new(&file.name).file_name().filter(|n| *n == file.name.as_str())?;
+    let content = fs::read(folder.join(&file.name)).ok()?;
+    (content.len() as u64 == file.bytes && fingerprint(&content) == file.sha256).then_some(content)
 }
 
 #[cfg(test)]
@@ -352,7 +422,7 @@ mod tests {
     use super::super::identity::Identity;
     use super::super::manifest::DataFile;
     use super::*;
-    use crate::estimate::{FitOptions, Noise};
+    use crate::estimate::Noise;
 
     const TEXT: &str = "model a { param k = 1, b = 0 per run; output y = k + b; }";
 

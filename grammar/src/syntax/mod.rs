@@ -3,7 +3,7 @@
 //! **In** a [`crate::Source`]. **Out** a [`SyntaxTree`], exactly as written. **Never** meaning: names are not looked up.
 //! **Start** at [`parse`] in `recover.rs`: `scan.rs` makes tokens, `outline.rs` finds the statements in them, `parse.rs`,
 //! the only file that sees the grammar's rules, reads each statement, `slips.rs` says what cannot be read,
-//! `expected.rs` and `hints.rs` what should stand there and what was meant; `print.rs` leads back to text. Effects are read
+//! `expected.rs` and `hints.rs` what should stand there and what was meant; `print.rs` leads back to text, `mathml.rs` to typeset mathematics. Effects are read
 //! from texts of their own, by [`parse_effects`] in `catalogue.rs`.
 
 mod catalogue;
@@ -12,6 +12,7 @@ mod expected;
 mod expression;
 mod extent;
 mod hints;
+mod mathml;
 mod outline;
 mod parse;
 mod print;
@@ -26,6 +27,7 @@ mod words;
 pub use catalogue::parse_effects;
 pub use effects::*;
 pub(crate) use extent::value_extent;
+pub use mathml::{Typesetter, typeset_name};
 pub use print::Printer;
 pub use print_effect::print_effect;
 pub use recover::{parse, parse_recovering, parse_used};

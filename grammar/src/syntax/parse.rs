@@ -310,13 +310,15 @@ impl<'a> Build<'a> {
     /// lacks the word `in`.
     fn unit_or_shape(&mut self, pair: &Pair<Rule>, d: &mut Declaration) {
         let unit = word(pair, self.offset, 1);
-        if d.value.is_some() && is_pair_of_numbers(&unit.text) {
+        let shape = shape(&unit);
+        // what is no size in front of the value is none behind it, where a tree is written again
+        if is_pair_of_numbers(&unit.text) && (d.value.is_some() || shape.is_none()) {
             let message = "this looks like bounds without the word `in`";
             let hint = format!("bounds are written `in [{}]`, units `[m/s]`", unit.text.trim());
             self.findings.push(Diagnostic::new(Code::WrongAttribute, unit.span, message).hint(hint));
             return;
         }
-        let Some(shape) = shape(&unit) else {
+        let Some(shape) = shape else {
             d.unit = Some(unit);
             return;
         };

@@ -83,10 +83,9 @@ impl Round<'_> {
             c.finish(self, &metric, &base);
             c.compare(self, &metric, base_held.as_ref());
         });
-        let raised = self.with_surplus(&metric, base_held.as_ref(), &contenders);
-        let is_raised = raised.is_some();
-        let metric = raised.unwrap_or(metric);
-        if is_raised {
+        let mut metric = metric;
+        if let Some(raised) = self.with_surplus(&metric, base_held.as_ref(), &contenders) {
+            metric = raised;
             base_held = self.base_held(&metric, &base);
             contenders.par_iter_mut().for_each(|c| c.compare(self, &metric, base_held.as_ref()));
         }

@@ -24,7 +24,6 @@ pub(super) fn following(stage: &Stage, runs: Runs<'_>, detectable: &[Detectable]
     let of = |k: usize| -> Option<FollowingInput> {
         let (mut rows, mut own) = (Vec::new(), Vec::new());
         for (run, states) in runs.train().iter().zip(&states) {
-            // the last sample of a held input is of no interval
             let input: Vec<f64> = run.inputs.iter().skip(k).step_by(m).copied().collect();
             let columns: Vec<Vec<f64>> = (0..n).map(|s| states.iter().skip(s).step_by(n).copied().collect()).collect();
             rows.push(columns.iter().map(|column| about_mean(column)).collect::<Vec<_>>());

@@ -3,7 +3,7 @@
 use super::evenly::interval;
 use super::metric::Metric;
 use super::way::Way;
-use crate::diagnose::diagnosis::{Biased, OutputGain, RunGain};
+use crate::diagnose::diagnosis::{Biased, OutputGain, Overlay, RunGain};
 use crate::diagnose::screen::Signals;
 use crate::estimate::{OutputFit, ParameterEstimate};
 use crate::model::Model;
@@ -81,6 +81,25 @@ pub(super) fn output_gains(
         }
     }
     found
+}
+
+/// Both responses of every run over time; none in the frequency domain.
+pub(super) fn overlays(
+    runs: &[Run],
+    train: usize,
+    ways: &[Way],
+    (before, after): (&[Signals], &[Signals]),
+) -> Vec<Overlay> {
+    let in_time = runs.iter().enumerate().filter(|(r, _)| ways[*r].frequencies().is_none());
+    let of = |(r, run): (usize, &Run)| Overlay {
+        run: run.name.clone(),
+        held_out: r >= train,
+        time: run.time.clone(),
+        measured: run.measured.clone(),
+        before: before[r].clone(),
+        after: after[r].clone(),
+    };
+    in_time.map(of).collect()
 }
 
 /// Parameters of the base model before and after.

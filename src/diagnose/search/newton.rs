@@ -318,6 +318,7 @@ fn estimate(
         value,
         standard_error: error.flatten(),
         corrected_error: None,
+        freedom: None,
         unit: param.quantity.unit.as_ref().map(ToString::to_string),
         status,
         start: Some(start),

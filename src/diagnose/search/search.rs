@@ -10,7 +10,7 @@ use super::evenly::{apart, evenly};
 use super::evidence::{Seen, against};
 use super::first::first_stage;
 use super::following::following;
-use super::gains::{biased, output_gains, responses, run_gains};
+use super::gains::{biased, output_gains, overlays, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
 use super::metric::Metric;
@@ -308,6 +308,7 @@ impl<'a> Search<'a> {
                 (&first.response, if found { &new } else { &first.response }),
                 metric,
             ),
+            overlays: overlays(all, train, &first.ways, (&first.response, if found { &new } else { &first.response })),
             gains: if found { run_gains(all, train, &first.ways, (&old, &new), metric) } else { Vec::new() },
             noise_knots: end.knots,
             extended: last.map(|stage| stage.model.source().text().to_string()),

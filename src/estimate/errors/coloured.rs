@@ -7,6 +7,7 @@
 
 use super::coloured_rows::{Colour, ColouredRows, Filtered, sampling};
 use super::conclusion::Conclusion;
+use super::freedom;
 use super::noise_colour::{NoiseColour, Uncorrected};
 use super::sandwich::Sandwich;
 use crate::estimate::iteration::priors::PriorRow;
@@ -35,6 +36,8 @@ pub(in crate::estimate) struct Corrected {
     pub(in crate::estimate) values: Vec<f64>,
     /// What was found.
     pub(in crate::estimate) colours: Vec<NoiseColour>,
+    /// Degrees of freedom of each variance; empty where they are not known.
+    pub(in crate::estimate) freedom: Vec<f64>,
 }
 
 /// Corrects the covariance of a conclusion at `values`.
@@ -73,10 +76,35 @@ pub(in crate::estimate) fn corrected(
         };
         if change < SETTLED {
             let colours = groups.iter().flat_map(|g| g.report(problem, &runs)).collect();
-            return Ok(Corrected { values: covariance, colours });
+            let freedom = known_by(&groups, &runs, &sandwich, &inverse_noise, &covariance);
+            return Ok(Corrected { values: covariance, colours, freedom });
         }
     }
     Err(Uncorrected::NotFinite)
+}
+
+/// How well the corrected variances are known.
+fn known_by(
+    groups: &[Group],
+    runs: &[ColouredRows],
+    sandwich: &Sandwich<'_>,
+    inverse_noise: &[f64],
+    covariance: &[f64],
+) -> Vec<f64> {
+    let n = covariance.len().isqrt();
+    let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
+    let pairs = |g: &Group| g.found.iter().map(|f| f.pairs[0] as f64).collect::<Vec<f64>>();
+    let all: f64 = groups.iter().flat_map(pairs).sum();
+    // what fitting takes off tells nothing of the noise
+    let told = (1.0 - n as f64 / all).max(0.0);
+    let mut known = Vec::with_capacity(groups.len());
+    for g in groups {
+        let own = g.runs.iter().map(|r| (&runs[*r], &places[*r][..])).collect();
+        let samples = pairs(g).iter().map(|count| count * told).collect();
+        known.push(freedom::Group { runs: own, colour: &g.colour, samples });
+    }
+    let variances: Vec<f64> = (0..n).map(|j| covariance[j * n + j]).collect();
+    freedom::freedom(&known, inverse_noise, &variances)
 }
 
 /// Sensitivities and residuals of all runs.
@@ -133,10 +161,12 @@ impl Group {
 
     fn new(members: Vec<usize>, runs: &[ColouredRows], outputs: usize) -> Self {
         let series = |o: usize| members.iter().map(move |r| &runs[*r].residuals[o]);
+        let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
         let found: Vec<Lagged> = (0..outputs)
             .map(|o| {
-                let present = series(o).flatten().filter(|v| !v.is_nan()).count();
-                let mut lagged = Lagged::none(colour::most_order(present));
+                // lags that are long for each run have few pairs, however many runs there are
+                let most = series(o).map(compared).max().unwrap_or(0);
+                let mut lagged = Lagged::none(colour::most_order(most));
                 series(o).for_each(|v| lagged.add(v));
                 lagged
             })

@@ -188,7 +188,8 @@ impl ColouredRows {
         }
     }
 
-    fn weigh(&self, weights: &[f64], to: &mut [f64]) {
+    /// Adds the rows of all outputs with these weights.
+    pub(super) fn weigh(&self, weights: &[f64], to: &mut [f64]) {
         for (rows, weight) in self.rows.iter().zip(weights) {
             add(*weight, rows, to);
         }

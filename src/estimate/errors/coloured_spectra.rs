@@ -49,10 +49,56 @@ pub(in crate::estimate) fn corrected_spectra(
     power.settle(|o| 2.0 * noise.covariance[o * q + o]);
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
     let covariance = sandwich.covariance(&middles?, &sandwich.prior(priors));
-    match covariance.iter().all(|v| v.is_finite()) {
-        true => Ok(Corrected { values: covariance, colours: Vec::new() }),
-        false => Err(Uncorrected::NotFinite),
+    if !covariance.iter().all(|v| v.is_finite()) {
+        return Err(Uncorrected::NotFinite);
     }
+    let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
+    let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
+    Ok(Corrected { values: covariance, colours: Vec::new(), freedom })
+}
+
+/// Degrees of freedom of the `n` corrected variances (Satterthwaite): each is a sum over frequencies of local means of the residuals' power,
+/// and the power of one coefficient scatters as much as it is large. `places` are the columns of the Cramer-Rao covariance (width by n).
+fn freedom(runs: &[SpectralRows], power: &Power, inverse_noise: &[f64], places: &[Vec<f64>], n: usize) -> Vec<f64> {
+    let density = independent(runs);
+    let (mut sizes, mut spread, mut all) = (vec![0.0; n], vec![0.0; n], 0.0);
+    for o in 0..power.outputs.len() {
+        let mut shares: Vec<(f64, Vec<f64>)> = Vec::new();
+        for (run, places) in runs.iter().zip(places) {
+            run.add_shares(o, power, inverse_noise, places, &mut shares);
+        }
+        shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((first, last)) = shares.first().zip(shares.last()) else { continue };
+        let band = last.0 - first.0;
+        let reach = reach(band, density);
+        // closer than one cycle in the record they repeat each other
+        let worth = ((density * band + 1.0) / shares.len() as f64).min(1.0);
+        all += 2.0 * worth * shares.len() as f64;
+        // what each coefficient adds through the local means in which it stands
+        let mut through = vec![0.0; shares.len() * n];
+        for (w, own) in &shares {
+            let begin = shares.partition_point(|(v, _)| *v < w - reach);
+            let near = shares[begin..].iter().take_while(|(v, _)| *v <= w + reach);
+            let weights: Vec<f64> = near.map(|(v, _)| 1.0 - (v - w).abs() / reach).collect();
+            let total: f64 = weights.iter().sum();
+            for (k, weight) in weights.iter().enumerate() {
+                let to = &mut through[(begin + k) * n..][..n];
+                to.iter_mut().zip(own).for_each(|(to, own)| *to += own * weight / total);
+            }
+        }
+        for (k, part) in through.iter().enumerate() {
+            sizes[k % n] += part;
+            spread[k % n] += part * part / worth;
+        }
+    }
+    // what fitting takes off tells nothing of the noise
+    let told = (1.0 - n as f64 / all).max(0.0);
+    sizes.iter().zip(spread).map(|(size, spread)| 2.0 * told * size * size / spread).collect()
+}
+
+/// How far a local mean reaches to each side.
+fn reach(band: f64, density: f64) -> f64 {
+    (REACH * band).max(FEWEST / density).min(band.max(f64::MIN_POSITIVE))
 }
 
 /// One run at the estimates.
@@ -105,6 +151,31 @@ impl SpectralRows {
 
     fn plane(&self, output: usize, column: usize) -> &[Complex64] {
         &self.planes[(output * self.width + column) * self.omega.len()..][..self.omega.len()]
+    }
+
+    /// Adds, for each frequency, the share of an output's noise there in every variance.
+    fn add_shares(
+        &self,
+        output: usize,
+        power: &Power,
+        inverse_noise: &[f64],
+        places: &[f64],
+        shares: &mut Vec<(f64, Vec<f64>)>,
+    ) {
+        let (count, q) = (self.omega.len(), power.outputs.len());
+        let n = places.len() / self.width.max(1);
+        for (k, w) in self.omega.iter().enumerate().filter(|(k, _)| !self.residuals[output * count + k].is_nan()) {
+            let mut sums = vec![Complex64::ZERO; n];
+            for c in 0..self.width {
+                let parts = (0..q).map(|b| inverse_noise[output * q + b] * self.plane(b, c)[k]);
+                let value: Complex64 = parts.sum();
+                if value != Complex64::ZERO {
+                    sums.iter_mut().zip(&places[c * n..]).for_each(|(s, d)| *s += value * d);
+                }
+            }
+            let local = 0.5 * power.at(output, *w);
+            shares.push((*w, sums.iter().map(|s| local * s.norm_sqr()).collect()));
+        }
     }
 
     /// Sum over all pairs of frequencies of `S* R^-1 Svv R^-1 S` (width by width).
@@ -222,7 +293,7 @@ fn independent(runs: &[SpectralRows]) -> f64 {
 fn smoothed(raw: &[(f64, f64)], density: f64) -> Vec<(f64, f64)> {
     let Some((first, last)) = raw.first().zip(raw.last()) else { return Vec::new() };
     let band = last.0 - first.0;
-    let reach = (REACH * band).max(FEWEST / density).min(band.max(f64::MIN_POSITIVE));
+    let reach = reach(band, density);
     let mut result: Vec<(f64, f64)> = Vec::new();
     for (w, _) in raw {
         if result.last().is_some_and(|(v, _)| v == w) {
@@ -238,4 +309,37 @@ fn smoothed(raw: &[(f64, f64)], density: f64) -> Vec<(f64, f64)> {
         result.push((*w, sum / weights));
     }
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One output at `count` frequencies, a cycle in the record apart, one column that is `size` there.
+    fn known(count: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let (samples, dt) = (4 * count, 0.1);
+        let spacing = std::f64::consts::TAU / (samples as f64 * dt);
+        let mut planes = vec![Complex64::ZERO; 8 * count];
+        (0..count).for_each(|k| planes[k].re = size(k));
+        let omega: Vec<f64> = (1..=count).map(|k| spacing * k as f64).collect();
+        let residuals = vec![Complex64::new(1.0, 0.0); count];
+        let run = SpectralRows { omega, samples, dt, width: 8, planes, residuals };
+        let runs = [run];
+        let power = Power::of(&runs, 1);
+        let mut places = vec![0.0; 8];
+        places[0] = 1.0;
+        freedom(&runs, &power, &[1.0], &[places], 1)[0]
+    }
+
+    #[test]
+    fn noise_at_all_frequencies_is_known_by_all_and_at_few_by_their_neighbours() {
+        let all = known(400, |_| 1.0);
+        assert!((all / 799.0 - 1.0).abs() < 0.03, "{all}");
+        // a triangle of 32 to each side has the spread of a mean over 48
+        let few = known(400, |k| if k == 200 { 1.0 } else { 0.0 });
+        assert!((few / 96.0 - 1.0).abs() < 0.05, "{few}");
+        // what a short record has are the 12 frequencies on each side
+        let short = known(10, |_| 1.0);
+        assert!(short > 10.0 && short < 20.0, "{short}");
+    }
 }

@@ -225,3 +225,33 @@ fn every_long_run_has_a_colour_of_its_own() {
     assert!((neighbours[0] - 0.9).abs() < 0.08 && (neighbours[2] + 0.6).abs() < 0.1, "{neighbours:?}");
     assert!(neighbours[1].abs() < 0.12 && !fit.colours[0].is_white(), "{neighbours:?}");
 }
+
+#[test]
+fn degrees_of_freedom_say_how_much_corrected_errors_scatter_and_intervals_hold() {
+    let (repeats, truth) = (200, [2.0, 1.5]);
+    let (mut logarithms, mut promised, mut hits) = ([Vec::new(), Vec::new()], [0.0; 2], [0; 2]);
+    for seed in 0..repeats {
+        let (mut normal, mut slow) = (Normal(101 + seed * 7919), 0.0);
+        let data = run("r", grid(300, 3.0), 1, DECAY, &truth, |_, _| {
+            slow = 0.8 * slow + 0.02 * normal.next();
+            slow
+        });
+        let fit = solve(&mut problem(both_params(), vec![data]), &Options::default());
+        for (k, p) in fit.parameters.iter().enumerate() {
+            logarithms[k].push(2.0 * p.corrected_error.expect("even").ln());
+            // variance of the logarithm of a chi-squared number (trigamma function)
+            let half = 0.5 * p.freedom.expect("known");
+            promised[k] += (1.0 / half + 0.5 / (half * half) + 1.0 / (6.0 * half.powi(3))) / repeats as f64;
+            let [low, high] = p.interval().expect("known");
+            hits[k] += usize::from(low < truth[k] && truth[k] < high);
+        }
+    }
+    for ((logarithms, promised), hits) in logarithms.iter().zip(promised).zip(hits) {
+        let mean = logarithms.iter().sum::<f64>() / repeats as f64;
+        let spread = logarithms.iter().map(|l| (l - mean).powi(2)).sum::<f64>() / (repeats - 1) as f64;
+        // the choice of the order adds what is not promised
+        assert!((0.4..1.6).contains(&(promised / spread)), "promised {promised}, found {spread}");
+        // 95 % of 200, known to 1.5 %
+        assert!((182..=200).contains(&hits), "{hits} of {repeats}");
+    }
+}

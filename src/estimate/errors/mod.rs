@@ -13,6 +13,7 @@ mod coloured_tests;
 pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;
+mod freedom;
 pub(super) mod known_noise;
 pub(super) mod noise_colour;
 mod row_map;

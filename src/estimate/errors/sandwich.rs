@@ -55,6 +55,18 @@ impl Sandwich<'_> {
         (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
     }
 
+    /// Rows of the Cramer-Rao covariance for the columns of one run (width by chosen).
+    pub(in crate::estimate) fn columns(&self, run: usize, width: usize) -> Vec<f64> {
+        let inverse = &self.conclusion.inverse;
+        let (n, mut rows) = (inverse.chosen.len(), vec![0.0; width * self.conclusion.inverse.chosen.len()]);
+        for (place, row) in self.places(run).into_iter().zip(rows.chunks_mut(n.max(1))) {
+            if let Some(k) = place {
+                row.copy_from_slice(&inverse.values[k * n..(k + 1) * n]);
+            }
+        }
+        rows
+    }
+
     /// Cramer-Rao covariance and corrected covariance of the columns of one run (width by width).
     pub(in crate::estimate) fn of_run(&self, run: usize, covariance: &[f64], width: usize) -> [Vec<f64>; 2] {
         let (n, places) = (self.conclusion.inverse.chosen.len(), self.places(run));

@@ -18,6 +18,8 @@ pub(in crate::estimate) struct Statistics {
     covariance: Vec<f64>,
     /// The same, corrected for the colour of the residuals; empty when it was not.
     corrected: Vec<f64>,
+    /// Degrees of freedom of each corrected variance; empty where they are not known.
+    freedom: Vec<f64>,
     /// Position of an unknown in `covariance`.
     place: Vec<Option<usize>>,
     /// Undetermined directions over the chosen unknowns, per parameter unit.
@@ -39,8 +41,8 @@ impl Statistics {
     ) -> Self {
         let Some(conclusion) = conclusion else {
             let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
-            let (covariance, corrected, null, directions, by_prior) = Default::default();
-            return Self { status, covariance, corrected, place, null, directions, by_prior };
+            let (covariance, corrected, freedom, null, directions, by_prior) = Default::default();
+            return Self { status, covariance, corrected, freedom, place, null, directions, by_prior };
         };
         let inverse = &conclusion.inverse;
         let name = |j: usize| name_of(problem, unknowns, j);
@@ -65,13 +67,14 @@ impl Statistics {
         let entries = || scale.iter().flat_map(|a| scale.iter().map(move |b| a * b));
         let physical = |values: &[f64]| values.iter().zip(entries()).map(|(v, s)| v / s).collect::<Vec<f64>>();
         let mut covariance = physical(&inverse.values);
+        let freedom = corrected.map_or(Vec::new(), |c| c.freedom.clone());
         let corrected = corrected.map_or(Vec::new(), |c| physical(&c.values));
         if conclusion.noise.is_none() {
             covariance.clear();
         }
         let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
         let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
-        Self { status, covariance, corrected, place, null, directions, by_prior }
+        Self { status, covariance, corrected, freedom, place, null, directions, by_prior }
     }
 
     /// An entry of one of the covariances.
@@ -87,6 +90,11 @@ impl Statistics {
             variance.filter(|_| self.status[unknown] == Status::Estimated).map(|v| v.max(0.0).sqrt())
         };
         [error(&self.covariance), error(&self.corrected)]
+    }
+
+    /// Degrees of freedom of an unknown's corrected error.
+    fn freedom(&self, unknown: usize) -> Option<f64> {
+        self.freedom.get(self.place[unknown]?).copied().filter(|f| f.is_finite())
     }
 
     /// Standard errors of a quantity with the given gradient (unknown, partial); none when it moves along an
@@ -138,12 +146,14 @@ impl Statistics {
                 }
                 let start = unknowns.theta[run][k];
                 let bound = |value: f64| value.is_finite().then_some(value);
+                let freedom = unknown.and_then(|j| self.freedom(j)).filter(|_| corrected_error.is_some());
                 table.push(ParameterEstimate {
                     name: param.quantity.name.clone(),
                     run: param.per_run.then(|| problem.runs[run].name.clone()),
                     value: unknown.map_or(start, |j| values[j]),
                     standard_error,
                     corrected_error,
+                    freedom,
                     unit: param.quantity.unit.as_ref().map(ToString::to_string),
                     status,
                     start: Some(start),
@@ -171,13 +181,14 @@ impl Statistics {
         for (i, derived) in names.iter().enumerate() {
             let copies = if derived.per_run { problem.runs.len() } else { 1 };
             for (run, row) in rows.iter().enumerate().take(copies) {
-                let (value, [standard_error, corrected_error]) = row[i];
+                let (value, [standard_error, corrected_error], freedom) = row[i];
                 table.push(ParameterEstimate {
                     name: derived.name.clone(),
                     run: derived.per_run.then(|| problem.runs[run].name.clone()),
                     value,
                     standard_error,
                     corrected_error,
+                    freedom: freedom.filter(|_| corrected_error.is_some()),
                     unit: derived.unit.clone(),
                     status: if derived.tied { Status::Tied } else { Status::Derived },
                     start: None,
@@ -189,14 +200,14 @@ impl Statistics {
         table
     }
 
-    /// Values and standard errors of the derived quantities in one run.
+    /// Values, standard errors and degrees of freedom (the fewest of what moves them) of the derived quantities in one run.
     fn derived_in(
         &self,
         problem: &mut Problem<'_>,
         unknowns: &Unknowns,
         values: &[f64],
         run: usize,
-    ) -> Vec<(f64, Errors)> {
+    ) -> Vec<(f64, Errors, Option<f64>)> {
         let mut theta = unknowns.theta[run].clone();
         unknowns.assemble(run, values, &mut theta);
         let places: Vec<usize> = (0..unknowns.columns.len()).map(|c| unknowns.position(run, c)).collect();
@@ -204,9 +215,14 @@ impl Statistics {
         let (derived, gradients) = problem.derived.linearise(&theta, &unknowns.columns, &size);
         let error = |row: &Vec<f64>| {
             let gradient: Vec<(usize, f64)> = places.iter().copied().zip(row.iter().copied()).collect();
-            self.delta(&gradient)
+            let moving = gradient.iter().filter(|(_, g)| *g != 0.0);
+            (self.delta(&gradient), moving.filter_map(|(j, _)| self.freedom(*j)).reduce(f64::min))
         };
-        derived.into_iter().zip(gradients.iter().map(error)).collect()
+        derived
+            .into_iter()
+            .zip(gradients.iter().map(error))
+            .map(|(v, (errors, freedom))| (v, errors, freedom))
+            .collect()
     }
 
     /// Covariance, correlations and corrected covariance of the given unknowns.

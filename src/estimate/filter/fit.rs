@@ -19,7 +19,6 @@ use crate::model::Model;
 use crate::quality::{OutputFit, run_quality};
 use crate::record::Run;
 use crate::simulate::{Accuracy, Scheme, Steps};
-use nalgebra::DMatrix;
 
 /// Estimates by the filter-error method.
 #[derive(Debug, Clone)]
@@ -40,8 +39,6 @@ const MOST: usize = 256;
 const ROUNDS: usize = 3;
 /// Information about the logarithm of an intensity below which the record does not notice it.
 const SILENT: f64 = 0.05;
-/// Eigenvalues of the scaled information below this part of the largest count as zero.
-const RANK: f64 = 1e-12;
 
 /// Estimates a model's parameters, the intensities of the noise in its equations and the measurement noise by maximum likelihood with an
 /// extended Kalman filter: all that `fdm fit --method fe` does, but reading and printing.
@@ -130,7 +127,7 @@ fn concluded(
         (likelihood.score.information.clone(), predicted, cost)
     };
     let integration = judged(setting, &values, steps, &predicted)?;
-    let known: f64 = setting.priors().iter().map(|(j, p)| 0.5 * ((values[*j] - p.mean) / p.deviation).powi(2)).sum();
+    let known = setting.priors().cost(&values);
     let conclusion = conclusion(setting, &values, information);
     let unknowns = setting.unknowns.clone();
     let statistics = Statistics::new(&setting.problem, &unknowns, &values, conclusion.as_ref(), None);
@@ -232,10 +229,10 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     let inside: Vec<bool> = values.iter().zip(bounds).map(|(v, (lo, hi))| lo < v && v < hi).collect();
     let mut believed = information.clone();
     let priors = setting.priors();
-    for (j, prior) in &priors {
-        believed[j * size + j] += prior.deviation.powi(-2);
+    for row in priors.rows(values) {
+        believed[row.unknown * size + row.unknown] += row.weight * row.weight;
     }
-    let (scale, inverse) = inverted(&believed, &inside);
+    let (scale, inverse) = Inverse::of_products(&believed, &inside);
     let noise = Weights {
         cost: 0.0,
         rounding: 0.0,
@@ -244,36 +241,8 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
         exact: vec![false; setting.noise.len()],
         scatter: 1.0,
     };
-    let without_priors = (!priors.is_empty()).then(|| inverted(&information, &inside));
+    let without_priors = (!priors.is_empty()).then(|| Inverse::of_products(&information, &inside));
     Some(Conclusion { scale, inside, inverse, noise: Some(noise), without_priors })
-}
-
-/// Roots of the diagonal, and the inverse of the information scaled by them on the unknowns inside their bounds.
-fn inverted(information: &[f64], inside: &[bool]) -> (Vec<f64>, Inverse) {
-    let size = inside.len();
-    let scale: Vec<f64> = (0..size).map(|j| information[j * size + j].max(0.0).sqrt()).collect();
-    let chosen: Vec<usize> = (0..size).filter(|j| inside[*j] && scale[*j] > 0.0).collect();
-    let n = chosen.len();
-    let entry = |a: usize, b: usize| {
-        let (i, j) = (chosen[a], chosen[b]);
-        information[i * size + j] / (scale[i] * scale[j])
-    };
-    let eigen = DMatrix::from_fn(n, n, entry).symmetric_eigen();
-    let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-    let (mut values, mut null, mut least) = (vec![0.0; n * n], Vec::new(), largest);
-    for (k, value) in eigen.eigenvalues.iter().enumerate() {
-        let vector = eigen.eigenvectors.column(k);
-        if *value <= RANK * largest {
-            null.push(vector.iter().copied().collect());
-            continue;
-        }
-        least = least.min(*value);
-        for (at, v) in values.iter_mut().enumerate() {
-            *v += vector[at / n] * vector[at % n] / value;
-        }
-    }
-    let condition = if least > 0.0 { (largest / least).sqrt() } else { f64::INFINITY };
-    (scale, Inverse { chosen, values, condition, null })
 }
 
 /// R at these values, diagonal.

@@ -5,6 +5,7 @@
 //! **Start** at [`fit_filter()`]: `programs` (Jacobians as outputs of a model) -> `totals` (their derivatives along the way) ->
 //! `kalman` (one run, the likelihood and its gradient) -> `likelihood` (all runs) -> `scoring` (the minimum) -> `fit`.
 
+mod bends;
 mod coordinates;
 mod filter_error;
 mod fit;

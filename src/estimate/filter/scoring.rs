@@ -1,18 +1,20 @@
-//! The minimum of the innovations' cost by scoring: Newton's method with the expected information, damped where it does not descend.
+//! The minimum of the innovations' cost by scoring: Newton's method with the expected information and the curvature
+//! that the gradients met, damped where it does not descend.
 
+use super::bends::Bends;
 use super::coordinates::Coordinates;
 use super::likelihood::{Likelihood, Lost};
 use crate::estimate::iteration::cholesky::Cholesky;
+use crate::estimate::iteration::priors::Priors;
 use crate::estimate::progress::{Iteration, Observer};
 use crate::estimate::termination::{Reason, Termination};
-use fdm_grammar::model::Prior;
 
 /// What is looked for, and how.
 pub(super) struct Search<'s, 'a> {
     pub(super) likelihood: &'s mut Likelihood<'a>,
     pub(super) coordinates: Coordinates,
     /// Unknowns with what was known of them before.
-    pub(super) priors: Vec<(usize, Prior)>,
+    pub(super) priors: Priors,
     pub(super) iterations: usize,
 }
 
@@ -41,14 +43,15 @@ impl Search<'_, '_> {
         let mut point = self.coordinates.inwards(start);
         let mut cost = self.at(&point, true)?;
         let mut history = vec![Iteration { number: 0, cost, change: 0.0, damping: 0.0, step: 0.0, refused: 0 }];
-        let (mut damping, mut number) = (FIRST, 0);
+        let (mut damping, mut number, mut bends) = (FIRST, 0, Bends::default());
         let mut interrupted = observer.iteration(&history[0]).is_break();
         let termination = loop {
             if interrupted {
                 break Termination::Interrupted;
             }
             let (gradient, information) = self.slopes(&point);
-            let Some(next) = self.descend(&point, cost, (&gradient, &information), &mut damping) else {
+            bends.meet(&point, &gradient, history.last().map_or(0.0, |i| i.step));
+            let Some(next) = self.descend(&point, cost, (&gradient, &information), &bends, &mut damping) else {
                 break Termination::NoProgress;
             };
             let Descent::Step { step, cost: lower, refused, damped } = next else {
@@ -75,8 +78,7 @@ impl Search<'_, '_> {
 
     fn at(&mut self, point: &[f64], wanted: bool) -> Result<f64, Lost> {
         let values = self.coordinates.outwards(point);
-        let known: f64 = self.priors.iter().map(|(j, p)| 0.5 * ((values[*j] - p.mean) / p.deviation).powi(2)).sum();
-        Ok(self.likelihood.evaluate(&values, wanted)? + known)
+        Ok(self.likelihood.evaluate(&values, wanted)? + self.priors.cost(&values))
     }
 
     /// Gradient and information in the coordinates, priors included.
@@ -85,10 +87,9 @@ impl Search<'_, '_> {
         let size = point.len();
         let mut gradient = self.likelihood.score.gradient.clone();
         let mut information = self.likelihood.score.information.clone();
-        for (j, prior) in &self.priors {
-            let weight = prior.deviation.powi(-2);
-            gradient[*j] += weight * (values[*j] - prior.mean);
-            information[j * size + j] += weight;
+        for row in self.priors.rows(&values) {
+            gradient[row.unknown] -= row.weight * row.residual;
+            information[row.unknown * size + row.unknown] += row.weight * row.weight;
         }
         let slope: Vec<f64> = (0..size).map(|j| self.coordinates.slope(j, values[j])).collect();
         for i in 0..size {
@@ -106,26 +107,29 @@ impl Search<'_, '_> {
         point: &[f64],
         cost: f64,
         (gradient, information): (&[f64], &[f64]),
+        bends: &Bends,
         damping: &mut f64,
     ) -> Option<Descent> {
         let size = point.len();
         let rounding = 1e-12 * cost.abs().max(1.0);
-        let promise = |step: &[f64]| {
+        let promise = |step: &[f64], information: &[f64]| {
             let slope: f64 = gradient.iter().zip(step).map(|(g, d)| g * d).sum();
             let bend = |i: usize| step[i] * (0..size).map(|j| information[i * size + j] * step[j]).sum::<f64>();
             -slope - 0.5 * (0..size).map(bend).sum::<f64>()
         };
-        // what is left to go is judged by the full step
+        // what is left to go is judged by the full step of scoring, which nothing that was met before can shorten
         let full = self.step(point, gradient, information, 0.0);
-        if full.as_ref().is_some_and(|step| promise(step) < WORTH.max(rounding)) {
+        if full.as_ref().is_some_and(|step| promise(step, information) < WORTH.max(rounding)) {
             return Some(Descent::Arrived);
         }
+        let mut information = information.to_vec();
+        bends.bend(&mut information);
         let mut refused = 0;
         while *damping <= MOST {
             let damped = if *damping < LEAST { 0.0 } else { *damping };
-            let step = if damped == 0.0 { full.clone() } else { self.step(point, gradient, information, damped) };
+            let step = self.step(point, gradient, &information, damped);
             if let Some(step) = step {
-                let gain = promise(&step);
+                let gain = promise(&step, &information);
                 let there: Vec<f64> = point.iter().zip(&step).map(|(u, d)| u + d).collect();
                 if let Ok(lower) = self.at(&there, false)
                     && lower < cost - 1e-4 * gain

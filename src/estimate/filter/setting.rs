@@ -6,6 +6,7 @@ use super::kalman::Kalman;
 use super::likelihood::{Deviation, Likelihood};
 use super::programs::Programs;
 use crate::estimate::errors::derived::DerivedQuantities;
+use crate::estimate::iteration::priors::Priors;
 use crate::estimate::noise::Noise;
 use crate::estimate::problem::{Options, Problem, ProblemRun};
 use crate::estimate::road::fit_error::FitError;
@@ -14,7 +15,7 @@ use crate::model::Model;
 use crate::record::Run;
 use crate::simulate::{Simulator, Steps};
 use fdm_grammar::graph::Signal;
-use fdm_grammar::model::{Origin, Param, Prior, Quantity};
+use fdm_grammar::model::{Origin, Param, Quantity};
 
 /// Everything that stays as it is while steps change.
 pub(super) struct Setting<'a> {
@@ -124,9 +125,8 @@ impl<'a> Setting<'a> {
     }
 
     /// Unknowns with priors.
-    pub(super) fn priors(&self) -> Vec<(usize, Prior)> {
-        let of = |j: usize| self.problem.params[self.unknowns.owner(j).1].prior.map(|p| (j, p));
-        (0..self.unknowns.len()).filter_map(of).collect()
+    pub(super) fn priors(&self) -> Priors {
+        Priors::new(&self.problem, &self.unknowns)
     }
 }
 

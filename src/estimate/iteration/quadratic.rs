@@ -10,6 +10,9 @@ use nalgebra::DMatrix;
 /// Singular values below this share of the largest count as zero: what they belong to is not determined.
 pub(in crate::estimate) const RANK: f64 = 1e-9;
 
+/// The same for eigenvalues of products, whose rounding allows no less.
+const RANK_OF_PRODUCTS: f64 = 1e-12;
+
 /// Minus `rhs's + s'hessian s / 2` is the change of the cost that a scaled correction s promises.
 #[derive(Debug, Clone, Default)]
 pub(in crate::estimate) struct Quadratic {
@@ -45,6 +48,39 @@ pub(in crate::estimate) struct Inverse {
     pub(in crate::estimate) condition: f64,
     /// Orthonormal basis of what is not determined, as combinations of the chosen unknowns.
     pub(in crate::estimate) null: Vec<Vec<f64>>,
+}
+
+impl Inverse {
+    /// Roots of the diagonal, and the inverse of the information scaled by them on the unknowns inside their bounds.
+    pub(in crate::estimate) fn of_products(information: &[f64], inside: &[bool]) -> (Vec<f64>, Self) {
+        let size = inside.len();
+        let scale: Vec<f64> = (0..size).map(|j| information[j * size + j].max(0.0).sqrt()).collect();
+        let chosen: Vec<usize> = (0..size).filter(|j| inside[*j] && scale[*j] > 0.0).collect();
+        let n = chosen.len();
+        if n == 0 {
+            return (scale, Self { chosen, values: Vec::new(), condition: f64::INFINITY, null: Vec::new() });
+        }
+        let entry = |a: usize, b: usize| {
+            let (i, j) = (chosen[a], chosen[b]);
+            information[i * size + j] / (scale[i] * scale[j])
+        };
+        let eigen = DMatrix::from_fn(n, n, entry).symmetric_eigen();
+        let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
+        let (mut values, mut null, mut least) = (vec![0.0; n * n], Vec::new(), largest);
+        for (k, value) in eigen.eigenvalues.iter().enumerate() {
+            let vector = eigen.eigenvectors.column(k);
+            if *value <= RANK_OF_PRODUCTS * largest {
+                null.push(vector.iter().copied().collect());
+                continue;
+            }
+            least = least.min(*value);
+            for (at, v) in values.iter_mut().enumerate() {
+                *v += vector[at / n] * vector[at % n] / value;
+            }
+        }
+        let condition = if least > 0.0 { (largest / least).sqrt() } else { f64::INFINITY };
+        (scale, Self { chosen, values, condition, null })
+    }
 }
 
 impl Quadratic {

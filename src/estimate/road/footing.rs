@@ -21,7 +21,7 @@ const UNSOUND: f64 = 1e-3;
 
 impl Footing {
     /// The steps that were chosen for the given start, unless it cannot be simulated.
-    pub(in crate::estimate) fn of(chosen: Vec<Accuracy>) -> Self {
+    pub fn of(chosen: Vec<Accuracy>) -> Self {
         let usable = chosen.iter().all(|a| a.error.is_finite());
         let steps = if usable { chosen.into_iter().map(|a| a.steps).collect() } else { Vec::new() };
         Self { steps, provisional: false }

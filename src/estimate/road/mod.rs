@@ -9,6 +9,7 @@ pub(super) mod fit_error;
 pub(super) mod footing;
 pub(super) mod ledger;
 pub(super) mod plain;
+mod prediction;
 pub(super) mod spread;
 pub(super) mod stages;
 pub(super) mod start;

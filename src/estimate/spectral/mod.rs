@@ -17,7 +17,7 @@ mod known_inputs;
 mod lines;
 #[cfg(test)]
 mod lines_tests;
-mod offsets;
+pub(in crate::estimate) mod offsets;
 mod options;
 pub(super) mod response;
 pub(super) mod setting;

@@ -14,17 +14,7 @@ pub(in crate::estimate) fn with_offsets(model: &Model, values: &[f64], seen: &[b
         param.value = values[k];
         param.fixed |= seen[k] && !param.per_run;
     }
-    let own = own(&definition.graph, &definition.params);
-    for k in 0..definition.states.len() {
-        if own[definition.states[k].initial.index()] {
-            continue;
-        }
-        let value = value(&definition.graph, definition.states[k].initial, values);
-        let quantity = named(&definition.states[k].quantity, |name| format!("{name}(0)"));
-        let leaf = Leaf::Param(definition.params.len() as u32);
-        definition.params.push(of_each_run(quantity, Origin::FreeInitial(k as u32), value));
-        definition.states[k].initial = definition.graph.leaf(leaf);
-    }
+    let own = free_initials(&mut definition, values);
     for k in 0..definition.outputs.len() {
         if own.get(definition.outputs[k].expr.index()).is_some_and(|own| *own) {
             continue;
@@ -36,6 +26,29 @@ pub(in crate::estimate) fn with_offsets(model: &Model, values: &[f64], seen: &[b
         definition.outputs[k].expr = definition.graph.apply(Op::Add, &[shown, leaf]);
     }
     model.altered(definition)
+}
+
+/// The model with an initial value of each run's own for every state that has none; `values` are those of all parameters.
+pub(in crate::estimate) fn with_initials(model: &Model, values: &[f64]) -> Model {
+    let mut definition = model.definition().clone();
+    free_initials(&mut definition, values);
+    model.altered(definition)
+}
+
+/// Frees initial values; returns for each node from before whether it depends on a free parameter of each run.
+fn free_initials(definition: &mut fdm_grammar::Model, values: &[f64]) -> Vec<bool> {
+    let own = own(&definition.graph, &definition.params);
+    for k in 0..definition.states.len() {
+        if own[definition.states[k].initial.index()] {
+            continue;
+        }
+        let value = value(&definition.graph, definition.states[k].initial, values);
+        let quantity = named(&definition.states[k].quantity, |name| format!("{name}(0)"));
+        let leaf = Leaf::Param(definition.params.len() as u32);
+        definition.params.push(of_each_run(quantity, Origin::FreeInitial(k as u32), value));
+        definition.states[k].initial = definition.graph.leaf(leaf);
+    }
+    own
 }
 
 /// For each node whether it depends on a free parameter of each run.

@@ -66,6 +66,7 @@ mod tests {
             value,
             standard_error: error,
             corrected_error: None,
+            freedom: None,
             unit: None,
             status: Status::Estimated,
             start: None,

@@ -1,0 +1,113 @@
+//! `fdm serve`: the page of a result for a browser on this machine, shown anew when the result changes.
+
+use crate::failure::{Failure, print, remark};
+use clap::Args;
+use fdm::page::{Subject, page};
+use fdm::store::{fingerprint, whole_files};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{Ipv4Addr, TcpListener, TcpStream};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+/// What `fdm serve` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Folder that `--out` writes; it need not be there yet
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    /// Port on this machine [default: any that is free]
+    #[arg(long, value_name = "N", default_value_t = 0, allow_negative_numbers = true)]
+    port: u16,
+}
+
+/// A request of more bytes than this is none of a browser's.
+const LONGEST: u64 = 16 << 10;
+/// Whoever says nothing for so long is not waited for.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Holds the page in a frame and asks every second whether it has changed.
+const WATCH: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">
+<title>fdm serve</title><link rel=\"icon\" href=\"data:,\">
+<style>html, body { margin: 0; height: 100%; } iframe { border: 0; width: 100%; height: 100%; display: block; }</style>
+<iframe id=\"page\" src=\"/page\" title=\"the result\"></iframe>
+<script>
+let known = null;
+setInterval(async () => {
+  try {
+    const now = await (await fetch(\"/state\")).text();
+    if (known !== null && now !== known) document.getElementById(\"page\").contentWindow.location.reload();
+    known = now;
+  } catch { document.title = \"fdm serve has ended\"; }
+}, 1000);
+</script></html>
+";
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let refused = |e| Failure::input([format!("port {} of this machine: {}", arguments.port, fdm::store::reason(&e))]);
+    // nobody but this machine is listened to
+    let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, arguments.port)).map_err(refused)?;
+    let address = listener.local_addr().map_err(refused)?;
+    print(&format!("http://{address}/\n"));
+    if !arguments.folder.is_dir() {
+        remark(format_args!("note: {} is not there yet; the page waits for it", arguments.folder.display()));
+    }
+    remark(format_args!("the page of {} as long as this runs; Ctrl-C ends it", arguments.folder.display()));
+    for stream in listener.incoming().flatten() {
+        let (folder, own) = (arguments.folder.clone(), address.to_string());
+        // a browser that goes away in the middle is no matter
+        std::thread::spawn(move || _ = answer(stream, &folder, &own));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn answer(mut stream: TcpStream, folder: &Path, own: &str) -> std::io::Result<()> {
+    stream.set_read_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let mut lines = BufReader::new((&stream).take(LONGEST)).lines();
+    let request = lines.next().unwrap_or(Ok(String::new()))?;
+    let mut host = String::new();
+    for line in lines {
+        let line = line?;
+        if line.is_empty() {
+            break;
+        }
+        if let Some((name, value)) = line.split_once(':').filter(|(name, _)| name.eq_ignore_ascii_case("host")) {
+            host = if name.is_empty() { String::new() } else { value.trim().to_string() };
+        }
+    }
+    let port = own.rsplit(':').next().unwrap_or_default();
+    // a page from elsewhere that leads its own name to this machine asks under that name
+    let ours = host == own || host == format!("localhost:{port}");
+    let (status, kind, body) = match request.split(' ').collect::<Vec<_>>()[..] {
+        ["GET", _, _] if !ours => ("403 Forbidden", "text/plain", "this page is for this machine only\n".into()),
+        ["GET", "/", _] => ("200 OK", "text/html", WATCH.to_string()),
+        ["GET", "/page", _] => ("200 OK", "text/html", shown(folder)),
+        ["GET", "/state", _] => ("200 OK", "text/plain", state(folder)),
+        ["GET", _, _] => ("404 Not Found", "text/plain", "there is nothing here\n".into()),
+        _ => ("405 Method Not Allowed", "text/plain", "only GET is answered\n".into()),
+    };
+    let head = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {}\r\nCache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n",
+        body.len()
+    );
+    stream.write_all(head.as_bytes())?;
+    stream.write_all(body.as_bytes())
+}
+
+/// The page, or why there is none yet.
+fn shown(folder: &Path) -> String {
+    let files = whole_files(folder).map_err(|e| e.to_string());
+    let subject = files.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()));
+    match subject {
+        Ok(subject) => page(&subject),
+        Err(why) => {
+            let why = why.replace('&', "&amp;").replace('<', "&lt;");
+            format!("<!doctype html><meta charset=\"utf-8\"><title>no result yet</title><p>No result yet: {why}</p>\n")
+        }
+    }
+}
+
+/// Changes when the result does.
+fn state(folder: &Path) -> String {
+    std::fs::read(folder.join("manifest.json")).map_or_else(|_| "none".into(), |text| fingerprint(&text))
+}

@@ -1,0 +1,137 @@
+//! How the iteration came to its end, and how the estimates settle with the length of the record.
+
+use super::document::Section;
+use super::figure::{Figure, Look, Mark, Panel, Shape};
+use super::number::{bracketed, shown, text};
+use super::subject::{Subject, called};
+use maud::html;
+use serde_json::Value;
+
+/// Parameters whose course is drawn.
+const DRAWN: usize = 24;
+
+/// Both kinds.
+pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+    iteration(subject).into_iter().chain(courses(subject)).collect()
+}
+
+/// Cost and step, correction by correction.
+fn iteration(subject: &Subject) -> Option<Figure> {
+    let history = subject.list("history");
+    if history.len() < 2 {
+        return None;
+    }
+    let column = |name: &str| history.iter().map(|h| h[name].as_f64().unwrap_or(f64::NAN)).collect::<Vec<f64>>();
+    let (cost, step) = (column("cost"), column("step"));
+    let positive = |values: Vec<f64>| values.into_iter().map(|v| if v > 0.0 { v } else { f64::NAN }).collect();
+    let panel = |label: &str, logarithmic: bool, look: Look, values: Vec<f64>| Panel {
+        label: label.into(),
+        height: 110,
+        logarithmic,
+        marks: vec![
+            Mark::line(label, look, values.clone()),
+            Mark { name: String::new(), look, shape: Shape::Dots, values, low: Vec::new() },
+        ],
+    };
+    Some(Figure {
+        id: "convergence-1".into(),
+        group: "convergence".into(),
+        caption: format!(
+            "{} after {} corrections",
+            subject.result["message"].as_str().unwrap_or_default(),
+            subject.result["iterations"]
+        ),
+        label: "correction".into(),
+        logarithmic: false,
+        at: column("number"),
+        panels: vec![
+            panel("cost", false, Look::Model, cost),
+            panel("size of the step", true, Look::Other, positive(step)),
+        ],
+        half: false,
+        samples: None,
+    })
+}
+
+pub(super) fn section(subject: &Subject) -> Option<Section> {
+    let (figure, history) = (iteration(subject)?, subject.list("history"));
+    let content = html! {
+        (figure.markup())
+        details {
+            summary { "as a table" }
+            div.scroll { table {
+                thead { tr { th.number { "correction" } th.number { "cost" } th.number { "change" } th.number { "step" } th.number { "damping" } th.number { "refused" } } }
+                tbody { @for h in history { tr {
+                    td.number { (h["number"]) } td.number { (shown(&h["cost"], 10)) } td.number { (shown(&h["change"], 3)) }
+                    td.number { (shown(&h["step"], 3)) } td.number { (shown(&h["damping"], 3)) } td.number { (h["refused"]) }
+                } } }
+            } }
+        }
+    };
+    Some(Section::new("convergence", "Convergence", content))
+}
+
+/// Estimates from the first part of the record to the whole.
+pub(super) fn lengths(subject: &Subject) -> Option<Section> {
+    let (courses, all) = (courses(subject), subject.list("confidence").len());
+    if courses.is_empty() {
+        return None;
+    }
+    let content = html! {
+        p { "Every estimate from the first part of the records to the whole, with two standard errors; the parameters stand in the order of "
+            "the confidence that they deserve." }
+        div.pair { @for figure in &courses { (figure.markup()) } }
+        @if all > courses.len() { p.note { (all - courses.len()) " more are in the result's JSON." } }
+    };
+    Some(Section::new("lengths", "By length of the record", content))
+}
+
+fn courses(subject: &Subject) -> Vec<Figure> {
+    let lengths = subject.list("by_length");
+    if lengths.len() < 2 {
+        return Vec::new();
+    }
+    let time = subject.time();
+    let at: Vec<f64> = lengths.iter().map(|l| l["length"].as_f64().unwrap_or(f64::NAN)).collect();
+    let confidence = subject.list("confidence").iter().take(DRAWN).enumerate();
+    confidence.map(|(k, c)| course(k, c, lengths, &at, &time)).collect()
+}
+
+fn course(k: usize, of: &Value, lengths: &[Value], at: &[f64], time: &str) -> Figure {
+    let same = |p: &&Value| p["name"] == of["name"] && p["run"] == of["run"];
+    let own = |l: &Value| l["parameters"].as_array().and_then(|all| all.iter().find(same).cloned());
+    let found: Vec<Option<Value>> = lengths.iter().map(own).collect();
+    let number = |name: &str| -> Vec<f64> {
+        found.iter().map(|p| p.as_ref().and_then(|p| p[name].as_f64()).unwrap_or(f64::NAN)).collect()
+    };
+    let (values, errors) = (number("value"), number("standard_error"));
+    let unit = found.iter().flatten().find_map(|p| p["unit"].as_str().map(str::to_string));
+    let edge = |sign: f64| values.iter().zip(&errors).map(|(v, e)| v + sign * 2.0 * e).collect::<Vec<f64>>();
+    let marks = vec![
+        Mark::between("± 2σ", Look::Other, Shape::Bars, edge(-1.0), edge(1.0)),
+        Mark {
+            name: "estimate".into(),
+            look: Look::Model,
+            shape: Shape::Dots,
+            values: values.clone(),
+            low: Vec::new(),
+        },
+    ];
+    let doubt = of["doubt"].as_f64().map_or(String::new(), |d| format!(": in doubt by {} %", text(100.0 * d, 2)));
+    Figure {
+        id: format!("length-{}", k + 1),
+        group: "lengths".into(),
+        caption: format!("{}{doubt}", called(of)),
+        label: format!("length [{time}]"),
+        logarithmic: false,
+        at: at.to_vec(),
+        panels: vec![Panel {
+            label: format!("{}{}", of["name"].as_str().unwrap_or_default(), bracketed(unit.as_deref())),
+            height: 130,
+            logarithmic: false,
+            marks,
+        }],
+        half: true,
+        samples: None,
+    }
+}

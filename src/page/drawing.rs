@@ -1,0 +1,188 @@
+//! A figure as SVG, for readers without scripts and for paper. The script draws the same at the size of the window.
+
+use super::figure::{Figure, Mark, Panel, Shape};
+use super::scale::Scale;
+use super::thinning::kept;
+use maud::{Markup, PreEscaped, html};
+use std::fmt::Write;
+
+/// Of a whole figure, and of one of two beside each other.
+const WIDTHS: [f64; 2] = [760.0, 460.0];
+const LEFT: f64 = 66.0;
+const RIGHT: f64 = 10.0;
+const TOP: f64 = 8.0;
+const GAP: f64 = 16.0;
+const BOTTOM: f64 = 40.0;
+/// Colours of a file of its own: those of the page in the light.
+const STYLE: &str = include_str!("alone.css");
+/// Points of a line on paper.
+const MOST_POINTS: usize = 1500;
+
+/// Where a panel lies on the paper, and its axes.
+struct Frame {
+    x: Scale,
+    y: Scale,
+    width: f64,
+    top: f64,
+    height: f64,
+}
+
+impl Frame {
+    fn across(&self, v: f64) -> f64 {
+        LEFT + (self.width - LEFT - RIGHT) * self.x.share(v)
+    }
+
+    fn down(&self, v: f64) -> f64 {
+        self.top + self.height * (1.0 - self.y.share(v))
+    }
+}
+
+/// The whole figure, in the colours of the page that it stands on.
+pub(super) fn svg(figure: &Figure) -> Markup {
+    let (width, height) = size(figure);
+    html! {
+        svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(figure.caption) { (body(figure, width, height)) }
+    }
+}
+
+/// The same as a file of its own: on white, with its caption and its key.
+pub(super) fn alone(figure: &Figure) -> String {
+    let (width, height) = size(figure);
+    let key = figure.key();
+    let markup = html! {
+        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 -44 " (width) " " (height + 44.0) } width=(width) height=(height + 44.0)
+            font-family="sans-serif" {
+            title { (figure.caption) }
+            style { (PreEscaped(STYLE)) }
+            rect.paper y="-44" width=(width) height=(height + 44.0) {}
+            text.caption x=(LEFT) y="-26" { (figure.caption) }
+            @for (k, mark) in key.iter().enumerate() {
+                @let x = LEFT + 150.0 * k as f64;
+                line class={ "key " (mark.look.word()) } x1=(x) x2=(x + 18.0) y1="-11" y2="-11" {}
+                text.label x=(x + 24.0) y="-7" { (mark.name) }
+            }
+            (body(figure, width, height))
+        }
+    };
+    markup.into_string() + "\n"
+}
+
+/// Width and height on paper.
+fn size(figure: &Figure) -> (f64, f64) {
+    let panels: f64 = figure.panels.iter().map(|p| f64::from(p.height) + GAP).sum();
+    (WIDTHS[usize::from(figure.half)], TOP + panels - GAP + BOTTOM)
+}
+
+fn body(figure: &Figure, width: f64, height: f64) -> Markup {
+    let x = Scale::around(figure.at.iter(), figure.margin(), figure.logarithmic);
+    let mut top = TOP;
+    let mut frames = Vec::new();
+    for panel in &figure.panels {
+        let values = panel.marks.iter().flat_map(|m| m.values.iter().chain(&m.low));
+        let y = Scale::around(values, 0.04, panel.logarithmic);
+        frames.push(Frame { x, y, width, top, height: f64::from(panel.height) });
+        top += f64::from(panel.height) + GAP;
+    }
+    html! {
+        @for (panel, frame) in figure.panels.iter().zip(&frames) { (drawn(figure, panel, frame)) }
+        @if let Some(frame) = frames.last() {
+            @for (v, label) in x.ticks((width / 95.0) as usize) {
+                text.tick x=(tenth(frame.across(v))) y=(tenth(frame.top + frame.height + 15.0)) text-anchor="middle" { (label) }
+            }
+            text.label x=(tenth((LEFT + width - RIGHT) / 2.0)) y=(tenth(height - 6.0)) text-anchor="middle" { (figure.label) }
+        }
+    }
+}
+
+fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {
+    let (right, bottom) = (frame.width - RIGHT, frame.top + frame.height);
+    let middle = tenth(frame.top + frame.height / 2.0);
+    html! {
+        @for (v, _) in frame.x.ticks((frame.width / 95.0) as usize) {
+            line.grid x1=(tenth(frame.across(v))) x2=(tenth(frame.across(v))) y1=(tenth(frame.top)) y2=(tenth(bottom)) {}
+        }
+        @for (v, label) in frame.y.ticks((panel.height / 30) as usize) {
+            line.grid x1=(LEFT) x2=(right) y1=(tenth(frame.down(v))) y2=(tenth(frame.down(v))) {}
+            text.tick x=(LEFT - 6.0) y=(tenth(frame.down(v) + 4.0)) text-anchor="end" { (label) }
+        }
+        rect.frame x=(LEFT) y=(tenth(frame.top)) width=(right - LEFT) height=(tenth(frame.height)) {}
+        @for mark in &panel.marks { (marked(figure, mark, frame)) }
+        text.label transform={ "translate(13 " (middle) ") rotate(-90)" } text-anchor="middle" { (panel.label) }
+    }
+}
+
+fn marked(figure: &Figure, mark: &Mark, frame: &Frame) -> Markup {
+    let places = kept(&[&mark.values], MOST_POINTS);
+    let places: Vec<usize> = places.into_iter().filter(|k| *k < figure.at.len()).collect();
+    let foot = |k: usize| mark.low.get(k).copied().unwrap_or(0.0);
+    let at = |k: usize, v: f64| (frame.across(figure.at[k]), frame.down(v));
+    let class = format!("{} {}", mark.look.word(), if mark.shape == Shape::Band { "band" } else { "line" });
+    match mark.shape {
+        Shape::Dots => html! {
+            @for (x, y) in places.iter().map(|k| at(*k, mark.values[*k])).filter(|(x, y)| x.is_finite() && y.is_finite()) {
+                circle class={ "dot " (mark.look.word()) } cx=(tenth(x)) cy=(tenth(y)) r="2.2" {}
+            }
+        },
+        Shape::Line => html! { path class=(class) d=(path(places.iter().map(|k| at(*k, mark.values[*k])))) {} },
+        Shape::Band => {
+            let upper = places.iter().map(|k| at(*k, mark.values[*k]));
+            let lower = places.iter().rev().map(|k| at(*k, foot(*k)));
+            let all: Vec<(f64, f64)> = upper.chain(lower).filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+            html! { path class=(class) d={ (path(all.into_iter())) "Z" } {} }
+        }
+        Shape::Stems | Shape::Bars => {
+            let mut d = String::new();
+            for k in places {
+                d.push_str(&path([at(k, foot(k)), at(k, mark.values[k])].into_iter()));
+            }
+            html! { path class={ (class) " " (if mark.shape == Shape::Bars { "bars" } else { "stems" }) } d=(d) {} }
+        }
+    }
+}
+
+/// Points as a path that breaks where there is none; a point alone is a dot.
+fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
+    let mut text = String::new();
+    let (mut before, mut last) = (0, (0, 0));
+    for (x, y) in points {
+        if !(x.is_finite() && y.is_finite()) {
+            text.push_str(if before == 1 { "h0" } else { "" });
+            before = 0;
+            continue;
+        }
+        // tenths of a pixel, and only what changes
+        let here = ((x * 10.0).round() as i64, (y * 10.0).round() as i64);
+        let _ = match before {
+            0 => write!(text, "M{} {}", tenths(here.0), tenths(here.1)),
+            _ => write!(text, "l{} {}", tenths(here.0 - last.0), tenths(here.1 - last.1)),
+        };
+        (before, last) = (before + 1, here);
+    }
+    text.push_str(if before == 1 { "h0" } else { "" });
+    text
+}
+
+fn tenths(v: i64) -> String {
+    let sign = if v < 0 { "-" } else { "" };
+    match (v.abs() / 10, v.abs() % 10) {
+        (whole, 0) => format!("{sign}{whole}"),
+        (0, part) => format!("{sign}.{part}"),
+        (whole, part) => format!("{sign}{whole}.{part}"),
+    }
+}
+
+fn tenth(v: f64) -> String {
+    if v.is_finite() { tenths((v * 10.0).round() as i64) } else { "0".into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_break_where_nothing_is_and_show_points_alone() {
+        let nan = f64::NAN;
+        let text = path([(0.0, 1.0), (1.04, 0.5), (2.0, nan), (3.0, 3.0), (4.0, nan)].into_iter());
+        assert_eq!(text, "M0 1l1 -.5M3 3h0");
+    }
+}

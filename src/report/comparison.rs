@@ -1,0 +1,215 @@
+//! Several results beside each other: costs and criteria, parameters, outputs, predictions.
+
+use super::table::{aligned_right, digits, plain, trimmed};
+use crate::comparison::{Candidate, Comparison, Edge, Nesting, Prediction};
+use crate::quality::OutputFit;
+use crate::store::KeptParameter;
+use comfy_table::Table;
+use serde_json::{Value, json};
+
+/// Columns of results that fit beside the names of rows.
+const ABREAST: usize = 4;
+/// P-values below this are no chance.
+const SIGNIFICANT: f64 = 0.01;
+
+/// The same for programs.
+pub fn comparison_json(comparison: &Comparison) -> Value {
+    json!(comparison)
+}
+
+/// Tables and sentences.
+pub fn comparison_table(comparison: &Comparison) -> String {
+    let mut text = criteria(comparison);
+    comparison.nestings.iter().for_each(|n| text.push_str(&format!("{}\n", nesting(n))));
+    let names: Vec<&str> = comparison.candidates.iter().map(|c| c.name.as_str()).collect();
+    for begin in (0..names.len()).step_by(ABREAST) {
+        let end = (begin + ABREAST).min(names.len());
+        text.push_str(&format!("\n{}", parameters(&comparison.candidates[begin..end])));
+        let fitted: Vec<Vec<Row>> = comparison.candidates[begin..end].iter().map(|c| rows(&c.outputs)).collect();
+        text.push_str(&format!("\n{}", outputs("fitted", &names[begin..end], &fitted)));
+        if !comparison.predictions.is_empty() {
+            let held: Vec<Vec<Row>> = comparison.predictions[begin..end].iter().map(predicted).collect();
+            text.push_str(&format!("\n{}", outputs("held out", &names[begin..end], &held)));
+        }
+    }
+    for prediction in comparison.predictions.iter().filter(|p| !p.converged) {
+        let name = &prediction.name;
+        text.push_str(&format!("{name}: initial states and biases of the held-out runs were not found\n"));
+    }
+    comparison.edges.iter().for_each(|e| text.push_str(&format!("{}\n", edge(e))));
+    text
+}
+
+/// Costs, and what they say.
+fn criteria(comparison: &Comparison) -> String {
+    let coloured = comparison.inflation.is_some();
+    let mut header = vec!["result", "model", "parameters", "cost", "AIC", "BIC"];
+    header.extend(coloured.then_some(["coloured AIC", "coloured BIC"]).into_iter().flatten());
+    let mut table = plain(&header);
+    for c in &comparison.candidates {
+        let cost = c.cost.map_or("-".into(), |v| digits(v, 8));
+        let mut row = vec![c.name.clone(), c.model.clone(), c.unknowns.to_string(), cost];
+        let own = |of: fn(&crate::comparison::Criteria) -> Option<f64>| {
+            c.criteria.as_ref().and_then(of).map_or("-".into(), |v| format!("{v:+.1}"))
+        };
+        row.extend([own(|c| Some(c.aic)), own(|c| Some(c.bic))]);
+        row.extend(coloured.then(|| [own(|c| c.coloured_aic), own(|c| c.coloured_bic)]).into_iter().flatten());
+        table.add_row(row);
+    }
+    (2..header.len()).for_each(|k| aligned_right(&mut table, k));
+    let mut text = trimmed(&table);
+    text.push_str("criteria as differences to the least\n");
+    if let Some(inflation) = comparison.inflation.filter(|c| *c > 1.0) {
+        text.push_str(&format!(
+            "coloured residuals: {} values are worth as many as {} white ones; believe the coloured criteria\n",
+            comparison.candidates.first().map_or(0, |c| c.samples),
+            comparison.candidates.first().map_or(0, |c| (c.samples as f64 / inflation).round() as usize),
+        ));
+    }
+    for c in &comparison.candidates {
+        if let Some(reason) = &c.incomparable {
+            text.push_str(&format!("{}: no criteria: {reason}\n", c.name));
+        }
+    }
+    text
+}
+
+fn nesting(n: &Nesting) -> String {
+    let (further, (_, left)) = (n.further, n.degrees);
+    let plural = if further == 1 { "parameter" } else { "parameters" };
+    let pair = format!("{} beside {}: {further} further {plural}", n.richer, n.poorer);
+    if n.likelihood_ratio < 0.0 {
+        return format!(
+            "{pair}, and yet a higher cost: if one model holds the other, the richer fit missed the minimum"
+        );
+    }
+    let gain = if n.p_value < SIGNIFICANT { "a gain beyond chance" } else { "no gain beyond chance" };
+    let p = if n.p_value < 1e-3 { "p < 0.001".into() } else { format!("p = {:.3}", n.p_value) };
+    format!("{pair}, F({further}, {left:.0}) = {}, {p}: {gain}, if one model holds the other", digits(n.f, 3))
+}
+
+fn beside(first: &[&str], names: impl Iterator<Item = String>) -> Table {
+    let mut header: Vec<String> = first.iter().map(ToString::to_string).collect();
+    header.extend(names);
+    let mut table = plain(&header.iter().map(String::as_str).collect::<Vec<_>>());
+    (first.len()..header.len()).for_each(|k| aligned_right(&mut table, k));
+    table
+}
+
+/// Every parameter of any result, with the errors to be trusted.
+fn parameters(candidates: &[Candidate]) -> String {
+    let mut known: Vec<(&str, Option<&str>)> = Vec::new();
+    for p in candidates.iter().flat_map(|c| &c.parameters) {
+        let name = (p.name.as_str(), p.run.as_deref());
+        if !known.contains(&name) {
+            known.push(name);
+        }
+    }
+    let runs = known.iter().any(|(_, run)| run.is_some());
+    let first: &[&str] = if runs { &["parameter", "run", "unit"] } else { &["parameter", "unit"] };
+    let mut table = beside(first, candidates.iter().map(|c| c.name.clone()));
+    for (name, run) in known {
+        let own = |c: &Candidate| c.parameters.iter().find(|p| p.name == name && p.run.as_deref() == run).cloned();
+        let unit = candidates.iter().find_map(own).and_then(|p| p.unit).unwrap_or_default();
+        let mut row = vec![name.to_string()];
+        row.extend(runs.then(|| run.unwrap_or_default().to_string()));
+        row.push(unit);
+        row.extend(candidates.iter().map(|c| own(c).map_or("-".into(), |p| value(&p))));
+        table.add_row(row);
+    }
+    trimmed(&table)
+}
+
+fn value(p: &KeptParameter) -> String {
+    match (p.error(), p.status.as_str()) {
+        (Some(error), _) => {
+            let size = if error > 0.0 && p.value != 0.0 { (p.value / error).abs().log10().floor() as i64 } else { 1 };
+            format!("{} ± {}", digits(p.value, (size + 3).clamp(3, 12) as usize), digits(error, 3))
+        }
+        (None, "estimated" | "derived") => digits(p.value, 5),
+        (None, status) => format!("{} ({})", digits(p.value, 5), status.replace('_', " ")),
+    }
+}
+
+/// A run and an output, its root mean square and Theil's coefficient.
+type Row = (String, String, Option<f64>, Option<f64>);
+
+fn rows(outputs: &Value) -> Vec<Row> {
+    let text = |o: &Value, key: &str| o[key].as_str().unwrap_or_default().to_string();
+    let all = outputs.as_array().into_iter().flatten();
+    all.map(|o| (text(o, "run"), text(o, "name"), o["rms"].as_f64(), o["tic"].as_f64())).collect()
+}
+
+fn predicted(prediction: &Prediction) -> Vec<Row> {
+    let row = |o: &OutputFit| (o.run.clone(), o.name.clone(), o.rms, o.tic);
+    prediction.outputs.iter().map(row).collect()
+}
+
+fn outputs(what: &str, names: &[&str], all: &[Vec<Row>]) -> String {
+    let mut known: Vec<(&str, &str)> = Vec::new();
+    for (run, name, ..) in all.iter().flatten() {
+        if !known.contains(&(run, name)) {
+            known.push((run, name));
+        }
+    }
+    let mut table = beside(&[what, "output"], names.iter().map(|n| format!("RMS (TIC) {n}")));
+    for (run, name) in known {
+        let cell = |rows: &Vec<Row>| {
+            let row = rows.iter().find(|(r, n, ..)| r == run && n == name)?;
+            Some(format!("{} ({})", digits(row.2?, 4), row.3.map_or("-".into(), |t| format!("{t:.3}"))))
+        };
+        let mut row = vec![run.to_string(), name.to_string()];
+        row.extend(all.iter().map(|rows| cell(rows).unwrap_or_else(|| "-".into())));
+        table.add_row(row);
+    }
+    trimmed(&table)
+}
+
+fn edge(e: &Edge) -> String {
+    let Edge { output, best, other, advantage } = e;
+    let Some(a) = advantage else {
+        return format!(
+            "{output}: whether {best} predicts better than {other} cannot be told: too little is independent"
+        );
+    };
+    let size =
+        format!("leaves {:.1} ± {:.1} % less of the mean square than {other}", 100.0 * a.reduction, 100.0 * a.error);
+    let p = if a.p_value < 1e-3 { "p < 0.001".into() } else { format!("p = {:.3}", a.p_value) };
+    let verdict = if a.p_value < SIGNIFICANT { "predicts better" } else { "may predict as well: this could be chance" };
+    let who = if a.p_value < SIGNIFICANT { best.clone() } else { other.clone() };
+    format!("{output}: {best} {size} ({p}); {who} {verdict}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quality::Advantage;
+
+    #[test]
+    fn chance_is_called_chance() {
+        let advantage = Advantage { reduction: 0.25, error: 0.2, independent: 40.0, p_value: 0.2 };
+        let of = |advantage| Edge { output: "y".into(), best: "a".into(), other: "b".into(), advantage };
+        let said = edge(&of(Some(advantage)));
+        assert!(said.starts_with("y: a leaves 25.0 ± 20.0 % less") && said.ends_with("could be chance"), "{said}");
+        let said = edge(&of(Some(Advantage { p_value: 1e-9, ..advantage })));
+        assert!(said.ends_with("(p < 0.001); a predicts better"), "{said}");
+        assert!(edge(&of(None)).contains("cannot be told"));
+    }
+
+    #[test]
+    fn a_richer_fit_with_a_higher_cost_is_told() {
+        let n = Nesting {
+            poorer: "a".into(),
+            richer: "b".into(),
+            further: 1,
+            likelihood_ratio: -3.0,
+            f: 0.0,
+            degrees: (1.0, 90.0),
+            p_value: 1.0,
+        };
+        assert!(nesting(&n).contains("missed the minimum"));
+        assert!(
+            nesting(&Nesting { likelihood_ratio: 3.0, f: 3.0, p_value: 0.087, ..n }).contains("p = 0.087: no gain")
+        );
+    }
+}
