@@ -71,7 +71,7 @@ impl Desk {
                 "--allow-file-access-from-files",
                 "--enable-logging=stderr",
             ])
-            .args(["--virtual-time-budget=20000", "--dump-dom"])
+            .args(["--timeout=60000", "--dump-dom"])
             .arg(format!("--window-size={},{}", size.0.max(500), size.1 + 50))
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .arg(format!("file://{}", self.path("harness.html").display()))
@@ -137,12 +137,11 @@ fn whatever_names_say_is_text_and_nothing_is_asked_of_a_network() {
 #[test]
 #[ignore = "needs Chromium"]
 fn dragging_zooms_all_axes_of_a_run_and_a_double_click_resets() {
-    // so high that all figures of the run are in view, and drawn
     let (found, console) = hostile(400).look(
-        (1280, 4000),
-        "const svg = page.querySelector('#history-1-1 svg');
+        (1280, 900),
+        "const svg = await drawn(page.querySelector('#history-1-1 svg'));
          const axis = (s) => [Number(s.dataset.low), Number(s.dataset.high), [...s.querySelectorAll('text.tick')].map((t) => t.textContent).join(' ')];
-         const other = page.querySelector('#inputs-1 svg');
+         const other = await drawn(page.querySelector('#inputs-1 svg'));
          const before = axis(svg);
          act(svg, 'pointerdown', 0.3, 0.3); act(svg, 'pointermove', 0.4, 0.3); act(svg, 'pointermove', 0.5, 0.3); act(svg, 'pointerup', 0.5, 0.3);
          const dragged = axis(svg), linked = axis(other);
@@ -173,7 +172,7 @@ fn the_crosshair_tells_the_values_of_the_data() {
     let (found, console) = desk.look(
         (1280, 900),
         "const holder = page.querySelector('#history-1-1'), svg = holder.querySelector('svg');
-         svg.scrollIntoView(); await wait(300);
+         await drawn(svg);
          const data = JSON.parse(holder.querySelector('script').textContent);
          const read = () => holder.querySelector('output').textContent;
          const told = [];
