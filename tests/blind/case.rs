@@ -63,6 +63,9 @@ struct Ground {
     spread: Vec<f64>,
 }
 
+/// What a disturbance adds to the output that hears it second most, at least, over the noise there (both root mean squares).
+const HEARD: f64 = 0.5;
+
 /// Truths that are tried before a case is given up.
 const TRIES: usize = 40;
 
@@ -377,23 +380,12 @@ impl Ground {
             };
             self.open.iter().zip(&forces).map(pushed).collect()
         };
-        let size = size_for(ratio * ratio, 1e-3, |size| {
-            let clean = at(size)?;
-            let q = self.spread.len();
-            let mut worst = 0.0_f64;
-            for c in 0..q {
-                let (mut sum, mut n) = (0.0, 0.0);
-                for run in &clean[..2] {
-                    let base = response(&self.base, run, &self.theta)?;
-                    for (a, b) in run.measured.iter().zip(&base).skip(c).step_by(q) {
-                        sum += ((a - b) / self.noise.sigma[c]).powi(2);
-                        n += 1.0;
-                    }
-                }
-                worst = worst.max(sum / n);
-            }
-            Some(worst)
-        })?;
+        let size = size_for(ratio * ratio, 1e-3, |size| self.heard(&at(size)?)?.last().copied())?;
+        // seen by one sensor only, it is that sensor's coloured noise
+        let second = self.heard(&at(size)?)?.into_iter().rev().nth(1)?;
+        if second < HEARD * HEARD {
+            return None;
+        }
         let runs = self.noisy(at(size)?);
         let fitted = self.oracle().fit(&self.base, &runs[..2], &self.theta)?;
         let truth = Truth {
@@ -407,6 +399,23 @@ impl Ground {
             rivals: Vec::new(),
         };
         Some((runs, fitted, truth))
+    }
+
+    /// Mean squares of what is added to each output on the fitted runs, over the variance of its noise; rising.
+    fn heard(&self, clean: &[Run]) -> Option<Vec<f64>> {
+        let q = self.spread.len();
+        let mut squares = vec![0.0; q];
+        let mut samples = 0.0;
+        for run in &clean[..2] {
+            let base = response(&self.base, run, &self.theta)?;
+            for (k, (a, b)) in run.measured.iter().zip(&base).enumerate() {
+                squares[k % q] += ((a - b) / self.noise.sigma[k % q]).powi(2);
+            }
+            samples += (base.len() / q) as f64;
+        }
+        squares.iter_mut().for_each(|s| *s /= samples);
+        squares.sort_by(f64::total_cmp);
+        Some(squares)
     }
 }
 

@@ -23,6 +23,9 @@ pub(crate) struct Outcome {
     pub(crate) part: String,
     /// Oracle gain on the fitted runs.
     pub(crate) gain: f64,
+    /// The same on the held-out run.
+    #[serde(default)]
+    pub(crate) gain_holdout: f64,
     /// What the nearest other effect of the catalogue lacks over all runs, in nats; 6 or more where it is none.
     pub(crate) lead: f64,
     /// Why there is no answer.
@@ -55,6 +58,11 @@ impl Outcome {
         self.failure.is_none() && self.p < 0.01
     }
 
+    /// Whether what was named explains the held-out run as well as the truth does, up to three nats: then nothing is left to warn of.
+    pub(crate) fn explained(&self) -> bool {
+        self.holdout_ratio.is_some_and(|ratio| (1.0 - ratio) * self.gain_holdout < 3.0)
+    }
+
     /// Whether the line is that of a case with one effect of the catalogue.
     pub(crate) fn is(&self, hides: Hides) -> bool {
         self.hides == hides.name()
@@ -73,6 +81,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
         truth: truth.places.iter().map(Place::to_string).collect(),
         part: truth.sites.first().map_or("", |s| part_name(s.0)).into(),
         gain: truth.gain,
+        gain_holdout: truth.gain_holdout,
         lead: truth.rivals.iter().map(|r| r.1).filter(|lead| *lead >= SAME).fold(6.0, f64::min),
         failure: None,
         verdict: String::new(),

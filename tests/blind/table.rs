@@ -185,8 +185,8 @@ fn outside(all: &[Outcome]) {
         return;
     }
     println!(
-        "\ncauses outside of the catalogue\n{:>26} | {:>4} {:>6} {:>7} {:>13} {:>6} {:>6}",
-        "", "n", "found", "warned", "place in two", "h-med", "h-5%"
+        "\ncauses outside of the catalogue\n{:>26} | {:>4} {:>6} {:>7} {:>13} {:>10} {:>16} {:>6} {:>6}",
+        "", "n", "found", "warned", "place in two", "explained", "warned of others", "h-med", "h-5%"
     );
     let mut groups = grouped(&lines, |o| o.truth[0].split('(').next().unwrap_or("").into());
     groups.extend(grouped(&lines, |o| o.family.clone()));
@@ -194,12 +194,15 @@ fn outside(all: &[Outcome]) {
     for (name, lines) in groups {
         let mut held: Vec<f64> = lines.iter().filter_map(|o| o.holdout_ratio).collect();
         let (median, low) = (quantile(&mut held, 0.5), quantile(&mut held, 0.05));
+        let open: Vec<&Outcome> = lines.iter().copied().filter(|o| o.warned || !o.explained()).collect();
         println!(
-            "{name:>26} | {:>4} {:>6} {:>7} {:>13} {median:>6.2} {low:>6.2}",
+            "{name:>26} | {:>4} {:>6} {:>7} {:>13} {:>10} {:>16} {median:>6.2} {low:>6.2}",
             lines.len(),
             share(&lines, Outcome::detected),
             share(&lines, |o| o.warned),
-            share(&lines, |o| o.place_in_two)
+            share(&lines, |o| o.place_in_two),
+            share(&lines, |o| !o.warned && o.explained()),
+            share(&open, |o| o.warned)
         );
     }
 }
