@@ -1,9 +1,13 @@
 //! Models that are driven by records of their outputs: by `measured(y)` in the text, and by substitution of states.
 
+#[path = "noise/mod.rs"]
+mod noise;
+
 use fdm::Model;
 use fdm::estimate::{Changes, FitError, FitOptions, Noise, Options, fit};
 use fdm::record::{ReadOptions, Run, channels, read};
 use fdm::simulate::{Simulator, Unsuited};
+use noise::Normal;
 
 fn model(text: &str) -> Model {
     Model::from_text("test.fdm", text).unwrap_or_else(|e| panic!("{e}"))
@@ -170,4 +174,49 @@ fn a_run_without_its_records_is_refused_by_a_fit() {
     let refused = fit(&model, &[run], &FitOptions::default(), &mut ());
     let Err(FitError::Unsuited { reason, .. }) = &refused else { panic!("{refused:?}") };
     assert!(reason.to_string().contains("Run::with_measured"), "{reason}");
+}
+
+/// Noise in proportion to the value: logarithms have the same everywhere, so that their errors are right and smaller.
+#[test]
+fn noise_that_is_a_factor_is_plain_noise_of_logarithms() {
+    let text = |output: &str| {
+        format!(
+            "model decay {{ time [h]; const one = 1 [g/l]; state c [g/l] = c0; param c0 = 3 in [0.01, 100] [g/l], k = 1 in [0, 10] [1/h];
+             der(c) = -k*c; output {output}; }}"
+        )
+    };
+    let (plain, logarithmic) = (model(&text("conc [g/l] = c")), model(&text("log_c = log(c/one)")));
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.csv");
+    let (truth, repeats) = (0.6, 300);
+    // relative error of 20 % and a factor of e^(0.2 n): the same but for the second order
+    for relative in [false, true] {
+        let mut normal = Normal(7);
+        let (mut held, mut squares) = (0, [0.0; 2]);
+        for _ in 0..repeats {
+            let row =
+                |t: f64, e: f64| 5000.0 * (-truth * t).exp() * if relative { 1.0 + 0.2 * e } else { (0.2 * e).exp() };
+            let rows: String =
+                (0..41).map(|n| 0.1 * f64::from(n)).map(|t| format!("{t},{}\n", row(t, normal.next()))).collect();
+            std::fs::write(&path, format!("t [h],conc [mg/l]\n{rows}")).expect("a file");
+            let map = vec![("log_c".to_string(), "log(conc [g/l])".to_string())];
+            let ways =
+                [(&logarithmic, ReadOptions { map, ..ReadOptions::default() }), (&plain, ReadOptions::default())];
+            for (square, (model, options)) in squares.iter_mut().zip(ways) {
+                let (run, _) = read(&path, &channels(model.definition()), &options).expect("a record");
+                let found = fit(model, &[run], &FitOptions::default(), &mut ()).expect("a fit").estimate;
+                let (k, c0) = (found.parameter("k", None).expect("k"), found.parameter("c0", None).expect("c0"));
+                *square += (k.value - truth).powi(2) / f64::from(repeats);
+                if model.definition().outputs[0].quantity.name == "log_c" {
+                    let [low, high] = k.interval().expect("an interval");
+                    held += usize::from(low < truth && truth < high);
+                    assert!((c0.value / 5.0).ln().abs() < 0.4, "{}", c0.value);
+                }
+            }
+        }
+        let cover = held as f64 / f64::from(repeats);
+        // known to 1.3 %
+        assert!((0.91..=0.99).contains(&cover), "{relative}: {cover}");
+        assert!(squares[0] < 0.7 * squares[1], "{relative}: {squares:?}");
+    }
 }

@@ -38,6 +38,7 @@ fn every_reference_system_is_recovered() {
     let measured = [
         "ship_roll_decay",
         "pendulum_free_swing",
+        "pendulum_dfki",
         "trex550",
         "tclab",
         "water_pump",

@@ -173,6 +173,20 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
     assert_eq!(rows.iter().filter(|r| r.starts_with("validated  three")).count(), 2, "{text}");
     assert_eq!(rows.iter().filter(|r| r.starts_with("fitted")).count(), 4, "{text}");
     assert!(desk.path("valid.svg").exists());
+    // by time and by frequency: the square wave is explained where it has its power
+    assert!(text.contains("fifth 1") && text.contains("of the record explained"), "{text}");
+    let misfit = validated["validation"]["misfit"].as_array().unwrap();
+    assert_eq!(misfit.len(), 2);
+    for m in misfit {
+        assert_eq!(m["windows"].as_array().unwrap().len(), 10, "{m}");
+        assert!(m["bands"].as_array().unwrap().iter().any(|b| b["explained"].as_f64().unwrap() > 0.99), "{m}");
+        assert!(!m["sentences"].as_array().unwrap().is_empty(), "{m}");
+    }
+    let three = fs::read_to_string(desk.path("three.csv")).unwrap();
+    let kept: Vec<&str> = three.lines().enumerate().filter(|(k, _)| *k < 3 || k % 3 > 0).map(|(_, line)| line).collect();
+    fs::write(desk.path("gaps.csv"), kept.join("\n") + "\n").unwrap();
+    let output = desk.fdm("validate --from-result result --data gaps.csv --hold u -q");
+    assert!(said(&output).contains("run `gaps` is not sampled evenly"), "{}", said(&output));
     let output = desk.fdm("validate --from-result result --data two.csv --hold u -q");
     assert!(said(&output).contains("run `two` was part of the fit"), "{}", said(&output));
 }

@@ -22,7 +22,7 @@ pub(crate) struct Records {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct Selection {
-    /// Column of a channel when its name differs; the time is called `t`
+    /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
     #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "data")]
     map: Vec<(String, String)>,
     /// Use the record from this time on, in the file's unit

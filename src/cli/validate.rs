@@ -9,9 +9,10 @@ use crate::progress::Progress;
 use crate::reading::{Reading, open, were_fitted};
 use crate::records::{Records, notes};
 use clap::Args;
+use fdm::diagnose::misfit::{Left, Misfit, misfit};
 use fdm::estimate::{Fit, FitOptions, fit};
-use fdm::record::Run;
-use fdm::report::{estimate_table, fit_json, validation_table};
+use fdm::record::{Run, Sampling};
+use fdm::report::{estimate_table, fit_json, validation_by_frequency, validation_by_time, validation_table};
 use fdm::store::{Identity, Manifest, ResultFolder};
 use serde_json::json;
 use std::path::PathBuf;
@@ -53,12 +54,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
     manifest.command = std::env::args().collect();
     arguments.records.describe(&runs, &mut manifest);
-    let remarks = own_remarks(&fit, &were_fitted(&folder, &runs, &arguments.records.data));
+    let mut remarks = own_remarks(&fit, &were_fitted(&folder, &runs, &arguments.records.data));
+    let misfits = misfits(&fit, &runs, &mut remarks);
     let mut document = fit_json(&fit);
     document["validation"] = json!({
         "of": folder.folder().display().to_string(),
         "outputs": fit.quality,
         "fitted_outputs": folder.quality(),
+        "misfit": misfits,
     });
     let outcome = Outcome {
         model: &fit.model,
@@ -66,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         runs: &runs,
         spectra: Vec::new(),
         tables: Vec::new(),
-        text: text(&fit, &folder),
+        text: text(&fit, &folder, &misfits),
         json: document,
         remarks,
         manifest,
@@ -81,9 +84,30 @@ fn own_remarks(fit: &Fit, fitted: &[String]) -> Vec<String> {
     found
 }
 
-fn text(fit: &Fit, folder: &ResultFolder) -> String {
+/// What the prediction gets wrong, of the runs that are sampled evenly.
+fn misfits(fit: &Fit, runs: &[Run], remarks: &mut Vec<String>) -> Vec<Misfit> {
+    let mut left = Vec::new();
+    for (run, result) in runs.iter().zip(&fit.estimate.runs) {
+        match Sampling::new(&run.time).filter(Sampling::is_even) {
+            Some(sampling) => left.push(Left { run, residual: &result.residuals, interval: sampling.median }),
+            None => remarks.push(format!(
+                "note: run `{}` is not sampled evenly: its error is not divided by frequency and time",
+                run.name
+            )),
+        }
+    }
+    misfit(&fit.model, &left)
+}
+
+fn text(fit: &Fit, folder: &ResultFolder, misfits: &[Misfit]) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
+    if !misfits.is_empty() {
+        let time = fit.model.definition().time.to_string();
+        text.push_str(&format!("\n{}", validation_by_time(misfits, &time)));
+        text.push_str(&format!("\n{}\n", validation_by_frequency(misfits, &time)));
+        misfits.iter().flat_map(|m| &m.sentences).for_each(|sentence| text.push_str(&format!("{sentence}\n")));
+    }
     text.push_str(&format!("\n{}\n", estimate_table(&fit.estimate)));
     text.push_str(&format!("{} after {} corrections\n", fit.estimate.termination, fit.estimate.iterations));
     text

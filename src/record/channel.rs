@@ -96,7 +96,7 @@ impl Channels {
     }
 }
 
-/// A column that a channel is read from, and how its numbers become the model's: `scale*value + offset`.
+/// A column that a channel is read from, and how its numbers become the model's: `scale*value + offset`, or the logarithm of that.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Source {
     /// Index of the column.
@@ -107,12 +107,20 @@ pub(crate) struct Source {
     pub(crate) scale: f64,
     /// Added behind the factor.
     pub(crate) offset: f64,
+    /// Whether the channel is the natural logarithm of all this.
+    pub(crate) logarithm: bool,
 }
 
 impl Source {
-    /// A number of the file in the model's unit; the same bits where nothing is to be converted.
+    /// A number of the file in the model's unit; the same bits where nothing is to be converted. NaN for the logarithm of what is
+    /// not above zero.
     pub(crate) fn convert(&self, value: f64) -> f64 {
-        if self.scale == 1.0 && self.offset == 0.0 { value } else { value * self.scale + self.offset }
+        let plain = if self.scale == 1.0 && self.offset == 0.0 { value } else { value * self.scale + self.offset };
+        match self.logarithm {
+            false => plain,
+            true if plain > 0.0 => fdm_grammar::math::log(plain),
+            true => f64::NAN,
+        }
     }
 }
 

@@ -124,6 +124,36 @@ pub enum Fault {
         /// The channel.
         channel: String,
     },
+    /// The logarithm of a column for a channel that has a unit.
+    #[error("a logarithm is a pure number, and the {role} `{channel}` is in `{unit}`")]
+    LogarithmOfUnit {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// Its unit in the model.
+        unit: String,
+    },
+    /// The logarithm of a column that has a unit, without a word of the unit that it is taken in.
+    #[error("the {role} `{channel}` is the logarithm of a column in `{unit}`, and a logarithm hangs on the unit")]
+    LogarithmInWhich {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// Unit of the column.
+        unit: String,
+    },
+    /// A unit inside `log(...)` that cannot be understood.
+    #[error("`{unit}` is not a unit that is known; the {role} `{channel}` is to be the logarithm of numbers in it")]
+    UnitOfLogarithm {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// What stands in the brackets.
+        unit: String,
+    },
     /// A row with too many or too few cells.
     #[error("found {found} cells, expected {expected} as in the header")]
     Ragged {
@@ -135,6 +165,9 @@ pub enum Fault {
     /// Text where a number is wanted.
     #[error("found `{0}`, expected a number")]
     NotANumber(String),
+    /// A number that has no logarithm.
+    #[error("found `{0}`, expected a number above zero: its logarithm is read")]
+    NotPositive(String),
     /// A number without bound.
     #[error("found `{0}`, expected a finite number")]
     Infinite(String),

@@ -20,7 +20,7 @@ use std::path::Path;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ReadOptions {
     /// Channel and the column that it is read from: title or name, possibly with a unit (`time [ms]`) for a column
-    /// that states none. The time is the channel `t`.
+    /// that states none; `log(c [mol/l])` is the natural logarithm of its numbers in this unit. The time is the channel `t`.
     pub map: Vec<(String, String)>,
     /// First time to be used, as it stands in the file; a row number from 0 where the file has no time.
     pub from: Option<f64>,
@@ -204,6 +204,7 @@ fn sources(table: &Table, plan: &Plan, run: &Run, names: &[(Role, String)]) -> V
         unit: source.and_then(|s| s.unit.clone()),
         scale: source.map_or(1.0, |s| s.scale),
         offset: source.map_or(0.0, |s| s.offset),
+        logarithm: source.is_some_and(|s| s.logarithm),
         gaps,
     };
     let columns = plan.inputs.iter().map(Some).chain(plan.outputs.iter().map(Option::as_ref));

@@ -169,6 +169,9 @@ impl Collector<'_> {
     fn channel(&mut self, source: &Source, row: Row, record: &ByteRecord) -> f64 {
         let Some(value) = self.number(source.column, row, record) else { return f64::NAN };
         let converted = source.convert(value);
+        if converted.is_nan() && !value.is_nan() {
+            self.blame(Kind::Cell, Some(source.column), row, Fault::NotPositive(value.to_string()));
+        }
         if converted.is_infinite() {
             self.blame(Kind::Cell, Some(source.column), row, Fault::Infinite(value.to_string()));
         }
@@ -272,6 +275,9 @@ impl Collector<'_> {
             }
             Fault::NotRising { .. } => "if the file holds several runs, split it, or choose one with --from and --to",
             Fault::Thousands(_) => "write the numbers without separated thousands and with a decimal point",
+            Fault::NotPositive(_) => {
+                "leave a cell empty, or write NaN, where nothing was found; numbers near zero do not have noise that is a factor"
+            }
             Fault::Infinite(_) => "leave a cell empty, or write NaN, where the measurement failed",
             _ => return None,
         };

@@ -13,7 +13,8 @@ use fdm_grammar::diagnostic::nearest;
 ///
 /// A column is taken whose title or name (title without unit) is the channel's name or what `--map` says; failing
 /// that, the only one that differs in upper and lower case alone. The time is in the column `t`, else `time` in any
-/// case, else `T`. `--map channel=name [unit]` also gives the unit of a column that has none.
+/// case, else `T`. `--map channel=name [unit]` also gives the unit of a column that has none; `--map channel=log(name [unit])`
+/// reads the natural logarithm of the column's numbers in that unit.
 pub(crate) fn plan(
     table: &Table,
     channels: &Channels,
@@ -43,8 +44,19 @@ struct Search<'a> {
     problems: Vec<Problem>,
 }
 
-/// A column and the unit that `--map` gives it.
-type Found = (usize, Option<String>);
+/// A column, and what `--map` says of it.
+struct Found {
+    column: usize,
+    unit: Option<String>,
+    /// Whether its logarithm is meant; then `unit` is the one that the logarithm is taken in.
+    logarithm: bool,
+}
+
+impl Found {
+    fn plain(column: usize) -> Self {
+        Self { column, unit: None, logarithm: false }
+    }
+}
 
 impl Search<'_> {
     /// Every `--map` names a channel of the model, once.
@@ -76,7 +88,7 @@ impl Search<'_> {
             // without dynamics, time only selects
             None if !self.channels.timed && self.options.from.is_none() && self.options.to.is_none() => return None,
             None => match self.time_column() {
-                Ok(Some(column)) => (column, None),
+                Ok(Some(column)) => Found::plain(column),
                 Ok(None) if !self.channels.timed => return None,
                 Ok(None) => {
                     self.missing_time();
@@ -134,7 +146,7 @@ impl Search<'_> {
         let found = match mapped {
             Some(column) => self.mapped_column(&channel.name, &column)?,
             None => match self.column(&channel.name) {
-                Ok(Some(column)) => (column, None),
+                Ok(Some(column)) => Found::plain(column),
                 Ok(None) => {
                     if needed {
                         self.missing(role, channel);
@@ -172,10 +184,17 @@ impl Search<'_> {
     /// The column that a `--map` names, and the unit that it gives.
     fn mapped_column(&mut self, channel: &str, text: &str) -> Option<Found> {
         let as_typed = self.column(text.trim());
+        let inside = text.trim().strip_prefix("log(").and_then(|t| t.strip_suffix(')'));
+        let inside = inside.filter(|_| matches!(as_typed, Ok(None)));
+        let (text, as_typed) = inside.map_or((text, as_typed), |inside| (inside, self.column(inside.trim())));
         let given = Heading::new(text);
+        let logarithm = inside.is_some();
         let found = match (as_typed, given.unit) {
-            (Ok(None), Some(unit)) => self.column(&given.name).map(|c| c.map(|c| (c, Some(unit)))),
-            (other, _) => other.map(|c| c.map(|c| (c, None))),
+            (Ok(None), Some(unit)) => {
+                let named = self.column(&given.name);
+                named.map(|c| c.map(|column| Found { column, unit: Some(unit), logarithm }))
+            }
+            (other, _) => other.map(|c| c.map(|column| Found { logarithm, ..Found::plain(column) })),
         };
         match found {
             Ok(Some(found)) => return Some(found),
@@ -233,11 +252,15 @@ impl Search<'_> {
     }
 
     /// The conversion from the column's unit to the channel's.
-    fn source(&mut self, role: Role, channel: &Channel, (column, given): Found) -> Option<Source> {
+    fn source(&mut self, role: Role, channel: &Channel, found: Found) -> Option<Source> {
+        if found.logarithm {
+            return self.logarithm(role, channel, found);
+        }
+        let Found { column, unit: given, .. } = found;
         let heading = &self.table.columns[column];
         let pure = || is_pure(&heading.name, &channel.name).then(|| "1".to_string());
         let unit = given.or_else(|| heading.unit.clone()).or_else(pure);
-        let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0 };
+        let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0, logarithm: false };
         let (Some(from), Some(to)) = (&unit, &channel.unit) else {
             if unit.is_some() != channel.unit.is_some() {
                 self.notes.push(Note::UnitAssumed {
@@ -274,7 +297,45 @@ impl Search<'_> {
         };
         Some(Source { scale, offset, ..same })
     }
+
+    /// The logarithm of a column in the unit that was given with it, or in its own where there is none to choose.
+    fn logarithm(&mut self, role: Role, channel: &Channel, found: Found) -> Option<Source> {
+        let title = self.table.columns[found.column].title.clone();
+        let name = channel.name.clone();
+        let own = self.table.columns[found.column].unit.clone().filter(|u| Unit::parse(u).is_ok_and(|u| !u.is_one()));
+        if let Some(unit) = channel.unit.as_ref().filter(|u| !u.is_one()) {
+            let fault = Fault::LogarithmOfUnit { role, channel: name, unit: unit.text().to_string() };
+            self.problems.push(fault.at(self.table.header_line).column(&title));
+            return None;
+        }
+        match (own, found.unit) {
+            (Some(own), None) => {
+                let bare = &self.table.columns[found.column].name;
+                let hint = format!("say in which: --map \"{name}=log({bare} [{own}])\"");
+                let fault = Fault::LogarithmInWhich { role, channel: name, unit: excerpt(&own) };
+                self.problems.push(fault.at(self.table.header_line).column(&title).hint(hint));
+                None
+            }
+            (None, unit) => Some(Source { column: found.column, unit, scale: 1.0, offset: 0.0, logarithm: true }),
+            (Some(_), Some(unit)) => {
+                // as a channel in that unit would be read
+                let wanted = match Unit::parse(&unit) {
+                    Ok(wanted) => wanted,
+                    Err(error) => {
+                        let hint = error.nearest.map(|near| format!("did you mean `{near}`?"));
+                        let fault = Fault::UnitOfLogarithm { role, channel: name, unit: excerpt(&unit) };
+                        self.problems.push(fault.anywhere().maybe_hint(hint));
+                        return None;
+                    }
+                };
+                let channel = Channel { name, unit: Some(wanted) };
+                let plain = self.source(role, &channel, Found::plain(found.column))?;
+                Some(Source { logarithm: true, ..plain })
+            }
+        }
+    }
 }
+
 /// `n[1]` is also the title of a pure number `n`.
 fn is_pure(title: &str, name: &str) -> bool {
     title.strip_suffix("[1]") == Some(name)

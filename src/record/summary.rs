@@ -33,10 +33,12 @@ pub struct ChannelSource {
     pub column: Option<String>,
     /// Unit of the column, when it is known.
     pub unit: Option<String>,
-    /// The model's value is `scale*value + offset`.
+    /// The model's value is `scale*value + offset`, or the logarithm of that.
     pub scale: f64,
     /// See `scale`.
     pub offset: f64,
+    /// Whether the model's value is the natural logarithm of `scale*value + offset`.
+    pub logarithm: bool,
     /// Selected cells without a value.
     pub gaps: usize,
 }

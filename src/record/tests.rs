@@ -122,6 +122,43 @@ fn units_are_converted_and_assumptions_told() {
 }
 
 #[test]
+fn logarithms_are_taken_in_the_unit_that_was_given() {
+    let channels = wanted(&[], &[("log_c", "1"), ("x", "m")]);
+    let text = "t [s],conc [mg/l],pure,x [m]\n0,1000,1,1\n1,2000,,1\n2,,3,1\n";
+    let (run, summary) = good(text, &channels, &map(&[("log_c", "log(conc [g/l])")]));
+    assert_eq!(&run.measured[..4], [0.0, 1.0, fdm_grammar::math::log(2.0), 1.0]);
+    assert!(run.measured[4].is_nan() && summary.sources[1].logarithm && !summary.sources[2].logarithm);
+    let (run, _) = good(text, &channels, &map(&[("log_c", "log(pure)")]));
+    assert_eq!((run.measured[0], run.measured[4]), (0.0, fdm_grammar::math::log(3.0)));
+    // a title that reads like a logarithm is a title
+    let (run, _) = good("t,log(c),x\n0,7,1\n1,8,1\n", &channels, &map(&[("log_c", "log(c)")]));
+    assert_eq!(run.measured[0], 7.0);
+
+    let message = |pairs| one(text, &channels, &map(pairs));
+    let said = message(&[("log_c", "log(conc)")]);
+    assert!(
+        said.contains("a logarithm hangs on the unit") && said.contains("--map \"log_c=log(conc [mg/l])\""),
+        "{said}"
+    );
+    let said = message(&[("log_c", "log(conc [m])")]);
+    assert!(said.contains("`mg/l`, which cannot be converted to `m`"), "{said}");
+    let said = message(&[("log_c", "log(conc [g/ll])")]);
+    assert!(said.contains("`g/ll` is not a unit that is known"), "{said}");
+    let said = message(&[("log_c", "log(cnoc [g/l])")]);
+    assert!(said.contains("did you mean `conc [mg/l]`?"), "{said}");
+    let said = message(&[("x", "log(x [m])"), ("log_c", "pure")]);
+    assert!(said.contains("a logarithm is a pure number, and the output `x` is in `m`"), "{said}");
+    let text = "t,c,x\n0,1,1\n1,0,1\n2,-3,1\n";
+    let said = one(text, &channels, &map(&[("log_c", "log(c)")]));
+    assert!(
+        said.starts_with(
+            "line 3, column `c`: found `0`, expected a number above zero: its logarithm is read; also in line 4"
+        ),
+        "{said}"
+    );
+}
+
+#[test]
 fn wrong_units_are_refused() {
     let channels = wanted(&[], &[("phi", "rad")]);
     assert_eq!(

@@ -59,4 +59,4 @@ pub use study::{repeat_columns, studies_json, studies_markdown, studies_text, st
 pub use summary::{check_json, check_text};
 pub(crate) use table::digits;
 pub use table::{estimate_table, fit_table};
-pub use validation::validation_table;
+pub use validation::{validation_by_frequency, validation_by_time, validation_table};

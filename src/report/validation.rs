@@ -1,6 +1,7 @@
 //! How a model does on runs that it was not fitted to, beside those that it was.
 
 use super::table::{aligned_right, digits, plain, trimmed};
+use crate::diagnose::misfit::{Misfit, Window};
 use crate::quality::OutputQuality;
 use serde_json::{Value, json};
 
@@ -17,6 +18,43 @@ pub fn validation_table(validated: &[OutputQuality], fitted: &Value) -> String {
         }
     }
     (3..9).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
+
+/// The root mean square of the error in each fifth of each run: whether a prediction runs away, and when.
+pub fn validation_by_time(misfits: &[Misfit], time: &str) -> String {
+    let mut table = plain(&["RMS of residual", "run", "fifth 1", "2", "3", "4", "5", &format!("ends at [{time}]")]);
+    for m in misfits {
+        for own in m.windows.chunk_by(|a, b| a.run == b.run) {
+            let fifth = |windows: &[Window]| {
+                let (share, samples) = windows.iter().fold((0.0, 0.0), |(e, n), w| (e + w.share, n + w.samples));
+                if samples > 0.0 { digits(m.rms * f64::sqrt(share / samples), 3) } else { "-".into() }
+            };
+            let mut row = vec![m.output.clone(), own[0].run.clone()];
+            row.extend((0..5).map(|k| fifth(&own[k * own.len() / 5..(k + 1) * own.len() / 5])));
+            row.push(own.last().map_or(String::new(), |w| digits(w.to, 4)));
+            table.add_row(row);
+        }
+    }
+    (2..8).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
+
+/// The error by frequency, in octaves: its size, that of noise as strong as in the upper frequencies, and how much of the record is
+/// explained there.
+pub fn validation_by_frequency(misfits: &[Misfit], time: &str) -> String {
+    let per = if time == "s" { "Hz".to_string() } else { format!("1/{time}") };
+    let heads = ["output", &format!("from [{per}]"), "to", "RMS of residual", "noise alone", "of the record explained"];
+    let mut table = plain(&heads);
+    for m in misfits {
+        for band in &m.bands {
+            let part = |share: f64| digits(m.rms * share.sqrt(), 3);
+            let explained = band.explained.map_or("-".into(), |e| format!("{:.0} %", (100.0 * e).max(-999.0)));
+            let (low, high) = (digits(band.low, 3), digits(band.high, 3));
+            table.add_row([m.output.clone(), low, high, part(band.share), part(band.noise), explained]);
+        }
+    }
+    (1..6).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
 }
 

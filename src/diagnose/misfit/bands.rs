@@ -20,6 +20,19 @@ pub struct Band {
     pub share: f64,
     /// The share that noise would have there which is as strong as in the upper frequencies.
     pub noise: f64,
+    /// The part of the record's power there that the model explains, means aside: 1 where nothing is left, below 0 where the model is
+    /// worse than none; nothing where the record has no power.
+    pub explained: Option<f64>,
+}
+
+/// Powers in one band.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Powers {
+    pub(super) error: f64,
+    pub(super) noise: f64,
+    /// Those of the record, and of the error, without their means.
+    pub(super) measured: f64,
+    pub(super) moving: f64,
 }
 
 /// Orthonormal cosine lines of a signal.
@@ -38,6 +51,13 @@ pub(super) fn cosine_lines(values: impl Iterator<Item = f64>) -> Vec<f64> {
 /// Frequency of a line.
 pub(super) fn frequency(channel: &Channel<'_>, line: usize) -> f64 {
     line as f64 / (2.0 * channel.time.len() as f64 * channel.interval)
+}
+
+/// Values less their mean; zero where nothing was measured.
+fn about_mean(values: &[f64]) -> impl Iterator<Item = f64> + '_ {
+    let seen = values.iter().filter(|v| !v.is_nan()).count().max(1);
+    let mean = values.iter().filter(|v| !v.is_nan()).sum::<f64>() / seen as f64;
+    values.iter().map(move |v| if v.is_nan() { 0.0 } else { v - mean })
 }
 
 /// Root mean square of white noise that is as strong as the residuals in their upper lines: the median of their powers, so that a
@@ -72,28 +92,33 @@ pub(super) fn bands(channels: &[Channel<'_>], floor: f64) -> Vec<Band> {
     }
     let count = ((highest * longest).log2().floor().max(1.0) as usize).min(MOST);
     let edge = |k: usize| if k == 0 { 0.0 } else { highest * 0.5_f64.powi((count - k) as i32) };
-    let mut sums = vec![(0.0, 0.0); count];
+    let mut sums = vec![Powers::default(); count];
     for channel in channels {
         let share = channel.residual.iter().filter(|r| !r.is_nan()).count() as f64 / channel.time.len() as f64;
-        for (line, value) in cosine_lines(channel.filled()).into_iter().enumerate() {
+        let (error, moving) = (cosine_lines(channel.filled()), cosine_lines(about_mean(&channel.residual)));
+        let measured = cosine_lines(about_mean(&channel.measured));
+        for (line, ((error, moving), measured)) in error.into_iter().zip(moving).zip(measured).enumerate() {
             let f = frequency(channel, line);
-            let band = (1..count).rev().find(|k| f >= edge(*k)).unwrap_or(0);
-            sums[band].0 += value * value;
-            sums[band].1 += floor * floor * share;
+            let band = &mut sums[(1..count).rev().find(|k| f >= edge(*k)).unwrap_or(0)];
+            band.error += error * error;
+            band.noise += floor * floor * share;
+            band.moving += moving * moving;
+            band.measured += measured * measured;
         }
     }
     shares(&sums, edge)
 }
 
 /// Bands from the sums of error and of noise in each, by their shares of the whole error.
-pub(super) fn shares(sums: &[(f64, f64)], edge: impl Fn(usize) -> f64) -> Vec<Band> {
-    let total: f64 = sums.iter().map(|s| s.0).sum();
+pub(super) fn shares(sums: &[Powers], edge: impl Fn(usize) -> f64) -> Vec<Band> {
+    let total: f64 = sums.iter().map(|s| s.error).sum();
     let part = |value: f64| if total > 0.0 { value / total } else { 0.0 };
-    let one = |(k, (error, noise)): (usize, &(f64, f64))| Band {
+    let one = |(k, powers): (usize, &Powers)| Band {
         low: edge(k),
         high: edge(k + 1),
-        share: part(*error),
-        noise: part(*noise),
+        share: part(powers.error),
+        noise: part(powers.noise),
+        explained: (powers.measured > 0.0).then(|| 1.0 - powers.moving / powers.measured),
     };
     sums.iter().enumerate().map(one).collect()
 }

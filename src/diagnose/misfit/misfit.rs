@@ -4,9 +4,9 @@ use super::bands::{Band, bands, floor};
 use super::gain::{Gain, gains};
 use super::moments::{AmplitudeBin, Window, by_amplitude, windows};
 use super::sentences::sentences;
-use crate::diagnose::force::Passage;
 use crate::model::Model;
 use crate::quality::OutputFit;
+use crate::record::Run;
 use serde::Serialize;
 
 /// What is wrong with one output, all runs together.
@@ -38,6 +38,17 @@ pub struct Misfit {
     pub sentences: Vec<String>,
 }
 
+/// What a model left of a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Left<'a> {
+    /// The record (N samples of q outputs), evenly sampled.
+    pub run: &'a Run,
+    /// Measured less modelled (N by q); NaN where nothing was measured.
+    pub residual: &'a [f64],
+    /// Time between samples.
+    pub interval: f64,
+}
+
 /// One output of one run.
 pub(super) struct Channel<'a> {
     pub(super) run: &'a str,
@@ -57,14 +68,14 @@ impl Channel<'_> {
 }
 
 /// Describes what is wrong with every output that was measured, in the model's order.
-pub fn misfit(model: &Model, passages: &[Passage<'_>]) -> Vec<Misfit> {
+pub fn misfit(model: &Model, runs: &[Left<'_>]) -> Vec<Misfit> {
     let q = model.layout().outputs;
-    (0..q).filter_map(|output| of_output(model, passages, output, q)).collect()
+    (0..q).filter_map(|output| of_output(model, runs, output, q)).collect()
 }
 
-fn of_output(model: &Model, passages: &[Passage<'_>], output: usize, q: usize) -> Option<Misfit> {
-    let channels: Vec<Channel<'_>> =
-        passages.iter().map(|p| channel(p, output, q)).filter(|c| c.time.len() > 1).collect();
+fn of_output(model: &Model, runs: &[Left<'_>], output: usize, q: usize) -> Option<Misfit> {
+    let runs: Vec<Left<'_>> = runs.iter().copied().filter(|r| r.run.len() > 1).collect();
+    let channels: Vec<Channel<'_>> = runs.iter().map(|r| channel(r, output, q)).collect();
     let definition = model.definition();
     let quantity = &definition.outputs[output].quantity;
     let cells = || channels.iter().flat_map(|c| c.residual.iter().zip(&c.response)).filter(|(r, _)| !r.is_nan());
@@ -89,25 +100,18 @@ fn of_output(model: &Model, passages: &[Passage<'_>], output: usize, q: usize) -
         tic: fit.tic,
         bands: bands(&channels, floor),
         windows: windows(&channels),
-        amplitudes: by_amplitude(&quantity.name, &channels, passages, &inputs),
+        amplitudes: by_amplitude(&quantity.name, &channels, &runs, &inputs),
         gains: gains(&channels),
         sentences: Vec::new(),
     };
-    misfit.sentences = sentences(&misfit, &definition.time.to_string(), passages.len());
+    misfit.sentences = sentences(&misfit, &definition.time.to_string(), runs.len());
     Some(misfit)
 }
 
-fn channel<'a>(passage: &Passage<'a>, output: usize, q: usize) -> Channel<'a> {
+fn channel<'a>(left: &Left<'a>, output: usize, q: usize) -> Channel<'a> {
     let column = |values: &[f64]| -> Vec<f64> { values.iter().skip(output).step_by(q).copied().collect() };
-    let (residual, measured) = (column(&passage.record.residual), column(&passage.run.measured));
+    let (residual, measured) = (column(left.residual), column(&left.run.measured));
     // where nothing was measured the response is not known here, and not compared
     let response = measured.iter().zip(&residual).map(|(z, r)| z - r).collect();
-    Channel {
-        run: &passage.run.name,
-        time: &passage.run.time,
-        interval: passage.record.interval,
-        residual,
-        measured,
-        response,
-    }
+    Channel { run: &left.run.name, time: &left.run.time, interval: left.interval, residual, measured, response }
 }

@@ -16,6 +16,6 @@ mod tests;
 
 pub use bands::Band;
 pub use gain::Gain;
-pub use misfit::{Misfit, misfit};
+pub use misfit::{Left, Misfit, misfit};
 pub use moments::{AmplitudeBin, Window};
 pub use spectral::{SpectralPassage, misfit_of_lines};

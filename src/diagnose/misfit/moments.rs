@@ -1,7 +1,6 @@
 //! The error by time, and by how large the response and the inputs are.
 
-use super::misfit::Channel;
-use crate::diagnose::force::Passage;
+use super::misfit::{Channel, Left};
 use serde::Serialize;
 
 /// Windows of a run.
@@ -66,7 +65,7 @@ pub(super) fn windows(channels: &[Channel<'_>]) -> Vec<Window> {
 pub(super) fn by_amplitude(
     name: &str,
     channels: &[Channel<'_>],
-    passages: &[Passage<'_>],
+    runs: &[Left<'_>],
     inputs: &[(String, usize)],
 ) -> Vec<AmplitudeBin> {
     let mut bins = Vec::new();
@@ -79,9 +78,9 @@ pub(super) fn by_amplitude(
     }
     bins.extend(binned(name, own));
     for (input, k) in inputs {
-        let pairs = passages.iter().zip(channels).flat_map(|(passage, channel)| {
-            let width = passage.run.held.len().max(1);
-            passage.run.inputs.iter().skip(*k).step_by(width).map(|u| u.abs()).zip(channel.residual.iter().copied())
+        let pairs = runs.iter().zip(channels).flat_map(|(left, channel)| {
+            let width = left.run.held.len().max(1);
+            left.run.inputs.iter().skip(*k).step_by(width).map(|u| u.abs()).zip(channel.residual.iter().copied())
         });
         bins.extend(binned(input, pairs.collect()));
     }

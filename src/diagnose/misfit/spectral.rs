@@ -1,6 +1,6 @@
 //! The misfit of spectra: how large, and in which bands; of time and amplitudes they say nothing.
 
-use super::bands::{Band, MOST, UPPER, root_of_median, shares};
+use super::bands::{Band, MOST, Powers, UPPER, root_of_median, shares};
 use super::gain::{Lines, gains_of};
 use super::misfit::Misfit;
 use super::sentences::sentences;
@@ -87,7 +87,7 @@ fn lines_of(column: &Column) -> Lines {
 
 /// The error in octaves of the band.
 fn bands(columns: &[Column], deviation: f64) -> Vec<Band> {
-    let all = || columns.iter().flat_map(|c| c.frequency.iter().zip(&c.residual));
+    let all = || columns.iter().flat_map(|c| c.frequency.iter().zip(c.residual.iter().zip(&c.measured)));
     let highest = all().map(|(f, _)| *f).fold(0.0, f64::max);
     let lowest = all().map(|(f, _)| *f).fold(f64::INFINITY, f64::min);
     if highest <= 0.0 {
@@ -95,11 +95,13 @@ fn bands(columns: &[Column], deviation: f64) -> Vec<Band> {
     }
     let count = ((highest / lowest).log2().ceil().max(1.0) as usize).min(MOST);
     let edge = |k: usize| if k == 0 { 0.0 } else { highest * 0.5_f64.powi((count - k) as i32) };
-    let mut sums = vec![(0.0, 0.0); count];
-    for (f, r) in all() {
-        let band = (1..count).rev().find(|k| *f > edge(*k)).unwrap_or(0);
-        sums[band].0 += r * r;
-        sums[band].1 += deviation * deviation;
+    let mut sums = vec![Powers::default(); count];
+    for (f, (r, z)) in all() {
+        let band = &mut sums[(1..count).rev().find(|k| *f > edge(*k)).unwrap_or(0)];
+        band.error += r * r;
+        band.noise += deviation * deviation;
+        band.moving += r * r;
+        band.measured += z * z;
     }
     shares(&sums, edge)
 }

@@ -2,11 +2,9 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::diagnose::force::Passage;
-use crate::diagnose::screen::{Normal, Record};
+use crate::diagnose::screen::Normal;
 use crate::model::Model;
 use crate::record::Run;
-use crate::simulate::Steps;
 use std::f64::consts::TAU;
 
 const INTERVAL: f64 = 0.02;
@@ -22,10 +20,10 @@ fn described(response: impl Fn(usize, f64) -> f64, record: impl Fn(usize, f64) -
     let mut normal = Normal::new(4);
     let time: Vec<f64> = (0..SAMPLES).map(|k| k as f64 * INTERVAL).collect();
     let mut runs = Vec::new();
-    let mut records = Vec::new();
+    let mut residuals: Vec<Vec<f64>> = Vec::new();
     for run in 0..2 {
         let measured: Vec<f64> = time.iter().map(|t| record(run, *t) + noise * normal.next()).collect();
-        let residual = time.iter().zip(&measured).map(|(t, z)| z - response(run, *t)).collect();
+        residuals.push(time.iter().zip(&measured).map(|(t, z)| z - response(run, *t)).collect());
         runs.push(Run {
             name: format!("run {run}"),
             time: time.clone(),
@@ -35,12 +33,11 @@ fn described(response: impl Fn(usize, f64) -> f64, record: impl Fn(usize, f64) -
             input_gaps: vec![0],
             output_gaps: vec![0],
         });
-        records.push(Record { interval: INTERVAL, residual, fitted: Vec::new(), directions: Vec::new() });
     }
-    let steps = Steps::from(1);
-    let passages: Vec<Passage<'_>> =
-        runs.iter().zip(&records).map(|(run, record)| Passage { run, steps: &steps, theta: &[-1.0], record }).collect();
-    let mut all = misfit(&model, &passages);
+    let left = |(run, residual)| Left { run, residual, interval: INTERVAL };
+    let left: Vec<Left<'_>> =
+        runs.iter().zip(&residuals).map(|(run, residual)| left((run, residual.as_slice()))).collect();
+    let mut all = misfit(&model, &left);
     assert_eq!(all.len(), 1);
     all.remove(0)
 }
@@ -81,6 +78,9 @@ fn a_band_a_time_and_an_amplitude_are_named() {
     assert!(said.contains("of the time, from 6 to ") && said.contains("of run 0 and from 6"), "{said}");
     let peak = found.bands.iter().max_by(|a, b| a.share.total_cmp(&b.share)).unwrap();
     assert!(peak.low < 8.0 && peak.high > 8.0, "{peak:?}");
+    // the tones are explained, the bump is not
+    let at = |f: f64| found.bands.iter().find(|b| b.low <= f && f < b.high).unwrap().explained.unwrap();
+    assert!(at(0.4) > 0.999 && at(2.0) > 0.99 && at(8.0) < 0.1, "{:?}", found.bands);
     let cubic = |run: usize, t: f64| tones(run, t, 0.0);
     let found = described(cubic, |run, t| cubic(run, t) - 0.1 * cubic(run, t).powi(3), 0.01);
     let said = found.sentences.join("\n");

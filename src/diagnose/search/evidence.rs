@@ -5,7 +5,7 @@ use super::search_error::SearchError;
 use super::stage::{Stage, records};
 use super::way::Way;
 use crate::diagnose::force::{Attribution, Explained, Heard, Passage, Suggestions, attribute, heard, suggestions};
-use crate::diagnose::misfit::{Misfit, SpectralPassage, misfit, misfit_of_lines};
+use crate::diagnose::misfit::{Left, Misfit, SpectralPassage, misfit, misfit_of_lines};
 use crate::diagnose::screen::Record;
 use crate::model::Model;
 
@@ -39,7 +39,11 @@ impl<'a> Seen<'a> {
         if !lines.is_empty() {
             return misfit_of_lines(&self.stage.model, &lines);
         }
-        misfit(&self.stage.model, &self.passages()[..self.runs.train])
+        let mut left = Vec::new();
+        for (run, record) in self.runs.all.iter().zip(&self.records).take(self.runs.train) {
+            left.push(Left { run, residual: &record.residual, interval: record.interval });
+        }
+        misfit(&self.stage.model, &left)
     }
 
     /// Where a force would enter, and whether residuals are noise; none where that cannot be asked.
