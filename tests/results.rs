@@ -183,7 +183,8 @@ fn validation_holds_what_is_shared_and_finds_the_rest() {
         assert!(!m["sentences"].as_array().unwrap().is_empty(), "{m}");
     }
     let three = fs::read_to_string(desk.path("three.csv")).unwrap();
-    let kept: Vec<&str> = three.lines().enumerate().filter(|(k, _)| *k < 3 || k % 3 > 0).map(|(_, line)| line).collect();
+    let kept: Vec<&str> =
+        three.lines().enumerate().filter(|(k, _)| *k < 3 || k % 3 > 0).map(|(_, line)| line).collect();
     fs::write(desk.path("gaps.csv"), kept.join("\n") + "\n").unwrap();
     let output = desk.fdm("validate --from-result result --data gaps.csv --hold u -q");
     assert!(said(&output).contains("run `gaps` is not sampled evenly"), "{}", said(&output));

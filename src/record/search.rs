@@ -186,21 +186,44 @@ impl Search<'_> {
         let as_typed = self.column(text.trim());
         let inside = text.trim().strip_prefix("log(").and_then(|t| t.strip_suffix(')'));
         let inside = inside.filter(|_| matches!(as_typed, Ok(None)));
-        let (text, as_typed) = inside.map_or((text, as_typed), |inside| (inside, self.column(inside.trim())));
+        if let Some(inside) = inside {
+            return self.logarithmic_column(channel, inside);
+        }
         let given = Heading::new(text);
-        let logarithm = inside.is_some();
         let found = match (as_typed, given.unit) {
             (Ok(None), Some(unit)) => {
                 let named = self.column(&given.name);
-                named.map(|c| c.map(|column| Found { column, unit: Some(unit), logarithm }))
+                named.map(|c| c.map(|column| Found { unit: Some(unit), ..Found::plain(column) }))
             }
-            (other, _) => other.map(|c| c.map(|column| Found { logarithm, ..Found::plain(column) })),
+            (other, _) => other.map(|c| c.map(Found::plain)),
         };
+        self.named_column(channel, text, &given.name, found)
+    }
+
+    /// The column whose logarithm a `--map` wants: brackets say the unit that it is taken in.
+    fn logarithmic_column(&mut self, channel: &str, text: &str) -> Option<Found> {
+        let given = Heading::new(text);
+        let of = |unit: Option<String>| move |column| Found { column, unit, logarithm: true };
+        let found = match (self.column(&given.name), self.column(text.trim())) {
+            (Ok(None), whole) => whole.map(|c| c.map(of(None))),
+            (named, _) => named.map(|c| c.map(of(given.unit))),
+        };
+        self.named_column(channel, text, &given.name, found)
+    }
+
+    /// What was found for a `--map`, or what is wrong with it.
+    fn named_column(
+        &mut self,
+        channel: &str,
+        text: &str,
+        name: &str,
+        found: Result<Option<Found>, Problem>,
+    ) -> Option<Found> {
         match found {
             Ok(Some(found)) => return Some(found),
             Ok(None) => {
                 let columns = self.table.titles();
-                let hint = self.like(&given.name).map(|title| format!("did you mean `{title}`?"));
+                let hint = self.like(name).map(|title| format!("did you mean `{title}`?"));
                 let fault = Fault::UnknownColumn { channel: channel.into(), column: excerpt(text), columns };
                 self.problems.push(fault.anywhere().maybe_hint(hint));
             }
@@ -302,7 +325,8 @@ impl Search<'_> {
     fn logarithm(&mut self, role: Role, channel: &Channel, found: Found) -> Option<Source> {
         let title = self.table.columns[found.column].title.clone();
         let name = channel.name.clone();
-        let own = self.table.columns[found.column].unit.clone().filter(|u| Unit::parse(u).is_ok_and(|u| !u.is_one()));
+        let own =
+            self.table.columns[found.column].unit.clone().filter(|u| Unit::parse(u).map_or(true, |u| !u.is_one()));
         if let Some(unit) = channel.unit.as_ref().filter(|u| !u.is_one()) {
             let fault = Fault::LogarithmOfUnit { role, channel: name, unit: unit.text().to_string() };
             self.problems.push(fault.at(self.table.header_line).column(&title));

@@ -128,6 +128,9 @@ fn logarithms_are_taken_in_the_unit_that_was_given() {
     let (run, summary) = good(text, &channels, &map(&[("log_c", "log(conc [g/l])")]));
     assert_eq!(&run.measured[..4], [0.0, 1.0, fdm_grammar::math::log(2.0), 1.0]);
     assert!(run.measured[4].is_nan() && summary.sources[1].logarithm && !summary.sources[2].logarithm);
+    // as the hint of its absence says
+    let (run, _) = good(text, &channels, &map(&[("log_c", "log(conc [mg/l])")]));
+    assert_eq!(run.measured[0], fdm_grammar::math::log(1000.0));
     let (run, _) = good(text, &channels, &map(&[("log_c", "log(pure)")]));
     assert_eq!((run.measured[0], run.measured[4]), (0.0, fdm_grammar::math::log(3.0)));
     // a title that reads like a logarithm is a title
@@ -144,6 +147,8 @@ fn logarithms_are_taken_in_the_unit_that_was_given() {
     assert!(said.contains("`mg/l`, which cannot be converted to `m`"), "{said}");
     let said = message(&[("log_c", "log(conc [g/ll])")]);
     assert!(said.contains("`g/ll` is not a unit that is known"), "{said}");
+    let said = one("t,c [gl],x\n0,1,1\n1,2,1\n", &channels, &map(&[("log_c", "log(c [g/l])")]));
+    assert!(said.contains("`gl` is not a unit that is known"), "{said}");
     let said = message(&[("log_c", "log(cnoc [g/l])")]);
     assert!(said.contains("did you mean `conc [mg/l]`?"), "{said}");
     let said = message(&[("x", "log(x [m])"), ("log_c", "pure")]);
