@@ -2,7 +2,9 @@
 
 use crate::failure::{Failure, print, remark};
 use crate::histories::{histories, tables};
+use crate::live::{Live, Shared};
 use crate::modes::of_result;
+use crate::progress::Progress;
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Fit;
@@ -88,6 +90,16 @@ fn admits(path: &Path) -> io::Result<()> {
 }
 
 impl Prepared<'_> {
+    /// Tells of the work while it goes on, beside the folder that is to hold its result and beside its checkpoint.
+    pub(crate) fn live(&self, model: &Model, checkpoint: Option<&Path>, progress: &mut Progress) -> (Live, Shared) {
+        let folders = self.destination.iter().map(Destination::folder).chain(checkpoint);
+        let (folders, course): (Vec<PathBuf>, _) = (folders.map(Path::to_path_buf).collect(), Shared::default());
+        if !folders.is_empty() {
+            progress.told(course.clone());
+        }
+        (Live::begin(folders, model, course.clone()), course)
+    }
+
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
     pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
         if self.delivery.json || self.delivery.describes() {

@@ -20,6 +20,7 @@ mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod live;
 mod lsp;
 mod modes;
 mod new;

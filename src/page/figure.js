@@ -112,6 +112,15 @@
       for (let k = to - 1; k >= from; k--) if (m.low[k] !== null) points.push([x.place(figure.at[k]), y.place(m.low[k])]);
       const text = points.map((p, k) => (k ? "L" : "M") + p[0].toFixed(1) + " " + p[1].toFixed(1)).join("");
       element("path", { class: m.look + " band", d: text ? text + "Z" : "" }, parent);
+    } else if (m.shape === "columns") {
+      const half = 0.5 * figure.at.reduce((least, v, k) => (k ? Math.min(least, v - figure.at[k - 1]) : least), Infinity);
+      let text = "";
+      for (let k = from; k < to; k++) {
+        if (m.values[k] === null) continue;
+        const [a, b] = [x.place(figure.at[k] - half), x.place(figure.at[k] + half)].map((p) => p.toFixed(1));
+        text += "M" + a + " " + y.place(m.low[k]).toFixed(1) + "V" + y.place(m.values[k]).toFixed(1) + "H" + b + "V" + y.place(m.low[k]).toFixed(1);
+      }
+      element("path", { class: m.look + " columns", d: text }, parent);
     } else {
       let text = "";
       for (let k = from; k < to; k++) {
@@ -199,14 +208,15 @@
     figure.readout.textContent = "";
     figure.chosen = k;
     if (k === null || k === undefined || !figure.at.length) return;
-    const said = [figure.data.label.replace(/ \[.*/, "") + " = " + figure.at[k]];
+    const names = figure.data.names;
+    const said = [names ? names[k] : figure.data.label.replace(/ \[.*/, "") + " = " + figure.at[k]];
     for (const frame of figure.frames) {
       const px = frame.x.place(figure.at[k]);
       element("line", { class: "hair", x1: px, x2: px, y1: frame.top, y2: frame.bottom }, figure.over);
       for (const m of frame.panel.marks) {
         const v = m.values[k];
         if (v === null || m.name === "") continue;
-        const between = m.low && m.shape !== "stems" ? m.low[k] + " to " + v : v;
+        const between = m.low && m.shape !== "stems" && m.shape !== "columns" ? m.low[k] + " to " + v : v;
         said.push(m.name + " = " + between);
         if (!m.low) element("circle", { class: "dot " + m.look, cx: px, cy: frame.y.place(v), r: 3.5 }, figure.over);
       }
