@@ -65,6 +65,11 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Delivery {
+    /// Of a result that is tables and has no histories to be drawn.
+    pub(crate) fn of_tables(json: bool, quiet: bool, out: Option<PathBuf>, report: Option<PathBuf>) -> Self {
+        Self { json, plot: None, out, report, quiet }
+    }
+
     /// Whether it will be asked what the result was made from.
     pub(crate) fn describes(&self) -> bool {
         self.out.is_some() || self.report.is_some()
@@ -150,7 +155,9 @@ fn contents(outcome: Outcome<'_>, json: String) -> Result<Contents, String> {
     let mut text = outcome.text.clone();
     outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
     let mut others = vec![("result.txt".to_string(), text.into_bytes())];
-    others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
+    if outcome.fit.is_some() || !outcome.spectra.is_empty() {
+        others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
+    }
     others.extend(outcome.fit.map_or(Vec::new(), |fit| tables(fit, outcome.runs)));
     others.extend(outcome.tables);
     let mut texts = outcome.model.source().texts().iter().map(|t| t.text().to_string());

@@ -42,6 +42,8 @@ struct Found {
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (model, found) = arguments.subject()?;
     let (trim, modes) = modes(&model)?;
+    // regressions have no covariance of all parameters
+    let found = found.filter(|found| found.folder.result()["covariance"].is_object());
     let covariance = found.map(|found| found.folder.covariance(&model, &found.run));
     let errors = covariance.map_or(Vec::new(), |covariance| errors(&model, &modes, &covariance));
     let text = match arguments.json {
@@ -123,7 +125,12 @@ pub(crate) fn of_result(model: &Model, result: &Value, runs: &[String]) -> Value
     let (theta, covariance) = estimates(model, result, run);
     let found = with_estimates(model, &theta, &covariance);
     match modes(&found) {
-        Ok((trim, modes)) => modes_json(&found, &trim, &modes, &errors(&found, &modes, &covariance)),
+        Ok((trim, modes)) => {
+            // regressions have no covariance of all parameters
+            let known = result["covariance"].is_object();
+            let errors = if known { errors(&found, &modes, &covariance) } else { Vec::new() };
+            modes_json(&found, &trim, &modes, &errors)
+        }
         Err(Failure::Input(reasons)) => left_out(reasons.join("; ")),
         Err(_) => left_out("the model cannot be linearised".into()),
     }

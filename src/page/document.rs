@@ -7,7 +7,7 @@ use super::raster::{self, RasterError};
 use super::subject::Subject;
 use super::{
     convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, progress,
-    reproduction, residuals, spectra, starts, study,
+    regression, reproduction, residuals, spectra, starts, study,
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
@@ -138,7 +138,7 @@ pub fn drawings(subject: &Subject) -> Vec<Drawing> {
     if subject.diagnosis.is_some() {
         return diagnosis::figures(subject).into_iter().map(|f| Drawing(Drawn::Figure(f))).collect();
     }
-    let before = [study::figures, histories::figures, residuals::figures, spectra::figures];
+    let before = [study::figures, regression::figures, histories::figures, residuals::figures, spectra::figures];
     let before = before.into_iter().flat_map(|of| of(subject));
     let behind = starts::figure(subject).into_iter().chain(convergence::figures(subject));
     let pictures = modes::pictures(subject).into_iter().map(Drawn::Picture);
@@ -160,7 +160,8 @@ fn of_fit(subject: &Subject) -> Vec<Section> {
         convergence::lengths(subject),
         reproduction::section(subject),
     ];
-    study::sections(subject).into_iter().chain(all.into_iter().flatten()).collect()
+    let first = study::sections(subject).into_iter().chain(regression::sections(subject));
+    first.chain(all.into_iter().flatten()).collect()
 }
 
 /// Of work that goes on: what changes first.

@@ -2,7 +2,7 @@
 
 use super::number::{shown, text};
 use super::subject::{Subject, list};
-use super::{diagnosis, progress, study};
+use super::{diagnosis, progress, regression, study};
 use maud::{Markup, html};
 use serde_json::Value;
 
@@ -46,6 +46,7 @@ pub(super) fn kind(subject: &Subject) -> &'static str {
         () if subject.progress.is_some() => "at work",
         () if result["study"].is_object() => "study",
         () if subject.diagnosis.is_some() => "diagnosis",
+        () if result["fits"].is_array() => "equation error",
         () if result["validation"].is_object() => "validation",
         () if result["frequency_domain"].is_object() => "fit of spectra",
         () if result["frequency_responses"].is_object() => "fit of frequency responses",
@@ -68,6 +69,7 @@ pub(super) fn verdict(subject: &Subject, anchors: &[&str]) -> Markup {
             points.extend(remarks(subject));
             (trust, sentence, points)
         }
+        (None, None) if subject.result["fits"].is_array() => regression::verdict(&subject.result),
         (None, None) => {
             let (trust, sentence) = judged(subject);
             (trust, sentence, remarks(subject))

@@ -21,6 +21,7 @@ mod parameters;
 mod picture;
 mod progress;
 mod raster;
+mod regression;
 mod reproduction;
 mod residuals;
 mod scale;
