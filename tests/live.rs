@@ -162,17 +162,19 @@ fn a_fit_from_many_starts_is_seen_and_a_dead_one_is_told() {
 #[test]
 fn corrections_and_parameters_are_seen_while_a_fit_works() {
     let desk = Desk::new();
-    // a record so long, and a way so slow, that it takes longer than a second on any machine
+    // so many steps, and a way so slow, that it takes longer than a second on any machine
+    let curved = MODEL.replace("-k*x", "-k*x*(1 + 0.01*x^2)");
+    fs::write(desk.path("curved.fdm"), curved).unwrap();
     let mut rows = String::from("t [s],y\n");
-    for n in 0..400_000 {
-        let t = 1e-4 * f64::from(n);
-        rows.push_str(&format!(
-            "{t:.4},{:.6}\n",
-            2.0 * (-0.8 * t).exp() + 0.2 + 0.02 * (f64::from(n % 1000) * 0.7).sin()
-        ));
+    for n in 0..2000 {
+        let t = 3e-3 * f64::from(n);
+        let ripple = 0.02 * (f64::from(n % 100) * 0.7).sin();
+        rows.push_str(&format!("{t:.3},{:.6}\n", 2.0 * (-0.8 * t).exp() + 0.2 + ripple));
     }
     fs::write(desk.path("long.csv"), rows).unwrap();
-    let fit = desk.begin("fit decay.fdm --data long.csv --method nelder-mead -q --out result");
+    let fit = desk.begin(
+        "fit curved.fdm --data long.csv --method nelder-mead --integrator runge-kutta --steps 800 -q --out result",
+    );
     let page = desk.page_with(&["decay: at work", "id=\"convergence-1\"", "largest step", "id=\"parameters\""]);
     assert!(page.contains("At work: iteration ") && page.contains("so far "), "{page:.4000}");
     interrupt(fit);

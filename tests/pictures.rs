@@ -20,7 +20,7 @@ const PAGES: [(&str, &str); 3] = [
     ),
 ];
 /// Name, width and height of the window, and pixels of the picture for each of its own.
-const WINDOWS: [(&str, u32, u32, f32); 2] = [("desktop", 1280, 1500, 0.6), ("phone", 390, 1200, 0.8)];
+const WINDOWS: [(&str, u32, u32, f32); 2] = [("desktop", 1280, 1900, 0.6), ("phone", 390, 1500, 0.8)];
 /// The colour of the page.
 const PAPERS: [(&str, [u8; 3]); 2] = [("light", [255, 255, 255]), ("dark", [0x14, 0x17, 0x1a])];
 /// Bytes of all pictures together.
@@ -63,7 +63,7 @@ fn seen(desk: &TempDir, page: &str, theme: &str, (width, height, scale): (u32, u
         .args(["--headless", "--no-sandbox", "--disable-gpu", "--allow-file-access-from-files", "--hide-scrollbars"])
         .arg("--timeout=60000")
         .arg(format!("--force-device-scale-factor={scale}"))
-        .arg(format!("--window-size={},{height}", width.max(700)))
+        .arg(format!("--window-size={},{}", width.max(700), height + 200))
         .arg(format!("--user-data-dir={}", profile.path().display()))
         .arg(format!("--screenshot={}", picture.display()))
         .arg(format!("file://{}", harness.display()))

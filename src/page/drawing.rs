@@ -121,7 +121,7 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     html! {
         @for (panel, frame) in figure.panels.iter().zip(&frames) { (drawn(figure, panel, frame)) }
         @if let Some(frame) = frames.last() {
-            @for (v, label) in x.ticks((width / 95.0) as usize) {
+            @for (v, label) in x.ticks(across(figure, &x, width)) {
                 text.tick x=(tenth(frame.across(v))) y=(tenth(frame.top + frame.height + 15.0)) text-anchor="middle" { (label) }
             }
             text.label x=(tenth((LEFT + width - RIGHT) / 2.0)) y=(tenth(height - 6.0)) text-anchor="middle" { (figure.label) }
@@ -129,11 +129,17 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     }
 }
 
+/// How many ticks an axis across has room for; one of things has none between them.
+fn across(figure: &Figure, x: &Scale, width: f64) -> usize {
+    let room = (width / 95.0) as usize;
+    if figure.names.is_empty() || x.logarithmic { room } else { room.min((x.high - x.low) as usize).max(1) }
+}
+
 fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {
     let (right, bottom) = (frame.width - RIGHT, frame.top + frame.height);
     let middle = tenth(frame.top + frame.height / 2.0);
     html! {
-        @for (v, _) in frame.x.ticks((frame.width / 95.0) as usize) {
+        @for (v, _) in frame.x.ticks(across(figure, &frame.x, frame.width)) {
             line.grid x1=(tenth(frame.across(v))) x2=(tenth(frame.across(v))) y1=(tenth(frame.top)) y2=(tenth(bottom)) {}
         }
         @for (v, label) in frame.y.ticks((panel.height / 30) as usize) {

@@ -35,7 +35,7 @@ pub(super) fn shown(line: &Line, class: &str) -> Markup {
 }
 
 /// Formulas of more signs than this may be broken.
-const SHORT: usize = 48;
+const SHORT: usize = 20;
 
 /// A long formula in several, each a summand that begins with its sign: browsers break text between formulas, and never one within.
 fn broken(set: &str) -> String {

@@ -148,6 +148,8 @@
     const data = figure.data;
     const [low, high] = figure.group.view || figure.whole;
     const x = scale(low, high, data.logarithmic, MARGIN.left, width - MARGIN.right);
+    // an axis of things has no ticks between them
+    const room = Math.floor(width / 95), many = data.names && !data.logarithmic ? Math.max(1, Math.min(room, Math.floor(high - low))) : room;
     const from = Math.max(0, search(figure.at, low) - 1), to = Math.min(figure.at.length, search(figure.at, high) + 2);
     let top = MARGIN.top;
     const height = data.panels.reduce((sum, p) => sum + p.height + MARGIN.gap, MARGIN.top - MARGIN.gap + MARGIN.bottom);
@@ -167,7 +169,7 @@
       const clip = figure.id + "-clip-" + k;
       const box = { x: MARGIN.left, y: top, width: width - MARGIN.right - MARGIN.left, height: panel.height };
       element("rect", box, element("clipPath", { id: clip }, svg));
-      for (const [v] of ticks(x, Math.floor(width / 95))) {
+      for (const [v] of ticks(x, many)) {
         const at = x.place(v).toFixed(1);
         element("line", { class: "grid", x1: at, x2: at, y1: top, y2: frame.bottom }, svg);
       }
@@ -185,7 +187,7 @@
       return frame;
     });
     const bottom = height - MARGIN.bottom;
-    for (const [v, text] of ticks(x, Math.floor(width / 95))) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
+    for (const [v, text] of ticks(x, many)) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
     written(svg, (MARGIN.left + width - MARGIN.right) / 2, height - 6, data.label, { class: "label", "text-anchor": "middle" });
     figure.over = element("g", { "pointer-events": "none" }, svg);
     svg.setAttribute("data-low", low);

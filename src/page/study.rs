@@ -4,7 +4,7 @@
 use super::document::Section;
 use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::headline::Trust;
-use super::number::{bracketed, shown, text};
+use super::number::{bracketed, shown};
 use super::subject::{Subject, list};
 use maud::{Markup, html};
 use serde_json::Value;
@@ -18,9 +18,9 @@ const LEAST: f64 = 0.88;
 /// Histograms reach so many errors to both sides, in so many columns.
 const REACH: f64 = 4.0;
 const COLUMNS: usize = 32;
-/// Kinds of errors, and what they are called.
+/// Kinds of errors, those to be trusted first, and what they are called.
 const KINDS: [(&str, &str, Look); 2] =
-    [("cramer_rao", "Cramér–Rao", Look::Residual), ("corrected", "corrected", Look::Model)];
+    [("corrected", "corrected", Look::Model), ("cramer_rao", "Cramér–Rao", Look::Residual)];
 
 /// What can be said in a sentence, and what speaks against the intervals.
 pub(super) fn verdict(study: &Value) -> (Trust, String, Vec<(String, &'static str)>) {
@@ -328,7 +328,7 @@ fn histogram(subject: &Subject, k: usize, p: &Value) -> Option<Figure> {
     Some(Figure {
         id: format!("estimates-{}", k + 1),
         group: format!("estimates-{}", k + 1),
-        caption: format!("{name}, of {} repeats{outside}", text(f64::from(all), 9)),
+        caption: format!("{name}, of {all} repeats{outside}"),
         label: format!("deviation from the truth [{kind} σ]"),
         logarithmic: false,
         panels: vec![Panel {
