@@ -1,6 +1,6 @@
 //! The pictures of docs/report.md: three pages in a browser, light and dark, on a desk and on a phone.
 //!
-//! Needs Chromium and writes docs/pictures; `cargo test --release --test pictures -- --ignored` makes them anew.
+//! Needs Chromium and writes docs/pictures; `cargo test --test pictures -- --ignored` makes them anew.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
@@ -13,10 +13,13 @@ use tempfile::TempDir;
 /// Name, and the command that makes the page.
 const PAGES: [(&str, &str); 3] = [
     ("fit", "fit models/trex550/coupled.fdm --data models/trex550/first_half.csv"),
-    ("diagnosis", "diagnose models/ship_roll_decay/linear.fdm --data models/ship_roll_decay/run.csv --every 4"),
+    (
+        "diagnosis",
+        "diagnose models/ship_roll_decay/linear.fdm --data models/ship_roll_decay/run.csv --every 8 --only cubic_stiffness --only quadratic_damping",
+    ),
     (
         "study",
-        "study models/ship_roll_decay/model.fdm --data models/ship_roll_decay/run.csv --every 4 --repeats 400 --noise-colour fitted",
+        "study models/ship_roll_decay/model.fdm --data models/ship_roll_decay/run.csv --every 16 --repeats 100 --noise-colour fitted",
     ),
 ];
 /// Name, width and height of the window, and pixels of the picture for each of its own.
