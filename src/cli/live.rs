@@ -20,6 +20,9 @@ const SHARE: u32 = 20;
 /// Longest pause: whoever hears nothing for twice as long takes the work for dead.
 const LONGEST: Duration = Duration::from_secs(10);
 
+/// Makes parts of the result so far, and says how many seconds are left.
+pub(crate) type Parts = dyn Fn() -> (Value, Option<f64>) + Send + Sync;
+
 /// How far work has come.
 #[derive(Default)]
 pub(crate) struct Course {
@@ -33,7 +36,7 @@ pub(crate) struct Course {
     /// Starts that have ended, of so many.
     pub(crate) starts: (Vec<StartSummary>, usize),
     /// What else there is: parts of the result so far, and the time that is left.
-    pub(crate) more: Option<Arc<dyn Fn() -> (Value, Option<f64>) + Send + Sync>>,
+    pub(crate) more: Option<Arc<Parts>>,
 }
 
 /// A course that the work writes and the thread reads.
