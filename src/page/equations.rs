@@ -131,7 +131,7 @@ mod tests {
     fn long_formulas_are_broken_between_summands_and_lose_nothing() {
         let short = set("-a*x + b");
         assert_eq!(broken(&short), short);
-        let long = set(&"-a*x - (b + c)*x/(a - b) + ".repeat(6).trim_end_matches("+ "));
+        let long = set("-a*x - (b + c)*x/(a - b) + ".repeat(6).trim_end_matches("+ "));
         let parts = broken(&long);
         assert_eq!(parts.matches("<math ").count(), 12, "one begins with the equation's left side");
         assert_eq!(parts.matches("<math ").count(), parts.matches("</math>").count());
