@@ -276,3 +276,73 @@ fn a_folder_and_a_fit_give_the_same_page() {
     desk.fdm(&["report", "result", "-o", "again.html"]);
     assert_eq!(fs::read(desk.path("report.html")).unwrap(), fs::read(desk.path("again.html")).unwrap());
 }
+
+/// What stands outside of its own box that scrolls, on a page that is as wide as a phone.
+const WIDE: &str = "await wait(300);
+  const wide = [...page.querySelectorAll('body *')].filter((e) => !e.closest('.scroll, .equations, pre, svg')
+    && e.getBoundingClientRect().right > view.innerWidth + 1);
+  const lines = [...page.querySelectorAll('.equations > div')];
+  return { width: page.documentElement.scrollWidth, wide: wide.map((e) => e.outerHTML.slice(0, 200)),
+    box: page.querySelector('.equations').getBoundingClientRect().right,
+    longest: Math.max(...lines.map((e) => e.scrollWidth)), heights: lines.map((e) => e.getBoundingClientRect().height) };";
+
+#[test]
+#[ignore = "needs Chromium"]
+fn long_equations_stay_in_their_box() {
+    let desk = Desk::new();
+    let sum = "k*x/(1 + x^2) + ".repeat(12);
+    let product = "(1 + k*x)*".repeat(30);
+    let model = format!(
+        "model long {{ input u; state x = free, z = 0; param k = 1 in [0, 50], g = 1; der(x) = {sum}g*u - 13*k*x;\n\
+         der(z) = -z + 0*{product}u; output y = x + 0*z; }}"
+    );
+    fs::write(desk.path("model.fdm"), model).unwrap();
+    fs::write(desk.path("run.csv"), record(200)).unwrap();
+    desk.fdm(&["fit", "model.fdm", "--data", "run.csv", "--hold", "u", "-q", "--report", "report.html"]);
+    let (found, console) = desk.look((390, 844), WIDE);
+    assert_eq!(console, "");
+    assert!(found["width"].as_u64().unwrap() <= 390 && found["wide"] == json!([]), "{found}");
+    assert!(found["box"].as_f64().unwrap() <= 390.0, "{found}");
+    // the sum goes on in further lines, the product scrolls
+    assert!(found["heights"][0].as_f64().unwrap() > 100.0 && found["longest"].as_f64().unwrap() > 500.0, "{found}");
+}
+
+#[test]
+#[ignore = "needs Chromium"]
+fn a_study_with_its_figures_fits_on_a_phone_and_tells_names() {
+    let desk = Desk::new();
+    fs::write(desk.path("model.fdm"), MODEL).unwrap();
+    fs::write(desk.path("run.csv"), record(200)).unwrap();
+    desk.fdm(&[
+        "study",
+        "model.fdm",
+        "--data",
+        "run.csv",
+        "--hold",
+        "u",
+        "--repeats",
+        "50",
+        "-q",
+        "--report",
+        "report.html",
+    ]);
+    let (found, console) = desk.look((390, 844), WIDE);
+    assert_eq!(console, "");
+    assert!(found["width"].as_u64().unwrap() <= 390 && found["wide"] == json!([]), "{found}");
+    let (found, console) = desk.look(
+        (1280, 900),
+        "const told = [];
+         for (const id of ['coverage-1', 'estimates-1']) {
+           const holder = page.querySelector('#' + id), svg = await drawn(holder.querySelector('svg'));
+           act(svg, 'pointermove', 0.5, 0.3);
+           told.push(holder.querySelector('output').textContent);
+         }
+         const columns = page.querySelector('#estimates-1 path.columns').getBBox();
+         return { told, columns: columns.width };",
+    );
+    assert_eq!(console, "");
+    let told = |k: usize| found["told"][k].as_str().unwrap();
+    assert!(told(0).starts_with("k, ") && (told(0).contains("corrected = ") || told(0).contains("Rao = ")), "{found}");
+    assert!(told(1).contains("estimates = ") && told(1).contains("normal = "), "{found}");
+    assert!(found["columns"].as_f64().unwrap() > 200.0, "{found}");
+}

@@ -1,6 +1,7 @@
 //! Pages of results without a browser: the same from memory and from the folder, figures by name, the server of one machine.
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use resvg::tiny_skia::Pixmap;
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -133,7 +134,183 @@ fn figures_have_names_and_become_files() {
     assert!(svg.starts_with("<svg xmlns=") && svg.trim_end().ends_with("</svg>") && svg.contains("measured"));
     assert_eq!(svg, desk.good("plot result --figure history-1-1"));
     assert!(desk.refused("plot result --figure history-1-2").contains("did you mean `history-1-1`?"));
-    assert!(desk.refused("plot result --figure history-1-1 -o y.png").contains(".svg"));
+    assert!(desk.refused("plot result --figure history-1-1 -o y.jpg").contains(".svg or .png"));
+    assert!(desk.refused("plot result --figure history-1-1 -o y.svg --width 100").contains("belongs to PNG"));
+    for figure in ["residual-spectrum-1", "residual-histogram-1", "eigenvalues", "convergence-1"] {
+        assert!(list.lines().any(|l| l.split(' ').next() == Some(figure)), "{figure}: {list}");
+        assert!(desk.text("page.html").contains(&format!("id=\"{figure}\"")), "{figure}");
+        assert!(desk.good(&format!("plot result --figure {figure}")).contains("<svg xmlns="));
+    }
+}
+
+#[test]
+fn pixels_are_as_many_as_asked_and_the_same_every_time() {
+    let desk = Desk::new();
+    let drawn = |words: &str| {
+        desk.good(&format!("plot result {words} -o y.png"));
+        let bytes = fs::read(desk.path("y.png")).unwrap();
+        (Pixmap::decode_png(&bytes).unwrap(), bytes)
+    };
+    let figure = "--figure history-1-1 --width 760";
+    let (light, bytes) = drawn(figure);
+    assert_eq!(drawn(figure).1, bytes);
+    // the drawing is 760 wide, its head 44, its panels 210 and 90, with 8, 16 and 40 around them
+    assert_eq!((light.width(), light.height()), (760, 408));
+    assert_eq!(drawn("--figure history-1-1").0.width(), 1520);
+    let (dark, _) = drawn(&format!("{figure} --dark"));
+    let colour = |p: &Pixmap, x: u32, y: u32| p.pixel(x, y).map(|p| (p.red(), p.green(), p.blue())).unwrap();
+    assert_eq!((colour(&light, 1, 1), colour(&dark, 1, 1)), ((255, 255, 255), (0x14, 0x17, 0x1a)));
+    // letters in the caption, lines of the measurement and of the model in the first panel
+    let inked = |p: &Pixmap, area: [u32; 4], is: fn(u8, u8, u8) -> bool| {
+        let rows = area[2]..area[3];
+        rows.flat_map(|y| (area[0]..area[1]).map(move |x| (x, y)))
+            .filter(|(x, y)| {
+                let (r, g, b) = colour(p, *x, *y);
+                is(r, g, b)
+            })
+            .count()
+    };
+    let caption = [66, 700, 5, 22];
+    assert!(inked(&light, caption, |r, g, b| r.max(g).max(b) < 120) > 300, "the caption is drawn");
+    assert!(inked(&dark, caption, |r, g, b| r.min(g).min(b) > 150) > 300, "the caption is drawn in the dark");
+    let panel = [70, 740, 55, 260];
+    assert!(inked(&light, panel, |r, g, b| r > 180 && g < 140 && b < 80) > 200, "the model is drawn");
+    assert!(desk.refused("plot result --figure history-1-1 -o y.png --width 5").contains("--width"));
+}
+
+#[test]
+fn a_study_has_a_page_and_figures() {
+    let desk = Desk::new();
+    desk.good("study model.fdm --data one.csv --hold u --repeats 60 -q --out kept --report study.html");
+    let page = desk.text("study.html");
+    assert!(page == desk.good("report kept -o -"));
+    let expected = [
+        "decay: study",
+        "Nominal 95 % intervals hold the truth in ",
+        "over 60 repeats with white noise",
+        "id=\"coverage-1\"",
+        "id=\"scatter-1\"",
+        "id=\"estimates-3\"",
+        "What became of the repeats",
+        "id=\"history-1-1\"",
+    ];
+    for words in expected {
+        assert!(page.contains(words), "{words}");
+    }
+    let list = desk.good("plot kept");
+    assert!(list.starts_with("coverage-1 ") && list.contains("estimates-1 "), "{list}");
+    // every repeat is in a column of the histogram or counted beside it
+    let block = |id: &str| -> Value {
+        let figure = page.split(&format!("id=\"{id}\"")).nth(1).unwrap();
+        let data = figure.split("application/json\">").nth(1).unwrap().split("</script>").next().unwrap();
+        serde_json::from_str(data).unwrap()
+    };
+    let counts = &block("estimates-2")["panels"][0]["marks"][0]["values"];
+    let sum: f64 = counts.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).sum();
+    assert_eq!(sum, 60.0, "none is beyond four errors");
+    // what the figure shows is what the result says
+    let study: Value = serde_json::from_str(&desk.text("kept/study.json")).unwrap();
+    let share = study["parameters"][1]["intervals"][1]["coverage"]["share"].as_f64().unwrap();
+    let figure = block("coverage-1");
+    let place = figure["names"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .position(|n| n.as_str().unwrap().starts_with("k of one, ") || n == "k, corrected");
+    let dots = figure["panels"][0]["marks"].as_array().unwrap().iter().find(|m| m["name"] == "corrected").unwrap();
+    assert_eq!(dots["values"][place.unwrap()].as_f64(), Some(100.0 * share));
+}
+
+#[test]
+fn regressions_have_a_folder_and_a_page() {
+    let desk = Desk::new();
+    let text = MODEL.replace("  param bias = 0 per run;\n", "").replace("x + bias", "x");
+    fs::write(desk.path("plain.fdm"), text).unwrap();
+    desk.good("regress plain.fdm --data one.csv --hold u -q --dependence --out kept --report rates.html");
+    let page = desk.text("rates.html");
+    assert!(page == desk.good("report kept -o -"));
+    for words in [
+        "decay: equation error",
+        "The regression explains ",
+        "id=\"components-1\"",
+        "id=\"cutoff-1\"",
+        "id=\"part-2\"",
+        "multiplies",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+    assert!(desk.good("plot kept").contains("components-1 "));
+    // its parameters simulate, and its modes claim no errors that nobody computed
+    assert!(desk.good("simulate --from-result kept --data one.csv --hold u").starts_with("t"));
+    let result: Value = serde_json::from_str(&desk.text("kept/result.json")).unwrap();
+    let k =
+        result["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").unwrap()["value"].as_f64().unwrap();
+    let mode = &result["modes"]["modes"][0];
+    assert!((mode["re"].as_f64().unwrap() + k).abs() < 1e-12 && mode["standard_errors"].is_null(), "{mode}");
+    assert!(!desk.good("modes --from-result kept").contains("standard error"));
+    let said = desk.refused("regress plain.fdm --data one.csv --hold u -q --method rls --out other");
+    assert!(said.contains("--out"), "{said}");
+}
+
+#[test]
+fn many_starts_have_a_waterfall() {
+    let desk = Desk::new();
+    desk.good("fit model.fdm --data one.csv --hold u --starts 6 -q --out many");
+    let list = desk.good("plot many");
+    assert!(list.lines().any(|l| l.starts_with("starts-1 ")), "{list}");
+    let page = desk.good("report many -o -");
+    assert!(page.contains("6 starts, of which ") && page.contains("cost above the best"));
+}
+
+#[test]
+fn modes_that_are_left_out_are_told() {
+    let desk = Desk::new();
+    let chain = |n: usize| {
+        let states: Vec<String> = (1..=n).map(|k| format!("x{k} = 0")).collect();
+        let mut text = format!("model chain {{ input u; state {}; param k = 5 in [1, 50];\n", states.join(", "));
+        for k in 1..=n {
+            let before = if k == 1 { "u".to_string() } else { format!("x{}", k - 1) };
+            text.push_str(&format!("der(x{k}) = k*({before} - x{k});\n"));
+        }
+        text + &format!("output y = x{n}; }}\n")
+    };
+    fs::write(desk.path("chain.fdm"), chain(41)).unwrap();
+    let mut rows = String::from("t [s],u,y\n");
+    for n in 0..120_u32 {
+        // the step through 41 lags of a fifth of a second comes after eight seconds
+        let (t, ripple) = (0.1 * f64::from(n), 0.01 * (f64::from(n * n) * 0.7).sin());
+        rows.push_str(&format!("{t:.1},1,{}\n", ripple + 1.0 / (1.0 + (-2.0 * (t - 8.2)).exp())));
+    }
+    fs::write(desk.path("chain.csv"), rows).unwrap();
+    desk.run("fit chain.fdm --data chain.csv -q --out large --report large.html");
+    let page = desk.text("large.html");
+    let said = "There is no map of the modes here: the model has 41 states, and those of more than 40 are for <code>fdm modes --from-result DIR</code>";
+    assert!(page.contains(said), "{page:.3000}");
+    let result: Value = serde_json::from_str(&desk.text("large/result.json")).unwrap();
+    assert_eq!(result["modes"]["modes"], Value::Array(Vec::new()));
+    let all: Value = serde_json::from_str(&desk.good("modes --from-result large --json")).unwrap();
+    assert_eq!(all["modes"].as_array().unwrap().len(), 41);
+}
+
+#[test]
+fn shapes_are_those_of_the_equations() {
+    let desk = Desk::new();
+    let text =
+        "model spring { input u [N]; state x = 0 [m], v = 0 [m/s]; param a = 4 [1/s^2], d = 0.4 [1/s], b = 1 [1/kg];
+        der(x) = v; der(v) = -a*x - d*v + b*u; output y = x [m]; }";
+    fs::write(desk.path("spring.fdm"), text).unwrap();
+    let modes: Value = serde_json::from_str(&desk.good("modes spring.fdm --json")).unwrap();
+    for mode in modes["modes"].as_array().unwrap() {
+        let (re, im) = (mode["re"].as_f64().unwrap(), mode["im"].as_f64().unwrap());
+        let shape = mode["shape"].as_array().unwrap();
+        let of = |name: &str, key: &str| shape.iter().find(|c| c["state"] == name).unwrap()[key].as_f64().unwrap();
+        // v is the derivative of x: s times as large, and ahead by the angle of s
+        assert!((of("v", "magnitude") / of("x", "magnitude") - re.hypot(im)).abs() < 1e-12, "{mode}");
+        let ahead = (of("v", "phase") - of("x", "phase") - im.atan2(re).to_degrees()).rem_euclid(360.0);
+        assert!(ahead.min(360.0 - ahead) < 1e-9, "{mode}");
+        assert_eq!(of("v", "magnitude"), 1.0);
+        assert_eq!(shape[1]["unit"], "m/s");
+    }
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use crate::failure::{Failure, print, remark};
 use crate::histories::{histories, tables};
+use crate::live::{Live, Shared};
 use crate::modes::of_result;
+use crate::progress::Progress;
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::Fit;
@@ -63,6 +65,11 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Delivery {
+    /// Of a result that is tables and has no histories to be drawn.
+    pub(crate) fn of_tables(json: bool, quiet: bool, out: Option<PathBuf>, report: Option<PathBuf>) -> Self {
+        Self { json, plot: None, out, report, quiet }
+    }
+
     /// Whether it will be asked what the result was made from.
     pub(crate) fn describes(&self) -> bool {
         self.out.is_some() || self.report.is_some()
@@ -88,6 +95,16 @@ fn admits(path: &Path) -> io::Result<()> {
 }
 
 impl Prepared<'_> {
+    /// Tells of the work while it goes on, beside the folder that is to hold its result and beside its checkpoint.
+    pub(crate) fn live(&self, model: &Model, checkpoint: Option<&Path>, progress: &mut Progress) -> (Live, Shared) {
+        let folders = self.destination.iter().map(Destination::folder).chain(checkpoint);
+        let (folders, course): (Vec<PathBuf>, _) = (folders.map(Path::to_path_buf).collect(), Shared::default());
+        if !folders.is_empty() {
+            progress.told(course.clone());
+        }
+        (Live::begin(folders, model, course.clone()), course)
+    }
+
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
     pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
         if self.delivery.json || self.delivery.describes() {
@@ -138,7 +155,9 @@ fn contents(outcome: Outcome<'_>, json: String) -> Result<Contents, String> {
     let mut text = outcome.text.clone();
     outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
     let mut others = vec![("result.txt".to_string(), text.into_bytes())];
-    others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
+    if outcome.fit.is_some() || !outcome.spectra.is_empty() {
+        others.push(("plot.svg".into(), picture(&outcome)?.into_bytes()));
+    }
     others.extend(outcome.fit.map_or(Vec::new(), |fit| tables(fit, outcome.runs)));
     others.extend(outcome.tables);
     let mut texts = outcome.model.source().texts().iter().map(|t| t.text().to_string());

@@ -3,6 +3,7 @@
 use crate::effects::{Chosen, Effects};
 use crate::failure::{Failure, NUMBERS, print};
 use crate::histories::overlay_table;
+use crate::live::{Live, Shared};
 use crate::progress::Progress;
 use crate::records::{Records, load, notes};
 use crate::spectral::Lines;
@@ -107,7 +108,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         screening: ScreeningOptions::default(),
         domain,
     };
-    let progress = Mutex::new(Progress::of_a_whole(arguments.quiet));
+    let (mut progress, course) = (Progress::of_a_whole(arguments.quiet), Shared::default());
+    if arguments.out.is_some() {
+        progress.told(course.clone());
+    }
+    let _live = Live::begin(arguments.out.iter().cloned().collect(), &model, course);
+    let progress = Mutex::new(progress);
     let say = |text: &str| {
         if let Ok(progress) = progress.lock() {
             progress.say(text);

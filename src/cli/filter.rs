@@ -37,6 +37,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     let options = arguments.options(&model)?;
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let prepared = arguments.delivery.prepare()?;
+    let (_live, _) = prepared.live(&model, None, &mut progress);
     let result = fit_filter(&model, &runs, &options, &mut progress);
     progress.finish();
     let found = result.map_err(|e| Failure::input([e]))?;

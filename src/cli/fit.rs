@@ -114,6 +114,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare()?;
     let kept = arguments.keeping.open(&identity, arguments.delivery.quiet)?;
+    let (_live, _) = prepared.live(&model, arguments.keeping.folder(), &mut progress);
     let result = fit_kept(&model, &runs, &options, kept.keeper(), &mut progress);
     progress.finish();
     let fit = result.map_err(|e| Failure::input([e]))?;

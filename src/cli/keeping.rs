@@ -32,6 +32,11 @@ impl Keeping {
         self.checkpoint.is_some()
     }
 
+    /// The folder.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        self.checkpoint.as_deref()
+    }
+
     /// Opens the folder before any work is done.
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<Kept, Failure> {
         self.checkpoint.as_deref().map_or(Ok(Kept(None)), |folder| open(folder, identity, quiet))

@@ -20,6 +20,7 @@ mod histories;
 mod integrator;
 mod iteration;
 mod keeping;
+mod live;
 mod lsp;
 mod modes;
 mod new;
@@ -88,9 +89,9 @@ enum Verb {
     Modes(modes::Arguments),
     /// Estimate every equation that is linear in its parameters by regression of measured rates (equation error)
     Regress(regress::Arguments),
-    /// Draw one figure of a result's page as SVG, or list their names
+    /// Draw one figure of a result's page as SVG or PNG, or list their names
     Plot(plot::Arguments),
-    /// Serve the page of a result to a browser on this machine, and show it anew when the result changes
+    /// Serve the page of a result to a browser on this machine, also while a fit or a study works on it
     Serve(serve::Arguments),
     /// Write a result as one page for a browser: text, equations, tables, figures; it asks for nothing from a network
     Report(report::Arguments),

@@ -9,7 +9,7 @@ use fdm::estimate::Changes;
 use fdm::linear::{LinearModel, ModeErrors, Modes, Trim, Values};
 use fdm::report::{modes_json, modes_table};
 use fdm::store::{ResultFolder, estimates};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -42,6 +42,8 @@ struct Found {
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (model, found) = arguments.subject()?;
     let (trim, modes) = modes(&model)?;
+    // regressions have no covariance of all parameters
+    let found = found.filter(|found| found.folder.result()["covariance"].is_object());
     let covariance = found.map(|found| found.folder.covariance(&model, &found.run));
     let errors = covariance.map_or(Vec::new(), |covariance| errors(&model, &modes, &covariance));
     let text = match arguments.json {
@@ -106,17 +108,31 @@ fn errors(model: &Model, modes: &Modes, covariance: &[f64]) -> Vec<Option<ModeEr
 /// States of the largest model whose modes are part of every result; larger ones are asked for.
 const MOST_STATES: usize = 40;
 
-/// The modes of a model as it was found, as part of its result; null where there are none, or not the same for all runs.
+/// The modes of a model as it was found, as part of its result; null where it has no states. Where they are left out the reason is
+/// said.
 pub(crate) fn of_result(model: &Model, result: &Value, runs: &[String]) -> Value {
-    let Some(run) = runs.first().filter(|_| model.layout().states <= MOST_STATES) else { return Value::Null };
+    let states = model.layout().states;
+    let Some(run) = runs.first().filter(|_| states > 0) else { return Value::Null };
+    let left_out = |why: String| json!({ "modes": [], "left_out": why });
+    if states > MOST_STATES {
+        return left_out(format!(
+            "the model has {states} states, and those of more than {MOST_STATES} are for `fdm modes --from-result DIR`"
+        ));
+    }
     if runs.len() > 1 && own_parameters_move_rates(model).unwrap_or(true) {
-        return Value::Null;
+        return left_out("every run has modes of its own, which `fdm modes --from-result DIR --like RUN` tells".into());
     }
     let (theta, covariance) = estimates(model, result, run);
     let found = with_estimates(model, &theta, &covariance);
     match modes(&found) {
-        Ok((trim, modes)) => modes_json(&found, &trim, &modes, &errors(&found, &modes, &covariance)),
-        Err(_) => Value::Null,
+        Ok((trim, modes)) => {
+            // regressions have no covariance of all parameters
+            let known = result["covariance"].is_object();
+            let errors = if known { errors(&found, &modes, &covariance) } else { Vec::new() };
+            modes_json(&found, &trim, &modes, &errors)
+        }
+        Err(Failure::Input(reasons)) => left_out(reasons.join("; ")),
+        Err(_) => left_out("the model cannot be linearised".into()),
     }
 }
 

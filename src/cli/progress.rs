@@ -2,7 +2,8 @@
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
 use crate::failure::remark;
-use fdm::estimate::{Iteration, Observer, StartSummary};
+use crate::live::Shared;
+use fdm::estimate::{Iteration, Observer, StartSummary, UnknownName};
 use fdm::report::sparkline;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -16,6 +17,8 @@ pub(crate) struct Progress {
     lines: bool,
     /// The costs so far, where they are to be watched.
     costs: Option<Vec<f64>>,
+    /// Where others read how far it is.
+    course: Option<Shared>,
     interrupted: Arc<AtomicBool>,
 }
 
@@ -29,7 +32,13 @@ impl Progress {
             bar.set_style(style);
         }
         bar.enable_steady_tick(std::time::Duration::from_millis(100));
-        Self { bar, lines: !quiet && !terminal, costs: None, interrupted: Arc::new(AtomicBool::new(false)) }
+        Self {
+            bar,
+            lines: !quiet && !terminal,
+            costs: None,
+            course: None,
+            interrupted: Arc::new(AtomicBool::new(false)),
+        }
     }
 
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
@@ -50,8 +59,16 @@ impl Progress {
         self
     }
 
+    /// Writes down how far it is for others.
+    pub(crate) fn told(&mut self, course: Shared) {
+        self.course = Some(course);
+    }
+
     /// Says what is being done.
     pub(crate) fn say(&self, text: &str) {
+        if let Some(course) = &self.course {
+            course.lock().doing = text.to_string();
+        }
         self.bar.set_message(text.to_string());
         if self.lines {
             remark(format_args!("{text}"));
@@ -74,7 +91,27 @@ impl Progress {
 }
 
 impl Observer for Progress {
+    fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
+        if let Some(course) = &self.course {
+            course.lock().names = names();
+        }
+    }
+
+    fn values(&mut self, values: &[f64]) {
+        if let Some(course) = &self.course {
+            course.lock().values = values.to_vec();
+        }
+    }
+
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
+        if let Some(course) = &self.course {
+            let mut course = course.lock();
+            // another estimation begins
+            if iteration.number == 0 {
+                course.history.clear();
+            }
+            course.history.push(*iteration);
+        }
         let Iteration { number, cost, step, refused, .. } = iteration;
         let tried = if *refused > 0 { format!(", {refused} refused") } else { String::new() };
         if *number == 0 {
@@ -98,6 +135,11 @@ impl Observer for Progress {
     }
 
     fn start_ended(&mut self, start: &StartSummary, ended: usize, count: usize) -> ControlFlow<()> {
+        if let Some(course) = &self.course {
+            let mut course = course.lock();
+            course.starts.0.push(start.clone());
+            course.starts.1 = count;
+        }
         let cost = start.cost.map_or(String::from("failed"), |c| format!("cost {c:.9e}"));
         self.say(&format!("{ended} of {count} starts ended   start {}: {cost}, {}", start.number, start.message));
         self.flow()

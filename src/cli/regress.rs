@@ -1,12 +1,13 @@
 //! `fdm regress`: equation error, in the time domain or, with a band, in the frequency domain.
 
+use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS, none_ignored, print};
 use crate::records::{Records, notes};
 use crate::recursive::Recursive;
 use crate::subject::Subject;
 use clap::{Args, ValueEnum};
 use fdm::Model;
-use fdm::estimate::changed;
+use fdm::estimate::{Noise, changed};
 use fdm::record::Run;
 use fdm::regression::{
     Components, Dependence, Detrend, Domain, Limits, RegressionError, RegressionOptions, Smoothing, by_cutoff,
@@ -14,7 +15,9 @@ use fdm::regression::{
 };
 use fdm::report::{dependence_table, regression_json, regression_table, structure_table};
 use fdm::spectrum::Frequencies;
-use serde_json::json;
+use fdm::store::{Identity, Manifest};
+use serde_json::{Value, json};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// What `fdm regress` takes.
@@ -61,6 +64,12 @@ pub(crate) struct Arguments {
     /// Print JSON instead of tables
     #[arg(long, help_heading = "Result")]
     json: bool,
+    /// Write everything to a folder: model, options, fingerprints of the data, result, tables
+    #[arg(long, value_name = "DIR", conflicts_with = "stepwise", help_heading = "Result")]
+    out: Option<PathBuf>,
+    /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
+    #[arg(long, value_name = "FILE.html", conflicts_with = "stepwise", help_heading = "Result")]
+    report: Option<PathBuf>,
     /// Say nothing about the records
     #[arg(short, long, help_heading = "Result")]
     quiet: bool,
@@ -92,6 +101,8 @@ impl Arguments {
                     ("--components", self.components != Components::default()),
                     ("--stepwise", self.stepwise),
                     ("--dependence", self.dependence),
+                    ("--out", self.out.is_some()),
+                    ("--report", self.report.is_some()),
                 ];
                 let given = given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect();
                 (given, "recursive least squares", "--method ls")
@@ -125,12 +136,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if arguments.method == Approach::Rls {
         return arguments.recursive.run(&model, &runs, arguments.detrend, arguments.json);
     }
-    let text = match arguments.stepwise {
-        true => searched(&model, &runs, arguments),
-        false => estimated(&model, &runs, arguments),
-    };
-    let printed = print(&text.map_err(|e| Failure::input([e]))?);
-    Ok(if printed { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    if arguments.stepwise {
+        let text = searched(&model, &runs, arguments).map_err(|e| Failure::input([e]))?;
+        return Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) });
+    }
+    // places that cannot be written are told before the work
+    let (json, quiet) = (arguments.json, arguments.quiet);
+    let delivery = Delivery::of_tables(json, quiet, arguments.out.clone(), arguments.report.clone());
+    let prepared = delivery.prepare()?;
+    let (text, json) = estimated(&model, &runs, arguments).map_err(|e| Failure::input([e]))?;
+    let options = arguments.options();
+    let mut manifest = Manifest::new(&model, Identity::of(&model, &runs, &options), Noise::Diagonal);
+    manifest.command = std::env::args().collect();
+    if delivery.describes() {
+        arguments.records.describe(&runs, &mut manifest);
+    }
+    let (spectra, tables, remarks) = (Vec::new(), Vec::new(), Vec::new());
+    let outcome = Outcome { model: &model, fit: None, runs: &runs, spectra, tables, text, json, remarks, manifest };
+    Ok(if prepared.deliver(outcome) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
 }
 
 fn searched(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String, RegressionError> {
@@ -142,27 +165,20 @@ fn searched(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String
     })
 }
 
-fn estimated(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String, RegressionError> {
+/// Tables, and the same for programs.
+fn estimated(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<(String, Value), RegressionError> {
     let options = arguments.options();
     let found = regress(model, runs, &options)?;
-    let tables: Option<(Vec<Dependence>, Vec<Dependence>)> = arguments.dependence.then(|| {
+    let (mut text, mut document) = (regression_table(&found), regression_json(model.name(), &found));
+    if arguments.dependence {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
-        (by_cutoff(model, runs, &options, &cutoffs), by_length(model, runs, &options, &PARTS))
-    });
-    if arguments.json {
-        let mut document = regression_json(model.name(), &found);
-        if let Some((cutoff, length)) = &tables {
-            document["by_cutoff"] = json!(cutoff);
-            document["by_length"] = json!(length);
-        }
-        return Ok(format!("{document}\n"));
+        let cutoff: Vec<Dependence> = by_cutoff(model, runs, &options, &cutoffs);
+        let length: Vec<Dependence> = by_length(model, runs, &options, &PARTS);
+        text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
+        (document["by_cutoff"], document["by_length"]) = (json!(cutoff), json!(length));
     }
-    let mut text = regression_table(&found);
-    if let Some((cutoff, length)) = &tables {
-        text.push_str(&format!("\n{}\n{}", dependence_table("highest", cutoff), dependence_table("part", length)));
-    }
-    Ok(text)
+    Ok((text, document))
 }
 
 /// Half the mean sampling rate of the slowest record.

@@ -3,11 +3,12 @@
 use crate::failure::remark;
 use crate::keeping::Keeping;
 use clap::{Args, ValueEnum};
-use fdm::study::{Colour, Watch};
+use fdm::study::{Colour, Repeat, Watch};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// What decides the noise of repeats.
 #[derive(Debug, Args)]
@@ -64,7 +65,34 @@ pub(crate) struct Patience {
     bar: ProgressBar,
     lines: bool,
     count: usize,
+    so_far: Option<SoFar>,
     interrupted: Arc<AtomicBool>,
+}
+
+/// The repeats that have ended, for others to read while the rest is at work.
+#[derive(Clone)]
+pub(crate) struct SoFar(Arc<Mutex<Ended>>);
+
+struct Ended {
+    repeats: Vec<Option<Repeat>>,
+    /// Those that were there when the first of this program ended, and when that was.
+    first: Option<(usize, Instant)>,
+}
+
+impl SoFar {
+    fn lock(&self) -> MutexGuard<'_, Ended> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// All of them by number, and the seconds that the others will take as far as can be told.
+    pub(crate) fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
+        let ended = self.lock();
+        let done = ended.repeats.iter().flatten().count();
+        let left = ended.first.filter(|(before, _)| done > *before).map(|(before, since)| {
+            (ended.repeats.len() - done) as f64 * since.elapsed().as_secs_f64() / (done - before) as f64
+        });
+        (ended.repeats.clone(), left)
+    }
 }
 
 impl Patience {
@@ -77,7 +105,14 @@ impl Patience {
             bar.set_style(style);
         }
         bar.enable_steady_tick(std::time::Duration::from_millis(200));
-        Self { bar, lines: !quiet && !terminal, count, interrupted }
+        Self { bar, lines: !quiet && !terminal, count, so_far: None, interrupted }
+    }
+
+    /// Keeps what came of every repeat for others to read.
+    pub(crate) fn remembering(&mut self) -> SoFar {
+        let so_far = SoFar(Arc::new(Mutex::new(Ended { repeats: vec![None; self.count], first: None })));
+        self.so_far = Some(so_far.clone());
+        so_far
     }
 
     /// Ends the live line.
@@ -87,7 +122,18 @@ impl Patience {
 }
 
 impl Watch for Patience {
+    fn came(&self, number: u64, repeat: &Repeat) {
+        if let Some(so_far) = &self.so_far
+            && let Some(place) = so_far.lock().repeats.get_mut(number as usize)
+        {
+            *place = Some(repeat.clone());
+        }
+    }
+
     fn ended(&self, done: usize) {
+        if let Some(so_far) = &self.so_far {
+            so_far.lock().first.get_or_insert((done, Instant::now()));
+        }
         self.bar.set_position(done as u64);
         let tenth = (self.count / 10).max(1);
         if self.lines && done > 0 && done.is_multiple_of(tenth) {

@@ -31,6 +31,7 @@ pub(crate) fn run(arguments: &Fit) -> Result<ExitCode, Failure> {
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let held_out = arguments.spectral.held_out(arguments, &model)?;
     let prepared = arguments.delivery.prepare()?;
+    let (_live, _) = prepared.live(&model, None, &mut progress);
     let result = fit_responses(&model, &runs, &options, &mut progress);
     progress.finish();
     let fit = result.map_err(|e| Failure::input([e]))?;

@@ -1,14 +1,15 @@
-//! `fdm serve`: the page of a result for a browser on this machine, shown anew when the result changes.
+//! `fdm serve`: the page of a result for a browser on this machine, shown anew when the result changes; while a fit or a study
+//! works, how far it is.
 
 use crate::failure::{Failure, print, remark};
 use clap::Args;
 use fdm::page::{Subject, page};
-use fdm::store::{fingerprint, whole_files};
+use fdm::store::{ProgressFile, fingerprint, whole_files};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 /// What `fdm serve` takes.
 #[derive(Debug, Args)]
@@ -25,17 +26,29 @@ pub(crate) struct Arguments {
 const LONGEST: u64 = 16 << 10;
 /// Whoever says nothing for so long is not waited for.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Holds the page in a frame and asks every second whether it has changed.
+/// Work tells of itself every second or so; after this time without a word it is said that it does not.
+const SILENCE: f64 = 20.0;
+/// Holds the page in a frame and asks every second whether it has changed. A page of work that goes on is changed where it stands, so
+/// that whoever reads in it stays at his place.
 const WATCH: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">
 <title>fdm serve</title><link rel=\"icon\" href=\"data:,\">
 <style>html, body { margin: 0; height: 100%; } iframe { border: 0; width: 100%; height: 100%; display: block; }</style>
 <iframe id=\"page\" src=\"/page\" title=\"the result\"></iframe>
 <script>
 let known = null;
+const inside = () => document.getElementById(\"page\");
+const changed = async () => {
+  const page = new DOMParser().parseFromString(await (await fetch(\"/page\")).text(), \"text/html\");
+  const shown = inside().contentDocument;
+  for (const part of [\"header .verdict\", \"nav\", \"main\"]) shown.querySelector(part).replaceWith(shown.adoptNode(page.querySelector(part)));
+};
 setInterval(async () => {
   try {
     const now = await (await fetch(\"/state\")).text();
-    if (known !== null && now !== known) document.getElementById(\"page\").contentWindow.location.reload();
+    if (known !== null && now !== known) {
+      if (known.startsWith(\"work \") && now.startsWith(\"work \")) await changed();
+      else inside().contentWindow.location.reload();
+    }
     known = now;
   } catch { document.title = \"fdm serve has ended\"; }
 }, 1000);
@@ -94,10 +107,28 @@ fn answer(mut stream: TcpStream, folder: &Path, own: &str) -> std::io::Result<()
     stream.write_all(body.as_bytes())
 }
 
+/// What is told of work that goes on, with the seconds since then where they are too many. What a program that died left behind
+/// says nothing where a result stands.
+fn work(folder: &Path) -> Option<(String, Option<f64>)> {
+    let file = ProgressFile::of(folder);
+    let text = file.read()?;
+    let told = std::fs::metadata(file.path()).and_then(|m| m.modified()).ok()?;
+    let age = SystemTime::now().duration_since(told).map_or(0.0, |d| d.as_secs_f64());
+    let silent = (age > SILENCE).then_some(age);
+    (silent.is_none() || !folder.join("manifest.json").is_file()).then_some((text, silent))
+}
+
 /// The page, or why there is none yet.
 fn shown(folder: &Path) -> String {
-    let files = whole_files(folder).map_err(|e| e.to_string());
-    let subject = files.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()));
+    // what cannot be read is of another version of the program, whose result will tell
+    let at_work = work(folder).and_then(|(text, silent)| Subject::from_progress(&text, silent).ok());
+    let subject = at_work.map_or_else(
+        || {
+            let files = whole_files(folder).map_err(|e| e.to_string());
+            files.and_then(|files| Subject::from_files(&files).map_err(|e| e.to_string()))
+        },
+        Ok,
+    );
     match subject {
         Ok(subject) => page(&subject),
         Err(why) => {
@@ -107,7 +138,12 @@ fn shown(folder: &Path) -> String {
     }
 }
 
-/// Changes when the result does.
+/// Changes when the page does.
 fn state(folder: &Path) -> String {
-    std::fs::read(folder.join("manifest.json")).map_or_else(|_| "none".into(), |text| fingerprint(&text))
+    match work(folder) {
+        Some((text, None)) => format!("work {}", fingerprint(text.as_bytes())),
+        // the seconds go on
+        Some((_, Some(silent))) => format!("silent {silent:.0}"),
+        None => std::fs::read(folder.join("manifest.json")).map_or_else(|_| "none".into(), |text| fingerprint(&text)),
+    }
 }

@@ -16,8 +16,9 @@ use fdm::record::Run;
 use fdm::report::{fit_json, fit_table, repeat_columns, study_json, study_table};
 use fdm::store::{Identity, Manifest};
 use fdm::study::{Bootstrap, Colour, Repeat, Study, StudyError, series};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 /// What `fdm study` takes.
 #[derive(Debug, Args)]
@@ -71,6 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare()?;
     let kept = arguments.repetition.keeping.open(&identity, quiet)?;
+    let (live, course) = prepared.live(&model, arguments.repetition.keeping.folder(), &mut progress);
     let first = fit(&model, &runs, &options, &mut progress);
     progress.finish();
     let first = first.map_err(|e| Failure::input([e]))?;
@@ -78,7 +80,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Ok(bootstrap) => bootstrap,
         Err(e) => return refused(&e),
     };
-    let patience = Patience::new("", arguments.repeats as usize, quiet, progress.interrupted());
+    let mut patience = Patience::new("", arguments.repeats as usize, quiet, progress.interrupted());
+    if live.is_told() {
+        let so_far = patience.remembering();
+        let (name, subjects) = (model.name().to_string(), bootstrap.subjects().to_vec());
+        let mut course = course.lock();
+        course.doing = "the fit is repeated with other noise".into();
+        course.more = Some(Arc::new(move || {
+            let (repeats, left) = so_far.read();
+            let study = Study::of(name.clone(), (Some(colour), seed), &subjects, &repeats);
+            (json!({ "study": study_json(&study) }), left)
+        }));
+    }
     let once = |k: u64| bootstrap.once(k, &patience);
     let repeats = series(arguments.repeats as usize, kept.keeper(), &patience, &once);
     patience.finish();
@@ -86,7 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
 
     let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
     (manifest.command, manifest.seed) = (std::env::args().collect(), Some(seed));
-    if arguments.delivery.out.is_some() {
+    if arguments.delivery.describes() {
         arguments.records.describe(&runs, &mut manifest);
     }
     let mut document = fit_json(&first);

@@ -46,6 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (per_interval, scheme) = (arguments.integration.per_interval(), arguments.integration.scheme());
     let options = FitOptions { per_interval, scheme, ..folder.validation(&model) };
     let prepared = arguments.delivery.prepare()?;
+    let (_live, _) = prepared.live(&model, None, &mut progress);
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
     let fit = result.map_err(|e| Failure::input([e]))?;

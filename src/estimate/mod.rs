@@ -52,7 +52,7 @@ pub use iteration::search::Method;
 pub use keeper::Keeper;
 pub use noise::Noise;
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
-pub use progress::{Iteration, Observer};
+pub use progress::{Iteration, Observer, UnknownName};
 pub use recursive::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
 pub use road::attempt::attempt;

@@ -21,10 +21,31 @@ pub struct Iteration {
     pub refused: usize,
 }
 
+/// What is estimated, as it is called while the estimation works.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnknownName {
+    /// The parameter.
+    pub name: String,
+    /// The run that it belongs to; none when all runs share it.
+    pub run: Option<String>,
+    /// Its unit, as text.
+    pub unit: Option<String>,
+}
+
 /// Watches an estimation; `()` looks away.
 pub trait Observer: Send {
     /// Called at the start and after every accepted correction; [`ControlFlow::Break`] ends the estimation there.
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()>;
+
+    /// Called when an estimation begins: `names` makes the names of what it estimates.
+    fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
+        let _ = names;
+    }
+
+    /// Called before each [`iteration`](Self::iteration) with the values as they stand, in the order of those names.
+    fn values(&mut self, values: &[f64]) {
+        let _ = values;
+    }
 
     /// Called before each [`iteration`](Self::iteration): `bytes` makes the state from which
     /// [`estimate_from`](super::estimate_from) goes on and ends with the same bits as without an interruption.

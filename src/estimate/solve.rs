@@ -62,6 +62,7 @@ pub fn estimate_from(
     let measured = problem.runs.iter().map(|r| &r.measured[..]);
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let priors = Priors::new(problem, &unknowns);
+    observer.begin(&|| unknowns.names(problem));
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
     let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
     let end = correction.run(resume, observer);

@@ -1,6 +1,7 @@
 //! The vector of unknowns: shared free parameters first, then for every run its own copies of the per-run ones.
 
 use crate::estimate::problem::Problem;
+use crate::estimate::progress::UnknownName;
 
 /// Which entry of the vector is which parameter of which run.
 #[derive(Debug, Clone)]
@@ -89,6 +90,20 @@ impl Unknowns {
     /// The unknown that holds a parameter of a run, when it is free.
     pub(super) fn of(&self, run: usize, param: usize) -> Option<usize> {
         self.columns.iter().position(|k| *k == param).map(|c| self.position(run, c))
+    }
+
+    /// What each unknown is called.
+    pub(super) fn names(&self, problem: &Problem<'_>) -> Vec<UnknownName> {
+        let one = |g: usize| {
+            let (run, k) = self.owner(g);
+            let quantity = &problem.params[k].quantity;
+            UnknownName {
+                name: quantity.name.clone(),
+                run: run.map(|r| problem.runs[r].name.clone()),
+                unit: quantity.unit.as_ref().map(ToString::to_string),
+            }
+        };
+        (0..self.len()).map(one).collect()
     }
 
     /// Writes the unknowns into the parameters of a run.

@@ -16,6 +16,8 @@ pub struct Mode {
     /// (state, share) of the states that take part, the greatest first: right times left eigenvector, which no unit changes, as parts
     /// of one.
     pub states: Vec<(usize, f64)>,
+    /// What the states (n) do in it: the right eigenvector, each component in its state's unit over the greatest, which is 1.
+    pub shape: Vec<Complex64>,
     /// Whether an output shows it; taken for granted where the root is not simple.
     pub shown: bool,
     /// Whether an input moves it; the same.
@@ -99,8 +101,16 @@ fn mode(equation: &Characteristic, structure: &Structure, values: &Values, root:
     states.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     // what rounding leaves of a part that is zero
     let part = |v: f64| if v.abs() <= 4.0 * f64::EPSILON * root.s.norm() { 0.0 } else { v };
+    let shape = scaled(&root.x);
     let [shown, moved] = [shown(structure, values, root), moved(structure, values, root)].map(|v| v || !root.simple);
-    Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, shown, moved, slopes }
+    Mode { s: Complex64::new(part(root.s.re), part(root.s.im)), states, shape, shown, moved, slopes }
+}
+
+/// The vector whose greatest component is 1; of equal ones the first.
+fn scaled(x: &[Complex64]) -> Vec<Complex64> {
+    let greatest = x.iter().fold(Complex64::ZERO, |g, v| if v.norm() > g.norm() { *v } else { g });
+    let part = |v: &Complex64| if *v == greatest { Complex64::ONE } else { v / greatest };
+    x.iter().map(part).collect()
 }
 
 /// Size of what is shown or moved, relative to what could be, that is rounding.
@@ -158,7 +168,8 @@ impl Mode {
 
     fn conjugate(&self) -> Self {
         let slopes = self.slopes.as_ref().map(|s| s.iter().map(Complex64::conj).collect());
-        Self { s: self.s.conj(), slopes, ..self.clone() }
+        let shape = self.shape.iter().map(Complex64::conj).collect();
+        Self { s: self.s.conj(), shape, slopes, ..self.clone() }
     }
 
     /// The states that dominate the mode, the greatest share first.

@@ -37,8 +37,8 @@ fn iteration(subject: &Subject) -> Option<Figure> {
         id: "convergence-1".into(),
         group: "convergence".into(),
         caption: format!(
-            "{} after {} corrections",
-            subject.result["message"].as_str().unwrap_or_default(),
+            "{} {} corrections",
+            subject.result["message"].as_str().map_or("so far".to_string(), |message| format!("{message} after")),
             subject.result["iterations"]
         ),
         label: "correction".into(),
@@ -48,6 +48,7 @@ fn iteration(subject: &Subject) -> Option<Figure> {
             panel("cost", false, Look::Model, cost),
             panel("size of the step", true, Look::Other, positive(step)),
         ],
+        names: Vec::new(),
         half: false,
         samples: None,
     })
@@ -131,6 +132,7 @@ fn course(k: usize, of: &Value, lengths: &[Value], at: &[f64], time: &str) -> Fi
             logarithmic: false,
             marks,
         }],
+        names: Vec::new(),
         half: true,
         samples: None,
     }

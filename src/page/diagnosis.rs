@@ -139,6 +139,7 @@ fn shares(id: String, caption: &str, label: String, at: Vec<f64>, values: Vec<f6
             marks: vec![Mark::between("share", Look::Model, Shape::Stems, vec![0.0; at.len()], values)],
         }],
         at,
+        names: Vec::new(),
         half: true,
         samples: None,
     })
@@ -355,6 +356,7 @@ fn overlay(k: usize, o: usize, table: &Table, time: &Column, output: &Column) ->
             Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
             Panel { label: format!("residual{unit}"), height: 110, logarithmic: false, marks: rests },
         ],
+        names: Vec::new(),
         half: false,
         samples: (indices.len() < time.values.len()).then_some(time.values.len()),
     }

@@ -1,10 +1,13 @@
 //! The page from its first to its last line.
 
+use super::drawing::Paper;
 use super::figure::Figure;
+use super::picture::Picture;
+use super::raster::{self, RasterError};
 use super::subject::Subject;
 use super::{
-    convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, reproduction,
-    residuals, spectra,
+    convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, progress,
+    regression, reproduction, residuals, spectra, starts, study,
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
@@ -29,9 +32,12 @@ impl Section {
 
 /// The whole page; the same subject gives the same text.
 pub fn page(subject: &Subject) -> String {
-    let sections = match subject.diagnosis.is_some() {
-        true => diagnosis::sections(subject).into_iter().chain(reproduction::section(subject)).collect(),
-        false => of_fit(subject),
+    let sections = match () {
+        () if subject.progress.is_some() => of_work(subject),
+        () if subject.diagnosis.is_some() => {
+            diagnosis::sections(subject).into_iter().chain(reproduction::section(subject)).collect()
+        }
+        () => of_fit(subject),
     };
     let anchors: Vec<&str> = sections.iter().map(|s| s.anchor).collect();
     let title = format!("{}: {}", subject.name(), headline::kind(subject));
@@ -77,35 +83,67 @@ pub fn page(subject: &Subject) -> String {
 
 /// A figure of a page, to be drawn as a file of its own.
 #[derive(Debug, Clone)]
-pub struct Drawing(Figure);
+pub struct Drawing(Drawn);
+
+#[derive(Debug, Clone)]
+enum Drawn {
+    Figure(Figure),
+    Picture(Picture),
+}
 
 impl Drawing {
     /// The name by which it is asked for.
     pub fn name(&self) -> &str {
-        &self.0.id
+        match &self.0 {
+            Drawn::Figure(figure) => &figure.id,
+            Drawn::Picture(picture) => &picture.id,
+        }
     }
 
     /// What it shows.
     pub fn caption(&self) -> &str {
-        &self.0.caption
+        match &self.0 {
+            Drawn::Figure(figure) => &figure.caption,
+            Drawn::Picture(picture) => &picture.caption,
+        }
     }
 
-    /// SVG on white, with caption and key.
-    pub fn svg(&self) -> String {
-        drawing::alone(&self.0)
+    /// Pixels across of the drawing as it stands on the page.
+    pub fn width(&self) -> u32 {
+        match &self.0 {
+            Drawn::Figure(figure) => drawing::size(figure).0 as u32,
+            Drawn::Picture(picture) => picture.width as u32,
+        }
+    }
+
+    /// SVG with caption and key.
+    pub fn svg(&self, paper: Paper) -> String {
+        match &self.0 {
+            Drawn::Figure(figure) => drawing::alone(figure, paper),
+            Drawn::Picture(picture) => picture.alone(paper),
+        }
+    }
+
+    /// The same as PNG, so many pixels wide: the same bytes on every machine.
+    ///
+    /// # Errors
+    /// [`RasterError`].
+    pub fn png(&self, paper: Paper, width: u32) -> Result<Vec<u8>, RasterError> {
+        raster::png(&self.svg(paper), width)
     }
 }
 
-/// Every figure of the page that has axes of its own, in the order of the page.
+/// Every figure of the page, in the order of the page.
 pub fn drawings(subject: &Subject) -> Vec<Drawing> {
-    let figures = match subject.diagnosis.is_some() {
-        true => diagnosis::figures(subject),
-        false => {
-            let all = [histories::figures, residuals::figures, spectra::figures, convergence::figures];
-            all.into_iter().flat_map(|of| of(subject)).collect()
-        }
-    };
-    figures.into_iter().map(Drawing).collect()
+    if subject.diagnosis.is_some() {
+        return diagnosis::figures(subject).into_iter().map(|f| Drawing(Drawn::Figure(f))).collect();
+    }
+    let before = [study::figures, regression::figures, histories::figures, residuals::figures, spectra::figures];
+    let before = before.into_iter().flat_map(|of| of(subject));
+    let behind = starts::figure(subject).into_iter().chain(convergence::figures(subject));
+    let pictures = modes::pictures(subject).into_iter().map(Drawn::Picture);
+    let all = before.map(Drawn::Figure).chain(pictures).chain(behind.map(Drawn::Figure));
+    all.map(Drawing).collect()
 }
 
 fn of_fit(subject: &Subject) -> Vec<Section> {
@@ -117,11 +155,25 @@ fn of_fit(subject: &Subject) -> Vec<Section> {
         spectra::section(subject),
         correlations::section(subject),
         modes::section(subject),
+        starts::section(subject),
         convergence::section(subject),
         convergence::lengths(subject),
         reproduction::section(subject),
     ];
-    all.into_iter().flatten().collect()
+    let first = study::sections(subject).into_iter().chain(regression::sections(subject));
+    first.chain(all.into_iter().flatten()).collect()
+}
+
+/// Of work that goes on: what changes first.
+fn of_work(subject: &Subject) -> Vec<Section> {
+    let all = [
+        convergence::section(subject),
+        starts::section(subject),
+        parameters::section(subject),
+        equations::section(subject),
+    ];
+    let first = progress::section(subject).into_iter().chain(study::sections(subject));
+    first.chain(all.into_iter().flatten()).collect()
 }
 
 /// No request to anywhere, and no script but the page's own, known by its fingerprint.
@@ -159,7 +211,7 @@ mod tests {
 
     #[test]
     fn the_script_is_whole_and_short() {
-        assert!(!SCRIPT.contains("</script") && SCRIPT.lines().count() < 400);
+        assert!(!SCRIPT.contains("</script") && SCRIPT.lines().count() < 420);
         assert!(!STYLE.contains("</style") && !STYLE.contains("url("));
     }
 }

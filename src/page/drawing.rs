@@ -13,10 +13,36 @@ const RIGHT: f64 = 10.0;
 const TOP: f64 = 8.0;
 const GAP: f64 = 16.0;
 const BOTTOM: f64 = 40.0;
-/// Colours of a file of its own: those of the page in the light.
+/// What a file of its own looks like, in the colours of the page; programs that read such files know no variables.
 const STYLE: &str = include_str!("alone.css");
+const COLOURS: &str = include_str!("page.css");
+/// Above the drawing of a file of its own: its caption and its key.
+const HEAD: f64 = 44.0;
 /// Points of a line on paper.
 const MOST_POINTS: usize = 1500;
+
+/// What a file of its own is drawn on.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Paper {
+    /// White.
+    #[default]
+    Light,
+    /// As the page is in the dark.
+    Dark,
+}
+
+impl Paper {
+    /// The style with this paper's colours.
+    fn style(self) -> String {
+        let head = match self {
+            Self::Light => ":root {",
+            Self::Dark => ":root[data-theme=\"dark\"] {",
+        };
+        let block = COLOURS.split_once(head).and_then(|(_, rest)| rest.split('}').next()).unwrap_or_default();
+        let colours = block.split(';').filter_map(|part| part.trim().strip_prefix("--")?.split_once(": "));
+        colours.fold(STYLE.to_string(), |style, (name, colour)| style.replace(&format!("var(--{name})"), colour))
+    }
+}
 
 /// Where a panel lies on the paper, and its axes.
 struct Frame {
@@ -45,30 +71,39 @@ pub(super) fn svg(figure: &Figure) -> Markup {
     }
 }
 
-/// The same as a file of its own: on white, with its caption and its key.
-pub(super) fn alone(figure: &Figure) -> String {
+/// The same as a file of its own, with its caption and its key.
+pub(super) fn alone(figure: &Figure, paper: Paper) -> String {
     let (width, height) = size(figure);
-    let key = figure.key();
+    sheet(&figure.caption, &figure.key(), (width, height), &body(figure, width, height), paper)
+}
+
+/// A drawing with its caption and its key above it, as a file of its own.
+pub(super) fn sheet(caption: &str, key: &[&Mark], (width, height): (f64, f64), body: &Markup, paper: Paper) -> String {
+    let whole = height + HEAD;
+    // letters are seven pixels wide at most
+    let places = key.iter().scan(LEFT, |x, mark| {
+        let here = *x;
+        *x += 44.0 + 7.0 * mark.name.chars().count() as f64;
+        Some(here)
+    });
     let markup = html! {
-        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 -44 " (width) " " (height + 44.0) } width=(width) height=(height + 44.0)
-            font-family="sans-serif" {
-            title { (figure.caption) }
-            style { (PreEscaped(STYLE)) }
-            rect.paper y="-44" width=(width) height=(height + 44.0) {}
-            text.caption x=(LEFT) y="-26" { (figure.caption) }
-            @for (k, mark) in key.iter().enumerate() {
-                @let x = LEFT + 150.0 * k as f64;
+        svg xmlns="http://www.w3.org/2000/svg" viewBox={ "0 -" (HEAD) " " (width) " " (whole) } width=(width) height=(whole) font-family="sans-serif" {
+            title { (caption) }
+            style { (PreEscaped(paper.style())) }
+            rect.paper y=(-HEAD) width=(width) height=(whole) {}
+            text.caption x=(if key.is_empty() { 12.0 } else { LEFT }) y="-26" { (caption) }
+            @for (mark, x) in key.iter().zip(places) {
                 line class={ "key " (mark.look.word()) } x1=(x) x2=(x + 18.0) y1="-11" y2="-11" {}
                 text.label x=(x + 24.0) y="-7" { (mark.name) }
             }
-            (body(figure, width, height))
+            (body)
         }
     };
     markup.into_string() + "\n"
 }
 
 /// Width and height on paper.
-fn size(figure: &Figure) -> (f64, f64) {
+pub(super) fn size(figure: &Figure) -> (f64, f64) {
     let panels: f64 = figure.panels.iter().map(|p| f64::from(p.height) + GAP).sum();
     (WIDTHS[usize::from(figure.half)], TOP + panels - GAP + BOTTOM)
 }
@@ -86,7 +121,7 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     html! {
         @for (panel, frame) in figure.panels.iter().zip(&frames) { (drawn(figure, panel, frame)) }
         @if let Some(frame) = frames.last() {
-            @for (v, label) in x.ticks((width / 95.0) as usize) {
+            @for (v, label) in x.ticks(across(figure, &x, width)) {
                 text.tick x=(tenth(frame.across(v))) y=(tenth(frame.top + frame.height + 15.0)) text-anchor="middle" { (label) }
             }
             text.label x=(tenth((LEFT + width - RIGHT) / 2.0)) y=(tenth(height - 6.0)) text-anchor="middle" { (figure.label) }
@@ -94,11 +129,17 @@ fn body(figure: &Figure, width: f64, height: f64) -> Markup {
     }
 }
 
+/// How many ticks an axis across has room for; one of things has none between them.
+fn across(figure: &Figure, x: &Scale, width: f64) -> usize {
+    let room = (width / 95.0) as usize;
+    if figure.names.is_empty() || x.logarithmic { room } else { room.min((x.high - x.low) as usize).max(1) }
+}
+
 fn drawn(figure: &Figure, panel: &Panel, frame: &Frame) -> Markup {
     let (right, bottom) = (frame.width - RIGHT, frame.top + frame.height);
     let middle = tenth(frame.top + frame.height / 2.0);
     html! {
-        @for (v, _) in frame.x.ticks((frame.width / 95.0) as usize) {
+        @for (v, _) in frame.x.ticks(across(figure, &frame.x, frame.width)) {
             line.grid x1=(tenth(frame.across(v))) x2=(tenth(frame.across(v))) y1=(tenth(frame.top)) y2=(tenth(bottom)) {}
         }
         @for (v, label) in frame.y.ticks((panel.height / 30) as usize) {
@@ -130,6 +171,17 @@ fn marked(figure: &Figure, mark: &Mark, frame: &Frame) -> Markup {
             let all: Vec<(f64, f64)> = upper.chain(lower).filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
             html! { path class=(class) d={ (path(all.into_iter())) "Z" } {} }
         }
+        Shape::Columns => {
+            let half = 0.5 * spacing(&figure.at);
+            let mut d = String::new();
+            for k in places.into_iter().filter(|k| mark.values[*k].is_finite()) {
+                let edge = |v: f64| frame.across(v);
+                let (left, right) = (edge(figure.at[k] - half), edge(figure.at[k] + half));
+                let (low, high) = (frame.down(foot(k)), frame.down(mark.values[k]));
+                d.push_str(&path([(left, low), (left, high), (right, high), (right, low)].into_iter()));
+            }
+            html! { path class={ (mark.look.word()) " columns" } d=(d) {} }
+        }
         Shape::Stems | Shape::Bars => {
             let mut d = String::new();
             for k in places {
@@ -138,6 +190,12 @@ fn marked(figure: &Figure, mark: &Mark, frame: &Frame) -> Markup {
             html! { path class={ (class) " " (if mark.shape == Shape::Bars { "bars" } else { "stems" }) } d=(d) {} }
         }
     }
+}
+
+/// The least distance of two places.
+fn spacing(at: &[f64]) -> f64 {
+    let least = at.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 1.0 }
 }
 
 /// Points as a path that breaks where there is none; a point alone is a dot.
@@ -178,6 +236,15 @@ fn tenth(v: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn both_papers_have_a_colour_for_everything() {
+        for paper in [Paper::Light, Paper::Dark] {
+            assert!(!paper.style().contains("var("), "{}", paper.style());
+        }
+        assert!(Paper::Light.style().contains(".paper { fill: #fff; }"));
+        assert!(Paper::Dark.style().contains(".paper { fill: #14171a; }"));
+    }
 
     #[test]
     fn paths_break_where_nothing_is_and_show_points_alone() {

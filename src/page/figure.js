@@ -112,6 +112,15 @@
       for (let k = to - 1; k >= from; k--) if (m.low[k] !== null) points.push([x.place(figure.at[k]), y.place(m.low[k])]);
       const text = points.map((p, k) => (k ? "L" : "M") + p[0].toFixed(1) + " " + p[1].toFixed(1)).join("");
       element("path", { class: m.look + " band", d: text ? text + "Z" : "" }, parent);
+    } else if (m.shape === "columns") {
+      const half = 0.5 * figure.at.reduce((least, v, k) => (k ? Math.min(least, v - figure.at[k - 1]) : least), Infinity);
+      let text = "";
+      for (let k = from; k < to; k++) {
+        if (m.values[k] === null) continue;
+        const [a, b] = [x.place(figure.at[k] - half), x.place(figure.at[k] + half)].map((p) => p.toFixed(1));
+        text += "M" + a + " " + y.place(m.low[k]).toFixed(1) + "V" + y.place(m.values[k]).toFixed(1) + "H" + b + "V" + y.place(m.low[k]).toFixed(1);
+      }
+      element("path", { class: m.look + " columns", d: text }, parent);
     } else {
       let text = "";
       for (let k = from; k < to; k++) {
@@ -139,6 +148,8 @@
     const data = figure.data;
     const [low, high] = figure.group.view || figure.whole;
     const x = scale(low, high, data.logarithmic, MARGIN.left, width - MARGIN.right);
+    // an axis of things has no ticks between them
+    const room = Math.floor(width / 95), many = data.names && !data.logarithmic ? Math.max(1, Math.min(room, Math.floor(high - low))) : room;
     const from = Math.max(0, search(figure.at, low) - 1), to = Math.min(figure.at.length, search(figure.at, high) + 2);
     let top = MARGIN.top;
     const height = data.panels.reduce((sum, p) => sum + p.height + MARGIN.gap, MARGIN.top - MARGIN.gap + MARGIN.bottom);
@@ -158,7 +169,7 @@
       const clip = figure.id + "-clip-" + k;
       const box = { x: MARGIN.left, y: top, width: width - MARGIN.right - MARGIN.left, height: panel.height };
       element("rect", box, element("clipPath", { id: clip }, svg));
-      for (const [v] of ticks(x, Math.floor(width / 95))) {
+      for (const [v] of ticks(x, many)) {
         const at = x.place(v).toFixed(1);
         element("line", { class: "grid", x1: at, x2: at, y1: top, y2: frame.bottom }, svg);
       }
@@ -176,7 +187,7 @@
       return frame;
     });
     const bottom = height - MARGIN.bottom;
-    for (const [v, text] of ticks(x, Math.floor(width / 95))) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
+    for (const [v, text] of ticks(x, many)) written(svg, x.place(v), bottom + 15, text, { class: "tick", "text-anchor": "middle" });
     written(svg, (MARGIN.left + width - MARGIN.right) / 2, height - 6, data.label, { class: "label", "text-anchor": "middle" });
     figure.over = element("g", { "pointer-events": "none" }, svg);
     svg.setAttribute("data-low", low);
@@ -199,14 +210,15 @@
     figure.readout.textContent = "";
     figure.chosen = k;
     if (k === null || k === undefined || !figure.at.length) return;
-    const said = [figure.data.label.replace(/ \[.*/, "") + " = " + figure.at[k]];
+    const names = figure.data.names;
+    const said = [names ? names[k] : figure.data.label.replace(/ \[.*/, "") + " = " + figure.at[k]];
     for (const frame of figure.frames) {
       const px = frame.x.place(figure.at[k]);
       element("line", { class: "hair", x1: px, x2: px, y1: frame.top, y2: frame.bottom }, figure.over);
       for (const m of frame.panel.marks) {
         const v = m.values[k];
         if (v === null || m.name === "") continue;
-        const between = m.low && m.shape !== "stems" ? m.low[k] + " to " + v : v;
+        const between = m.low && m.shape !== "stems" && m.shape !== "columns" ? m.low[k] + " to " + v : v;
         said.push(m.name + " = " + between);
         if (!m.low) element("circle", { class: "dot " + m.look, cx: px, cy: frame.y.place(v), r: 3.5 }, figure.over);
       }

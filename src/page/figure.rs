@@ -19,6 +19,8 @@ pub(super) struct Figure {
     /// Places on that axis, of all marks.
     pub(super) at: Vec<f64>,
     pub(super) panels: Vec<Panel>,
+    /// What the places are called, where they are things and not numbers.
+    pub(super) names: Vec<String>,
     /// Whether two of them stand beside each other.
     pub(super) half: bool,
     /// Of how many samples it was drawn, where that is not all of them.
@@ -66,6 +68,8 @@ pub(super) enum Shape {
     Stems,
     Band,
     Bars,
+    /// From the foot to the value, as wide as places are apart.
+    Columns,
 }
 
 impl Look {
@@ -89,6 +93,7 @@ impl Shape {
             Self::Stems => "stems",
             Self::Band => "band",
             Self::Bars => "bars",
+            Self::Columns => "columns",
         }
     }
 }
@@ -97,6 +102,11 @@ impl Mark {
     /// A line.
     pub(super) fn line(name: &str, look: Look, values: Vec<f64>) -> Self {
         Self { name: name.into(), look, shape: Shape::Line, values, low: Vec::new() }
+    }
+
+    /// A dot at every place.
+    pub(super) fn dots(name: &str, look: Look, values: Vec<f64>) -> Self {
+        Self { name: name.into(), look, shape: Shape::Dots, values, low: Vec::new() }
     }
 
     /// Something between or on two edges.
@@ -143,8 +153,12 @@ impl Figure {
 
     /// Room beside the first and the last place, as a part of the axis: lines end at the frame, what stands alone is to be seen whole.
     pub(super) fn margin(&self) -> f64 {
-        let lines = self.panels.iter().flat_map(|p| &p.marks).all(|m| m.shape == Shape::Line);
-        if lines { 0.0 } else { 0.02 }
+        let marks = || self.panels.iter().flat_map(|p| &p.marks);
+        if marks().any(|m| m.shape == Shape::Columns) {
+            // half a column
+            return 0.5 / (self.at.len().max(2) - 1) as f64 + 0.01;
+        }
+        if marks().all(|m| m.shape == Shape::Line) { 0.0 } else { 0.02 }
     }
 
     fn json(&self) -> Value {
@@ -163,10 +177,14 @@ impl Figure {
                 "marks": p.marks.iter().map(mark).collect::<Vec<_>>(),
             })
         };
-        json!({
+        let mut value = json!({
             "label": self.label, "logarithmic": self.logarithmic, "margin": self.margin(), "at": self.at,
             "panels": self.panels.iter().map(panel).collect::<Vec<_>>(),
-        })
+        });
+        if !self.names.is_empty() {
+            value["names"] = json!(self.names);
+        }
+        value
     }
 }
 
@@ -195,6 +213,7 @@ mod tests {
             logarithmic: false,
             at: vec![0.0, 1.0],
             panels: Vec::new(),
+            names: Vec::new(),
             half: false,
             samples: None,
         };

@@ -1,8 +1,8 @@
 //! What a reader must know who reads nothing else: how it ended, whether it can be trusted, and what speaks against it.
 
-use super::diagnosis;
 use super::number::{shown, text};
 use super::subject::{Subject, list};
+use super::{diagnosis, progress, regression, study};
 use maud::{Markup, html};
 use serde_json::Value;
 
@@ -15,6 +15,8 @@ pub(super) enum Trust {
     Good,
     Reserved,
     Bad,
+    /// Nobody knows yet.
+    Open,
 }
 
 impl Trust {
@@ -23,6 +25,7 @@ impl Trust {
             Self::Good => "good",
             Self::Reserved => "reserved",
             Self::Bad => "bad",
+            Self::Open => "working",
         }
     }
 
@@ -31,6 +34,7 @@ impl Trust {
             Self::Good => "✓",
             Self::Reserved => "!",
             Self::Bad => "✗",
+            Self::Open => "…",
         }
     }
 }
@@ -39,7 +43,10 @@ impl Trust {
 pub(super) fn kind(subject: &Subject) -> &'static str {
     let result = &subject.result;
     match () {
+        () if subject.progress.is_some() => "at work",
+        () if result["study"].is_object() => "study",
         () if subject.diagnosis.is_some() => "diagnosis",
+        () if result["fits"].is_array() => "equation error",
         () if result["validation"].is_object() => "validation",
         () if result["frequency_domain"].is_object() => "fit of spectra",
         () if result["frequency_responses"].is_object() => "fit of frequency responses",
@@ -54,9 +61,16 @@ pub(super) fn doc(subject: &Subject) -> Option<&str> {
 
 /// The headline with what speaks against the result; links lead to the sections that the page has.
 pub(super) fn verdict(subject: &Subject, anchors: &[&str]) -> Markup {
-    let (trust, sentence, points) = match &subject.diagnosis {
-        Some(found) => diagnosis::verdict(found),
-        None => {
+    let (trust, sentence, points) = match (&subject.progress, &subject.diagnosis) {
+        (Some(told), _) => progress::verdict(told, &subject.result),
+        (None, Some(found)) => diagnosis::verdict(found),
+        (None, None) if subject.result["study"].is_object() => {
+            let (trust, sentence, mut points) = study::verdict(&subject.result["study"]);
+            points.extend(remarks(subject));
+            (trust, sentence, points)
+        }
+        (None, None) if subject.result["fits"].is_array() => regression::verdict(&subject.result),
+        (None, None) => {
             let (trust, sentence) = judged(subject);
             (trust, sentence, remarks(subject))
         }
@@ -82,7 +96,7 @@ pub(super) fn verdict(subject: &Subject, anchors: &[&str]) -> Markup {
 }
 
 /// What stands between backticks is a name.
-fn quoted(sentence: &str) -> Markup {
+pub(super) fn quoted(sentence: &str) -> Markup {
     html! { @for (k, part) in sentence.split('`').enumerate() { @if k % 2 == 1 { code { (part) } } @else { (part) } } }
 }
 

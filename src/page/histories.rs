@@ -91,6 +91,7 @@ fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [
             Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
             Panel { label: format!("residual{unit}"), height: 90, logarithmic: false, marks: residual },
         ],
+        names: Vec::new(),
         half: false,
         samples: (indices.len() < time.values.len()).then_some(time.values.len()),
     }
@@ -115,6 +116,7 @@ fn given(k: usize, time: &Column, inputs: &[&Column], most: usize) -> Figure {
         logarithmic: false,
         at: pick(&time.values),
         panels: inputs.iter().map(panel).collect(),
+        names: Vec::new(),
         half: false,
         samples: (indices.len() < time.values.len()).then_some(time.values.len()),
     }

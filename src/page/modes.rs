@@ -1,8 +1,11 @@
 //! The modes of the model as it was found: a map of the eigenvalues with ellipses of two standard errors, and what each mode is.
 
 use super::document::Section;
+use super::headline::quoted;
 use super::number::{shown, text};
+use super::picture::Picture;
 use super::scale::Scale;
+use super::shapes;
 use super::subject::{Subject, list};
 use maud::{Markup, html};
 use serde_json::Value;
@@ -27,12 +30,18 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     let document = &subject.result["modes"];
     let modes = list(&document["modes"]);
     if modes.is_empty() {
-        return None;
+        let why = document["left_out"].as_str()?;
+        return Some(Section::new(
+            "modes",
+            "Modes",
+            html! { p { "There is no map of the modes here: " (quoted(why)) "." } },
+        ));
     }
     let time = document["time"].as_str().unwrap_or("s");
-    let roots: Vec<Root> = modes.iter().filter_map(root).collect();
+    let dials = shapes::pictures(modes, time);
+    let oscillations = modes.iter().filter(|m| m["im"].as_f64().is_some_and(|im| im > 0.0)).count();
     let content = html! {
-        (map(&roots, time))
+        (map(modes, time).markup("map-of-roots"))
         p.note {
             "Ellipses are two standard errors, from the covariance of the parameters (corrected for the colour of the residuals where that is known). "
             "Rays are damping ratios " (DAMPING.map(|d| d.to_string()).join(", ")) "."
@@ -40,8 +49,28 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         }
         (table(modes, time))
         @if let Some(said) = document["linearised"].as_str() { p.note { (said) "." } }
+        @if !dials.is_empty() {
+            h3 { "What the states do in each oscillation" }
+            p.note {
+                "A hand is a component of the eigenvector: its angle is the phase, its length the size by decades, from a thousandth in the middle "
+                "to one at the rim. Sizes are in the units of the states (below), over that of the state that is named as 1."
+            }
+            div.pair { @for dial in &dials { (dial.markup("dial")) } }
+            @if oscillations > dials.len() { p.note { (oscillations - dials.len()) " more are in the table." } }
+            details { summary { "as a table" } (shapes::table(modes)) }
+        }
     };
     Some(Section::new("modes", "Modes", content))
+}
+
+/// The map and the dials.
+pub(super) fn pictures(subject: &Subject) -> Vec<Picture> {
+    let document = &subject.result["modes"];
+    let (modes, time) = (list(&document["modes"]), document["time"].as_str().unwrap_or("s"));
+    if modes.is_empty() {
+        return Vec::new();
+    }
+    std::iter::once(map(modes, time)).chain(shapes::pictures(modes, time)).collect()
 }
 
 fn root(mode: &Value) -> Option<Root> {
@@ -53,7 +82,14 @@ fn root(mode: &Value) -> Option<Root> {
     Some(Root { re: mode["re"].as_f64()?, im: mode["im"].as_f64()?, spread: spread() })
 }
 
-fn map(roots: &[Root], time: &str) -> Markup {
+fn map(modes: &[Value], time: &str) -> Picture {
+    let roots: Vec<Root> = modes.iter().filter_map(root).collect();
+    let body = plane(&roots, time);
+    Picture { id: "eigenvalues".into(), caption: "Eigenvalues".into(), width: WIDTH, height: HEIGHT, body }
+}
+
+/// The plane of the eigenvalues.
+fn plane(roots: &[Root], time: &str) -> Markup {
     let size = roots.iter().map(|r| r.re.hypot(r.im)).fold(0.0, f64::max);
     // an ellipse that is larger than everything else would hide it
     let reach = |r: &Root, k: usize| r.spread.map_or(0.0, |s| (2.0 * s[k].sqrt()).min(size));
@@ -68,46 +104,39 @@ fn map(roots: &[Root], time: &str) -> Markup {
     let steps = ((WIDTH - LEFT - RIGHT) / (x.high - x.low), (HEIGHT - TOP - BOTTOM) / (y.high - y.low));
     let place = |v: f64| format!("{v:.1}");
     html! {
-        figure.map-of-roots {
-            figcaption { span.caption { "Eigenvalues" } }
-            div.canvas {
-                svg viewBox={ "0 0 " (WIDTH) " " (HEIGHT) } role="img" aria-label="map of the eigenvalues" {
-                    clipPath id="roots-clip" { rect x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {} }
-                    @for (v, label) in x.ticks(7) {
-                        line.grid x1=(place(across(v))) x2=(place(across(v))) y1=(TOP) y2=(HEIGHT - BOTTOM) {}
-                        text.tick x=(place(across(v))) y=(HEIGHT - BOTTOM + 15.0) text-anchor="middle" { (label) }
-                    }
-                    @for (v, label) in y.ticks(7) {
-                        line.grid x1=(LEFT) x2=(WIDTH - RIGHT) y1=(place(down(v))) y2=(place(down(v))) {}
-                        text.tick x=(LEFT - 6.0) y=(place(down(v) + 4.0)) text-anchor="end" { (label) }
-                    }
-                    rect.frame x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {}
-                    g clip-path="url(#roots-clip)" {
-                        line.axis x1=(place(across(0.0))) x2=(place(across(0.0))) y1=(TOP) y2=(HEIGHT - BOTTOM) {}
-                        line.axis x1=(LEFT) x2=(WIDTH - RIGHT) y1=(place(down(0.0))) y2=(place(down(0.0))) {}
-                        @for damping in DAMPING {
-                            @for sign in [1.0, -1.0] {
-                                @let far = 4.0 * size.max(f64::MIN_POSITIVE);
-                                line.ray x1=(place(across(0.0))) y1=(place(down(0.0))) x2=(place(across(-damping * far)))
-                                    y2=(place(down(sign * (1.0 - damping * damping).sqrt() * far))) {}
-                            }
-                        }
-                        @for r in roots {
-                            @if let Some(spread) = r.spread { (ellipse(across(r.re), down(r.im), spread, steps, r.im == 0.0)) }
-                        }
-                        @for r in roots {
-                            @let (px, py) = (across(r.re), down(r.im));
-                            path.root d={ "M" (place(px - 5.0)) " " (place(py - 5.0)) "l10 10m0 -10l-10 10" } {
-                                title { (text(r.re, 5)) @if r.im != 0.0 { (if r.im > 0.0 { " + " } else { " − " }) (text(r.im.abs(), 5)) "j" } }
-                            }
-                        }
-                    }
-                    text.label x=((LEFT + WIDTH - RIGHT) / 2.0) y=(HEIGHT - 6.0) text-anchor="middle" { "real part [1/" (time) "]" }
-                    text.label transform={ "translate(13 " ((TOP + HEIGHT - BOTTOM) / 2.0) ") rotate(-90)" } text-anchor="middle" {
-                        "imaginary part [rad/" (time) "]"
-                    }
+        clipPath id="roots-clip" { rect x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {} }
+        @for (v, label) in x.ticks(7) {
+            line.grid x1=(place(across(v))) x2=(place(across(v))) y1=(TOP) y2=(HEIGHT - BOTTOM) {}
+            text.tick x=(place(across(v))) y=(HEIGHT - BOTTOM + 15.0) text-anchor="middle" { (label) }
+        }
+        @for (v, label) in y.ticks(7) {
+            line.grid x1=(LEFT) x2=(WIDTH - RIGHT) y1=(place(down(v))) y2=(place(down(v))) {}
+            text.tick x=(LEFT - 6.0) y=(place(down(v) + 4.0)) text-anchor="end" { (label) }
+        }
+        rect.frame x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(HEIGHT - TOP - BOTTOM) {}
+        g clip-path="url(#roots-clip)" {
+            line.axis x1=(place(across(0.0))) x2=(place(across(0.0))) y1=(TOP) y2=(HEIGHT - BOTTOM) {}
+            line.axis x1=(LEFT) x2=(WIDTH - RIGHT) y1=(place(down(0.0))) y2=(place(down(0.0))) {}
+            @for damping in DAMPING {
+                @for sign in [1.0, -1.0] {
+                    @let far = 4.0 * size.max(f64::MIN_POSITIVE);
+                    line.ray x1=(place(across(0.0))) y1=(place(down(0.0))) x2=(place(across(-damping * far)))
+                        y2=(place(down(sign * (1.0 - damping * damping).sqrt() * far))) {}
                 }
             }
+            @for r in roots {
+                @if let Some(spread) = r.spread { (ellipse(across(r.re), down(r.im), spread, steps, r.im == 0.0)) }
+            }
+            @for r in roots {
+                @let (px, py) = (across(r.re), down(r.im));
+                path.root d={ "M" (place(px - 5.0)) " " (place(py - 5.0)) "l10 10m0 -10l-10 10" } {
+                    title { (text(r.re, 5)) @if r.im != 0.0 { (if r.im > 0.0 { " + " } else { " − " }) (text(r.im.abs(), 5)) "j" } }
+                }
+            }
+        }
+        text.label x=((LEFT + WIDTH - RIGHT) / 2.0) y=(HEIGHT - 6.0) text-anchor="middle" { "real part [1/" (time) "]" }
+        text.label transform={ "translate(13 " ((TOP + HEIGHT - BOTTOM) / 2.0) ") rotate(-90)" } text-anchor="middle" {
+            "imaginary part [rad/" (time) "]"
         }
     }
 }
@@ -147,11 +176,11 @@ fn table(modes: &[Value], time: &str) -> Markup {
     html! {
         div.scroll { table {
             thead { tr {
-                th.number { "real part ± 2σ" } th.number { "imaginary part ± 2σ" } th.number { "damping ± 2σ" }
+                th.number { "mode" } th.number { "real part ± 2σ" } th.number { "imaginary part ± 2σ" } th.number { "damping ± 2σ" }
                 th.number { "frequency ± 2σ [rad/" (time) "]" } th.number { "half [" (time) "]" } th.number { "double [" (time) "]" } th { "states" }
             } }
-            tbody { @for m in modes.iter().filter(upper) { tr {
-                td.number { (with(m, "re")) } td.number { (with(m, "im")) } td.number { (with(m, "damping")) } td.number { (with(m, "frequency")) }
+            tbody { @for (k, m) in modes.iter().filter(upper).enumerate() { tr {
+                td.number { (k + 1) } td.number { (with(m, "re")) } td.number { (with(m, "im")) } td.number { (with(m, "damping")) } td.number { (with(m, "frequency")) }
                 td.number { (shown(&m["time_to_half"], 4)) } td.number { (shown(&m["time_to_double"], 4)) } td { (states(m)) }
             } } }
         } }

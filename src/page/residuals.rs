@@ -1,4 +1,5 @@
-//! Whether the residuals are noise: their autocorrelation, and their correlation with every input, with bounds.
+//! Whether the residuals are noise: their autocorrelation, their spectrum, their distribution, and their correlation with every input, with
+//! bounds.
 
 use super::document::Section;
 use super::figure::{Figure, Look, Mark, Panel, Shape};
@@ -20,7 +21,8 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         (table(outputs))
         p.note {
             "Bias, size and rest are the parts of the mean square residual (Theil): a good model leaves only the rest. White residuals have a Durbin–Watson "
-            "statistic near 2 and a large p. Bands are two standard deviations: in one of twenty lags chance leads beyond them."
+            "statistic near 2 and a large p. Bands are two standard deviations, of spectra 95 %: at one of twenty lags, and in one of twenty bands, chance "
+            "leads beyond them. Errors of estimates hold for other distributions than the normal one too; outliers cost precision."
         }
         @for (k, o) in outputs.iter().enumerate() {
             @if o["whiteness"].is_object() {
@@ -85,7 +87,8 @@ pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
 
 fn figures_of(k: usize, output: &Value, time: &str) -> Vec<Figure> {
     let inputs = list(&output["inputs"]).iter().enumerate().map(|(i, input)| with_input(k, i, input, time));
-    std::iter::once(autocorrelation(k, output, time)).chain(inputs).collect()
+    let own = [Some(autocorrelation(k, output, time)), spectrum(k, output, time), histogram(k, output)];
+    own.into_iter().flatten().chain(inputs).collect()
 }
 
 fn autocorrelation(k: usize, output: &Value, time: &str) -> Figure {
@@ -101,9 +104,66 @@ fn autocorrelation(k: usize, output: &Value, time: &str) -> Figure {
         logarithmic: false,
         at: (1..=values.len()).map(|lag| lag as f64 * interval).collect(),
         panels: vec![correlation(values, &numbers(&white["bounds"]))],
+        names: Vec::new(),
         half: true,
         samples: None,
     }
+}
+
+/// Where in frequency something is left.
+fn spectrum(k: usize, output: &Value, time: &str) -> Option<Figure> {
+    let found = output["spectrum"].as_object()?;
+    let column = |name: &str| numbers(&found[name]);
+    let (at, density) = (column("frequency"), column("density"));
+    let unit = if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") };
+    let id = format!("residual-spectrum-{}", k + 1);
+    let marks = vec![
+        Mark::between("of white noise", Look::Bound, Shape::Band, column("low"), column("high")),
+        Mark::line("of the residual", Look::Residual, density.clone()),
+        Mark::dots("", Look::Residual, density),
+    ];
+    Some(Figure {
+        group: id.clone(),
+        id,
+        caption: format!("spectrum of the residual; {} of {} bands outside", found["outside"], at.len()),
+        label: format!("frequency [{unit}]"),
+        logarithmic: true,
+        at,
+        panels: vec![Panel { label: "density over white".into(), height: 150, logarithmic: true, marks }],
+        names: Vec::new(),
+        half: true,
+        samples: None,
+    })
+}
+
+/// How residuals are distributed.
+fn histogram(k: usize, output: &Value) -> Option<Figure> {
+    let found = output["distribution"].as_object()?;
+    let edges = numbers(&found["edges"]);
+    let counts = numbers(&found["counts"]);
+    let unit = output["unit"].as_str().map_or(String::new(), |u| format!(" {u}"));
+    let id = format!("residual-histogram-{}", k + 1);
+    let zeros = vec![0.0; counts.len()];
+    let marks = vec![
+        Mark::between("residuals", Look::Measured, Shape::Columns, zeros, counts),
+        Mark::line("normal", Look::Model, numbers(&found["expected"])),
+    ];
+    Some(Figure {
+        group: id.clone(),
+        id,
+        caption: format!(
+            "distribution of the residual; {} beyond 3 σ, of a normal one {}",
+            found["far"][0],
+            shown(&found["far"][1], 2)
+        ),
+        label: format!("deviation from the mean [σ = {}{unit}]", shown(&found["deviation"], 3)),
+        logarithmic: false,
+        at: edges.windows(2).map(|e| 0.5 * (e[0] + e[1])).collect(),
+        panels: vec![Panel { label: "residuals".into(), height: 150, logarithmic: false, marks }],
+        names: Vec::new(),
+        half: true,
+        samples: None,
+    })
 }
 
 fn with_input(k: usize, i: usize, input: &Value, time: &str) -> Figure {
@@ -123,6 +183,7 @@ fn with_input(k: usize, i: usize, input: &Value, time: &str) -> Figure {
         logarithmic: false,
         at: numbers(&input["lags"]),
         panels: vec![correlation(values, &numbers(&input["bounds"]))],
+        names: Vec::new(),
         half: true,
         samples: None,
     }

@@ -100,6 +100,7 @@ fn response(k: usize, p: &Value, unit: &str) -> Figure {
             panel("phase [deg]", "degrees", DEGREES),
             Panel { label: "coherence".into(), height: 70, logarithmic: false, marks: vec![coherence] },
         ],
+        names: Vec::new(),
         half: true,
         samples: None,
     }
@@ -129,6 +130,7 @@ fn of_run(k: usize, run: &str, table: &Table, unit: &str) -> Vec<Figure> {
             logarithmic: true,
             at: frequency.values.clone(),
             panels: vec![Panel { label, height: 190, logarithmic: true, marks }],
+            names: Vec::new(),
             half: true,
             samples: None,
         }

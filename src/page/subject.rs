@@ -23,6 +23,10 @@ pub struct Subject {
     /// Time histories: name of the run, then time, inputs, and of every output measurement, response and residual; of a
     /// diagnosis, responses before and after.
     pub(super) runs: Vec<(String, Table)>,
+    /// Estimates and errors of every repeat of a study.
+    pub(super) repeats: Option<Table>,
+    /// How far work is that goes on; none of a result.
+    pub(super) progress: Option<Value>,
     /// Spectra: name of the run, then frequency, and of every output real and imaginary parts, measured and modelled.
     pub(super) spectra: Vec<(String, Table)>,
 }
@@ -71,7 +75,38 @@ impl Subject {
             let source = Source::new("extended.fdm", String::from_utf8_lossy(text));
             parse(&source).ok().map(|tree| (source, tree))
         });
-        Ok(Self { result, diagnosis, extended, runs, spectra, source, tree, manifest })
+        let repeats = content("repeats.csv").ok().and_then(Table::read);
+        Ok(Self { result, diagnosis, extended, runs, repeats, progress: None, spectra, source, tree, manifest })
+    }
+
+    /// From what is told of work that goes on; `silent` are the seconds since it was told, where that is longer than it should be.
+    ///
+    /// # Errors
+    /// [`SubjectError`] when the text is something else.
+    pub fn from_progress(text: &str, silent: Option<f64>) -> Result<Self, SubjectError> {
+        let wrong = || SubjectError { file: "progress".into() };
+        let mut told: Value = serde_json::from_str(text).map_err(|_| wrong())?;
+        if told["kind"] != "fdm progress" || told["format"] != 1 {
+            return Err(wrong());
+        }
+        let manifest = told["manifest"].take();
+        let model = told["model_text"].as_str().unwrap_or_default();
+        let source = Source::new(manifest["model_file"].as_str().unwrap_or("model.fdm"), model);
+        let tree = parse(&source).ok();
+        let mut progress = told["progress"].take();
+        progress["silent"] = silent.into();
+        Ok(Self {
+            result: told["result"].take(),
+            diagnosis: None,
+            extended: None,
+            runs: Vec::new(),
+            repeats: None,
+            progress: Some(progress),
+            spectra: Vec::new(),
+            source,
+            tree,
+            manifest,
+        })
     }
 
     /// The name of the model.

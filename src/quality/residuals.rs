@@ -2,8 +2,10 @@
 
 use super::autocovariance::centred;
 use super::colour;
+use super::distribution::Distribution;
 use super::input_correlation::InputCorrelation;
 use super::output_fit::OutputFit;
+use super::residual_spectrum::ResidualSpectrum;
 use super::sampling::{Sampling, Untested};
 use super::whiteness::Whiteness;
 use crate::model::Model;
@@ -37,6 +39,10 @@ pub struct OutputQuality {
     pub fit: OutputFit,
     /// Whether the residuals are white; none when they could not be tested.
     pub whiteness: Option<Whiteness>,
+    /// Their spectrum beside that of white noise; none when they could not be tested.
+    pub spectrum: Option<ResidualSpectrum>,
+    /// Their distribution beside the normal one; none when they could not be tested.
+    pub distribution: Option<Distribution>,
     /// Correlation with each input that moves; empty when it could not be tested.
     pub inputs: Vec<InputCorrelation>,
     /// Why there is no test.
@@ -60,11 +66,27 @@ pub fn residual_quality(signals: &Signals<'_>) -> Vec<OutputQuality> {
     let judge = |(o, name): (usize, &String)| {
         let fit = OutputFit::new(name, signals.run, signals.measured, signals.response, o, q);
         let tests = sampling.as_ref().map_err(|e| *e).and_then(|sampling| tests(signals, o, sampling));
-        let (untested, (whiteness, inputs)) = match tests {
-            Ok((whiteness, inputs)) => (None, (Some(whiteness), inputs)),
-            Err(untested) => (Some(untested), (None, Vec::new())),
-        };
-        OutputQuality { fit, whiteness, inputs, untested }
+        match tests {
+            Ok(t) => {
+                let (whiteness, inputs) = (Some(t.whiteness), t.inputs);
+                OutputQuality {
+                    fit,
+                    whiteness,
+                    spectrum: t.spectrum,
+                    distribution: t.distribution,
+                    inputs,
+                    untested: None,
+                }
+            }
+            Err(untested) => OutputQuality {
+                fit,
+                whiteness: None,
+                spectrum: None,
+                distribution: None,
+                inputs: Vec::new(),
+                untested: Some(untested),
+            },
+        }
     };
     signals.outputs.iter().enumerate().map(judge).collect()
 }
@@ -88,11 +110,15 @@ pub fn run_quality(model: &Model, run: &Run, response: &[f64]) -> Vec<OutputQual
     })
 }
 
-fn tests(
-    signals: &Signals<'_>,
-    output: usize,
-    sampling: &Sampling,
-) -> Result<(Whiteness, Vec<InputCorrelation>), Untested> {
+/// What residuals on an even grid say.
+struct Tests {
+    whiteness: Whiteness,
+    spectrum: Option<ResidualSpectrum>,
+    distribution: Option<Distribution>,
+    inputs: Vec<InputCorrelation>,
+}
+
+fn tests(signals: &Signals<'_>, output: usize, sampling: &Sampling) -> Result<Tests, Untested> {
     let (q, m) = (signals.outputs.len(), signals.inputs.len());
     let cells = signals.measured.iter().zip(signals.response).skip(output).step_by(q);
     // a response that is not finite is as good as none
@@ -105,5 +131,7 @@ fn tests(
         let input = sampling.spread(signals.input_values.iter().skip(i).step_by(m).copied());
         InputCorrelation::new(name, &series, &input, &colour, sampling.interval)
     });
-    Ok((whiteness, inputs.collect()))
+    let inputs = inputs.collect();
+    let spectrum = ResidualSpectrum::new(&series, sampling.interval);
+    Ok(Tests { whiteness, spectrum, distribution: Distribution::new(&series), inputs })
 }

@@ -35,7 +35,7 @@ pub fn fit_json(fit: &Fit) -> Value {
         "by_length": fit.by_length,
         "confidence": by_confidence(&fit.by_length),
         "weights": fit.reweighting,
-        "starts": starts(fit),
+        "starts": if fit.starts.is_empty() { Value::Null } else { starts_json(&fit.starts) },
     });
     if let (Value::Object(document), Value::Object(way)) = (&mut document, way) {
         document.extend(way);
@@ -69,11 +69,13 @@ pub(super) fn estimate_json(model: &Model, e: &Estimate) -> Value {
     })
 }
 
-/// Residuals of every output of every run: size, parts of Theil's coefficient, whiteness, correlation with inputs.
+/// Residuals of every output of every run: size, parts of Theil's coefficient, whiteness, spectrum, distribution, correlation with inputs.
 pub fn quality_json(model: &Model, quality: &[OutputQuality]) -> Vec<Value> {
     let one = |q: &OutputQuality| {
         let mut value = output(model, &q.fit);
         value["whiteness"] = json!(q.whiteness);
+        value["spectrum"] = json!(q.spectrum);
+        value["distribution"] = json!(q.distribution);
         value["inputs"] = json!(q.inputs);
         value["untested"] = json!(q.untested.map(|u| u.to_string()));
         value
@@ -90,8 +92,8 @@ fn output(model: &Model, o: &OutputFit) -> Value {
     })
 }
 
-/// What came out of each start; null when there was only one.
-fn starts(fit: &Fit) -> Value {
+/// What came out of each start.
+pub fn starts_json(starts: &[StartSummary]) -> Value {
     let start = |s: &StartSummary| {
         json!({
             "start": s.number, "cost": s.cost, "iterations": s.iterations,
@@ -99,7 +101,7 @@ fn starts(fit: &Fit) -> Value {
             "minimum": s.minimum, "distance": s.distance, "values": s.values,
         })
     };
-    if fit.starts.is_empty() { Value::Null } else { fit.starts.iter().map(start).collect() }
+    starts.iter().map(start).collect()
 }
 
 /// One word for each way in which an estimation can end.

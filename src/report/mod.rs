@@ -41,7 +41,7 @@ pub use diagnostic::render;
 pub use filter::{filter_json, filter_table};
 pub use fitted_responses::{fitted_response_columns, fitted_response_json, fitted_response_table};
 pub use history::history_table;
-pub use json::{fit_json, quality_json};
+pub use json::{fit_json, quality_json, starts_json};
 pub use modes::{modes_json, modes_table, trim_sentence};
 pub use outcomes::{outcome_table, outcomes_json, outcomes_markdown, outcomes_table};
 pub use overlay::{overlays, sparkline};

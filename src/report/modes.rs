@@ -4,6 +4,8 @@ use super::table::{aligned_right, digits, plain, trimmed};
 use crate::Model;
 use crate::linear::{Mode, ModeErrors, Modes, Obtained, Trim};
 use fdm_grammar::graph::Signal;
+use fdm_grammar::model::Quantity;
+use num_complex::Complex64;
 use serde_json::{Map, Value, json};
 
 /// Values of a trim that are listed.
@@ -73,6 +75,7 @@ pub fn modes_json(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<Mo
             "re": mode.s.re, "im": mode.s.im, "damping": mode.damping(), "frequency": mode.frequency(),
             "states": dominant(model, mode),
             "shares": shares.map(|(state, share)| (states[*state].quantity.name.clone(), json!(share))).collect::<Map<_, _>>(),
+            "shape": mode.shape.iter().zip(states).map(|(v, state)| component(*v, &state.quantity)).collect::<Vec<_>>(),
             "time_to_half": mode.time_to_half(), "time_to_double": mode.time_to_double(),
         });
         if let Some(e) = errors.get(k) {
@@ -96,6 +99,14 @@ pub fn modes_json(model: &Model, trim: &Trim, modes: &Modes, errors: &[Option<Mo
             "states": named(state_values), "inputs": named(input_values),
         },
     })
+}
+
+/// What a state does in a mode: size and phase relative to the state that does most, each in its own unit.
+fn component(v: Complex64, state: &Quantity) -> Value {
+    // of a mirrored mode the greatest has the phase minus zero
+    let phase = if v == Complex64::ZERO { None } else { Some(v.arg().to_degrees() + 0.0) };
+    let unit = state.unit.as_ref().map(ToString::to_string);
+    json!({ "state": state.name, "magnitude": v.norm(), "phase": phase, "unit": unit })
 }
 
 fn word(obtained: Obtained) -> &'static str {
@@ -125,7 +136,7 @@ pub fn trim_sentence(model: &Model, trim: &Trim) -> String {
     let (states, inputs) = values(model, trim);
     let units = model.definition().states.iter().map(|s| &s.quantity);
     let units = units.chain(model.definition().inputs.iter().map(|i| &i.quantity));
-    let shown = |((name, value), quantity): ((String, f64), &fdm_grammar::model::Quantity)| {
+    let shown = |((name, value), quantity): ((String, f64), &Quantity)| {
         let unit = quantity.unit.as_ref().filter(|u| !u.is_one()).map_or(String::new(), |u| format!(" {u}"));
         format!("{name} = {}{unit}", digits(value, 5))
     };

@@ -165,8 +165,16 @@ pub fn dependence_table(at: &str, rows: &[Dependence]) -> String {
 /// The same for programs; numbers that do not exist are null.
 pub fn regression_json(model: &str, regression: &Regression) -> Value {
     let refused = regression.refused.iter().map(|r| json!({ "equation": r.equation(), "reason": r.to_string() }));
+    // as every result has them
+    let parameter = |p: &Regressed| {
+        json!({
+            "name": p.name, "run": p.run, "unit": p.unit, "value": p.value, "status": "estimated",
+            "standard_error": p.standard_error, "corrected_error": p.coloured_error,
+        })
+    };
     json!({
         "model": model,
+        "parameters": regression.fits.iter().flat_map(|f| &f.parameters).map(parameter).collect::<Vec<_>>(),
         "domain": match regression.domain { Domain::Time => "time", Domain::Frequency(_) => "frequency" },
         "fits": regression.fits,
         "refused": refused.collect::<Vec<_>>(),

@@ -226,6 +226,8 @@ mod tests {
             fit: OutputFit::new(name, run, &[1.0, 2.0], &[1.0, 2.5], 0, 1),
             untested: Some(Untested::UnevenSampling),
             whiteness: None,
+            spectrum: None,
+            distribution: None,
             inputs: Vec::new(),
         };
         let said = residual_remarks(&[of("a", "r"), of("b", "r"), of("a", "s")], "s");

@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Transforms of real series at their own frequencies.
-pub(super) struct RealFft {
+pub(crate) struct RealFft {
     plan: Arc<dyn RealToComplex<f64>>,
     series: Vec<f64>,
     bins: Vec<Complex64>,
@@ -16,14 +16,14 @@ pub(super) struct RealFft {
 }
 
 impl RealFft {
-    pub(super) fn new(samples: usize) -> Self {
+    pub(crate) fn new(samples: usize) -> Self {
         let plan = RealFftPlanner::new().plan_fft_forward(samples);
         let (series, bins, scratch) = (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
         Self { plan, series, bins, scratch }
     }
 
     /// Some bins of a series.
-    pub(super) fn transform(&mut self, series: impl Iterator<Item = f64>, bins: Range<usize>, out: &mut [Complex64]) {
+    pub(crate) fn transform(&mut self, series: impl Iterator<Item = f64>, bins: Range<usize>, out: &mut [Complex64]) {
         self.series.iter_mut().zip(series).for_each(|(to, from)| *to = from);
         // all lengths are the plan's own
         let done = self.plan.process_with_scratch(&mut self.series, &mut self.bins, &mut self.scratch);

@@ -11,7 +11,7 @@ mod decimation;
 mod direct_sum;
 mod error;
 mod even_rows;
-mod fft;
+pub(crate) mod fft;
 mod frequencies;
 mod frequency_response;
 mod interpolant;

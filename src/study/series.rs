@@ -15,6 +15,11 @@ pub trait Watch: Sync {
     /// So many repeats have ended.
     fn ended(&self, done: usize);
 
+    /// What came of one of them, by its number.
+    fn came(&self, number: u64, repeat: &Repeat) {
+        let _ = (number, repeat);
+    }
+
     /// Whether the series is to go on; repeats at work are given up when not.
     fn goes_on(&self) -> bool;
 }
@@ -44,11 +49,13 @@ pub fn series(
 ) -> Vec<Option<Repeat>> {
     let shelf = Shelf::open(count, keeper);
     let missing = shelf.missing();
+    shelf.show(watch);
     watch.ended(count - missing.len());
     missing.into_iter().par_bridge().for_each(|k| {
         if watch.goes_on()
             && let Some(repeat) = once(k)
         {
+            watch.came(k, &repeat);
             watch.ended(shelf.put(k, repeat));
         }
     });
@@ -83,6 +90,12 @@ impl<'k> Shelf<'k> {
     fn missing(&self) -> Vec<u64> {
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         (0..self.count as u64).filter(|k| !state.repeats.contains_key(k)).collect()
+    }
+
+    /// Those that were kept before.
+    fn show(&self, watch: &dyn Watch) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.repeats.range(..self.count as u64).for_each(|(k, repeat)| watch.came(*k, repeat));
     }
 
     /// Keeps a repeat; says how many have ended.

@@ -61,6 +61,7 @@ pub fn fit_filter(
         Some(count) => vec![Steps::equal(Scheme::RungeKutta, count); runs.len()],
         None => chosen(&setting, &values, 1)?,
     };
+    observer.begin(&|| setting.unknowns.names(&setting.problem));
     let (mut passes, mut corrections, mut round) = ((0, 0), Vec::new(), 0);
     loop {
         round += 1;

@@ -44,6 +44,7 @@ impl Search<'_, '_> {
         let mut cost = self.at(&point, true)?;
         let mut history = vec![Iteration { number: 0, cost, change: 0.0, damping: 0.0, step: 0.0, refused: 0 }];
         let (mut damping, mut number, mut bends) = (FIRST, 0, Bends::default());
+        observer.values(&self.coordinates.outwards(&point));
         let mut interrupted = observer.iteration(&history[0]).is_break();
         let termination = loop {
             if interrupted {
@@ -67,6 +68,7 @@ impl Search<'_, '_> {
                 Iteration { number, cost: lower, change: lower - cost, damping: damped, step: moved, refused };
             cost = lower;
             history.push(iteration);
+            observer.values(&self.coordinates.outwards(&point));
             interrupted = observer.iteration(&iteration).is_break();
             self.at(&point, true)?;
             if number >= self.iterations && !interrupted {

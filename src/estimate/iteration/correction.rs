@@ -348,6 +348,7 @@ impl<'c, 'e, 'a> Correction<'c, 'e, 'a> {
         let iteration = Iteration { number, cost, change: cost - before, damping, step, refused };
         self.history.push(iteration);
         observer.state(&|| self.snapshot());
+        observer.values(&self.values);
         observer.iteration(&iteration).is_break()
     }
 }

@@ -200,6 +200,7 @@ impl Cost<'_, '_, '_, '_> {
         let (number, cost) = (history.len(), self.best.0);
         let iteration = Iteration { number, cost, change: cost - before, damping: 0.0, step: 0.0, refused: 0 };
         history.push(iteration);
+        self.observer.values(&self.best.1);
         self.interrupted = self.observer.iteration(&iteration).is_break();
         self.interrupted
     }

@@ -2,7 +2,7 @@
 //! through those that had ended at once and goes on in the last.
 
 use super::ledger::Ledger;
-use crate::estimate::progress::{Iteration, Observer};
+use crate::estimate::progress::{Iteration, Observer, UnknownName};
 use std::ops::ControlFlow;
 
 /// An observer that remembers the states, keeps them, and hands them out again.
@@ -42,6 +42,14 @@ impl<'a> Stages<'a> {
 impl Observer for Stages<'_> {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
         self.observer.iteration(iteration)
+    }
+
+    fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
+        self.observer.begin(names);
+    }
+
+    fn values(&mut self, values: &[f64]) {
+        self.observer.values(values);
     }
 
     fn resume(&mut self) -> Option<Vec<u8>> {
