@@ -3,7 +3,7 @@
 
 use crate::effects::invalid;
 use crate::failure::{Failure, NUMBERS, print, tell};
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::Args;
 use fdm::ModelError;
 use fdm::code::{Nominal, verify};
@@ -32,7 +32,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         model => model?,
     };
     let mut params = model.definition().params.clone();
-    arguments.subject.changes(&[], &[]).apply(&mut params).map_err(Failure::input)?;
+    arguments.subject.changes(&Estimated::default()).apply(&mut params).map_err(Failure::input)?;
     let model = model.with_params(params);
     let found = verify(model.definition(), model.schedule(), &Nominal::start(model.definition()));
     let printed =

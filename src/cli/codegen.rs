@@ -1,7 +1,7 @@
 //! `fdm codegen`: the model as stand-alone C or Rust.
 
 use crate::failure::{Failure, NUMBERS, print};
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::{Args, ValueEnum};
 use fdm::store::reason;
 use fdm_grammar::emit::{Elementary, Language, stand_alone};
@@ -44,7 +44,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let language = arguments.language()?;
     let model = arguments.subject.load()?;
     let mut params = model.definition().params.clone();
-    let changes = arguments.subject.changes(&arguments.fix, &arguments.free);
+    let estimated = Estimated { fix: arguments.fix.clone(), free: arguments.free.clone() };
+    let changes = arguments.subject.changes(&estimated);
     changes.apply(&mut params).map_err(Failure::input)?;
     let model = model.with_params(params);
     let text = stand_alone(model.definition(), model.schedule(), &language).map_err(|e| Failure::input([e]))?;

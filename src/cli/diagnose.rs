@@ -7,7 +7,7 @@ use crate::live::{Live, Shared};
 use crate::progress::Progress;
 use crate::records::{Records, load, notes};
 use crate::spectral::Lines;
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::{Args, ValueEnum};
 use fdm::Model;
 use fdm::diagnose::diagnosis::Diagnosis;
@@ -38,12 +38,8 @@ pub(crate) struct Arguments {
     effects: Effects,
     #[command(flatten)]
     chosen: Chosen,
-    /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
-    /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// Chance of a false alarm, over the whole catalogue, at which an effect is believed
     #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = probability, help_heading = "Search")]
     alpha: f64,
@@ -100,11 +96,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let options = SearchOptions {
         alpha: arguments.alpha,
         most: arguments.most.into(),
-        fit: FitOptions {
-            changes: arguments.subject.changes(&arguments.fix, &arguments.free),
-            ..FitOptions::default()
-        }
-        .with_declared_noise(&model),
+        fit: FitOptions { changes: arguments.subject.changes(&arguments.estimated), ..FitOptions::default() }
+            .with_declared_noise(&model),
         screening: ScreeningOptions::default(),
         domain,
     };

@@ -13,7 +13,7 @@ use crate::records::{Records, notes};
 use crate::responses;
 use crate::spectral::{self, Spectral};
 use crate::strategies::Strategies;
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{BestOptions, Fit, FitOptions, MultiStart, best_iterate, changed, fit_kept};
@@ -29,12 +29,8 @@ pub(crate) struct Arguments {
     pub(crate) subject: Subject,
     #[command(flatten)]
     pub(crate) records: Records,
-    /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    pub(crate) fix: Vec<String>,
-    /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    pub(crate) free: Vec<String>,
+    #[command(flatten)]
+    pub(crate) estimated: Estimated,
     /// Measurement noise: `diagonal` (one variance per output, estimated), `full` (their covariance, estimated), or the known
     /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
@@ -73,7 +69,7 @@ pub(crate) struct Arguments {
 impl Arguments {
     pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         let options = FitOptions {
-            changes: self.subject.changes(&self.fix, &self.free),
+            changes: self.subject.changes(&self.estimated),
             options: self.choice.options(noise(&self.noise, model)?),
             per_interval: self.integration.per_interval(),
             scheme: self.integration.scheme(),

@@ -5,7 +5,7 @@ use crate::integrator::Integration;
 use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{FitOptions, Options, Status, fit};
@@ -29,12 +29,8 @@ pub(crate) struct Arguments {
     /// Parameter that is profiled; may be given several times [default: all that are estimated and shared]
     #[arg(long = "parameter", value_name = "NAME", help_heading = "Parameters")]
     parameters: Vec<String>,
-    /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
-    /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// Measurement noise, as `fdm fit` takes it
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
     noise: Vec<String>,
@@ -76,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
     let options = FitOptions {
-        changes: arguments.subject.changes(&arguments.fix, &arguments.free),
+        changes: arguments.subject.changes(&arguments.estimated),
         options: Options { noise: noise(&arguments.noise, &model)?, ..Options::default() },
         per_interval: arguments.integration.per_interval(),
         scheme: arguments.integration.scheme(),

@@ -4,7 +4,7 @@ use crate::delivery::{Delivery, Outcome};
 use crate::failure::{Failure, NUMBERS, none_ignored, print};
 use crate::records::{Records, notes};
 use crate::recursive::Recursive;
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::{Args, ValueEnum};
 use fdm::Model;
 use fdm::estimate::{Noise, changed};
@@ -27,12 +27,8 @@ pub(crate) struct Arguments {
     subject: Subject,
     #[command(flatten)]
     records: Records,
-    /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
-    /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// Least squares of all rows at once, or recursively, step by step, with forgetting
     #[arg(long, value_name = "METHOD", value_enum, default_value_t, help_heading = "Regression")]
     method: Approach,
@@ -126,7 +122,7 @@ impl Arguments {
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     arguments.refuse()?;
     let model = arguments.subject.load()?;
-    let changes = arguments.subject.changes(&arguments.fix, &arguments.free);
+    let changes = arguments.subject.changes(&arguments.estimated);
     let model = changed(&model, &changes).map_err(|e| Failure::input([e]))?;
     let records = arguments.records.load(&model, true)?;
     if !arguments.quiet {

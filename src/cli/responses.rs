@@ -66,7 +66,7 @@ fn options(arguments: &Fit) -> ResponseOptions {
     let spectral = &arguments.spectral;
     let defaults = ResponseOptions::default();
     ResponseOptions {
-        changes: arguments.subject.changes(&arguments.fix, &arguments.free),
+        changes: arguments.subject.changes(&arguments.estimated),
         options: arguments.choice.options(Noise::Diagonal),
         frequencies: match spectral.lines.band {
             Some(_) => spectral.lines.frequencies(),

@@ -1,7 +1,7 @@
 //! `fdm show`: what becomes of a model's text, stage by stage.
 
 use crate::failure::{Failure, NUMBERS, print};
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::{Args, ValueEnum};
 use fdm::report::{Stage, dot, stage};
 use std::process::ExitCode;
@@ -47,7 +47,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let model = arguments.subject.load()?;
     let mut params = model.definition().params.clone();
-    arguments.subject.changes(&[], &[]).apply(&mut params).map_err(Failure::input)?;
+    arguments.subject.changes(&Estimated::default()).apply(&mut params).map_err(Failure::input)?;
     let model = model.with_params(params);
     let text = if arguments.dot {
         dot(&model)

@@ -246,7 +246,7 @@ pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
 }
 
 fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
-    let changes = arguments.subject.changes(&arguments.fix, &arguments.free);
+    let changes = arguments.subject.changes(&arguments.estimated);
     Ok(arguments.spectral.lines.options(changes, arguments.choice.options(noise(&arguments.noise, model)?)))
 }
 

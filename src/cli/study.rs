@@ -8,7 +8,7 @@ use crate::noise::noise;
 use crate::progress::Progress;
 use crate::records::{Records, notes};
 use crate::repetition::{Patience, Repetition};
-use crate::subject::Subject;
+use crate::subject::{Estimated, Subject};
 use clap::Args;
 use fdm::Model;
 use fdm::estimate::{Fit, FitOptions, Options, fit};
@@ -27,12 +27,8 @@ pub(crate) struct Arguments {
     subject: Subject,
     #[command(flatten)]
     records: Records,
-    /// Keep a parameter at its start value
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
-    /// Estimate a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// Measurement noise, as `fdm fit` takes it
     #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
     noise: Vec<String>,
@@ -135,7 +131,7 @@ impl Arguments {
 
     fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         Ok(FitOptions {
-            changes: self.subject.changes(&self.fix, &self.free),
+            changes: self.subject.changes(&self.estimated),
             options: Options { noise: noise(&self.noise, model)?, ..Options::default() },
             per_interval: self.integration.per_interval(),
             scheme: self.integration.scheme(),

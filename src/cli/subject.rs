@@ -20,6 +20,17 @@ pub(crate) struct Subject {
     pub(crate) untie: Vec<String>,
 }
 
+/// Which parameters are estimated, where that differs from the model's text.
+#[derive(Debug, Default, Args)]
+pub(crate) struct Estimated {
+    /// Keep a parameter at its start value
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    pub(crate) fix: Vec<String>,
+    /// Estimate a parameter that the model declares `fixed`
+    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
+    pub(crate) free: Vec<String>,
+}
+
 impl Subject {
     /// Reads and compiles the model; warnings go to standard error.
     pub(crate) fn load(&self) -> Result<Model, Failure> {
@@ -27,8 +38,8 @@ impl Subject {
     }
 
     /// The changes of start values, together with names to fix and to free.
-    pub(crate) fn changes(&self, fix: &[String], free: &[String]) -> Changes {
-        Changes { set: self.set.clone(), fix: fix.to_vec(), free: free.to_vec() }
+    pub(crate) fn changes(&self, estimated: &Estimated) -> Changes {
+        Changes { set: self.set.clone(), fix: estimated.fix.clone(), free: estimated.free.clone() }
     }
 }
 

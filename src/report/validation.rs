@@ -49,13 +49,18 @@ pub fn validation_by_frequency(misfits: &[Misfit], time: &str) -> String {
     for m in misfits {
         for band in &m.bands {
             let part = |share: f64| digits(m.rms * share.sqrt(), 3);
-            let explained = band.explained.map_or("-".into(), |e| format!("{:.0} %", (100.0 * e).max(-999.0)));
+            let explained = band.explained.map_or("-".into(), explained);
             let (low, high) = (digits(band.low, 3), digits(band.high, 3));
             table.add_row([m.output.clone(), low, high, part(band.share), part(band.noise), explained]);
         }
     }
     (1..6).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
+}
+
+/// A part in percent; what is far worse than no model needs no digits.
+fn explained(part: f64) -> String {
+    if part < -9.99 { "< -999 %".into() } else { format!("{:.0} %", 100.0 * part) }
 }
 
 fn cells(role: &str, row: &Value) -> Vec<String> {

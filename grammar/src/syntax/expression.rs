@@ -1,8 +1,25 @@
 //! Operands and signs in the order of the text to an array of expressions: the shunting-yard algorithm (Dijkstra
 //! 1961), with its stacks on the heap, so that neither long chains nor nesting use the machine's stack.
 
-use super::tree::{BinarySign, Expr, ExprRef, Name, UnarySign};
+use super::tree::{BinarySign, Expr, ExprRef, Name, SyntaxTree, UnarySign};
 use crate::source::Span;
+
+/// An `if` binds less strongly than any sign.
+pub(super) const CHOICE: u8 = 0;
+/// Names, numbers and calls.
+pub(super) const OPERAND: u8 = 9;
+
+/// How strongly an expression binds.
+pub(super) fn strength(tree: &SyntaxTree, e: ExprRef) -> u8 {
+    match tree.expr(e) {
+        Expr::Unary(sign, _) => strength_of_sign(*sign),
+        Expr::Binary(sign, ..) => strength_of(*sign),
+        Expr::If(..) => CHOICE,
+        // a negative number cannot be written, but can be made
+        Expr::Number(value) if value.is_sign_negative() => strength_of_sign(UnarySign::Minus),
+        _ => OPERAND,
+    }
+}
 
 /// How strongly a sign binds; unary minus stands between `*` and `^`, so that `-x^2` is `-(x^2)`.
 pub(super) fn strength_of(sign: BinarySign) -> u8 {

@@ -1,7 +1,7 @@
 //! A tree as typeset mathematics: MathML, which browsers read. Names are set as their authors speak them: `omega_n` is a Greek letter with an
 //! index, `M_q` and `d1` have indices, `der(x)` is a letter with a dot.
 
-use super::expression::{strength_of, strength_of_sign};
+use super::expression::{CHOICE, OPERAND, strength, strength_of, strength_of_sign};
 use super::tree::*;
 use crate::source::Source;
 
@@ -19,9 +19,6 @@ enum Part {
     Expr(ExprRef, u8),
 }
 
-const CHOICE: u8 = 0;
-/// Names, numbers and calls.
-const OPERAND: u8 = 9;
 /// Greek letters by their names; `omicron` is an o.
 const GREEK: [(&str, &str); 36] = [
     ("alpha", "α"),
@@ -100,13 +97,11 @@ impl<'a> Typesetter<'a> {
 
     fn strength(&self, e: ExprRef) -> u8 {
         match self.tree.expr(e) {
-            Expr::Unary(sign, _) => strength_of_sign(*sign),
-            Expr::Binary(sign, ..) => strength_of(*sign),
-            Expr::If(..) => CHOICE,
-            Expr::Number(value) if value.is_sign_negative() => strength_of_sign(UnarySign::Minus),
             // a number with a power of ten is a product
-            Expr::Number(_) if self.written(e).contains(['e', 'E']) => strength_of(BinarySign::Multiply),
-            _ => OPERAND,
+            Expr::Number(value) if !value.is_sign_negative() && self.written(e).contains(['e', 'E']) => {
+                strength_of(BinarySign::Multiply)
+            }
+            _ => strength(self.tree, e),
         }
     }
 

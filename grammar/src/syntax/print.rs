@@ -1,6 +1,6 @@
 //! A tree back to text, in the form in which people write: as few parentheses as the meaning allows.
 
-use super::expression::{strength_of, strength_of_sign};
+use super::expression::{CHOICE, strength, strength_of, strength_of_sign};
 use super::tree::*;
 use crate::source::Source;
 use std::fmt::Write;
@@ -19,11 +19,6 @@ enum Part {
     /// An expression that needs parentheses when it binds less strongly than this.
     Expr(ExprRef, u8),
 }
-
-/// An `if` binds less strongly than any sign.
-const CHOICE: u8 = 0;
-/// Names, numbers and calls.
-const OPERAND: u8 = 9;
 
 impl<'a> Printer<'a> {
     /// Numbers are written in their shortest form.
@@ -45,7 +40,7 @@ impl<'a> Printer<'a> {
                 Part::Text(text) => out.push_str(text),
                 Part::Sign(sign) => out.push_str(written(sign)),
                 Part::Expr(e, least) => {
-                    let bracket = self.strength(e) < least;
+                    let bracket = strength(self.tree, e) < least;
                     if bracket {
                         out.push('(');
                         parts.push(Part::Text(")"));
@@ -55,17 +50,6 @@ impl<'a> Printer<'a> {
             }
         }
         out
-    }
-
-    fn strength(&self, e: ExprRef) -> u8 {
-        match self.tree.expr(e) {
-            Expr::Unary(sign, _) => strength_of_sign(*sign),
-            Expr::Binary(sign, ..) => strength_of(*sign),
-            Expr::If(..) => CHOICE,
-            // a negative number cannot be written, but can be made
-            Expr::Number(value) if value.is_sign_negative() => strength_of_sign(UnarySign::Minus),
-            _ => OPERAND,
-        }
     }
 
     /// Writes the beginning of an expression and leaves the rest to `parts`.
