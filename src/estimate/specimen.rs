@@ -32,6 +32,10 @@ impl Response for Closed {
         self.q
     }
 
+    fn time(&self) -> Option<&[f64]> {
+        Some(&self.x)
+    }
+
     fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         let mut partials = vec![0.0; self.q * theta.len()];
         for (k, x) in self.x.iter().enumerate() {

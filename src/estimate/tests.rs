@@ -271,8 +271,8 @@ fn empty_cells_are_as_good_as_absent_ones() {
     let params = || vec![param("a", 1.0), param("b", 1.0)];
     let gappy = solve(&mut problem(params(), vec![gappy]), &Options::default());
     let short = solve(&mut problem(params(), vec![short]), &Options::default());
-    // lagged sums go over gaps in another order
-    let close = |a: Option<f64>, b: Option<f64>| a.zip(b).is_some_and(|(a, b)| (a / b - 1.0).abs() < 1e-14);
+    // the interval is a mean over other pairs
+    let close = |a: Option<f64>, b: Option<f64>| a.zip(b).is_some_and(|(a, b)| (a / b - 1.0).abs() < 1e-9);
     for (a, b) in gappy.parameters.iter().zip(&short.parameters) {
         assert_eq!((a.value, a.standard_error, a.status), (b.value, b.standard_error, b.status));
         assert!(close(a.corrected_error, b.corrected_error), "{a:?} {b:?}");

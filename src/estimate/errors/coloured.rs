@@ -4,19 +4,23 @@
 //! Fitting takes from the residuals what the parameters can imitate, most of it where the sensitivities are; an
 //! autocovariance of fitted residuals is too small there. The autoregression is therefore the one that, fitted, would leave
 //! the autocovariances that were found: what fitting takes off is computed exactly and added, until nothing changes.
+//!
+//! So for runs that are long and evenly sampled; what the others do is [`super::short_runs`].
 
 use super::coloured_rows::{Colour, ColouredRows, Filtered, sampling};
 use super::conclusion::Conclusion;
 use super::freedom;
 use super::noise_colour::{NoiseColour, Uncorrected};
 use super::sandwich::Sandwich;
+use super::short_runs::ShortRuns;
 use crate::estimate::iteration::priors::PriorRow;
-use crate::estimate::problem::Problem;
+use crate::estimate::problem::{Problem, ProblemRun};
 use crate::estimate::unknowns::Unknowns;
 use crate::quality::autocovariance::Lagged;
 use crate::quality::autoregression::AutoRegression;
 use crate::quality::colour;
 use crate::quality::ladder::Ladder;
+use crate::quality::sampling::Sampling;
 use rayon::prelude::*;
 
 /// Rounds until the autoregression reproduces what was found.
@@ -59,24 +63,46 @@ pub(in crate::estimate) fn corrected(
     let sandwich = Sandwich { unknowns, conclusion };
     let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
-    let mut groups = Group::all(&runs, problem.outputs.len());
     let prior = sandwich.prior(priors);
+    let short = ShortRuns::of(&runs, &sandwich, noise, &prior);
+    let mut long: Vec<LongRun> =
+        (0..runs.len()).filter(|r| is_long(&runs[*r])).map(|r| LongRun::new(r, &runs)).collect();
+    let average = |middle: &[f64]| match &short {
+        Some(short) => short.average(&sandwich, middle).map(Some).ok_or(Uncorrected::NotFinite),
+        None => Ok(None),
+    };
     for round in 0.. {
-        let filtered = filter(&runs, &groups, &inverse_noise);
-        let middles: Vec<&[f64]> = filtered.iter().map(|f| &f.middle[..]).collect();
-        let covariance = sandwich.covariance(&middles, &prior);
+        let filtered: Vec<Filtered> = long.par_iter().map(|l| runs[l.run].filter(&l.colour, &inverse_noise)).collect();
+        let mut middles: Vec<Vec<f64>> = runs.iter().map(|r| vec![0.0; r.width * r.width]).collect();
+        long.iter().zip(&filtered).for_each(|(l, f)| middles[l.run].clone_from(&f.middle));
+        let others = sandwich.gather(&middles, &prior);
+        let averaged = average(&others)?;
+        let mut middle = others;
+        if let Some(a) = &averaged {
+            middle.iter_mut().zip(a.middle.iter()).for_each(|(m, own)| *m += own);
+        }
+        let mut covariance = sandwich.around(&middle);
         if !covariance.iter().all(|v| v.is_finite()) {
             return Err(Uncorrected::NotFinite);
         }
         let change = if round + 1 < ROUNDS {
-            let reduced: Vec<_> = (0..runs.len()).map(|r| sandwich.of_run(r, &covariance, runs[r].width)).collect();
-            groups.iter_mut().map(|g| g.improve(&runs, &filtered, &reduced, round < SETTLING)).fold(0.0, f64::max)
+            let improve = |(l, f): (&mut LongRun, &Filtered)| {
+                let rows = &runs[l.run];
+                l.improve(rows, f, &sandwich.of_run(l.run, &covariance, rows.width), round < SETTLING)
+            };
+            long.iter_mut().zip(&filtered).map(improve).fold(0.0, f64::max)
         } else {
             0.0
         };
         if change < SETTLED {
-            let colours = groups.iter().flat_map(|g| g.report(problem, &runs)).collect();
-            let freedom = known_by(&groups, &runs, &sandwich, &inverse_noise, &covariance);
+            let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
+            if let Some(a) = &averaged {
+                a.settle(&mut covariance, &mut freedom);
+            }
+            let mut colours: Vec<NoiseColour> = long.iter().flat_map(|l| l.report(problem, &runs)).collect();
+            if let (Some(short), Some(averaged)) = (&short, &averaged) {
+                colours.extend(short.report(problem, averaged, &noise.covariance));
+            }
             return Ok(Corrected { values: covariance, colours, freedom });
         }
     }
@@ -85,23 +111,22 @@ pub(in crate::estimate) fn corrected(
 
 /// How well the corrected variances are known.
 fn known_by(
-    groups: &[Group],
+    long: &[LongRun],
     runs: &[ColouredRows],
     sandwich: &Sandwich<'_>,
     inverse_noise: &[f64],
     covariance: &[f64],
 ) -> Vec<f64> {
     let n = covariance.len().isqrt();
-    let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
-    let pairs = |g: &Group| g.found.iter().map(|f| f.pairs[0] as f64).collect::<Vec<f64>>();
-    let all: f64 = groups.iter().flat_map(pairs).sum();
+    let places: Vec<Vec<f64>> = long.iter().map(|l| sandwich.columns(l.run, runs[l.run].width)).collect();
+    let pairs = |l: &LongRun| l.found.iter().map(|f| f.pairs[0] as f64).collect::<Vec<f64>>();
+    let all: f64 = long.iter().flat_map(pairs).sum();
     // what fitting takes off tells nothing of the noise
     let told = (1.0 - n as f64 / all).max(0.0);
-    let mut known = Vec::with_capacity(groups.len());
-    for g in groups {
-        let own = g.runs.iter().map(|r| (&runs[*r], &places[*r][..])).collect();
-        let samples = pairs(g).iter().map(|count| count * told).collect();
-        known.push(freedom::Group { runs: own, colour: &g.colour, samples });
+    let mut known = Vec::with_capacity(long.len());
+    for (l, places) in long.iter().zip(&places) {
+        let samples = pairs(l).iter().map(|count| count * told).collect();
+        known.push(freedom::Known { rows: &runs[l.run], places, colour: &l.colour, samples });
     }
     let variances: Vec<f64> = (0..n).map(|j| covariance[j * n + j]).collect();
     freedom::freedom(&known, inverse_noise, &variances)
@@ -111,30 +136,31 @@ fn known_by(
 fn rows(problem: &mut Problem<'_>, sandwich: &Sandwich<'_>, values: &[f64]) -> Result<Vec<ColouredRows>, Uncorrected> {
     let unknowns = sandwich.unknowns;
     let width = unknowns.columns.len().next_multiple_of(8);
-    let mut grids = Vec::with_capacity(problem.runs.len());
-    for run in &problem.runs {
-        grids.push(sampling(run).map_err(|_| Uncorrected::UnevenSampling { run: run.name.clone() })?);
-    }
-    let numbers: usize = problem.runs.iter().zip(&grids).map(|(r, g)| g.length() * r.response.outputs() * width).sum();
+    let grids: Vec<_> = problem.runs.iter().map(sampling).collect();
+    let length =
+        |(r, g): (&ProblemRun<'_>, &Option<Sampling>)| g.as_ref().map_or(r.response.samples(), Sampling::length);
+    let samples = problem.runs.iter().zip(&grids).map(|(r, g)| length((r, g)) * r.response.outputs());
+    let numbers = samples.sum::<usize>() * width;
     if numbers > MOST_NUMBERS {
         return Err(Uncorrected::TooLarge);
     }
-    let work = |(r, (run, grid)): (usize, (&mut crate::estimate::problem::ProblemRun<'_>, _))| {
+    let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, &Option<Sampling>))| {
         let mut theta = unknowns.theta[r].clone();
         unknowns.assemble(r, values, &mut theta);
-        ColouredRows::new(run, unknowns, &theta, &sandwich.scale(r), grid).map_err(|_| Uncorrected::NotFinite)
+        ColouredRows::new(run, unknowns, &theta, &sandwich.scale(r), grid.as_ref()).map_err(|_| Uncorrected::NotFinite)
     };
     problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()
 }
 
-fn filter(runs: &[ColouredRows], groups: &[Group], inverse_noise: &[f64]) -> Vec<Filtered> {
-    let group = |r: usize| groups.iter().find(|g| g.runs.contains(&r)).unwrap_or(&groups[0]);
-    runs.par_iter().enumerate().map(|(r, rows)| rows.filter(&group(r).colour, inverse_noise)).collect()
+/// Whether a run tells the colour of its noise by itself.
+pub(super) fn is_long(run: &ColouredRows) -> bool {
+    let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
+    run.even && run.residuals.iter().map(compared).filter(|n| *n > 0).min().is_some_and(|n| n >= LONG)
 }
 
-/// Runs that share the colour of their noise.
-struct Group {
-    runs: Vec<usize>,
+/// A run that tells the colour of its noise by itself.
+struct LongRun {
+    run: usize,
     /// Lagged products of the residuals of each output (q).
     found: Vec<Lagged>,
     /// Autocovariances of the noise of each output, as far as they are known.
@@ -142,47 +168,27 @@ struct Group {
     colour: Colour,
 }
 
-impl Group {
-    /// Long runs tell their colour each by itself, short ones together with those of the same interval.
-    fn all(runs: &[ColouredRows], outputs: usize) -> Vec<Self> {
-        let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
-        let fewest = |r: &ColouredRows| r.residuals.iter().map(compared).filter(|n| *n > 0).min();
-        let long = |r: &ColouredRows| fewest(r).is_some_and(|n| n >= LONG);
-        let mut groups: Vec<(bool, f64, Vec<usize>)> = Vec::new();
-        for (k, run) in runs.iter().enumerate() {
-            let same = |i: f64| (i / run.interval - 1.0).abs() < 0.01;
-            match groups.iter_mut().find(|(alone, interval, _)| !alone && !long(run) && same(*interval)) {
-                Some(group) => group.2.push(k),
-                None => groups.push((long(run), run.interval, vec![k])),
-            }
-        }
-        groups.into_iter().map(|(_, _, members)| Self::new(members, runs, outputs)).collect()
-    }
-
-    fn new(members: Vec<usize>, runs: &[ColouredRows], outputs: usize) -> Self {
-        let series = |o: usize| members.iter().map(move |r| &runs[*r].residuals[o]);
-        let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
-        let found: Vec<Lagged> = (0..outputs)
-            .map(|o| {
-                // lags that are long for each run have few pairs, however many runs there are
-                let most = series(o).map(compared).max().unwrap_or(0);
-                let mut lagged = Lagged::none(colour::most_order(most));
-                series(o).for_each(|v| lagged.add(v));
-                lagged
-            })
-            .collect();
-        let longest = members.iter().map(|r| runs[*r].length).max().unwrap_or(1) as f64;
+impl LongRun {
+    fn new(run: usize, runs: &[ColouredRows]) -> Self {
+        let rows = &runs[run];
+        let lagged = |v: &Vec<f64>| {
+            let mut lagged = Lagged::none(colour::most_order(v.iter().filter(|v| !v.is_nan()).count()));
+            lagged.add(v);
+            lagged
+        };
+        let found: Vec<Lagged> = rows.residuals.iter().map(lagged).collect();
         // a taper makes the means over fewer pairs those of a stationary process
-        let tapered = |l: &Lagged| l.means().enumerate().map(|(k, m)| m * (1.0 - k as f64 / longest)).collect();
+        let left = |k: usize| 1.0 - k as f64 / rows.length as f64;
+        let tapered = |l: &Lagged| l.means().enumerate().map(|(k, m)| m * left(k)).collect();
         let autocovariances = found.iter().map(tapered).collect();
         let colour = Colour { models: Vec::new(), innovations: Vec::new() };
-        let mut group = Self { runs: members, found, autocovariances, colour };
-        group.choose(runs, true);
-        group
+        let mut long = Self { run, found, autocovariances, colour };
+        long.choose(rows, true);
+        long
     }
 
     /// Chooses the models for the current autocovariances; with their old orders unless `free`.
-    fn choose(&mut self, runs: &[ColouredRows], free: bool) {
+    fn choose(&mut self, rows: &ColouredRows, free: bool) {
         let choose = |(o, r): (usize, &Vec<f64>)| match self.colour.models.get(o) {
             Some(old) if !free => {
                 let order = old.coefficients.len().min(r.len() - 1);
@@ -191,21 +197,19 @@ impl Group {
             _ => colour::choose(r, self.found[o].pairs[0]),
         };
         self.colour.models = self.autocovariances.iter().enumerate().map(choose).collect();
-        self.colour.innovations = self.innovations(runs);
+        self.colour.innovations = self.innovations(rows);
     }
 
     /// Covariance of the innovations: variances from the models, correlations from the whitened residuals.
-    fn innovations(&self, runs: &[ColouredRows]) -> Vec<f64> {
+    fn innovations(&self, rows: &ColouredRows) -> Vec<f64> {
         let (models, q) = (&self.colour.models, self.colour.models.len());
         let mut sums = vec![0.0; q * q];
         if q > 1 {
-            for run in self.runs.iter().map(|r| &runs[*r]) {
-                let series: Vec<_> = models.iter().zip(&run.residuals).map(|(m, v)| m.innovations(v)).collect();
-                for i in 0..run.length {
-                    // only samples with all outputs: the correlations then belong together
-                    if series.iter().all(|s| !s[i].is_nan()) {
-                        (0..q * q).for_each(|k| sums[k] += series[k / q][i] * series[k % q][i]);
-                    }
+            let series: Vec<_> = models.iter().zip(&rows.residuals).map(|(m, v)| m.innovations(v)).collect();
+            for i in 0..rows.length {
+                // only samples with all outputs: the correlations then belong together
+                if series.iter().all(|s| !s[i].is_nan()) {
+                    (0..q * q).for_each(|k| sums[k] += series[k / q][i] * series[k % q][i]);
                 }
             }
         }
@@ -219,19 +223,15 @@ impl Group {
     }
 
     /// Adds to what was found what fitting takes off under the current models; returns the largest relative change.
-    fn improve(&mut self, runs: &[ColouredRows], filtered: &[Filtered], reduced: &[[Vec<f64>; 2]], free: bool) -> f64 {
+    fn improve(&mut self, rows: &ColouredRows, filtered: &Filtered, reduced: &[Vec<f64>; 2], free: bool) -> f64 {
         let mut change = 0.0_f64;
         for (o, found) in self.found.iter().enumerate() {
             let most = found.sums.len() - 1;
-            let bound = |r: &usize| runs[*r].bound(o, &filtered[*r].images[o], &reduced[*r]);
-            if self.runs.iter().map(bound).sum::<f64>() < SETTLED * found.sums[0] {
+            let image = &filtered.images[o];
+            if rows.bound(o, image, reduced) < SETTLED * found.sums[0] {
                 continue;
             }
-            let mut taken = vec![0.0; most + 1];
-            for r in &self.runs {
-                let part = runs[*r].taken(o, &filtered[*r].images[o], &reduced[*r], most);
-                taken.iter_mut().zip(part).for_each(|(t, p)| *t += p);
-            }
+            let taken = rows.taken(o, image, reduced, most);
             let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;
             let next: Vec<f64> = (0..=most).map(restored).collect();
             if !(next[0] > 0.0 && next.iter().all(|v| v.is_finite())) {
@@ -242,15 +242,14 @@ impl Group {
             change = change.max(largest / next[0]);
             self.autocovariances[o] = next;
         }
-        self.choose(runs, free);
+        self.choose(rows, free);
         change
     }
 
     fn report(&self, problem: &Problem<'_>, runs: &[ColouredRows]) -> Vec<NoiseColour> {
-        let names: Vec<String> = self.runs.iter().map(|r| problem.runs[*r].name.clone()).collect();
-        let interval = runs[self.runs[0]].interval;
         let one = |(o, model): (usize, &AutoRegression)| {
-            NoiseColour::new(problem.outputs[o].clone(), names.clone(), interval, model)
+            let names = vec![problem.runs[self.run].name.clone()];
+            NoiseColour::new(problem.outputs[o].clone(), names, runs[self.run].interval, model)
         };
         let measured = |(o, _): &(usize, &AutoRegression)| self.found[*o].pairs[0] > 0;
         self.colour.models.iter().enumerate().filter(measured).map(one).collect()

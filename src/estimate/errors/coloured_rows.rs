@@ -4,7 +4,6 @@ use super::row_map::add_mapped;
 use crate::estimate::iteration::products::accumulate;
 use crate::estimate::problem::ProblemRun;
 use crate::estimate::unknowns::Unknowns;
-use crate::quality::Untested;
 use crate::quality::autoregression::AutoRegression;
 use crate::quality::lagged::add_lagged_products;
 use crate::quality::sampling::Sampling;
@@ -14,8 +13,12 @@ use crate::simulate::{Block, Divergence};
 pub(in crate::estimate) struct ColouredRows {
     /// Places of the grid.
     pub(in crate::estimate) length: usize,
-    /// Time between them.
+    /// Time between them, where they are even.
     pub(in crate::estimate) interval: f64,
+    /// Time of each.
+    pub(in crate::estimate) moments: Vec<f64>,
+    /// Whether they are evenly spaced.
+    pub(in crate::estimate) even: bool,
     /// Numbers of a row, a multiple of 8: a scaled sensitivity for each column, then zeros.
     pub(in crate::estimate) width: usize,
     /// For each output (q) its rows (length by width); zeros where nothing is compared.
@@ -60,20 +63,18 @@ pub(in crate::estimate) enum Image {
 /// Rows that are worked on while they are in the nearest cache.
 const BLOCK: usize = 64;
 
-/// The grid on which a run is sampled.
-///
-/// # Errors
-/// [`Untested`] when it is not sampled evenly.
-pub(in crate::estimate) fn sampling(run: &ProblemRun<'_>) -> Result<Sampling, Untested> {
+/// The grid on which a run is sampled; none when it is not sampled evenly.
+pub(in crate::estimate) fn sampling(run: &ProblemRun<'_>) -> Option<Sampling> {
     let samples = run.response.samples();
     match run.response.time() {
-        Some(time) if samples > 2 => Sampling::of(time).map_err(Untested::from),
-        _ => Ok(Sampling::counted(samples)),
+        Some(time) if samples > 2 => Sampling::of(time).ok(),
+        _ => Some(Sampling::counted(samples)),
     }
 }
 
 impl ColouredRows {
-    /// Simulates a run at `theta`; `scale` is the norm of each column, 0 for those that are left out.
+    /// Simulates a run at `theta`; `scale` is the norm of each column, 0 for those that are left out. Without a grid the
+    /// places are the samples, at times of their own.
     ///
     /// # Errors
     /// [`Divergence`] as for the response.
@@ -82,8 +83,10 @@ impl ColouredRows {
         unknowns: &Unknowns,
         theta: &[f64],
         scale: &[f64],
-        grid: &Sampling,
+        grid: Option<&Sampling>,
     ) -> Result<Self, Divergence> {
+        let counted = Sampling::counted(run.response.samples());
+        let (even, grid) = (grid.is_some(), grid.unwrap_or(&counted));
         let (q, width, length) = (run.response.outputs(), scale.len().next_multiple_of(8), grid.length());
         let factors: Vec<f64> = scale.iter().map(|s| if *s > 0.0 { 1.0 / s } else { 0.0 }).collect();
         let mut rows = vec![vec![0.0; length * width]; q];
@@ -105,14 +108,19 @@ impl ColouredRows {
                 }
             }
         })?;
-        Ok(Self::of(grid.interval, width, rows, residuals))
+        let mut rows = Self::of(grid.interval, width, rows, residuals);
+        if let Some(time) = run.response.time().filter(|_| !even) {
+            (rows.moments, rows.even) = (time.to_vec(), false);
+        }
+        Ok(rows)
     }
 
     /// Rows (length by width for each output) and residuals as they are.
     pub(super) fn of(interval: f64, width: usize, rows: Vec<Vec<f64>>, residuals: Vec<Vec<f64>>) -> Self {
         let length = residuals.first().map_or(0, Vec::len);
         let squares = rows.iter().map(|rows| squared(rows, width)).collect();
-        Self { length, interval, width, rows, residuals, squares }
+        let moments = (0..length).map(|i| i as f64 * interval).collect();
+        Self { length, interval, moments, even: true, width, rows, residuals, squares }
     }
 
     /// Runs the noise's filters over the rows, weighted by `inverse_noise` (q by q): backward to what each innovation does,
@@ -177,6 +185,20 @@ impl ColouredRows {
         add(1.0, &mirrored(sums, width), &mut middle);
         let images = weights.chunks(q.max(1)).map(|w| Image::Mixed(w.to_vec())).collect();
         Filtered { middle, images }
+    }
+
+    /// `S' R^-1 S`, with `inverse_noise` (q by q).
+    pub(super) fn information(&self, inverse_noise: &[f64]) -> Vec<f64> {
+        let (q, width) = (self.rows.len(), self.width);
+        let factor = factor(inverse_noise, q);
+        let mut sums = vec![0.0; width * width];
+        let mut rows = vec![0.0; self.length * width];
+        for k in 0..q {
+            rows.fill(0.0);
+            (k..q).for_each(|o| add(factor[o * q + k], &self.rows[o], &mut rows));
+            accumulate(&rows, width, self.length, width, width, &mut sums);
+        }
+        mirrored(sums, width)
     }
 
     /// Zeros where an output has no sample; `rows` begin at the place `first`.
@@ -247,7 +269,7 @@ impl ColouredRows {
 }
 
 /// A factor L (lower triangle) of a positive semidefinite matrix L L'.
-fn factor(matrix: &[f64], n: usize) -> Vec<f64> {
+pub(super) fn factor(matrix: &[f64], n: usize) -> Vec<f64> {
     let mut l = vec![0.0; n * n];
     for j in 0..n {
         for i in j..n {

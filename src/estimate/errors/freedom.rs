@@ -16,37 +16,36 @@ struct Part {
     slopes: Vec<DVector<f64>>,
 }
 
-/// Runs that share the colour of their noise.
-pub(super) struct Group<'g> {
-    /// Each run with the place of every estimate in its columns (width by n, row-major): the columns of the Cramer-Rao covariance.
-    pub(super) runs: Vec<(&'g ColouredRows, &'g [f64])>,
+/// A run whose noise was estimated.
+pub(super) struct Known<'g> {
+    pub(super) rows: &'g ColouredRows,
+    /// The place of every estimate in its columns (width by n, row-major): the columns of the Cramer-Rao covariance.
+    pub(super) places: &'g [f64],
     pub(super) colour: &'g Colour,
     /// Samples of each output.
     pub(super) samples: Vec<f64>,
 }
 
 /// Degrees of freedom of the `n` corrected variances; infinite where nothing is uncertain.
-pub(super) fn freedom(groups: &[Group<'_>], inverse_noise: &[f64], variances: &[f64]) -> Vec<f64> {
+pub(super) fn freedom(runs: &[Known<'_>], inverse_noise: &[f64], variances: &[f64]) -> Vec<f64> {
     let mut spread = vec![0.0; variances.len()];
-    for group in groups {
-        for output in 0..group.colour.models.len() {
-            if group.samples[output] > 0.0 {
-                group.add_spread(output, inverse_noise, &mut spread);
+    for run in runs {
+        for output in 0..run.colour.models.len() {
+            if run.samples[output] > 0.0 {
+                run.add_spread(output, inverse_noise, &mut spread);
             }
         }
     }
     spread.iter().zip(variances).map(|(spread, variance)| 2.0 * variance * variance / spread).collect()
 }
 
-impl Group<'_> {
+impl Known<'_> {
     /// Adds the variance of what an output contributes to each corrected variance.
     fn add_spread(&self, output: usize, inverse_noise: &[f64], spread: &mut [f64]) {
         let model = &self.colour.models[output];
         let (order, n) = (model.coefficients.len(), spread.len());
         let mut part = Part { size: vec![0.0; n], slopes: vec![DVector::zeros(order); n] };
-        for (rows, places) in &self.runs {
-            part.add(rows, places, (self.colour, output), inverse_noise);
-        }
+        part.add(self.rows, self.places, (self.colour, output), inverse_noise);
         let samples = self.samples[output];
         let r = model.autocovariances(order);
         let law = Cholesky::new(DMatrix::from_fn(order, order, |i, j| r[i.abs_diff(j)]));
@@ -141,13 +140,12 @@ mod tests {
             Colour { models: vec![AutoRegression::white(1.0), AutoRegression::white(1.0)], innovations: Vec::new() };
         let mut places = vec![0.0; rows.width];
         places[0] = 1.0;
-        let group = |samples: Vec<f64>| Group { runs: vec![(&rows, &places[..])], colour: &colour, samples };
+        let run = |samples: Vec<f64>| Known { rows: &rows, places: &places, colour: &colour, samples };
         // the second output says nothing: its weight is nothing
         let known = |samples| {
-            let group = group(samples);
             let mut size = Part { size: vec![0.0], slopes: vec![DVector::zeros(0)] };
             size.add(&rows, &places, (&colour, 0), &[1.0, 0.0, 0.0, 0.0]);
-            freedom(&[group], &[1.0, 0.0, 0.0, 0.0], &size.size)[0]
+            freedom(&[run(samples)], &[1.0, 0.0, 0.0, 0.0], &size.size)[0]
         };
         assert!((known(vec![58.0, 58.0]) - 58.0).abs() < 1e-9);
         assert!((known(vec![58.0, 0.0]) - 58.0).abs() < 1e-9);

@@ -3,6 +3,7 @@
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** standard errors (Cramer-Rao, and corrected for the
 //! colour of the residuals), statuses, directions in words. **Never** changes an estimate. **Start** at [`statistics`].
 
+mod averaged;
 #[cfg(test)]
 mod belief;
 pub(super) mod coloured;
@@ -13,9 +14,12 @@ mod coloured_tests;
 pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;
+mod forgetful;
 mod freedom;
 pub(super) mod known_noise;
 pub(super) mod noise_colour;
+mod restricted;
 mod row_map;
 pub(super) mod sandwich;
+mod short_runs;
 pub(super) mod statistics;

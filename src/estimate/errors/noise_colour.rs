@@ -11,7 +11,7 @@ pub struct NoiseColour {
     pub output: String,
     /// Names of the runs.
     pub runs: Vec<String>,
-    /// Time between neighbouring samples.
+    /// Time between neighbouring samples; the middle one of all intervals where they differ.
     pub interval: f64,
     /// Coefficients of the autoregression `v(i) = sum of a(k) v(i - k) + e(i)`; none for white noise.
     pub coefficients: Vec<f64>,
@@ -41,11 +41,6 @@ impl NoiseColour {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uncorrected {
-    /// A lag in samples is no lag in time.
-    UnevenSampling {
-        /// Name of the run.
-        run: String,
-    },
     /// As many parameters as data, or nothing estimated.
     NoDegreesOfFreedom,
     /// The sensitivities do not fit into memory all at once.
@@ -61,10 +56,6 @@ pub enum Uncorrected {
 impl fmt::Display for Uncorrected {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::UnevenSampling { run } => write!(
-                f,
-                "run `{run}` is not sampled at equal intervals, so the colour of its residuals cannot be told; resample it"
-            ),
             Self::NoDegreesOfFreedom => f.write_str("no more data than parameters"),
             Self::TooLarge => f.write_str("too many samples times parameters; take every k-th sample"),
             Self::NotFinite => f.write_str("the colour of the residuals could not be told"),

@@ -12,7 +12,7 @@ pub(in crate::estimate) struct Sandwich<'f> {
 
 impl Sandwich<'_> {
     /// The place of each column of a run in the covariance.
-    fn places(&self, run: usize) -> Vec<Option<usize>> {
+    pub(in crate::estimate) fn places(&self, run: usize) -> Vec<Option<usize>> {
         let chosen = &self.conclusion.inverse.chosen;
         let columns = 0..self.unknowns.columns.len();
         columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
@@ -37,6 +37,11 @@ impl Sandwich<'_> {
 
     /// The covariance, chosen by chosen, from the middle of each run (square, its columns first) and the priors.
     pub(in crate::estimate) fn covariance(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
+        self.around(&self.gather(middles, prior))
+    }
+
+    /// The middle of all, chosen by chosen, from that of each run (square, its columns first) and the priors.
+    pub(in crate::estimate) fn gather(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
         let n = self.conclusion.inverse.chosen.len();
         let mut middle = vec![0.0; n * n];
         for (run, own) in middles.iter().map(AsRef::as_ref).enumerate() {
@@ -50,8 +55,14 @@ impl Sandwich<'_> {
             }
         }
         prior.iter().for_each(|(k, information)| middle[k * n + k] += information);
+        middle
+    }
+
+    /// The covariance (n by n) with this middle.
+    pub(in crate::estimate) fn around(&self, middle: &[f64]) -> Vec<f64> {
+        let n = self.conclusion.inverse.chosen.len();
         let inverse = &self.conclusion.inverse.values;
-        let covariance = product(&product(inverse, &middle, n), inverse, n);
+        let covariance = product(&product(inverse, middle, n), inverse, n);
         (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
     }
 

@@ -1,0 +1,409 @@
+//! Errors where records are short, or their times uneven: no colour of the noise can be chosen there, so all that are possible are
+//! weighed by their restricted likelihood (Patterson and Thompson 1971), and errors averaged over them.
+//!
+//! Beliefs are noises that forget (white, and twelve or more times with three white parts each). All outputs share one, or each has its own; both
+//! are weighed. Correlated outputs are taken apart first by the Cholesky factor L of their covariance: what is weighed are `L^-1 e`, and each
+//! acts on the parameters by `S' R^-1 L`. A variance is the geometric mean over
+//! the beliefs; how far they disagree, and how few samples tell the scale, are its degrees of freedom (Satterthwaite 1946).
+
+use super::coloured_rows::ColouredRows;
+use super::forgetful::{Clock, Forgetful};
+use super::restricted::{Likely, Normal, Restricted};
+use crate::estimate::iteration::products::accumulate;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Belief in white noise before anything is measured.
+const WHITE: f64 = 0.85;
+/// White parts of noise that forgets.
+const PARTS: [f64; 3] = [0.0, 0.3, 0.6];
+/// Shortest time in which noise forgets, in intervals.
+const SHORTEST: f64 = 0.4;
+/// Longest, in lengths of the longest record.
+const LONGEST: f64 = 2.0;
+/// Factor from one time to the next, at most.
+const STEP: f64 = 1.7;
+
+/// A run among those that are short or uneven.
+pub(super) struct Member<'r> {
+    pub(super) rows: &'r ColouredRows,
+    /// The place of each of its columns among the chosen unknowns (n).
+    pub(super) places: Vec<Option<usize>>,
+}
+
+/// The average over all beliefs.
+pub(super) struct Averaged {
+    /// Variance of each chosen unknown (n), the others included.
+    pub(super) variances: Vec<f64>,
+    /// Of the logarithm of each variance (n).
+    pub(super) spreads: Vec<f64>,
+    /// The mean of `S' R^-1 Rvv R^-1 S` (n by n).
+    pub(super) middle: DMatrix<f64>,
+    /// For each output the correlations of its noise at lags 0, 1, .. intervals; none where white noise is the most likely.
+    pub(super) correlations: Vec<Option<Vec<f64>>>,
+    /// For each output the variance of its noise over the one that the fit found.
+    pub(super) scales: Vec<f64>,
+}
+
+/// Lags for which correlations are told.
+const LAGS: usize = 6;
+
+/// What one hypothesis says of the variances: means and variances of their logarithms, and the mean of the middle.
+struct Moments {
+    mean: Vec<f64>,
+    spread: Vec<f64>,
+    middle: DMatrix<f64>,
+    /// For each output how likely each belief is.
+    weights: Vec<Vec<f64>>,
+    /// For each output the mean of its scale.
+    scales: Vec<f64>,
+    evidence: f64,
+}
+
+/// All beliefs about all outputs of all members.
+pub(super) struct Beliefs {
+    beliefs: Vec<Forgetful>,
+    /// Logarithm of how likely each was before.
+    before: Vec<f64>,
+    restricted: Restricted,
+    /// For each output and belief `S' R^-1 L C L' R^-1 S` (n by n).
+    middles: Vec<Vec<DMatrix<f64>>>,
+    pub(super) interval: f64,
+}
+
+impl Beliefs {
+    /// `inverse_noise` is that of the fit, `covariance` that of the noise (q by q), `others` the information of other runs and of
+    /// priors (n by n).
+    pub(super) fn new(
+        members: &[Member<'_>],
+        inverse_noise: &[f64],
+        covariance: &DMatrix<f64>,
+        others: DMatrix<f64>,
+    ) -> Self {
+        let (q, n) = (members[0].rows.rows.len(), others.nrows());
+        let interval = interval(members);
+        let (beliefs, before) = beliefs(members, interval);
+        let combinations = Combinations::new(inverse_noise, covariance);
+        let outputs: Vec<Vec<Part>> = (0..q).map(|k| combinations.parts(members, k)).collect();
+        let samples = outputs.iter().map(|parts| parts.iter().map(|p| p.seen.moments[0].len() as f64).sum()).collect();
+        let tables: Vec<Vec<(Normal, DMatrix<f64>)>> =
+            outputs.iter().map(|parts| beliefs.par_iter().map(|b| normal(parts, members, b, n)).collect()).collect();
+        // at the estimates all together pull nowhere: the others against these
+        let mut pull = DVector::zeros(n);
+        if others.amax() > 0.0 {
+            tables.iter().for_each(|t| pull -= &t[0].0.vector);
+        }
+        let (normals, middles) = tables.into_iter().map(|t| t.into_iter().unzip()).unzip();
+        let restricted = Restricted { samples, normals, others, pull };
+        Self { beliefs, before, restricted, middles, interval }
+    }
+
+    /// The average, with the Cramer-Rao covariance of the fit (n by n) on both sides and beside it the middle of the others
+    /// (n by n); none where numbers are not finite.
+    pub(super) fn average(&self, inverse: &DMatrix<f64>, others: &DMatrix<f64>) -> Option<Averaged> {
+        let q = self.middles.len();
+        let white = self.restricted.likely(&vec![0; q])?;
+        let variances = Variances::of(self, inverse, others);
+        let together = self.together(&variances, &white)?;
+        let hypotheses = if q > 1 { vec![self.apart(&variances, &white)?, together] } else { vec![together] };
+        let highest = hypotheses.iter().map(|h| h.evidence).fold(f64::NEG_INFINITY, f64::max);
+        let shares: Vec<f64> = hypotheses.iter().map(|h| (h.evidence - highest).exp()).collect();
+        let all: f64 = shares.iter().sum();
+        let n = inverse.nrows();
+        let mut mean = vec![0.0; n];
+        let mut spreads = vec![0.0; n];
+        let mut middle = DMatrix::zeros(n, n);
+        let mut weights = vec![vec![0.0; self.beliefs.len()]; q];
+        let mut scales = vec![0.0; q];
+        for (h, share) in hypotheses.iter().zip(shares.iter().map(|s| s / all)) {
+            mean.iter_mut().zip(&h.mean).for_each(|(m, own)| *m += share * own);
+            scales.iter_mut().zip(&h.scales).for_each(|(s, own)| *s += share * own);
+            middle += &h.middle * share;
+            for (to, from) in weights.iter_mut().zip(&h.weights) {
+                to.iter_mut().zip(from).for_each(|(t, f)| *t += share * f);
+            }
+        }
+        for (h, share) in hypotheses.iter().zip(shares.iter().map(|s| s / all)) {
+            for (j, spread) in spreads.iter_mut().enumerate() {
+                *spread += share * (h.spread[j] + (h.mean[j] - mean[j]).powi(2));
+            }
+        }
+        // the scale of the noise is known by so many samples
+        let known = |j: usize| {
+            let own = |k: usize| variances.own[k][0][j];
+            let all: f64 = (0..q).map(own).sum::<f64>() + variances.others[j];
+            (0..q).map(|k| (own(k) / all).powi(2) * 2.0 / white.freedom[k]).sum::<f64>()
+        };
+        spreads.iter_mut().enumerate().for_each(|(j, s)| *s += known(j));
+        let correlations = weights.iter().map(|w| self.correlations(w)).collect();
+        let variances = mean.iter().map(|m| m.exp()).collect();
+        Some(Averaged { variances, spreads, middle, correlations, scales })
+    }
+
+    /// Whether any sample of an output is compared.
+    pub(super) fn compares(&self, output: usize) -> bool {
+        self.restricted.samples[output] > 0.0
+    }
+
+    /// All outputs share one belief.
+    fn together(&self, variances: &Variances, white: &Likely) -> Option<Moments> {
+        let q = self.middles.len();
+        let likely: Vec<Likely> =
+            (0..self.beliefs.len()).map(|b| self.restricted.likely(&vec![b; q])).collect::<Option<_>>()?;
+        let (weights, evidence) = self.weigh(|b| likely[b].logarithm);
+        let mut moments = Moments::none(variances.others.len(), evidence);
+        let growth = |b: usize, k: usize| likely[b].scales[k] / white.scales[k];
+        for (j, (mean, spread)) in moments.mean.iter_mut().zip(&mut moments.spread).enumerate() {
+            let variance =
+                |b: usize| variances.others[j] + (0..q).map(|k| growth(b, k) * variances.own[k][b][j]).sum::<f64>();
+            (*mean, *spread) = mean_and_variance(&weights, variance);
+        }
+        for (b, weight) in weights.iter().enumerate() {
+            (0..q).for_each(|k| moments.middle += &self.middles[k][b] * (weight * growth(b, k)));
+        }
+        let scale = |k: usize| weights.iter().enumerate().map(|(b, w)| w * growth(b, k)).sum();
+        moments.scales = (0..q).map(scale).collect();
+        moments.weights = vec![weights; q];
+        Some(moments)
+    }
+
+    /// Each output has a belief of its own, weighed beside the likeliest of the others.
+    fn apart(&self, variances: &Variances, white: &Likely) -> Option<Moments> {
+        let q = self.middles.len();
+        let mut best = vec![0; q];
+        let mut tables: Vec<Vec<Likely>> = Vec::new();
+        for round in 0..2 {
+            tables.clear();
+            for k in 0..q {
+                let of = |b: usize| {
+                    let mut beliefs = best.clone();
+                    beliefs[k] = b;
+                    self.restricted.likely(&beliefs)
+                };
+                tables.push((0..self.beliefs.len()).map(of).collect::<Option<_>>()?);
+            }
+            if round == 0 {
+                let likeliest = |table: &Vec<Likely>| {
+                    let worth = |b: usize| table[b].logarithm + self.before[b];
+                    (0..table.len()).max_by(|a, b| worth(*a).total_cmp(&worth(*b))).unwrap_or(0)
+                };
+                best = tables.iter().map(likeliest).collect();
+            }
+        }
+        let base = self.restricted.likely(&best)?.logarithm;
+        let mut moments = Moments::none(variances.others.len(), base);
+        let mut own = Vec::with_capacity(q);
+        for (k, table) in tables.iter().enumerate() {
+            let (weights, evidence) = self.weigh(|b| table[b].logarithm);
+            moments.evidence += evidence - base;
+            let growth = |b: usize| table[b].scales[k] / white.scales[k];
+            for (b, weight) in weights.iter().enumerate() {
+                moments.middle += &self.middles[k][b] * (weight * growth(b));
+            }
+            let of = |j: usize| {
+                let (mean, spread) = mean_and_variance(&weights, |b| growth(b) * variances.own[k][b][j]);
+                (mean.exp(), spread)
+            };
+            own.push((0..moments.mean.len()).map(of).collect::<Vec<(f64, f64)>>());
+            moments.scales.push(weights.iter().enumerate().map(|(b, w)| w * growth(b)).sum());
+            moments.weights.push(weights);
+        }
+        for (j, (mean, spread)) in moments.mean.iter_mut().zip(&mut moments.spread).enumerate() {
+            let all = variances.others[j] + own.iter().map(|o| o[j].0).sum::<f64>();
+            *mean = all.ln();
+            *spread = own.iter().map(|o| (o[j].0 / all).powi(2) * o[j].1).sum();
+        }
+        Some(moments)
+    }
+
+    /// How likely each belief is, and the logarithm of how likely what was found is under all of them.
+    fn weigh(&self, logarithm: impl Fn(usize) -> f64) -> (Vec<f64>, f64) {
+        let all: Vec<f64> = self.before.iter().enumerate().map(|(b, before)| before + logarithm(b)).collect();
+        let highest = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = all.iter().map(|l| (l - highest).exp()).sum();
+        (all.iter().map(|l| (l - highest).exp() / sum).collect(), highest + sum.ln())
+    }
+
+    /// Correlations of the noise at the first lags; none where it is most likely white.
+    fn correlations(&self, weights: &[f64]) -> Option<Vec<f64>> {
+        let coloured: f64 = weights[1..].iter().sum();
+        let at = |lag: usize| {
+            let own = |(b, w): (&Forgetful, &f64)| {
+                let apart = if b.clock == Clock::Time { lag as f64 * self.interval } else { lag as f64 };
+                w * b.correlation(apart)
+            };
+            self.beliefs.iter().zip(weights).skip(1).map(own).sum::<f64>() / coloured
+        };
+        (coloured > 0.5).then(|| (0..=LAGS).map(at).collect())
+    }
+}
+
+/// What each output adds to the variance of each unknown under each belief.
+struct Variances {
+    /// Output, belief, unknown.
+    own: Vec<Vec<Vec<f64>>>,
+    /// What the others add.
+    others: Vec<f64>,
+}
+
+impl Variances {
+    fn of(beliefs: &Beliefs, inverse: &DMatrix<f64>, others: &DMatrix<f64>) -> Self {
+        let around = |middle: &DMatrix<f64>| -> Vec<f64> {
+            let half = middle * inverse;
+            inverse.column_iter().zip(half.column_iter()).map(|(a, b)| a.dot(&b).max(0.0)).collect()
+        };
+        let own = beliefs.middles.iter().map(|m| m.par_iter().map(around).collect()).collect();
+        Self { own, others: around(others) }
+    }
+}
+
+impl Moments {
+    fn none(n: usize, evidence: f64) -> Self {
+        let (mean, spread, middle) = (vec![0.0; n], vec![0.0; n], DMatrix::zeros(n, n));
+        Self { mean, spread, middle, weights: Vec::new(), scales: Vec::new(), evidence }
+    }
+}
+
+/// Mean and variance of the logarithm of what is nowhere negative.
+fn mean_and_variance(weights: &[f64], size: impl Fn(usize) -> f64) -> (f64, f64) {
+    let value = |b: usize| size(b).max(f64::MIN_POSITIVE).ln();
+    let mean = weights.iter().enumerate().map(|(b, w)| w * value(b)).sum::<f64>();
+    (mean, weights.iter().enumerate().map(|(b, w)| w * (value(b) - mean).powi(2)).sum())
+}
+
+/// The middle one of all intervals.
+fn interval(members: &[Member<'_>]) -> f64 {
+    let steps = |m: &Member<'_>| m.rows.moments.windows(2).map(|t| t[1] - t[0]).collect::<Vec<f64>>();
+    let mut all: Vec<f64> = members.iter().flat_map(steps).collect();
+    let middle = all.len() / 2;
+    if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// All beliefs, white noise the first, and the logarithm of how likely each is before anything is measured.
+fn beliefs(members: &[Member<'_>], interval: f64) -> (Vec<Forgetful>, Vec<f64>) {
+    let span = |m: &Member<'_>| m.rows.moments.last().unwrap_or(&0.0) - m.rows.moments.first().unwrap_or(&0.0);
+    let length = members.iter().map(span).fold(interval, f64::max);
+    let count = members.iter().map(|m| m.rows.moments.len()).max().unwrap_or(2) as f64;
+    let uneven = members.iter().any(|m| !m.rows.even);
+    let clocks = [(Clock::Time, interval, length), (Clock::Count, 1.0, count)];
+    let mut all = vec![Forgetful::WHITE];
+    for (clock, interval, length) in clocks.into_iter().take(1 + usize::from(uneven)) {
+        let (shortest, longest) = (SHORTEST * interval, LONGEST * length);
+        let steps = ((longest / shortest).ln() / STEP.ln()).ceil().max(1.0);
+        for step in 0..=steps as usize {
+            let constant = shortest * (longest / shortest).powf(step as f64 / steps);
+            all.extend(PARTS.map(|white| Forgetful { constant, white, clock }));
+        }
+    }
+    let others = ((1.0 - WHITE) / (all.len() - 1) as f64).ln();
+    let before = (0..all.len()).map(|b| if b == 0 { WHITE.ln() } else { others }).collect();
+    (all, before)
+}
+
+/// Combinations of the outputs whose noises are independent, of deviation 1 where the noise is what the covariance says.
+struct Combinations {
+    /// `L^-1` (q by q).
+    seen: DMatrix<f64>,
+    /// `L' R^-1` (q by q).
+    acting: DMatrix<f64>,
+}
+
+/// What one combination says in one run.
+struct Part {
+    member: usize,
+    /// `L^-1 S` and `L^-1 e`.
+    seen: Rows,
+    /// `L' R^-1 S`.
+    acting: Rows,
+}
+
+/// Rows at the samples at which a combination is compared.
+struct Rows {
+    /// By clock: time, and number.
+    moments: [Vec<f64>; 2],
+    /// Sensitivities, and the residual behind them (a row for each sample).
+    values: Vec<f64>,
+    wide: usize,
+}
+
+impl Combinations {
+    fn new(inverse_noise: &[f64], covariance: &DMatrix<f64>) -> Self {
+        let q = covariance.nrows();
+        // an output that nothing is compared of has no noise
+        let deviations = DMatrix::from_diagonal(&covariance.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
+        let factor = Cholesky::new(covariance.clone()).map_or(deviations, |c| c.l());
+        let seen = factor.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(q, q));
+        Self { seen, acting: factor.transpose() * DMatrix::from_row_slice(q, q, inverse_noise) }
+    }
+
+    /// The k-th combination in all members.
+    fn parts(&self, members: &[Member<'_>], k: usize) -> Vec<Part> {
+        let of = |(member, m): (usize, &Member<'_>)| {
+            let compared = |o: usize, i: usize| !m.rows.residuals[o][i].is_nan();
+            let weights = |matrix: &DMatrix<f64>| matrix.row(k).iter().copied().collect::<Vec<f64>>();
+            let (seen, acting) = (weights(&self.seen), weights(&self.acting));
+            let any = |i: &usize| (0..acting.len()).any(|o| acting[o] != 0.0 && compared(o, *i));
+            Part {
+                member,
+                seen: Rows::new(m.rows, &seen, (0..m.rows.length).filter(|i| compared(k, *i)).collect()),
+                acting: Rows::new(m.rows, &acting, (0..m.rows.length).filter(any).collect()),
+            }
+        };
+        members.iter().enumerate().map(of).collect()
+    }
+}
+
+impl Rows {
+    /// The outputs with these weights at these samples.
+    fn new(rows: &ColouredRows, weights: &[f64], samples: Vec<usize>) -> Self {
+        let (width, wide) = (rows.width, rows.width + 8);
+        let mut values = vec![0.0; samples.len() * wide];
+        for (i, row) in samples.iter().zip(values.chunks_exact_mut(wide)) {
+            for (o, weight) in weights.iter().enumerate() {
+                let residual = rows.residuals[o][*i];
+                if *weight != 0.0 && !residual.is_nan() {
+                    let from = &rows.rows[o][i * width..][..width];
+                    row.iter_mut().zip(from).for_each(|(to, from)| *to += weight * from);
+                    row[width] += weight * residual;
+                }
+            }
+        }
+        let time = samples.iter().map(|i| rows.moments[*i]).collect();
+        let count = samples.iter().map(|i| *i as f64).collect();
+        Self { moments: [time, count], values, wide }
+    }
+
+    /// Products of all columns (wide by wide, the upper triangle) after `through` has been through the rows.
+    fn squares(&self, belief: &Forgetful, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
+        let mut values = self.values.clone();
+        through(&self.moments[usize::from(belief.clock == Clock::Count)], &mut values, self.wide);
+        let mut sums = vec![0.0; self.wide * self.wide];
+        accumulate(&values, self.wide, values.len() / self.wide, self.wide, self.wide, &mut sums);
+        sums
+    }
+}
+
+/// Normal equations of one combination under one belief, and `S' R^-1 L C L' R^-1 S`.
+fn normal(parts: &[Part], members: &[Member<'_>], belief: &Forgetful, n: usize) -> (Normal, DMatrix<f64>) {
+    let mut normal = Normal { matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n), square: 0.0, logarithm: 0.0 };
+    let mut middle = DMatrix::zeros(n, n);
+    for part in parts {
+        let wide = part.seen.wide;
+        let columns = members[part.member].places.iter().enumerate();
+        let places: Vec<(usize, usize)> = columns.filter_map(|(c, p)| p.map(|p| (c, p))).collect();
+        let white = part.seen.squares(belief, |moments, rows, wide| {
+            normal.logarithm += belief.whiten(moments, rows, wide);
+        });
+        let through = part.acting.squares(belief, |moments, rows, wide| belief.transpose(moments, rows, wide));
+        for (c, a) in &places {
+            for (d, b) in &places {
+                let upper = c.min(d) * wide + c.max(d);
+                normal.matrix[(*a, *b)] += white[upper];
+                middle[(*a, *b)] += through[upper];
+            }
+            normal.vector[*a] += white[c * wide + wide - 8];
+        }
+        normal.square += white[(wide - 8) * wide + wide - 8];
+    }
+    (normal, middle)
+}
