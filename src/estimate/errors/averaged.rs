@@ -3,11 +3,12 @@
 //!
 //! Beliefs are noises that forget (white, and twelve or more times with three white parts each). All outputs share one, or each has its own; both
 //! are weighed. Correlated outputs are taken apart first by the Cholesky factor L of their covariance: what is weighed are `L^-1 e`, and each
-//! acts on the parameters by `S' R^-1 L`. A variance is the geometric mean over
-//! the beliefs; how far they disagree, and how few samples tell the scale, are its degrees of freedom (Satterthwaite 1946).
+//! acts on the parameters by `S' R^-1 L`. What follows for a variance are
+//! many values, each with its weight; the interval is that of the mixture.
 
 use super::coloured_rows::ColouredRows;
 use super::forgetful::{Clock, Forgetful};
+use super::mixture::Mixture;
 use super::restricted::{Likely, Normal, Restricted};
 use crate::estimate::iteration::products::accumulate;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -33,10 +34,8 @@ pub(super) struct Member<'r> {
 
 /// The average over all beliefs.
 pub(super) struct Averaged {
-    /// Variance of each chosen unknown (n), the others included.
-    pub(super) variances: Vec<f64>,
-    /// Of the logarithm of each variance (n).
-    pub(super) spreads: Vec<f64>,
+    /// Variance of each chosen unknown, the others included, and its degrees of freedom (n).
+    pub(super) variances: Vec<(f64, f64)>,
     /// The mean of `S' R^-1 Rvv R^-1 S` (n by n).
     pub(super) middle: DMatrix<f64>,
     /// For each output the correlations of its noise at lags 0, 1, .. intervals; none where white noise is the most likely.
@@ -48,10 +47,11 @@ pub(super) struct Averaged {
 /// Lags for which correlations are told.
 const LAGS: usize = 6;
 
-/// What one hypothesis says of the variances: means and variances of their logarithms, and the mean of the middle.
-struct Moments {
-    mean: Vec<f64>,
-    spread: Vec<f64>,
+/// What one hypothesis says.
+struct Said {
+    /// Of each variance (n).
+    variances: Vec<Mixture>,
+    /// The mean of the middle (n by n).
     middle: DMatrix<f64>,
     /// For each output how likely each belief is.
     weights: Vec<Vec<f64>>,
@@ -110,34 +110,27 @@ impl Beliefs {
         let shares: Vec<f64> = hypotheses.iter().map(|h| (h.evidence - highest).exp()).collect();
         let all: f64 = shares.iter().sum();
         let n = inverse.nrows();
-        let mut mean = vec![0.0; n];
-        let mut spreads = vec![0.0; n];
+        let mut mixtures = vec![Mixture::none(); n];
         let mut middle = DMatrix::zeros(n, n);
         let mut weights = vec![vec![0.0; self.beliefs.len()]; q];
         let mut scales = vec![0.0; q];
         for (h, share) in hypotheses.iter().zip(shares.iter().map(|s| s / all)) {
-            mean.iter_mut().zip(&h.mean).for_each(|(m, own)| *m += share * own);
+            mixtures.iter_mut().zip(&h.variances).for_each(|(m, own)| m.or(own, share));
             scales.iter_mut().zip(&h.scales).for_each(|(s, own)| *s += share * own);
             middle += &h.middle * share;
             for (to, from) in weights.iter_mut().zip(&h.weights) {
                 to.iter_mut().zip(from).for_each(|(t, f)| *t += share * f);
             }
         }
-        for (h, share) in hypotheses.iter().zip(shares.iter().map(|s| s / all)) {
-            for (j, spread) in spreads.iter_mut().enumerate() {
-                *spread += share * (h.spread[j] + (h.mean[j] - mean[j]).powi(2));
-            }
-        }
         // the scale of the noise is known by so many samples
-        let known = |j: usize| {
+        let freedom = |j: usize| {
             let own = |k: usize| variances.own[k][0][j];
             let all: f64 = (0..q).map(own).sum::<f64>() + variances.others[j];
-            (0..q).map(|k| (own(k) / all).powi(2) * 2.0 / white.freedom[k]).sum::<f64>()
+            1.0 / (0..q).map(|k| (own(k) / all).powi(2) / white.freedom[k]).sum::<f64>()
         };
-        spreads.iter_mut().enumerate().for_each(|(j, s)| *s += known(j));
         let correlations = weights.iter().map(|w| self.correlations(w)).collect();
-        let variances = mean.iter().map(|m| m.exp()).collect();
-        Some(Averaged { variances, spreads, middle, correlations, scales })
+        let variances = mixtures.par_iter().enumerate().map(|(j, m)| m.student(freedom(j))).collect();
+        Some(Averaged { variances, middle, correlations, scales })
     }
 
     /// Whether any sample of an output is compared.
@@ -146,29 +139,29 @@ impl Beliefs {
     }
 
     /// All outputs share one belief.
-    fn together(&self, variances: &Variances, white: &Likely) -> Option<Moments> {
+    fn together(&self, variances: &Variances, white: &Likely) -> Option<Said> {
         let q = self.middles.len();
         let likely: Vec<Likely> =
             (0..self.beliefs.len()).map(|b| self.restricted.likely(&vec![b; q])).collect::<Option<_>>()?;
         let (weights, evidence) = self.weigh(|b| likely[b].logarithm);
-        let mut moments = Moments::none(variances.others.len(), evidence);
         let growth = |b: usize, k: usize| likely[b].scales[k] / white.scales[k];
-        for (j, (mean, spread)) in moments.mean.iter_mut().zip(&mut moments.spread).enumerate() {
-            let variance =
-                |b: usize| variances.others[j] + (0..q).map(|k| growth(b, k) * variances.own[k][b][j]).sum::<f64>();
-            (*mean, *spread) = mean_and_variance(&weights, variance);
-        }
+        let variance = |b: usize, j: usize| {
+            variances.others[j] + (0..q).map(|k| growth(b, k) * variances.own[k][b][j]).sum::<f64>()
+        };
+        let mixture = |j: usize| Mixture::of(weights.iter().enumerate().map(|(b, w)| (*w, variance(b, j))));
+        let n = variances.others.len();
+        let mut said = Said { variances: (0..n).map(mixture).collect(), ..Said::nothing(n, evidence) };
         for (b, weight) in weights.iter().enumerate() {
-            (0..q).for_each(|k| moments.middle += &self.middles[k][b] * (weight * growth(b, k)));
+            (0..q).for_each(|k| said.middle += &self.middles[k][b] * (weight * growth(b, k)));
         }
         let scale = |k: usize| weights.iter().enumerate().map(|(b, w)| w * growth(b, k)).sum();
-        moments.scales = (0..q).map(scale).collect();
-        moments.weights = vec![weights; q];
-        Some(moments)
+        said.scales = (0..q).map(scale).collect();
+        said.weights = vec![weights; q];
+        Some(said)
     }
 
     /// Each output has a belief of its own, weighed beside the likeliest of the others.
-    fn apart(&self, variances: &Variances, white: &Likely) -> Option<Moments> {
+    fn apart(&self, variances: &Variances, white: &Likely) -> Option<Said> {
         let q = self.middles.len();
         let mut best = vec![0; q];
         let mut tables: Vec<Vec<Likely>> = Vec::new();
@@ -191,29 +184,24 @@ impl Beliefs {
             }
         }
         let base = self.restricted.likely(&best)?.logarithm;
-        let mut moments = Moments::none(variances.others.len(), base);
-        let mut own = Vec::with_capacity(q);
+        let n = variances.others.len();
+        let mut said = Said::nothing(n, base);
+        said.variances = variances.others.iter().map(|v| Mixture::known(*v)).collect();
         for (k, table) in tables.iter().enumerate() {
             let (weights, evidence) = self.weigh(|b| table[b].logarithm);
-            moments.evidence += evidence - base;
+            said.evidence += evidence - base;
             let growth = |b: usize| table[b].scales[k] / white.scales[k];
             for (b, weight) in weights.iter().enumerate() {
-                moments.middle += &self.middles[k][b] * (weight * growth(b));
+                said.middle += &self.middles[k][b] * (weight * growth(b));
             }
-            let of = |j: usize| {
-                let (mean, spread) = mean_and_variance(&weights, |b| growth(b) * variances.own[k][b][j]);
-                (mean.exp(), spread)
-            };
-            own.push((0..moments.mean.len()).map(of).collect::<Vec<(f64, f64)>>());
-            moments.scales.push(weights.iter().enumerate().map(|(b, w)| w * growth(b)).sum());
-            moments.weights.push(weights);
+            let own = |j: usize| weights.iter().enumerate().map(move |(b, w)| (*w, growth(b) * variances.own[k][b][j]));
+            for (j, variance) in said.variances.iter_mut().enumerate() {
+                *variance = variance.plus(&Mixture::of(own(j)));
+            }
+            said.scales.push(weights.iter().enumerate().map(|(b, w)| w * growth(b)).sum());
+            said.weights.push(weights);
         }
-        for (j, (mean, spread)) in moments.mean.iter_mut().zip(&mut moments.spread).enumerate() {
-            let all = variances.others[j] + own.iter().map(|o| o[j].0).sum::<f64>();
-            *mean = all.ln();
-            *spread = own.iter().map(|o| (o[j].0 / all).powi(2) * o[j].1).sum();
-        }
-        Some(moments)
+        Some(said)
     }
 
     /// How likely each belief is, and the logarithm of how likely what was found is under all of them.
@@ -257,18 +245,11 @@ impl Variances {
     }
 }
 
-impl Moments {
-    fn none(n: usize, evidence: f64) -> Self {
-        let (mean, spread, middle) = (vec![0.0; n], vec![0.0; n], DMatrix::zeros(n, n));
-        Self { mean, spread, middle, weights: Vec::new(), scales: Vec::new(), evidence }
+impl Said {
+    fn nothing(n: usize, evidence: f64) -> Self {
+        let middle = DMatrix::zeros(n, n);
+        Self { variances: Vec::new(), middle, weights: Vec::new(), scales: Vec::new(), evidence }
     }
-}
-
-/// Mean and variance of the logarithm of what is nowhere negative.
-fn mean_and_variance(weights: &[f64], size: impl Fn(usize) -> f64) -> (f64, f64) {
-    let value = |b: usize| size(b).max(f64::MIN_POSITIVE).ln();
-    let mean = weights.iter().enumerate().map(|(b, w)| w * value(b)).sum::<f64>();
-    (mean, weights.iter().enumerate().map(|(b, w)| w * (value(b) - mean).powi(2)).sum())
 }
 
 /// The middle one of all intervals.

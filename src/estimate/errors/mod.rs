@@ -17,6 +17,7 @@ pub(super) mod direction;
 mod forgetful;
 mod freedom;
 pub(super) mod known_noise;
+mod mixture;
 pub(super) mod noise_colour;
 mod restricted;
 mod row_map;

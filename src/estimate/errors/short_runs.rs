@@ -11,9 +11,6 @@ use crate::quality::autoregression::AutoRegression;
 use crate::quality::ladder::Ladder;
 use nalgebra::DMatrix;
 
-/// Fewest degrees of freedom: no average over what is possible is known worse than by three numbers.
-const LEAST_FREEDOM: f64 = 3.0;
-
 /// Runs whose noise is averaged over all that is possible.
 pub(super) struct ShortRuns {
     runs: Vec<usize>,
@@ -103,13 +100,13 @@ impl Averaged {
     pub(super) fn settle(&self, covariance: &mut [f64], freedom: &mut [f64]) {
         let n = self.variances.len();
         let factor = |j: usize| match covariance[j * n + j] {
-            variance if variance > 0.0 => (self.variances[j] / variance).sqrt(),
+            variance if variance > 0.0 => (self.variances[j].0 / variance).sqrt(),
             _ => 1.0,
         };
         let factors: Vec<f64> = (0..n).map(factor).collect();
         covariance.iter_mut().enumerate().for_each(|(k, c)| *c *= factors[k / n] * factors[k % n]);
-        for (freedom, spread) in freedom.iter_mut().zip(&self.spreads) {
-            *freedom = (2.0 / (2.0 / *freedom + spread)).max(LEAST_FREEDOM);
+        for (freedom, (_, own)) in freedom.iter_mut().zip(&self.variances) {
+            *freedom = 1.0 / (1.0 / *freedom + 1.0 / own);
         }
     }
 }
