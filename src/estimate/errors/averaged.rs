@@ -1,36 +1,18 @@
 //! Errors where records are short, or their times uneven: no colour of the noise can be chosen there, so all that are possible are
 //! weighed by their restricted likelihood (Patterson and Thompson 1971), and errors averaged over them.
 //!
-//! Beliefs are noises that forget (white, and twelve or more times with three white parts each). All outputs share one, or each has its own; both
+//! All outputs share one, or each has its own; both
 //! are weighed. Correlated outputs are taken apart first by the Cholesky factor L of their covariance: what is weighed are `L^-1 e`, and each
 //! acts on the parameters by `S' R^-1 L`. What follows for a variance are
 //! many values, each with its weight; the interval is that of the mixture.
 
-use super::coloured_rows::ColouredRows;
+use super::beliefs::{beliefs, interval};
+use super::combination::{Combinations, Member, Part, normal};
 use super::forgetful::{Clock, Forgetful};
 use super::mixture::Mixture;
 use super::restricted::{Likely, Normal, Restricted};
-use crate::estimate::iteration::products::accumulate;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-
-/// Belief in white noise before anything is measured.
-const WHITE: f64 = 0.85;
-/// White parts of noise that forgets.
-const PARTS: [f64; 3] = [0.0, 0.3, 0.6];
-/// Shortest time in which noise forgets, in intervals.
-const SHORTEST: f64 = 0.4;
-/// Longest, in lengths of the longest record.
-const LONGEST: f64 = 2.0;
-/// Factor from one time to the next, at most.
-const STEP: f64 = 1.7;
-
-/// A run among those that are short or uneven.
-pub(super) struct Member<'r> {
-    pub(super) rows: &'r ColouredRows,
-    /// The place of each of its columns among the chosen unknowns (n).
-    pub(super) places: Vec<Option<usize>>,
-}
 
 /// The average over all beliefs.
 pub(super) struct Averaged {
@@ -85,7 +67,7 @@ impl Beliefs {
         let (beliefs, before) = beliefs(members, interval);
         let combinations = Combinations::new(inverse_noise, covariance);
         let outputs: Vec<Vec<Part>> = (0..q).map(|k| combinations.parts(members, k)).collect();
-        let samples = outputs.iter().map(|parts| parts.iter().map(|p| p.seen.moments[0].len() as f64).sum()).collect();
+        let samples = outputs.iter().map(|parts| parts.iter().map(|p| p.samples() as f64).sum()).collect();
         let tables: Vec<Vec<(Normal, DMatrix<f64>)>> =
             outputs.iter().map(|parts| beliefs.par_iter().map(|b| normal(parts, members, b, n)).collect()).collect();
         // at the estimates all together pull nowhere: the others against these
@@ -250,141 +232,4 @@ impl Said {
         let middle = DMatrix::zeros(n, n);
         Self { variances: Vec::new(), middle, weights: Vec::new(), scales: Vec::new(), evidence }
     }
-}
-
-/// The middle one of all intervals.
-fn interval(members: &[Member<'_>]) -> f64 {
-    let steps = |m: &Member<'_>| m.rows.moments.windows(2).map(|t| t[1] - t[0]).collect::<Vec<f64>>();
-    let mut all: Vec<f64> = members.iter().flat_map(steps).collect();
-    let middle = all.len() / 2;
-    if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
-}
-
-/// All beliefs, white noise the first, and the logarithm of how likely each is before anything is measured.
-fn beliefs(members: &[Member<'_>], interval: f64) -> (Vec<Forgetful>, Vec<f64>) {
-    let span = |m: &Member<'_>| m.rows.moments.last().unwrap_or(&0.0) - m.rows.moments.first().unwrap_or(&0.0);
-    let length = members.iter().map(span).fold(interval, f64::max);
-    let count = members.iter().map(|m| m.rows.moments.len()).max().unwrap_or(2) as f64;
-    let uneven = members.iter().any(|m| !m.rows.even);
-    let clocks = [(Clock::Time, interval, length), (Clock::Count, 1.0, count)];
-    let mut all = vec![Forgetful::WHITE];
-    for (clock, interval, length) in clocks.into_iter().take(1 + usize::from(uneven)) {
-        let (shortest, longest) = (SHORTEST * interval, LONGEST * length);
-        let steps = ((longest / shortest).ln() / STEP.ln()).ceil().max(1.0);
-        for step in 0..=steps as usize {
-            let constant = shortest * (longest / shortest).powf(step as f64 / steps);
-            all.extend(PARTS.map(|white| Forgetful { constant, white, clock }));
-        }
-    }
-    let others = ((1.0 - WHITE) / (all.len() - 1) as f64).ln();
-    let before = (0..all.len()).map(|b| if b == 0 { WHITE.ln() } else { others }).collect();
-    (all, before)
-}
-
-/// Combinations of the outputs whose noises are independent, of deviation 1 where the noise is what the covariance says.
-struct Combinations {
-    /// `L^-1` (q by q).
-    seen: DMatrix<f64>,
-    /// `L' R^-1` (q by q).
-    acting: DMatrix<f64>,
-}
-
-/// What one combination says in one run.
-struct Part {
-    member: usize,
-    /// `L^-1 S` and `L^-1 e`.
-    seen: Rows,
-    /// `L' R^-1 S`.
-    acting: Rows,
-}
-
-/// Rows at the samples at which a combination is compared.
-struct Rows {
-    /// By clock: time, and number.
-    moments: [Vec<f64>; 2],
-    /// Sensitivities, and the residual behind them (a row for each sample).
-    values: Vec<f64>,
-    wide: usize,
-}
-
-impl Combinations {
-    fn new(inverse_noise: &[f64], covariance: &DMatrix<f64>) -> Self {
-        let q = covariance.nrows();
-        // an output that nothing is compared of has no noise
-        let deviations = DMatrix::from_diagonal(&covariance.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
-        let factor = Cholesky::new(covariance.clone()).map_or(deviations, |c| c.l());
-        let seen = factor.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(q, q));
-        Self { seen, acting: factor.transpose() * DMatrix::from_row_slice(q, q, inverse_noise) }
-    }
-
-    /// The k-th combination in all members.
-    fn parts(&self, members: &[Member<'_>], k: usize) -> Vec<Part> {
-        let of = |(member, m): (usize, &Member<'_>)| {
-            let compared = |o: usize, i: usize| !m.rows.residuals[o][i].is_nan();
-            let weights = |matrix: &DMatrix<f64>| matrix.row(k).iter().copied().collect::<Vec<f64>>();
-            let (seen, acting) = (weights(&self.seen), weights(&self.acting));
-            let any = |i: &usize| (0..acting.len()).any(|o| acting[o] != 0.0 && compared(o, *i));
-            Part {
-                member,
-                seen: Rows::new(m.rows, &seen, (0..m.rows.length).filter(|i| compared(k, *i)).collect()),
-                acting: Rows::new(m.rows, &acting, (0..m.rows.length).filter(any).collect()),
-            }
-        };
-        members.iter().enumerate().map(of).collect()
-    }
-}
-
-impl Rows {
-    /// The outputs with these weights at these samples.
-    fn new(rows: &ColouredRows, weights: &[f64], samples: Vec<usize>) -> Self {
-        let (width, wide) = (rows.width, rows.width + 8);
-        let mut values = vec![0.0; samples.len() * wide];
-        for (i, row) in samples.iter().zip(values.chunks_exact_mut(wide)) {
-            for (o, weight) in weights.iter().enumerate() {
-                let residual = rows.residuals[o][*i];
-                if *weight != 0.0 && !residual.is_nan() {
-                    let from = &rows.rows[o][i * width..][..width];
-                    row.iter_mut().zip(from).for_each(|(to, from)| *to += weight * from);
-                    row[width] += weight * residual;
-                }
-            }
-        }
-        let time = samples.iter().map(|i| rows.moments[*i]).collect();
-        let count = samples.iter().map(|i| *i as f64).collect();
-        Self { moments: [time, count], values, wide }
-    }
-
-    /// Products of all columns (wide by wide, the upper triangle) after `through` has been through the rows.
-    fn squares(&self, belief: &Forgetful, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
-        let mut values = self.values.clone();
-        through(&self.moments[usize::from(belief.clock == Clock::Count)], &mut values, self.wide);
-        let mut sums = vec![0.0; self.wide * self.wide];
-        accumulate(&values, self.wide, values.len() / self.wide, self.wide, self.wide, &mut sums);
-        sums
-    }
-}
-
-/// Normal equations of one combination under one belief, and `S' R^-1 L C L' R^-1 S`.
-fn normal(parts: &[Part], members: &[Member<'_>], belief: &Forgetful, n: usize) -> (Normal, DMatrix<f64>) {
-    let mut normal = Normal { matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n), square: 0.0, logarithm: 0.0 };
-    let mut middle = DMatrix::zeros(n, n);
-    for part in parts {
-        let wide = part.seen.wide;
-        let columns = members[part.member].places.iter().enumerate();
-        let places: Vec<(usize, usize)> = columns.filter_map(|(c, p)| p.map(|p| (c, p))).collect();
-        let white = part.seen.squares(belief, |moments, rows, wide| {
-            normal.logarithm += belief.whiten(moments, rows, wide);
-        });
-        let through = part.acting.squares(belief, |moments, rows, wide| belief.transpose(moments, rows, wide));
-        for (c, a) in &places {
-            for (d, b) in &places {
-                let upper = c.min(d) * wide + c.max(d);
-                normal.matrix[(*a, *b)] += white[upper];
-                middle[(*a, *b)] += through[upper];
-            }
-            normal.vector[*a] += white[c * wide + wide - 8];
-        }
-        normal.square += white[(wide - 8) * wide + wide - 8];
-    }
-    (normal, middle)
 }

@@ -32,7 +32,7 @@ const SETTLED: f64 = 1e-3;
 /// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
 const MOST_NUMBERS: usize = 20_000_000;
 /// Compared samples of a run for each output from which on it tells its colour alone.
-const LONG: usize = 200;
+const LONG: usize = 500;
 
 /// The corrected covariance.
 pub(in crate::estimate) struct Corrected {

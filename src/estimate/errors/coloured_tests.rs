@@ -153,7 +153,7 @@ fn both_params() -> Vec<fdm_grammar::model::Param> {
 fn white_noise_leaves_the_errors_as_they_are() {
     let mut equal = 0;
     for seed in 0..40 {
-        let fit = solve(&mut problem(both_params(), vec![decay(grid(300, 3.0), seed * 31 + 1)]), &Options::default());
+        let fit = solve(&mut problem(both_params(), vec![decay(grid(600, 3.0), seed * 31 + 1)]), &Options::default());
         let factors = fit.correction_factors();
         assert_eq!((fit.uncorrected.as_ref(), factors.len()), (None, 2));
         equal += usize::from(factors.iter().all(|f| (f - 1.0).abs() < 0.01));
@@ -185,7 +185,7 @@ fn short_uneven_and_gappy_runs_have_corrected_errors() {
     // four samples of two parameters tell nothing of colour: all that is possible makes errors a little larger
     let tiny = fit(vec![0.0, 1.0, 2.0, 3.0]);
     let factors = tiny.correction_factors();
-    assert!(factors.iter().all(|f| (0.95..1.3).contains(f)), "{factors:?}");
+    assert!(factors.iter().all(|f| (0.95..1.5).contains(f)), "{factors:?}");
     assert!(tiny.parameters[0].freedom.is_some_and(|f| f < 10.0), "{:?}", tiny.parameters[0].freedom);
     let unasked = Options { colour: false, ..Options::default() };
     let none = solve(&mut problem(both_params(), vec![decay(grid(50, 3.0), 1)]), &unasked);
@@ -214,13 +214,36 @@ fn held(x: &[f64], repeats: u64, kept: impl Fn(usize) -> f64) -> f64 {
 fn intervals_of_short_and_uneven_records_hold() {
     let even = grid(60, 3.0);
     let uneven: Vec<f64> = (0..40).map(|k| 0.05 * 1.12f64.powi(k)).filter(|x| *x < 3.0).collect();
-    let white = held(&even, 300, |_| 0.0);
-    let lagged = held(&even, 300, |_| 0.9);
-    let in_time = held(&uneven, 300, |k| (-(uneven[k] - uneven[k - 1]) / 0.8).exp());
-    // 600 intervals of which two and two belong together: known to 1.1 %
+    let white = held(&even, 150, |_| 0.0);
+    let lagged = held(&even, 150, |_| 0.9);
+    let in_time = held(&uneven, 150, |k| (-(uneven[k] - uneven[k - 1]) / 0.8).exp());
+    // 300 intervals of which two and two belong together: known to 1.5 %
     assert!((92.0..=98.5).contains(&white), "white {white}");
     assert!((91.0..=99.0).contains(&lagged), "lagged {lagged}");
     assert!((88.0..=99.0).contains(&in_time), "uneven {in_time}");
+}
+
+#[test]
+fn intervals_hold_where_noise_swings() {
+    let (x, repeats, mut hits) = (grid(120, 3.0), 120, 0);
+    for seed in 0..repeats {
+        let (mut normal, mut last) = (Normal(17 + seed * 7919), [0.0; 2]);
+        // slower than the sampling, about as fast as the decay: 25 samples a period, ten of them remembered
+        let fit = timed(x.clone(), |k, _| {
+            // it was there long before the first sample
+            for _ in 0..if k == 0 { 100 } else { 1 } {
+                let v = 2.0 * 0.9 * 0.25_f64.cos() * last[0] - 0.81 * last[1] + 0.004 * normal.next();
+                last = [v, last[0]];
+            }
+            last[0]
+        });
+        for (p, truth) in fit.parameters.iter().zip([2.0, 1.5]) {
+            let [low, high] = p.interval().expect("known");
+            hits += usize::from(low < truth && truth < high);
+        }
+    }
+    let held = 100.0 * f64::from(hits as u32) / (2 * repeats) as f64;
+    assert!((90.0..=99.0).contains(&held), "{held}");
 }
 
 #[test]
@@ -241,7 +264,7 @@ fn outputs_have_colours_of_their_own() {
 fn every_long_run_has_a_colour_of_its_own() {
     let make = |name: &str, keep: f64, seed: u64| {
         let (mut normal, mut v) = (Normal(seed), 0.0);
-        run(name, grid(400, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| {
+        run(name, grid(600, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| {
             v = keep * v + 0.01 * normal.next();
             v
         })
@@ -262,7 +285,7 @@ fn degrees_of_freedom_say_how_much_corrected_errors_scatter_and_intervals_hold()
     let (mut logarithms, mut promised, mut hits) = ([Vec::new(), Vec::new()], [0.0; 2], [0; 2]);
     for seed in 0..repeats {
         let (mut normal, mut slow) = (Normal(101 + seed * 7919), 0.0);
-        let data = run("r", grid(300, 3.0), 1, DECAY, &truth, |_, _| {
+        let data = run("r", grid(600, 3.0), 1, DECAY, &truth, |_, _| {
             slow = 0.8 * slow + 0.02 * normal.next();
             slow
         });

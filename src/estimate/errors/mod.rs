@@ -6,11 +6,13 @@
 mod averaged;
 #[cfg(test)]
 mod belief;
+mod beliefs;
 pub(super) mod coloured;
 pub(super) mod coloured_rows;
 pub(super) mod coloured_spectra;
 #[cfg(test)]
 mod coloured_tests;
+mod combination;
 pub(super) mod conclusion;
 pub(super) mod derived;
 pub(super) mod direction;

@@ -1,8 +1,9 @@
 //! The runs of an estimation that are too short to tell the colour of their noise by themselves, or have no even times.
 
-use super::averaged::{Averaged, Beliefs, Member};
+use super::averaged::{Averaged, Beliefs};
 use super::coloured::is_long;
 use super::coloured_rows::ColouredRows;
+use super::combination::Member;
 use super::noise_colour::NoiseColour;
 use super::sandwich::Sandwich;
 use crate::estimate::noise::Weights;
