@@ -6,7 +6,7 @@
 //! acts on the parameters by `S' R^-1 L`. What follows for a variance are
 //! many values, each with its weight; the interval is that of the mixture.
 
-use super::beliefs::{beliefs, interval};
+use super::beliefs::{before, beliefs, interval};
 use super::combination::{Combinations, Member, Part, normal};
 use super::forgetful::{Clock, Forgetful};
 use super::mixture::Mixture;
@@ -26,6 +26,8 @@ pub(super) struct Averaged {
     pub(super) scales: Vec<f64>,
 }
 
+/// Most that noise may be larger, as a variance, than what is left of it: fitting took four fifths of the deviation.
+const MOST_GROWTH: f64 = 25.0;
 /// Lags for which correlations are told.
 const LAGS: usize = 6;
 
@@ -45,8 +47,8 @@ struct Said {
 /// All beliefs about all outputs of all members.
 pub(super) struct Beliefs {
     beliefs: Vec<Forgetful>,
-    /// Logarithm of how likely each was before.
-    before: Vec<f64>,
+    /// What each of them but the first has of the belief that the noise is not white.
+    shares: Vec<f64>,
     restricted: Restricted,
     /// For each output and belief `S' R^-1 L C L' R^-1 S` (n by n).
     middles: Vec<Vec<DMatrix<f64>>>,
@@ -64,7 +66,7 @@ impl Beliefs {
     ) -> Self {
         let (q, n) = (members[0].rows.rows.len(), others.nrows());
         let interval = interval(members);
-        let (beliefs, before) = beliefs(members, interval);
+        let (beliefs, shares) = beliefs(members, interval);
         let combinations = Combinations::new(inverse_noise, covariance);
         let outputs: Vec<Vec<Part>> = (0..q).map(|k| combinations.parts(members, k)).collect();
         let samples = outputs.iter().map(|parts| parts.iter().map(|p| p.samples() as f64).sum()).collect();
@@ -77,7 +79,7 @@ impl Beliefs {
         }
         let (normals, middles) = tables.into_iter().map(|t| t.into_iter().unzip()).unzip();
         let restricted = Restricted { samples, normals, others, pull };
-        Self { beliefs, before, restricted, middles, interval }
+        Self { beliefs, shares, restricted, middles, interval }
     }
 
     /// The average, with the Cramer-Rao covariance of the fit (n by n) on both sides and beside it the middle of the others
@@ -125,8 +127,8 @@ impl Beliefs {
         let q = self.middles.len();
         let likely: Vec<Likely> =
             (0..self.beliefs.len()).map(|b| self.restricted.likely(&vec![b; q])).collect::<Option<_>>()?;
-        let (weights, evidence) = self.weigh(|b| likely[b].logarithm);
-        let growth = |b: usize, k: usize| likely[b].scales[k] / white.scales[k];
+        let (weights, evidence) = weigh(&before(&self.shares, 1), &likely);
+        let growth = |b: usize, k: usize| growth(&likely[b], white, k);
         let variance = |b: usize, j: usize| {
             variances.others[j] + (0..q).map(|k| growth(b, k) * variances.own[k][b][j]).sum::<f64>()
         };
@@ -145,6 +147,7 @@ impl Beliefs {
     /// Each output has a belief of its own, weighed beside the likeliest of the others.
     fn apart(&self, variances: &Variances, white: &Likely) -> Option<Said> {
         let q = self.middles.len();
+        let before = before(&self.shares, q);
         let mut best = vec![0; q];
         let mut tables: Vec<Vec<Likely>> = Vec::new();
         for round in 0..2 {
@@ -159,7 +162,7 @@ impl Beliefs {
             }
             if round == 0 {
                 let likeliest = |table: &Vec<Likely>| {
-                    let worth = |b: usize| table[b].logarithm + self.before[b];
+                    let worth = |b: usize| table[b].logarithm + before[b];
                     (0..table.len()).max_by(|a, b| worth(*a).total_cmp(&worth(*b))).unwrap_or(0)
                 };
                 best = tables.iter().map(likeliest).collect();
@@ -170,9 +173,9 @@ impl Beliefs {
         let mut said = Said::nothing(n, base);
         said.variances = variances.others.iter().map(|v| Mixture::known(*v)).collect();
         for (k, table) in tables.iter().enumerate() {
-            let (weights, evidence) = self.weigh(|b| table[b].logarithm);
+            let (weights, evidence) = weigh(&before, table);
             said.evidence += evidence - base;
-            let growth = |b: usize| table[b].scales[k] / white.scales[k];
+            let growth = |b: usize| growth(&table[b], white, k);
             for (b, weight) in weights.iter().enumerate() {
                 said.middle += &self.middles[k][b] * (weight * growth(b));
             }
@@ -184,14 +187,6 @@ impl Beliefs {
             said.weights.push(weights);
         }
         Some(said)
-    }
-
-    /// How likely each belief is, and the logarithm of how likely what was found is under all of them.
-    fn weigh(&self, logarithm: impl Fn(usize) -> f64) -> (Vec<f64>, f64) {
-        let all: Vec<f64> = self.before.iter().enumerate().map(|(b, before)| before + logarithm(b)).collect();
-        let highest = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = all.iter().map(|l| (l - highest).exp()).sum();
-        (all.iter().map(|l| (l - highest).exp() / sum).collect(), highest + sum.ln())
     }
 
     /// Correlations of the noise at the first lags; none where it is most likely white.
@@ -206,6 +201,19 @@ impl Beliefs {
         };
         (coloured > 0.5).then(|| (0..=LAGS).map(at).collect())
     }
+}
+
+/// How likely each belief is, and the logarithm of how likely what was found is under all of them.
+fn weigh(before: &[f64], likely: &[Likely]) -> (Vec<f64>, f64) {
+    let all: Vec<f64> = before.iter().zip(likely).map(|(before, l)| before + l.logarithm).collect();
+    let highest = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum: f64 = all.iter().map(|l| (l - highest).exp()).sum();
+    (all.iter().map(|l| (l - highest).exp() / sum).collect(), highest + sum.ln())
+}
+
+/// The variance of an output's noise over what it is where it is white.
+fn growth(likely: &Likely, white: &Likely, k: usize) -> f64 {
+    (likely.scales[k] / white.scales[k]).min(MOST_GROWTH)
 }
 
 /// What each output adds to the variance of each unknown under each belief.
