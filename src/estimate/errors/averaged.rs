@@ -113,7 +113,7 @@ impl Beliefs {
             1.0 / (0..q).map(|k| (own(k) / all).powi(2) / white.freedom[k]).sum::<f64>()
         };
         let correlations = weights.iter().map(|w| self.correlations(w)).collect();
-        let variances = mixtures.par_iter().enumerate().map(|(j, m)| m.student(freedom(j))).collect();
+        let variances = mixtures.par_iter().enumerate().map(|(j, m)| m.student(freedom(j))).collect::<Option<_>>()?;
         Some(Averaged { variances, middle, correlations, scales })
     }
 

@@ -226,6 +226,7 @@ fn intervals_of_short_and_uneven_records_hold() {
 #[test]
 fn intervals_hold_where_noise_swings() {
     let (x, repeats, mut hits) = (grid(120, 3.0), 120, 0);
+    let (mut values, mut errors) = (Vec::new(), Vec::new());
     for seed in 0..repeats {
         let (mut normal, mut last) = (Normal(17 + seed * 7919), [0.0; 2]);
         // slower than the sampling, about as fast as the decay: 25 samples a period, ten of them remembered
@@ -237,13 +238,18 @@ fn intervals_hold_where_noise_swings() {
             }
             last[0]
         });
+        values.push(fit.parameters[1].value);
+        errors.push(fit.parameters[1].error().expect("known"));
         for (p, truth) in fit.parameters.iter().zip([2.0, 1.5]) {
             let [low, high] = p.interval().expect("known");
             hits += usize::from(low < truth && truth < high);
         }
     }
-    let held = 100.0 * f64::from(hits as u32) / (2 * repeats) as f64;
-    assert!((90.0..=99.0).contains(&held), "{held}");
+    let held = 100.0 * hits as f64 / (2 * repeats) as f64;
+    let rms = |v: &[f64], about: f64| (v.iter().map(|v| (v - about).powi(2)).sum::<f64>() / v.len() as f64).sqrt();
+    let ratio = rms(&errors, 0.0) / rms(&values, values.iter().sum::<f64>() / values.len() as f64);
+    // periods and rates of forgetting are steps of a coarse list: what is between them is taken for a little more
+    assert!(held >= 93.0 && (0.95..1.7).contains(&ratio), "{held} {ratio}");
 }
 
 #[test]

@@ -61,9 +61,9 @@ impl Mixture {
         (self.0.iter().map(|(w, v)| w * v.max(f64::MIN_POSITIVE).ln()).sum::<f64>() / all).exp()
     }
 
-    /// Half the interval that holds 95 % of a number with such a variance, each known by so many degrees of freedom.
-    fn reach(&self, freedom: f64) -> f64 {
-        let Ok(law) = StudentsT::new(0.0, 1.0, freedom.clamp(1.0, FREEDOM[1])) else { return f64::NAN };
+    /// Half the interval that holds 95 % of a number with such a variance, each known by so many degrees of freedom; all are above 0.
+    fn reach(&self, freedom: f64) -> Option<f64> {
+        let law = StudentsT::new(0.0, 1.0, freedom.clamp(1.0, FREEDOM[1])).ok()?;
         let all: f64 = self.0.iter().map(|(w, _)| w).sum();
         let beyond = |c: f64| self.0.iter().map(|(w, v)| 2.0 * w * law.cdf(-c / v.sqrt())).sum::<f64>() / all;
         let one = law.inverse_cdf(1.0 - OUTSIDE / 2.0);
@@ -76,21 +76,25 @@ impl Mixture {
                 break;
             }
         }
-        0.5 * (low + high)
+        Some(0.5 * (low + high))
     }
 
     /// The variance and the degrees of freedom whose interval by Student's law is that of the mixture: the geometric mean, as long as
-    /// there are such degrees.
-    pub(super) fn student(&self, freedom: f64) -> (f64, f64) {
-        let (variance, reach) = (self.geometric_mean(), self.reach(freedom));
+    /// there are such degrees. None where numbers are not finite, or nothing varies.
+    pub(super) fn student(&self, freedom: f64) -> Option<(f64, f64)> {
+        let sound = |(_, v): &(f64, f64)| *v > 0.0 && v.is_finite();
+        if self.0.is_empty() || !self.0.iter().all(sound) || freedom.is_nan() {
+            return None;
+        }
+        let (variance, reach) = (self.geometric_mean(), self.reach(freedom)?);
         let quantile = |f: f64| StudentsT::new(0.0, 1.0, f).map_or(f64::NAN, |l| l.inverse_cdf(1.0 - OUTSIDE / 2.0));
         let [fewest, most] = FREEDOM;
         let ratio = reach / variance.sqrt();
         if ratio >= quantile(fewest) {
-            return ((reach / quantile(fewest)).powi(2), fewest);
+            return Some(((reach / quantile(fewest)).powi(2), fewest));
         }
         if ratio <= quantile(most) {
-            return ((reach / quantile(most)).powi(2), most);
+            return Some(((reach / quantile(most)).powi(2), most));
         }
         let (mut low, mut high) = (fewest.ln(), most.ln());
         for _ in 0..HALVINGS {
@@ -100,7 +104,7 @@ impl Mixture {
                 break;
             }
         }
-        (variance, (0.5 * (low + high)).exp())
+        Some((variance, (0.5 * (low + high)).exp()))
     }
 }
 
@@ -110,17 +114,26 @@ mod tests {
 
     #[test]
     fn one_value_is_students_law() {
-        let (variance, freedom) = Mixture::known(4.0).student(12.0);
+        let (variance, freedom) = Mixture::known(4.0).student(12.0).expect("finite");
         assert!((variance - 4.0).abs() < 1e-9 && (freedom / 12.0 - 1.0).abs() < 1e-3, "{variance} {freedom}");
-        let (variance, freedom) = Mixture::known(4.0).plus(&Mixture::known(5.0)).student(1e9);
+        let (variance, freedom) = Mixture::known(4.0).plus(&Mixture::known(5.0)).student(1e9).expect("finite");
         assert!((variance - 9.0).abs() < 1e-3 && freedom > 1e5, "{variance} {freedom}");
+    }
+
+    #[test]
+    fn what_is_not_finite_has_no_interval() {
+        for variance in [0.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(Mixture::known(variance).student(12.0), None);
+        }
+        assert_eq!(Mixture::known(1.0).student(f64::NAN), None);
+        assert_eq!(Mixture::none().student(12.0), None);
     }
 
     #[test]
     fn the_interval_is_that_of_the_mixture() {
         for values in [vec![(0.9, 1.0), (0.1, 20.0)], vec![(0.5, 1.0), (0.3, 2.0), (0.2, 3.0)]] {
             let mixture = Mixture::of(values.clone().into_iter());
-            let (variance, freedom) = mixture.student(30.0);
+            let (variance, freedom) = mixture.student(30.0).expect("finite");
             let half = variance.sqrt() * crate::estimate::quantile(Some(freedom));
             let law = StudentsT::new(0.0, 1.0, 30.0).expect("a law");
             let outside: f64 = values.iter().map(|(w, v)| 2.0 * w * law.cdf(-half / v.sqrt())).sum();
