@@ -1,9 +1,8 @@
 //! Errors where records are short, or their times uneven: no colour of the noise can be chosen there, so all that are possible are
 //! weighed by their restricted likelihood (Patterson and Thompson 1971), and errors averaged over them.
 //!
-//! All outputs share one, or each has its own; both
-//! are weighed. Correlated outputs are taken apart first by the Cholesky factor L of their covariance: what is weighed are `L^-1 e`, and each
-//! acts on the parameters by `S' R^-1 L`. What follows for a variance are
+//! All outputs share one colour, or each has its own; both hypotheses are weighed. Correlated outputs are taken apart first by the Cholesky
+//! factor L of their covariance: what is weighed are `L^-1 e`, and each acts on the parameters by `S' R^-1 L`. What follows for a variance are
 //! many values, each with its weight; the interval is that of the mixture.
 
 use super::beliefs::{before, beliefs, interval};
