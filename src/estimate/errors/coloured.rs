@@ -64,22 +64,17 @@ pub(in crate::estimate) fn corrected(
     let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
     let prior = sandwich.prior(priors);
-    let short = ShortRuns::of(&runs, &sandwich, noise, &prior);
+    let short = ShortRuns::of(&runs, &sandwich, noise, &prior)?;
     let mut long: Vec<LongRun> =
         (0..runs.len()).filter(|r| is_long(&runs[*r])).map(|r| LongRun::new(r, &runs)).collect();
-    let average = |middle: &[f64]| match &short {
-        Some(short) => short.average(&sandwich, middle).map(Some).ok_or(Uncorrected::NotFinite),
-        None => Ok(None),
-    };
     for round in 0.. {
         let filtered: Vec<Filtered> = long.par_iter().map(|l| runs[l.run].filter(&l.colour, &inverse_noise)).collect();
         let mut middles: Vec<Vec<f64>> = runs.iter().map(|r| vec![0.0; r.width * r.width]).collect();
         long.iter().zip(&filtered).for_each(|(l, f)| middles[l.run].clone_from(&f.middle));
         let others = sandwich.gather(&middles, &prior);
-        let averaged = average(&others)?;
-        let mut middle = others;
-        if let Some(a) = &averaged {
-            middle.iter_mut().zip(a.middle.iter()).for_each(|(m, own)| *m += own);
+        let mut middle = others.clone();
+        if let Some(short) = &short {
+            middle.iter_mut().zip(&short.middle).for_each(|(m, own)| *m += own);
         }
         let mut covariance = sandwich.around(&middle);
         if !covariance.iter().all(|v| v.is_finite()) {
@@ -96,12 +91,10 @@ pub(in crate::estimate) fn corrected(
         };
         if change < SETTLED {
             let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
-            if let Some(a) = &averaged {
-                a.settle(&mut covariance, &mut freedom);
-            }
             let mut colours: Vec<NoiseColour> = long.iter().flat_map(|l| l.report(problem, &runs)).collect();
-            if let (Some(short), Some(averaged)) = (&short, &averaged) {
-                colours.extend(short.report(problem, averaged, &noise.covariance));
+            if let Some(short) = &short {
+                short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
+                colours.extend(short.report(problem, &noise.covariance));
             }
             return Ok(Corrected { values: covariance, colours, freedom });
         }
