@@ -142,13 +142,31 @@ pub struct Problem<'a> {
     pub affine: Vec<usize>,
     /// Quantities that follow from the parameters.
     pub derived: DerivedQuantities<'a>,
+    /// What noise does besides, where measured records stand in the equations.
+    pub carried_noise: Option<Box<dyn CarriedNoise + 'a>>,
+}
+
+/// Noise of records that are compared and stand in the equations as well.
+pub trait CarriedNoise: Sync {
+    /// What other noise of each output would do to one run at `theta` (p), output by output and draw by draw; `covariance` (q by q) says how large it is.
+    /// No draws for outputs that are compared only. None where it cannot be told.
+    fn shifts(&self, run: usize, theta: &[f64], covariance: &[f64]) -> Option<Vec<Vec<NoiseShift>>>;
+}
+
+/// How residuals change with the noise of the records, N by q row-major.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseShift {
+    /// Because what is compared changes.
+    pub seen: Vec<f64>,
+    /// Because what moves the model changes.
+    pub carried: Vec<f64>,
 }
 
 impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived }
+        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived, carried_noise: None }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

@@ -49,7 +49,14 @@ impl<'a> Posed<'a> {
         let outputs = (0..self.dynamics.layout().outputs).map(|o| o.to_string()).collect();
         let params = self.ways.first().map_or_else(|| self.params.clone(), |way| way.params(self.params.clone()));
         Some(Bench {
-            problem: Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() },
+            problem: Problem {
+                params,
+                outputs,
+                runs,
+                affine: Vec::new(),
+                derived: DerivedQuantities::none(),
+                carried_noise: None,
+            },
             settlers,
             own: self.params.len(),
         })

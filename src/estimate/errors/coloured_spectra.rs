@@ -4,6 +4,7 @@
 //!
 //! s is the local mean of the residuals' power over all runs, C the correlation of the outputs.
 
+use super::carried;
 use super::coloured::Corrected;
 use super::conclusion::Conclusion;
 use super::noise_colour::Uncorrected;
@@ -18,6 +19,8 @@ use rayon::prelude::*;
 
 /// Part of the band over which the power of the residuals is averaged, to each side.
 const REACH: f64 = 0.08;
+/// Part of a variance that noise in the equations must leave.
+const LEAST_LEFT: f64 = 0.05;
 /// Fewest independent coefficients in such a mean.
 const FEWEST: f64 = 12.0;
 
@@ -48,7 +51,17 @@ pub(in crate::estimate) fn corrected_spectra(
     let mut power = Power::of(&runs, q);
     power.settle(|o| 2.0 * noise.covariance[o * q + o]);
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
-    let covariance = sandwich.covariance(&middles?, &sandwich.prior(priors));
+    let mut middle = sandwich.gather(&middles?, &sandwich.prior(priors));
+    let seen = sandwich.around(&middle);
+    if let Some(carried) = carried::added(problem, &runs, &sandwich, values, noise) {
+        middle.iter_mut().zip(carried).for_each(|(m, c)| *m += c);
+    }
+    let mut covariance = sandwich.around(&middle);
+    let n = covariance.len().isqrt();
+    if (0..n).any(|j| covariance[j * n + j] < LEAST_LEFT * seen[j * n + j]) {
+        // what the draws say is taken off would leave nothing: they are too few to tell
+        covariance = seen;
+    }
     if !covariance.iter().all(|v| v.is_finite()) {
         return Err(Uncorrected::NotFinite);
     }
@@ -102,8 +115,8 @@ fn reach(band: f64, density: f64) -> f64 {
 }
 
 /// One run at the estimates.
-struct SpectralRows {
-    omega: Vec<f64>,
+pub(super) struct SpectralRows {
+    pub(super) omega: Vec<f64>,
     samples: usize,
     dt: f64,
     /// Columns, a multiple of 8.
@@ -151,6 +164,24 @@ impl SpectralRows {
 
     fn plane(&self, output: usize, column: usize) -> &[Complex64] {
         &self.planes[(output * self.width + column) * self.omega.len()..][..self.omega.len()]
+    }
+
+    /// `S' R^-1` times a change of the residuals (2 M by q), for each column.
+    pub(super) fn score(&self, change: &[f64], inverse_noise: &[f64]) -> Vec<f64> {
+        let (count, q) = (self.omega.len(), self.residuals.len() / self.omega.len().max(1));
+        let mut score = vec![0.0; self.width];
+        for (a, k) in (0..q).flat_map(|a| (0..count).map(move |k| (a, k))) {
+            let weighed = |part: usize| -> f64 {
+                let each = (0..q).map(|b| inverse_noise[a * q + b] * change[(2 * k + part) * q + b]);
+                each.filter(|v| v.is_finite()).sum()
+            };
+            let (re, im) = (weighed(0), weighed(1));
+            for (c, sum) in score.iter_mut().enumerate() {
+                let s = self.plane(a, c)[k];
+                *sum += s.re * re + s.im * im;
+            }
+        }
+        score
     }
 
     /// Adds, for each frequency, the share of an output's noise there in every variance.

@@ -7,6 +7,7 @@ mod averaged;
 #[cfg(test)]
 mod belief;
 mod beliefs;
+mod carried;
 pub(super) mod coloured;
 pub(super) mod coloured_rows;
 pub(super) mod coloured_spectra;

@@ -253,7 +253,8 @@ impl Setting {
         let (name, values) = ("frequency responses".to_string(), measured_rows(pairs));
         let run = ProblemRun { name: name.clone(), response: Box::new(response), measured: values, start: Vec::new() };
         let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
-        let mut problem = Problem { params, outputs: vec![name], runs: vec![run], affine: Vec::new(), derived };
+        let mut problem =
+            Problem { params, outputs: vec![name], runs: vec![run], affine: Vec::new(), derived, carried_noise: None };
         let how = crate::estimate::problem::Options { noise: Noise::Diagonal, ..options.options.clone() };
         estimate(&mut problem, &how, observer).map_err(ResponseError::Problem)
     }

@@ -5,6 +5,7 @@ use super::finish::found_later;
 use super::first::{FirstValue, regressed_values};
 use super::hidden::{HiddenMode, hidden_modes, longest};
 use super::options::SpectralOptions;
+use super::redrawn::Redrawn;
 use super::setting::{Setting, band};
 use super::unanswered::Unanswered;
 use super::weights::weight;
@@ -113,11 +114,11 @@ pub fn fit_spectra(
         };
         first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
-    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, observer)?;
+    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (runs, options), observer)?;
     let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
     if lost && first.iter().any(|f| !f.equations.is_empty()) {
         // noise in the regressors can lead astray; then the model's own values are tried
-        let again = setting.estimated(&start, &how, observer)?;
+        let again = setting.estimated(&start, &how, (runs, options), observer)?;
         if again.termination.is_good() {
             (found, first) = (again, Vec::new());
         }
@@ -222,9 +223,13 @@ impl Setting {
         &self,
         start: &[Vec<f64>],
         options: &Options,
+        (runs, choice): (&[Run], &SpectralOptions),
         observer: &mut dyn Observer,
     ) -> Result<Estimate, SpectralError> {
         let mut problem = self.problem(start)?;
+        if !self.carried.is_empty() {
+            problem.carried_noise = Some(Box::new(Redrawn { setting: self, runs, options: choice }));
+        }
         estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
     }
 }

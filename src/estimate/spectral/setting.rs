@@ -294,7 +294,8 @@ fn independent(model: &Model, spectra: &[Spectrum]) -> Result<(), SpectralError>
     if outputs.is_empty() { Ok(()) } else { Err(SpectralError::DependentOutputs { outputs }) }
 }
 
-fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec<Spectrum>, SpectralError> {
+/// Spectra of runs that are complete with their computed inputs.
+pub(super) fn spectra(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Vec<Spectrum>, SpectralError> {
     let ends = match options.ends {
         EndTerms::Known => Ends::Interpolated,
         _ => Ends::Extrapolated,

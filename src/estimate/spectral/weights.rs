@@ -18,7 +18,8 @@ pub(super) fn weight(spectra: &[Spectrum], run: usize) -> f64 {
     (spectra[run].duration() / longest).sqrt()
 }
 
-fn scaled(spectrum: &Spectrum, factor: f64) -> Spectrum {
+/// A spectrum times a number.
+pub(super) fn scaled(spectrum: &Spectrum, factor: f64) -> Spectrum {
     let mut scaled = spectrum.clone();
     if factor != 1.0 {
         let coefficients = [&mut scaled.inputs, &mut scaled.sampled_inputs, &mut scaled.outputs];
