@@ -3,7 +3,7 @@
 //! Residuals are then more than the noise of the outputs: noise of one record comes through the model into others. How much of each there is follows from how
 //! large all residuals are: `R(o,o) = sum of f(k) T(o,k)`, T what noise of output k, as large as its residuals, does to the residuals of o, and f at least 0
 //! (found by the multiplicative corrections of Richardson and Lucy). The score has then the covariance `sum of f(k) <(s + c)(s + c)'>`, s what is seen and
-//! c what is carried, in place of `sum of <s s'>`.
+//! c what is carried: of noise that is a part f of the residuals, and `sum of f(k) <c c' + c s' + s c'>` besides.
 
 use super::coloured_spectra::SpectralRows;
 use super::sandwich::Sandwich;
@@ -23,70 +23,79 @@ struct Drawn {
     squares: Vec<f64>,
 }
 
-/// What is added to the middle (n by n); none where no record stands in the equations, or it cannot be told.
-pub(super) fn added(
-    problem: &Problem<'_>,
-    runs: &[SpectralRows],
-    sandwich: &Sandwich<'_>,
-    values: &[f64],
-    noise: &Weights,
-) -> Option<Vec<f64>> {
-    let carried = problem.carried_noise.as_ref()?;
-    let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
-    let inverse_noise = noise.inverse();
-    let of_run = |(r, rows): (usize, &SpectralRows)| {
-        let mut theta = sandwich.unknowns.theta[r].clone();
-        sandwich.unknowns.assemble(r, values, &mut theta);
-        let places = sandwich.places(r);
-        let drawn = |shift: &NoiseShift| {
-            let score = |change: &[f64]| {
-                let mut score = vec![0.0; n];
-                for (place, s) in places.iter().zip(rows.score(change, &inverse_noise)) {
-                    place.iter().for_each(|place| score[*place] += s);
+/// What noise in the equations does.
+pub(super) struct Carried {
+    /// For each output the part of its residuals' variance that is its own noise (q).
+    pub(super) parts: Vec<f64>,
+    /// What is added to the middle (n by n).
+    pub(super) middle: Vec<f64>,
+}
+
+impl Carried {
+    /// None where no record stands in the equations, or it cannot be told.
+    pub(super) fn of(
+        problem: &Problem<'_>,
+        runs: &[SpectralRows],
+        sandwich: &Sandwich<'_>,
+        values: &[f64],
+        noise: &Weights,
+    ) -> Option<Self> {
+        let carried = problem.carried_noise.as_ref()?;
+        let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
+        let inverse_noise = noise.inverse();
+        let of_run = |(r, rows): (usize, &SpectralRows)| {
+            let mut theta = sandwich.unknowns.theta[r].clone();
+            sandwich.unknowns.assemble(r, values, &mut theta);
+            let places = sandwich.places(r);
+            let drawn = |shift: &NoiseShift| {
+                let score = |change: &[f64]| {
+                    let mut score = vec![0.0; n];
+                    for (place, s) in places.iter().zip(rows.score(change, &inverse_noise)) {
+                        place.iter().for_each(|place| score[*place] += s);
+                    }
+                    score
+                };
+                let mut squares = vec![0.0; q];
+                for (k, (s, c)) in shift.seen.iter().zip(&shift.carried).enumerate() {
+                    squares[k % q] += if s.is_nan() { 0.0 } else { (s + c).powi(2) };
                 }
-                score
+                Drawn { scores: [score(&shift.seen), score(&shift.carried)], squares }
             };
-            let mut squares = vec![0.0; q];
-            for (k, (s, c)) in shift.seen.iter().zip(&shift.carried).enumerate() {
-                squares[k % q] += if s.is_nan() { 0.0 } else { (s + c).powi(2) };
-            }
-            Drawn { scores: [score(&shift.seen), score(&shift.carried)], squares }
+            let shifts = carried.shifts(r, &theta, &noise.covariance)?;
+            Some(shifts.iter().map(|of_output| of_output.iter().map(drawn).collect()).collect())
         };
-        let shifts = carried.shifts(r, &theta, &noise.covariance)?;
-        Some(shifts.iter().map(|of_output| of_output.iter().map(drawn).collect()).collect())
-    };
-    let all: Vec<Vec<Vec<Drawn>>> = runs.par_iter().enumerate().map(of_run).collect::<Option<_>>()?;
-    let draws: Vec<Vec<Drawn>> = (0..q).map(|k| together(all.iter().map(|r| &r[k]))).collect();
-    if draws.iter().all(Vec::is_empty) {
-        return None;
-    }
-    let cells = |o: usize| -> f64 {
-        let compared = |r: &&crate::estimate::problem::ProblemRun<'_>| {
-            r.measured.iter().skip(o).step_by(q).filter(|z| !z.is_nan()).count() as f64
-        };
-        problem.runs.iter().map(|r| compared(&r)).sum()
-    };
-    let size = |o: usize, k: usize| {
-        let mean = draws[k].iter().map(|d| d.squares[o]).sum::<f64>() / draws[k].len() as f64 / cells(o);
-        match draws[k].is_empty() {
-            true => f64::from(u8::from(o == k)),
-            false => mean / noise.covariance[o * q + o],
+        let all: Vec<Vec<Vec<Drawn>>> = runs.par_iter().enumerate().map(of_run).collect::<Option<_>>()?;
+        let draws: Vec<Vec<Drawn>> = (0..q).map(|k| together(all.iter().map(|r| &r[k]))).collect();
+        if draws.iter().all(Vec::is_empty) {
+            return None;
         }
-    };
-    let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..q).map(|k| size(o, k)).collect()).collect();
-    let parts = parts(&sizes);
-    let mut added = vec![0.0; n * n];
-    for (draws, part) in draws.iter().zip(parts) {
-        let share = 1.0 / draws.len().max(1) as f64;
-        for Drawn { scores: [seen, carried], .. } in draws {
-            for (k, sum) in added.iter_mut().enumerate() {
-                let (i, j) = (k / n, k % n);
-                let whole = (seen[i] + carried[i]) * (seen[j] + carried[j]);
-                *sum += share * (part * whole - seen[i] * seen[j]);
+        let cells = |o: usize| -> f64 {
+            let compared = |r: &&crate::estimate::problem::ProblemRun<'_>| {
+                r.measured.iter().skip(o).step_by(q).filter(|z| !z.is_nan()).count() as f64
+            };
+            problem.runs.iter().map(|r| compared(&r)).sum()
+        };
+        let size = |o: usize, k: usize| {
+            let mean = draws[k].iter().map(|d| d.squares[o]).sum::<f64>() / draws[k].len() as f64 / cells(o);
+            match draws[k].is_empty() {
+                true => f64::from(u8::from(o == k)),
+                false => mean / noise.covariance[o * q + o],
+            }
+        };
+        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..q).map(|k| size(o, k)).collect()).collect();
+        let parts = parts(&sizes);
+        let mut middle = vec![0.0; n * n];
+        for (draws, part) in draws.iter().zip(&parts) {
+            let share = part / draws.len().max(1) as f64;
+            for Drawn { scores: [s, c], .. } in draws {
+                for (k, sum) in middle.iter_mut().enumerate() {
+                    let (i, j) = (k / n, k % n);
+                    *sum += share * (c[i] * c[j] + c[i] * s[j] + s[i] * c[j]);
+                }
             }
         }
+        middle.iter().all(|v| v.is_finite()).then_some(Self { parts, middle })
     }
-    added.iter().all(|v| v.is_finite()).then_some(added)
 }
 
 /// Draws of all runs as one: they are independent.

@@ -4,7 +4,7 @@
 //!
 //! s is the local mean of the residuals' power over all runs, C the correlation of the outputs.
 
-use super::carried;
+use super::carried::Carried;
 use super::coloured::Corrected;
 use super::conclusion::Conclusion;
 use super::noise_colour::Uncorrected;
@@ -19,8 +19,6 @@ use rayon::prelude::*;
 
 /// Part of the band over which the power of the residuals is averaged, to each side.
 const REACH: f64 = 0.08;
-/// Part of a variance that noise in the equations must leave.
-const LEAST_LEFT: f64 = 0.05;
 /// Fewest independent coefficients in such a mean.
 const FEWEST: f64 = 12.0;
 
@@ -49,19 +47,16 @@ pub(in crate::estimate) fn corrected_spectra(
     let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
     let mut power = Power::of(&runs, q);
-    power.settle(|o| 2.0 * noise.covariance[o * q + o]);
+    // where records stand in the equations part of their residuals is the noise of others
+    let carried = Carried::of(problem, &runs, &sandwich, values, noise);
+    let part = |o: usize| carried.as_ref().map_or(1.0, |c| c.parts[o]);
+    power.settle(|o| 2.0 * part(o) * noise.covariance[o * q + o]);
     let middles: Result<Vec<_>, _> = runs.par_iter().map(|run| run.middle(&power, &inverse_noise)).collect();
     let mut middle = sandwich.gather(&middles?, &sandwich.prior(priors));
-    let seen = sandwich.around(&middle);
-    if let Some(carried) = carried::added(problem, &runs, &sandwich, values, noise) {
-        middle.iter_mut().zip(carried).for_each(|(m, c)| *m += c);
+    if let Some(carried) = &carried {
+        middle.iter_mut().zip(&carried.middle).for_each(|(m, c)| *m += c);
     }
-    let mut covariance = sandwich.around(&middle);
-    let n = covariance.len().isqrt();
-    if (0..n).any(|j| covariance[j * n + j] < LEAST_LEFT * seen[j * n + j]) {
-        // what the draws say is taken off would leave nothing: they are too few to tell
-        covariance = seen;
-    }
+    let covariance = sandwich.around(&middle);
     if !covariance.iter().all(|v| v.is_finite()) {
         return Err(Uncorrected::NotFinite);
     }
