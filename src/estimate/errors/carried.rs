@@ -15,12 +15,11 @@ use rayon::prelude::*;
 const CORRECTIONS: usize = 300;
 
 /// What one draw of the noise of one output does, all runs together.
-#[derive(Clone)]
 struct Drawn {
     /// The score of each chosen unknown through what is seen, and through what is carried (n).
     scores: [Vec<f64>; 2],
-    /// Squares of the residuals of each output (q).
-    squares: Vec<f64>,
+    /// Mean squares of what is left of it in the residuals of each output (q).
+    left: Vec<f64>,
 }
 
 /// What noise in the equations does.
@@ -42,51 +41,31 @@ impl Carried {
     ) -> Option<Self> {
         let carried = problem.carried_noise.as_ref()?;
         let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
-        let inverse_noise = noise.inverse();
-        let of_run = |(r, rows): (usize, &SpectralRows)| {
+        let of_run = |r: usize| {
             let mut theta = sandwich.unknowns.theta[r].clone();
             sandwich.unknowns.assemble(r, values, &mut theta);
-            let places = sandwich.places(r);
-            let drawn = |shift: &NoiseShift| {
-                let score = |change: &[f64]| {
-                    let mut score = vec![0.0; n];
-                    for (place, s) in places.iter().zip(rows.score(change, &inverse_noise)) {
-                        place.iter().for_each(|place| score[*place] += s);
-                    }
-                    score
-                };
-                let mut squares = vec![0.0; q];
-                for (k, (s, c)) in shift.seen.iter().zip(&shift.carried).enumerate() {
-                    squares[k % q] += if s.is_nan() { 0.0 } else { (s + c).powi(2) };
-                }
-                Drawn { scores: [score(&shift.seen), score(&shift.carried)], squares }
-            };
-            let shifts = carried.shifts(r, &theta, &noise.covariance)?;
-            Some(shifts.iter().map(|of_output| of_output.iter().map(drawn).collect()).collect())
+            carried.shifts(r, &theta, &noise.covariance)
         };
-        let all: Vec<Vec<Vec<Drawn>>> = runs.par_iter().enumerate().map(of_run).collect::<Option<_>>()?;
-        let draws: Vec<Vec<Drawn>> = (0..q).map(|k| together(all.iter().map(|r| &r[k]))).collect();
-        if draws.iter().all(Vec::is_empty) {
+        let shifts: Vec<Vec<Vec<NoiseShift>>> = (0..runs.len()).into_par_iter().map(of_run).collect::<Option<_>>()?;
+        let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);
+        if !shifts.iter().flatten().flatten().any(heard) {
             return None;
         }
-        let cells = |o: usize| -> f64 {
-            let compared = |r: &&crate::estimate::problem::ProblemRun<'_>| {
-                r.measured.iter().skip(o).step_by(q).filter(|z| !z.is_nan()).count() as f64
-            };
-            problem.runs.iter().map(|r| compared(&r)).sum()
+        let inverse_noise = noise.inverse();
+        let draws = shifts.iter().flatten().map(Vec::len).min()?;
+        let drawn = |k: usize, draw: usize| {
+            let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
+            Drawn::new(&own, runs, sandwich, &inverse_noise, q)
         };
-        let size = |o: usize, k: usize| {
-            let mean = draws[k].iter().map(|d| d.squares[o]).sum::<f64>() / draws[k].len() as f64 / cells(o);
-            match draws[k].is_empty() {
-                true => f64::from(u8::from(o == k)),
-                false => mean / noise.covariance[o * q + o],
-            }
-        };
-        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..q).map(|k| size(o, k)).collect()).collect();
+        let all: Vec<Vec<Drawn>> =
+            (0..q).into_par_iter().map(|k| (0..draws).map(|draw| drawn(k, draw)).collect()).collect();
+        let size = |o: usize, k: usize| all[k].iter().map(|d| d.left[o]).sum::<f64>() / draws as f64;
+        let found = left(runs.iter().map(|run| run.residuals(q)), q);
+        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..q).map(|k| size(o, k) / found[o]).collect()).collect();
         let parts = parts(&sizes);
         let mut middle = vec![0.0; n * n];
-        for (draws, part) in draws.iter().zip(&parts) {
-            let share = part / draws.len().max(1) as f64;
+        for (draws, part) in all.iter().zip(&parts) {
+            let share = part / draws.len() as f64;
             for Drawn { scores: [s, c], .. } in draws {
                 for (k, sum) in middle.iter_mut().enumerate() {
                     let (i, j) = (k / n, k % n);
@@ -98,21 +77,53 @@ impl Carried {
     }
 }
 
-/// Draws of all runs as one: they are independent.
-fn together<'d>(runs: impl Iterator<Item = &'d Vec<Drawn>>) -> Vec<Drawn> {
-    let mut sum: Vec<Drawn> = Vec::new();
-    for run in runs.filter(|run| !run.is_empty()) {
-        if sum.is_empty() {
-            sum.clone_from(run);
-            continue;
-        }
-        for (sum, own) in sum.iter_mut().zip(run) {
-            let add = |to: &mut Vec<f64>, from: &Vec<f64>| to.iter_mut().zip(from).for_each(|(t, f)| *t += f);
-            sum.scores.iter_mut().zip(&own.scores).for_each(|(to, from)| add(to, from));
-            add(&mut sum.squares, &own.squares);
+impl Drawn {
+    fn new(
+        own: &[&NoiseShift],
+        runs: &[SpectralRows],
+        sandwich: &Sandwich<'_>,
+        inverse_noise: &[f64],
+        q: usize,
+    ) -> Self {
+        let n = sandwich.conclusion.inverse.chosen.len();
+        let score = |of: fn(&NoiseShift) -> &Vec<f64>| {
+            let mut score = vec![0.0; n];
+            for (r, (shift, run)) in own.iter().zip(runs).enumerate() {
+                for (place, s) in sandwich.places(r).iter().zip(run.score(of(shift), inverse_noise)) {
+                    place.iter().for_each(|place| score[*place] += s);
+                }
+            }
+            score
+        };
+        let scores = [score(|shift| &shift.seen), score(|shift| &shift.carried)];
+        // the fit takes of it what it can
+        let inverse = &sandwich.conclusion.inverse.values;
+        let whole: Vec<f64> = scores[0].iter().zip(&scores[1]).map(|(s, c)| s + c).collect();
+        let moved: Vec<f64> =
+            inverse.chunks(n.max(1)).map(|row| row.iter().zip(&whole).map(|(d, s)| d * s).sum()).collect();
+        let rest = |(r, (shift, run)): (usize, (&&NoiseShift, &SpectralRows))| -> Vec<f64> {
+            let places = sandwich.places(r);
+            let step: Vec<f64> = places.iter().map(|place| place.map_or(0.0, |k| moved[k])).collect();
+            let explained = run.explained(&step, q);
+            let changes = shift.seen.iter().zip(&shift.carried);
+            changes.zip(explained).map(|((s, c), e)| s + c - e).collect()
+        };
+        let left = left(own.iter().zip(runs).enumerate().map(rest), q);
+        Self { scores, left }
+    }
+}
+
+/// Mean squares by output of signals of all runs (2 M by q each), where they are numbers.
+fn left(signals: impl Iterator<Item = Vec<f64>>, q: usize) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); q];
+    for signal in signals {
+        for (k, value) in signal.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+            let (sum, count) = &mut sums[k % q];
+            *sum += value * value;
+            *count += 1.0;
         }
     }
-    sum
+    sums.iter().map(|(sum, count)| if *count > 0.0 { sum / count } else { 1.0 }).collect()
 }
 
 /// Parts f, none below 0, with `sum of sizes(o,k) f(k)` as near to 1 as they come.

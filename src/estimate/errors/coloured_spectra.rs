@@ -179,6 +179,29 @@ impl SpectralRows {
         score
     }
 
+    /// `S d` for a step d of the columns (2 M by q).
+    pub(super) fn explained(&self, step: &[f64], q: usize) -> Vec<f64> {
+        let count = self.omega.len();
+        let mut explained = vec![0.0; 2 * count * q];
+        for (o, (c, step)) in (0..q).flat_map(|o| step.iter().enumerate().map(move |column| (o, column))) {
+            for (k, s) in self.plane(o, c).iter().enumerate().filter(|_| *step != 0.0) {
+                explained[2 * k * q + o] += s.re * step;
+                explained[(2 * k + 1) * q + o] += s.im * step;
+            }
+        }
+        explained
+    }
+
+    /// The residuals (2 M by q); NaN where nothing is compared.
+    pub(super) fn residuals(&self, q: usize) -> Vec<f64> {
+        let count = self.omega.len();
+        let value = |row: usize, o: usize| {
+            let v = self.residuals[o * count + row / 2];
+            if row.is_multiple_of(2) { v.re } else { v.im }
+        };
+        (0..2 * count * q).map(|k| value(k / q, k % q)).collect()
+    }
+
     /// Adds, for each frequency, the share of an output's noise there in every variance.
     fn add_shares(
         &self,

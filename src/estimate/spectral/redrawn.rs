@@ -49,7 +49,7 @@ impl Redrawn<'_> {
         Ok(done.is_ok().then_some((samples(spectrum), y)))
     }
 
-    /// Draws of the noise of one output; none where it moves nothing but what is compared.
+    /// Draws of the noise of one output.
     fn drawn(
         &self,
         run: usize,
@@ -75,9 +75,6 @@ impl Redrawn<'_> {
             let Some((z, y)) = self.answer(&drawn, theta)? else { continue };
             let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
             let shift = NoiseShift { seen: difference(&z, measured), carried: difference(answered, &y) };
-            if shift.carried.iter().all(|v| *v == 0.0) {
-                return Ok(Vec::new());
-            }
             shifts.push(shift);
         }
         Ok(shifts)
