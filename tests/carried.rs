@@ -1,8 +1,13 @@
 //! Nonlinear terms as known inputs: a carried model has the response of the original where records are exact.
 
+use fdm::estimate::{Nonlinear, SpectralOptions, fit_spectra};
 use fdm::record::Run;
 use fdm::simulate::Simulator;
+use fdm::spectrum::Frequencies;
 use fdm::{Model, model};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// The model in both doors: by the macro and from text.
 fn ships() -> [Model; 2] {
@@ -74,4 +79,53 @@ fn an_affine_model_is_itself() {
         Model::from_text("m", "model m { state x; param a = 1; der(x) = -a*x; output y = x; }").expect("a model");
     let (same, terms) = linear.carried().expect("nothing to carry");
     assert!(terms.is_empty() && same.definition().inputs.is_empty());
+}
+
+/// Sideslip that hears the yaw rate through a nonlinear term of known size, and both parameters' errors over repeats: mean squares of
+/// deviations in Cramer-Rao and in corrected errors.
+fn deviations_in_errors(noise: [f64; 2], repeats: u64) -> [f64; 2] {
+    let model = model! {
+        model yaw {
+            input d;
+            state v, r;
+            const u0 = 20;
+            param a = -0.4, b = 6, c = 0.05, e = -1.2, f = 0.8;
+            der(v) = a*v + b*d - u0*sin(r);
+            der(r) = c*v + e*r + f*d;
+            output v_m = v, r_m = r;
+        }
+    };
+    let time: Vec<f64> = (0..600).map(|k| 0.05 * f64::from(k)).collect();
+    let inputs = time.iter().map(|t| 0.1 * ((1.3 * t).sin() + (0.03 * t * t).cos() - 1.0)).collect();
+    let measured = vec![f64::NAN; 2 * time.len()];
+    let (held, input_gaps, output_gaps) = (vec![false], vec![0], vec![0; 2]);
+    let mut run = Run { name: "turn".into(), time, inputs, held, measured, input_gaps, output_gaps };
+    let exact = response(&model, &run);
+    let frequencies = Frequencies::Grid { lowest: None, highest: Some(0.6) };
+    let options = SpectralOptions { frequencies, nonlinear: Nonlinear::Carried, ..SpectralOptions::default() };
+    let (mut squares, mut count) = ([0.0; 2], 0.0);
+    for seed in 0..repeats {
+        let (mut chance, law) = (ChaCha8Rng::seed_from_u64(seed), Normal::standard());
+        let noisy = |(k, y): (usize, &f64)| y + noise[k % 2] * law.inverse_cdf(chance.random_range(1e-12..1.0));
+        run.measured = exact.iter().enumerate().map(noisy).collect();
+        let fit = fit_spectra(&model, std::slice::from_ref(&run), &options, &mut ()).expect("an estimate");
+        for p in fit.estimate.parameters.iter().filter(|p| ["a", "b", "c", "e", "f"].contains(&p.name.as_str())) {
+            let truth = model.definition().params.iter().find(|q| q.quantity.name == p.name).expect("declared").value;
+            let off = |error: Option<f64>| ((p.value - truth) / error.expect("determined")).powi(2);
+            squares[0] += off(p.standard_error);
+            squares[1] += off(p.corrected_error);
+            count += 1.0;
+        }
+    }
+    squares.map(|sum| sum / count)
+}
+
+#[test]
+fn errors_know_the_noise_that_is_carried_in() {
+    // as much in both records, and nearly all of it in the one that does not stand in the equations
+    for noise in [[0.01, 0.01], [0.2, 0.001]] {
+        let [plain, corrected] = deviations_in_errors(noise, 60);
+        assert!(plain > 1.4, "nothing to correct: {plain}");
+        assert!((0.7..1.35).contains(&corrected), "{plain} {corrected}");
+    }
 }
