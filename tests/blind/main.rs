@@ -113,6 +113,25 @@ fn a_quick_set_is_answered() {
     }
 }
 
+/// 1/f noise, and effects that screening hardly promises: a delay below zero and below a sample, a play that the heat of reaction makes up for,
+/// a drift in lines where noise is known from nothing else.
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation")]
+fn effects_that_promise_little_are_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (family, level, number, hidden) in [
+        ("aeroplane", 0.02, 1, "input_delay(de)"),
+        ("kinetics", 0.08, 2, "backlash(temp)"),
+        ("kinetics", 0.02, 2, "output_bias_drift(b_m)"),
+    ] {
+        let family = Family::named(family);
+        let case = Case::new(Spec { family, hides: Hides::Effect, colour: Colour::Pink, level, number });
+        let outcome = study::run(&case, folder.path(), Duration::from_secs(600));
+        assert_eq!(outcome.truth, [hidden]);
+        assert!(outcome.failure.is_none() && outcome.top, "{outcome:?}");
+    }
+}
+
 #[test]
 fn families_compile_and_have_something_to_hide() {
     for family in FAMILIES {

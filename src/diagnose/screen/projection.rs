@@ -128,8 +128,8 @@ fn strongest(directions: &DMatrix<f64>) -> DMatrix<f64> {
 /// The combinations of most energy, orthonormal (iteration of a subspace: they need not be the very strongest).
 fn combinations(unit: &DMatrix<f64>) -> DMatrix<f64> {
     let size = unit.nrows();
-    if size == 0 {
-        return DMatrix::zeros(0, 0);
+    if size == 0 || unit.ncols() == 0 {
+        return DMatrix::zeros(size, 0);
     }
     let mut normal = Normal::new(0);
     let mut subspace = DMatrix::from_fn(size, size.min(MOST + MOST / 2), |_, _| normal.next());

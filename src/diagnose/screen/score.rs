@@ -9,7 +9,7 @@ pub enum Shape {
     Linear,
     /// The whole difference that this size makes: believed from half to twice as much.
     Finite,
-    /// The same for the smallest size that was tried, below which the effect fades to nothing.
+    /// The same for the smallest size that was tried on its side of the null, below which the effect fades to nothing.
     Smallest,
     /// Linear together with the candidate's other directions of the same group: two or more parameters at once.
     Joint {

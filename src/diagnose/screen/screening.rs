@@ -177,22 +177,25 @@ fn screened(
     directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Screening, ScreeningError> {
-    let shared = gathered(records, frequencies, channels, directions, options)?;
+    if directions.is_empty() {
+        return Err(ScreeningError::Nothing);
+    }
+    let shared = gathered(records, frequencies, channels, options)?;
     let judge = Judge::new(shared, directions);
     Ok(judge.verdict(options.draws))
 }
 
-/// The spectrum of each output's noise alone: what directions and fit together leave of the residuals.
+/// The spectrum of each output's noise alone: what the fit and the directions of the records, if they have any, together leave of the
+/// residuals.
 ///
 /// # Errors
 /// [`ScreeningError`]
 pub fn spectra(
     records: &[Record],
     channels: usize,
-    directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Vec<LogSpectrum>, ScreeningError> {
-    Ok(Saturated::new(gathered(records, None, channels, directions, options)?).noise.spectra)
+    Ok(Saturated::new(gathered(records, None, channels, options)?).noise.spectra)
 }
 
 /// The same for signals that are lines already.
@@ -203,20 +206,18 @@ pub fn spectra_of_lines(
     records: &[Record],
     frequencies: &[Vec<f64>],
     channels: usize,
-    directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Vec<LogSpectrum>, ScreeningError> {
-    Ok(Saturated::new(gathered(records, Some(frequencies), channels, directions, options)?).noise.spectra)
+    Ok(Saturated::new(gathered(records, Some(frequencies), channels, options)?).noise.spectra)
 }
 
 fn gathered(
     records: &[Record],
     frequencies: Option<&[Vec<f64>]>,
     channels: usize,
-    directions: &[Direction],
     options: &ScreeningOptions,
 ) -> Result<Shared, ScreeningError> {
-    if records.is_empty() || channels == 0 || directions.is_empty() {
+    if records.is_empty() || channels == 0 {
         return Err(ScreeningError::Nothing);
     }
     let least = if frequencies.is_some() { LEAST } else { LEAST.max(2 * options.dropped) };

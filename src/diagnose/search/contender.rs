@@ -25,6 +25,9 @@ const SPARE: usize = 5;
 /// Corrections of a first look, and what one of them must promise.
 const LOOK: usize = 3;
 const ROUGH: f64 = 0.5;
+/// The same where a candidate is only glanced at, and the points that it is glanced at.
+const GLANCE: usize = 2;
+const GLANCED_AT: usize = 2;
 /// Corrections of a fit, and what one of them must promise.
 const WHOLE: usize = 25;
 const FINE: f64 = 0.01;
@@ -52,6 +55,17 @@ pub(super) struct Contender {
     others: Vec<Vec<Vec<f64>>>,
 }
 
+/// How much is done for a first fit.
+#[derive(Clone, Copy)]
+struct Effort {
+    /// Points that are looked at.
+    looked_at: usize,
+    /// Those of them that are corrected.
+    followed: usize,
+    /// How often.
+    corrections: usize,
+}
+
 /// A start and its cost.
 struct Look {
     cost: f64,
@@ -61,9 +75,9 @@ struct Look {
 }
 
 /// A point from which a fit may begin.
-struct Promise {
+pub(super) struct Promise {
     /// The gain that it promises.
-    gain: f64,
+    pub(super) gain: f64,
     /// The multiple of the direction that does.
     amount: f64,
     /// Which point.
@@ -138,11 +152,26 @@ impl Contender {
 impl Round<'_> {
     /// A candidate after a few corrections from the points that do best.
     pub(super) fn contender(&self, t: usize, beside: &Beside, metric: &Metric, base: &Fitting) -> Option<Contender> {
+        self.followed(t, (beside, metric, base), Effort { looked_at: LOOKED_AT, followed: FOLLOWED, corrections: LOOK })
+    }
+
+    /// What a candidate gains by a correction or two from the point that does best.
+    pub(super) fn glance(&self, t: usize, beside: &Beside, metric: &Metric, base: &Fitting) -> Option<f64> {
+        let effort = Effort { looked_at: GLANCED_AT, followed: 1, corrections: GLANCE };
+        self.followed(t, (beside, metric, base), effort).map(|contender| contender.gain)
+    }
+
+    fn followed(
+        &self,
+        t: usize,
+        (beside, metric, base): (&Beside, &Metric, &Fitting),
+        effort: Effort,
+    ) -> Option<Contender> {
         let trace = &self.traces[t];
         let attached = &trace.attached;
         let mut promises = self.promises(t, beside);
         let predicted = promises.first()?.gain;
-        promises.truncate(LOOKED_AT);
+        promises.truncate(effort.looked_at);
         let mut definition = attached.definition.clone();
         definition.params = attached.fitted_params(&self.stage);
         let model = self.stage.model.altered(definition);
@@ -181,11 +210,11 @@ impl Round<'_> {
                 continue;
             }
             begun.push(point);
-            if begun.len() > FOLLOWED {
+            if begun.len() > effort.followed {
                 others.push(starts);
                 continue;
             }
-            if let Some(fitting) = bench.fit(&starts, LOOK, ROUGH)
+            if let Some(fitting) = bench.fit(&starts, effort.corrections, ROUGH)
                 && best.as_ref().is_none_or(|(b, _)| fitting.cost < b.cost)
             {
                 best = Some((fitting, point.0));
@@ -222,7 +251,7 @@ impl Round<'_> {
     }
 
     /// What a candidate's points promise, the best first.
-    fn promises(&self, t: usize, beside: &Beside) -> Vec<Promise> {
+    pub(super) fn promises(&self, t: usize, beside: &Beside) -> Vec<Promise> {
         let own = (0..self.owner.len()).filter(|d| self.owner[*d].0 == t);
         let of = |d: usize| {
             let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();

@@ -8,6 +8,7 @@ use super::refit::{Fitting, Posed};
 use super::round::{Round, shared_from};
 use super::search_error::SearchError;
 use super::stage::records;
+use crate::diagnose::screen::{LogSpectrum, Record};
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
@@ -15,8 +16,6 @@ use std::ops::RangeInclusive;
 const FEWEST: usize = 8;
 /// And at most.
 const MOST: usize = 24;
-/// Part of the best promised gain from which a candidate is refitted in any case.
-const REACH: f64 = 0.6;
 /// Corrections of the base model's fit.
 const WHOLE: usize = 25;
 /// Contenders that stay this far behind the best, and below this part of its gain, are not followed to the end.
@@ -57,11 +56,11 @@ impl Round<'_> {
         count: RangeInclusive<usize>,
         watcher: &Watcher<'_>,
     ) -> Result<Contest, SearchError> {
-        let metric = Metric::new(&self.screening.spectra, self.options.dropped);
+        let metric = Metric::new(&self.screening.spectra, self.options.dropped).within(self.left());
         let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
-        let chosen = self.chosen(count);
-        watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
         let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
+        let chosen = self.chosen(count, (&beside, &metric, &base));
+        watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
         let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
         drop(beside);
@@ -101,16 +100,6 @@ impl Round<'_> {
         Ok(Contest { metric, contenders, far })
     }
 
-    /// Candidates that are worth a fit: the best by lead, and all whose promise is within reach of the best.
-    fn chosen(&self, count: RangeInclusive<usize>) -> Vec<usize> {
-        let candidates = &self.screening.candidates;
-        let usable = |t: &&usize| candidates[**t].direction.is_some() && candidates[**t].statistic > 0.0;
-        let ranked: Vec<usize> = self.screening.ranking.iter().filter(usable).copied().collect();
-        let best = ranked.iter().map(|t| candidates[*t].statistic).fold(0.0, f64::max);
-        let near = |(k, t): (usize, usize)| (k < *count.start() || candidates[t].statistic > REACH * best).then_some(t);
-        ranked.into_iter().enumerate().filter_map(near).take(*count.end()).collect()
-    }
-
     /// The base model by a noise.
     fn base(&self, metric: &Metric, starts: &[Vec<f64>]) -> Result<Fitting, SearchError> {
         let stage = &self.stage;
@@ -129,17 +118,26 @@ impl Round<'_> {
         Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }.held().fit(&starts, WHOLE)
     }
 
-    /// The noise that is left by a contender, all directions taken out.
+    /// What the base model leaves: noise, and whatever is missing; none where no spectrum can be had.
+    fn left(&mut self) -> Vec<LogSpectrum> {
+        let directions: Vec<_> = self.records.iter_mut().map(|r| std::mem::take(&mut r.directions)).collect();
+        let found = self.stage.noise(&self.records, &self.options);
+        self.records.iter_mut().zip(directions).for_each(|(record, own)| record.directions = own);
+        found.unwrap_or_default()
+    }
+
+    /// The noise that is left by a contender, all directions taken out; where these leave too little to tell, what it leaves itself.
     fn renewed(&mut self, best: &Contender) -> Option<Metric> {
         let mut records = records(&best.model, self.runs.train(), &best.ways, &best.fitting.theta).ok()?;
+        let left = self.stage.noise(&records, &self.options).unwrap_or_default();
         // directions are large: they are lent
-        let lend = |a: &mut [crate::diagnose::screen::Record], b: &mut [crate::diagnose::screen::Record]| {
+        let lend = |a: &mut [Record], b: &mut [Record]| {
             a.iter_mut().zip(b).for_each(|(a, b)| std::mem::swap(&mut a.directions, &mut b.directions));
         };
         lend(&mut records, &mut self.records);
-        let found = self.stage.noise(&records, &self.directions, &self.options);
+        let found = self.stage.noise(&records, &self.options);
         lend(&mut records, &mut self.records);
-        Some(Metric::new(&found.ok()?, self.options.dropped))
+        Some(Metric::new(&found.ok()?, self.options.dropped).within(left))
     }
 }
 

@@ -8,6 +8,8 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub(super) struct Metric {
     spectra: Vec<LogSpectrum>,
+    /// What a model leaves, of which noise is a part: there is no more of it than that, by output; none where nothing is known.
+    bounds: Vec<LogSpectrum>,
     /// Lines at the low end of which the screening knows nothing.
     dropped: usize,
     /// How much more than that the runs hold that these numbers are for, by output; none where they hold no more.
@@ -18,7 +20,12 @@ pub(super) struct Metric {
 
 impl Metric {
     pub(super) fn new(spectra: &[LogSpectrum], dropped: usize) -> Self {
-        Self { spectra: spectra.to_vec(), dropped, surplus: Vec::new(), held: None }
+        Self { spectra: spectra.to_vec(), bounds: Vec::new(), dropped, surplus: Vec::new(), held: None }
+    }
+
+    /// The same noise, but nowhere more than this.
+    pub(super) fn within(&self, bounds: Vec<LogSpectrum>) -> Self {
+        Self { bounds, ..self.clone() }
     }
 
     /// The noise by which held-out runs are judged.
@@ -41,7 +48,9 @@ impl Metric {
 
     /// Variance of a line, where lines tell of it.
     fn variance(&self, output: usize, log_frequency: f64) -> f64 {
-        self.spectra[output].believed(log_frequency) * self.factor(output, log_frequency)
+        let believed = self.spectra[output].believed(log_frequency);
+        let bound = self.bounds.get(output).map_or(f64::INFINITY, |b| b.believed(log_frequency));
+        believed.min(bound) * self.factor(output, log_frequency)
     }
 
     fn factor(&self, output: usize, log_frequency: f64) -> f64 {
@@ -69,7 +78,8 @@ impl Metric {
     pub(super) fn floor(&self, output: usize, n: usize, interval: f64) -> f64 {
         let square = |k: usize| {
             let frequency = k.max(self.dropped).max(1) as f64 / (2.0 * n as f64 * interval);
-            self.spectra[output].at(frequency.ln()) * self.factor(output, frequency.ln())
+            let bound = self.bounds.get(output).map_or(f64::INFINITY, |b| b.at(frequency.ln()));
+            self.spectra[output].at(frequency.ln()).min(bound) * self.factor(output, frequency.ln())
         };
         ((0..n).map(square).sum::<f64>() / n.max(1) as f64).sqrt()
     }

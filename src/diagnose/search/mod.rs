@@ -11,6 +11,7 @@
 mod attached;
 mod beginning;
 mod beside;
+mod chosen;
 mod confirmed;
 mod contender;
 mod contest;

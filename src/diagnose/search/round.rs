@@ -45,7 +45,6 @@ pub(super) struct Round<'a> {
     pub(super) owner: Vec<(usize, usize)>,
     pub(super) screening: Screening,
     pub(super) records: Vec<Record>,
-    pub(super) directions: Vec<Direction>,
     pub(super) options: ScreeningOptions,
     /// What the columns of the records are derivatives by: what all runs share, what belongs to each run (behind the parameters stands
     /// what belongs to a run and is none).
@@ -94,7 +93,7 @@ impl<'a> Round<'a> {
         }
         let screening = stage.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
-        Ok(Self { stage, runs, traces, left_out, owner, screening, records, directions, options, free })
+        Ok(Self { stage, runs, traces, left_out, owner, screening, records, options, free })
     }
 }
 

@@ -59,16 +59,15 @@ impl Stage {
         way.map_or((shared.clone(), own.clone()), |way| way.columns((shared, own), self.params().len()))
     }
 
-    /// Spectra of the noise beside directions, against records of its runs.
+    /// Spectra of the noise beside what records of its runs hold: what is fitted, and their directions.
     pub(super) fn noise(
         &self,
         records: &[Record],
-        directions: &[Direction],
         options: &ScreeningOptions,
     ) -> Result<Vec<LogSpectrum>, ScreeningError> {
         match self.frequencies(records.len()) {
-            Some(frequencies) => spectra_of_lines(records, &frequencies, self.outputs(), directions, options),
-            None => spectra(records, self.outputs(), directions, options),
+            Some(frequencies) => spectra_of_lines(records, &frequencies, self.outputs(), options),
+            None => spectra(records, self.outputs(), options),
         }
     }
 

@@ -22,7 +22,7 @@ const MOTOR: &str =
 const SOME: &str = "
 effect quadratic_damping(x: state) unless known(der(x)) \"drag\" { param drag = 0; add der(x) += -drag*x*abs(x); }
 effect cubic_stiffness(x: state, z: state) unless known(der(x)) \"cube\" { param k = 0; add der(x) += -k*z^3; }
-effect input_delay(i: input) \"delay\" { param tau = 0 in [0, duration/4] try step/2, 2*step, 5*step, 12*step; replace i with delay(i, tau); }
+effect input_delay(i: input) \"delay\" { param tau = 0 in [-duration/20, duration/4] try -2*step, -step/2, step/2, 2*step, 5*step, 12*step; replace i with delay(i, tau); }
 effect output_scale(y: output) \"scale\" { param k = 0; replace y with(1 + k)*y; }
 effect constant_force(x: state) unless known(der(x)) \"force\" { param force = 0; add der(x) += force; }
 ";
@@ -105,6 +105,21 @@ fn a_hidden_delay_is_found_and_threads_change_nothing() {
     assert!((found.causes[0].parameters[0].value - 0.17).abs() < 0.02, "{:?}", found.causes);
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     assert_eq!(one.install(|| diagnosed(&text, &runs, &[])), found);
+}
+
+/// What the input moves is then ahead of the record by less than any value that is tried.
+#[test]
+fn an_input_that_is_recorded_a_fraction_of_a_sample_late_is_found() {
+    let waves = |t: f64| 0.8 * (0.7 * t).sin() + 0.6 * (2.9 * t + 1.0).sin();
+    let text = MOTOR.replace("INPUT", "u");
+    let late = |name: &str, shift: f64| {
+        let mut run = run(&text, name, |t| waves(t + shift), &[], 0.001);
+        run.inputs = run.time.iter().map(|t| waves(t + shift - 0.01)).collect();
+        run
+    };
+    let found = diagnosed(&text, &[late("a", 0.0), late("b", 3.0)], &[late("c", 8.0)]);
+    assert_eq!(found.causes.first().map(|c| c.place.to_string()).as_deref(), Some("input_delay(u)"), "{found:#?}");
+    assert!((found.causes[0].parameters[0].value + 0.01).abs() < 0.003, "{:?}", found.causes);
 }
 
 /// The second effect is small beside the first, and each would be taken for something else alone.

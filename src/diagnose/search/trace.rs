@@ -159,8 +159,13 @@ fn sizes(attached: &Attached, values: &[f64], group: usize) -> Vec<Point> {
         values[lead] = v;
         values
     };
-    let shape = |k: usize| if k == 0 { Shape::Smallest } else { Shape::Finite };
-    tried.iter().enumerate().map(|(k, v)| Point { values: others(*v), lead, shape: shape(k) }).collect()
+    // on either side of the null
+    let mut smaller = [false; 2];
+    let mut shape = |v: f64| match std::mem::replace(&mut smaller[usize::from(v > null)], true) {
+        false => Shape::Smallest,
+        true => Shape::Finite,
+    };
+    tried.iter().map(|v| Point { values: others(*v), lead, shape: shape(*v) }).collect()
 }
 
 /// Simulates the points of one candidate.
