@@ -67,7 +67,7 @@ fn share(lines: &[&Outcome], holds: impl Fn(&Outcome) -> bool) -> String {
 fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
     println!("\n{title}");
     println!(
-        "{:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {:>5} {:>6} {:>5} {:>5} | {:>4} {:>5} {:>5}",
+        "{:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {:>5} {:>6} {:>5} {:>5} | {:>4} {:>5} {:>5} {:>5}",
         "gain over 15:",
         "n",
         "found",
@@ -80,20 +80,22 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
         "h-5%",
         "n",
         "found",
-        "group"
+        "group",
+        "of it"
     );
-    println!("{:>26} | {:>57} | {:>16}", "", "", "gain 5 to 15");
+    println!("{:>26} | {:>57} | {:>22}", "", "", "gain 5 to 15");
     let mut groups = grouped(lines, key);
     groups.insert("~ all".into(), lines.to_vec());
     for (name, lines) in groups {
         let strong: Vec<&Outcome> = lines.iter().copied().filter(|o| o.gain >= 15.0).collect();
         let weak: Vec<&Outcome> = lines.iter().copied().filter(|o| (5.0..15.0).contains(&o.gain)).collect();
+        let found: Vec<&Outcome> = weak.iter().copied().filter(|o| o.detected()).collect();
         let sizes: Vec<f64> = strong.iter().filter(|o| o.group > 0).map(|o| o.group as f64).collect();
         let size = if sizes.is_empty() { f64::NAN } else { sizes.iter().sum::<f64>() / sizes.len() as f64 };
         let mut held: Vec<f64> = strong.iter().filter_map(|o| o.holdout_ratio).collect();
         let (median, low) = (quantile(&mut held, 0.5), quantile(&mut held, 0.05));
         println!(
-            "{name:>26} | {:>4} {:>5} {:>5} {:>5} {size:>5.2} {:>5} {:>6} {median:>5.2} {low:>5.2} | {:>4} {:>5} {:>5}",
+            "{name:>26} | {:>4} {:>5} {:>5} {:>5} {size:>5.2} {:>5} {:>6} {median:>5.2} {low:>5.2} | {:>4} {:>5} {:>5} {:>5}",
             strong.len(),
             share(&strong, Outcome::detected),
             share(&strong, |o| o.top),
@@ -103,6 +105,7 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
             weak.len(),
             share(&weak, Outcome::detected),
             share(&weak, |o| o.grouped),
+            share(&found, |o| o.grouped),
         );
     }
 }
