@@ -87,7 +87,7 @@ pub(super) fn run(
 pub(super) fn problem(params: Vec<Param>, runs: Vec<ProblemRun<'static>>) -> Problem<'static> {
     let q = runs.first().map_or(1, |r| r.response.outputs());
     let outputs = (0..q).map(|o| format!("y{o}")).collect();
-    Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none() }
+    Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none(), carried_noise: None }
 }
 
 /// `count` abscissae from 0 to `end`.

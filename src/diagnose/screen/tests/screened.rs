@@ -240,7 +240,7 @@ fn a_drift_is_no_effect_in_noise_that_drifts() {
 #[test]
 fn noise_alone_has_the_same_spectrum_without_judging() {
     let (runs, directions) = records(2, 200, 2, Colour::Pink, 22);
-    let alone = spectra(&runs, 2, &directions, &ScreeningOptions::default()).unwrap();
+    let alone = spectra(&runs, 2, &ScreeningOptions::default()).unwrap();
     assert_eq!(alone, screened(&runs, 2, &directions).spectra);
 }
 
