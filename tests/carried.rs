@@ -124,7 +124,7 @@ fn deviations_in_errors(noise: [f64; 2], repeats: u64) -> [f64; 2] {
 fn errors_know_the_noise_that_is_carried_in() {
     // as much in both records, and nearly all of it in the one that does not stand in the equations
     for noise in [[0.01, 0.01], [0.2, 0.001]] {
-        let [plain, corrected] = deviations_in_errors(noise, 60);
+        let [plain, corrected] = deviations_in_errors(noise, 30);
         assert!(plain > 1.4, "nothing to correct: {plain}");
         assert!((0.7..1.35).contains(&corrected), "{plain} {corrected}");
     }

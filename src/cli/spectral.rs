@@ -52,6 +52,10 @@ pub(crate) struct Lines {
 pub(crate) struct Spectral {
     #[command(flatten)]
     pub(crate) lines: Lines,
+    /// Standard deviation of the noise of an input that was measured (roll rate or sideslip beside a model of the pitching motion), which errors shall
+    /// know; may be given several times
+    #[arg(long = "input-noise", value_name = "INPUT=SD", value_parser = deviation)]
+    pub(crate) input_noise: Vec<(String, f64)>,
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times
     #[arg(long, value_name = "RUN")]
     pub(crate) holdout: Vec<PathBuf>,
@@ -64,6 +68,13 @@ pub(crate) struct Spectral {
     /// With --method fr: coherence below which a frequency does not count [default: 0.6]
     #[arg(long, value_name = "C", allow_negative_numbers = true)]
     pub(crate) coherence: Option<f64>,
+}
+
+/// `INPUT=SD`
+fn deviation(text: &str) -> Result<(String, f64), String> {
+    let (input, deviation) = text.split_once('=').ok_or("expected INPUT=SD, such as p=0.002")?;
+    let number = deviation.trim().parse().map_err(|_| format!("`{deviation}` is not a number"))?;
+    Ok((input.trim().to_string(), number))
 }
 
 /// `OUTPUT/INPUT`
@@ -138,6 +149,7 @@ impl Lines {
                 NonlinearChoice::Carry => Nonlinear::Carried,
                 NonlinearChoice::Linearise => Nonlinear::Linearised,
             },
+            input_noise: Vec::new(),
             regressed: !self.own_values,
             finish: true,
         }
@@ -157,7 +169,8 @@ impl Spectral {
 
     /// Those of spectra.
     pub(crate) fn of_spectra(&self) -> Vec<&'static str> {
-        self.lines.of_spectra()
+        let noise = (!self.input_noise.is_empty()).then_some("--input-noise");
+        self.lines.of_spectra().into_iter().chain(noise).collect()
     }
 
     /// Those of frequency responses.
@@ -247,7 +260,8 @@ pub(crate) fn refuse_what_is_of_time(arguments: &Fit) -> Result<(), Failure> {
 
 fn options(arguments: &Fit, model: &Model) -> Result<SpectralOptions, Failure> {
     let changes = arguments.subject.changes(&arguments.estimated);
-    Ok(arguments.spectral.lines.options(changes, arguments.choice.options(noise(&arguments.noise, model)?)))
+    let options = arguments.spectral.lines.options(changes, arguments.choice.options(noise(&arguments.noise, model)?));
+    Ok(SpectralOptions { input_noise: arguments.spectral.input_noise.clone(), ..options })
 }
 
 fn text(fit: &SpectralFit, arguments: &Fit) -> String {

@@ -148,8 +148,8 @@ pub struct Problem<'a> {
 
 /// Noise of records that are compared and stand in the equations as well.
 pub trait CarriedNoise: Send + Sync {
-    /// What other noise of each output would do to one run at `theta` (p), output by output and draw by draw; `covariance` (q by q) says how large it is.
-    /// No draws for outputs that are compared only. None where it cannot be told.
+    /// What other noise would do to one run at `theta` (p), record by record and draw by draw: of each output, `covariance` (q by q) says how large it
+    /// is; then of inputs whose noise is known. None where it cannot be told.
     fn shifts(&self, run: usize, theta: &[f64], covariance: &[f64]) -> Option<Vec<Vec<NoiseShift>>>;
 }
 

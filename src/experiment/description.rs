@@ -146,6 +146,8 @@ pub struct Stage {
     pub ends: Option<String>,
     /// Nonlinear terms: `carry` or `linearise`.
     pub nonlinear: Option<String>,
+    /// Standard deviations of the noise of recorded inputs, for `fd`.
+    pub input_noise: BTreeMap<String, f64>,
     /// `fd` begins with the start values, not with those of equation error.
     pub own_values: bool,
     /// Principal components of `regress`: `auto`, `level` or a number.

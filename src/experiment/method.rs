@@ -60,6 +60,7 @@ impl Stage {
             frequencies: self.frequencies(),
             ends: self.word(self.ends.as_deref(), "`free`, `known`, `none`", &ends)?.unwrap_or(EndTerms::Unknown),
             nonlinear: self.word(self.nonlinear.as_deref(), "`carry`, `linearise`", &nonlinear)?.unwrap_or_default(),
+            input_noise: self.input_noise.iter().map(|(name, deviation)| (name.clone(), *deviation)).collect(),
             regressed: !self.own_values,
             finish: self.expected.keys().any(of_time),
         })

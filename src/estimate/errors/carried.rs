@@ -2,7 +2,7 @@
 //!
 //! Residuals are then more than the noise of the outputs: noise of one record comes through the model into others. How much of each there is follows from how
 //! large all residuals are: `R(o,o) = sum of f(k) T(o,k)`, T what noise of output k, as large as its residuals, does to the residuals of o, and f at least 0
-//! (found by the multiplicative corrections of Richardson and Lucy). The score has then the covariance `sum of f(k) <(s + c)(s + c)'>`, s what is seen and
+//! (found by the multiplicative corrections of Richardson and Lucy). Inputs whose noise is known stand behind the outputs, with f = 1. The score has then the covariance `sum of f(k) <(s + c)(s + c)'>`, s what is seen and
 //! c what is carried: of noise that is a part f of the residuals, and `sum of f(k) <c c' + c s' + s c'>` besides.
 
 use super::coloured_spectra::SpectralRows;
@@ -24,7 +24,7 @@ struct Drawn {
 
 /// What noise in the equations does.
 pub(super) struct Carried {
-    /// For each output the part of its residuals' variance that is its own noise (q).
+    /// For each output the part of its residuals' variance that is its own noise (q); then 1 for each input.
     pub(super) parts: Vec<f64>,
     /// What is added to the middle (n by n).
     pub(super) middle: Vec<f64>,
@@ -58,10 +58,10 @@ impl Carried {
             Drawn::new(&own, runs, sandwich, &inverse_noise, q)
         };
         let all: Vec<Vec<Drawn>> =
-            (0..q).into_par_iter().map(|k| (0..draws).map(|draw| drawn(k, draw)).collect()).collect();
+            (0..shifts[0].len()).into_par_iter().map(|k| (0..draws).map(|draw| drawn(k, draw)).collect()).collect();
         let size = |o: usize, k: usize| all[k].iter().map(|d| d.left[o]).sum::<f64>() / draws as f64;
         let found = left(runs.iter().map(|run| run.residuals(q)), q);
-        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..q).map(|k| size(o, k) / found[o]).collect()).collect();
+        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..all.len()).map(|k| size(o, k) / found[o]).collect()).collect();
         let parts = parts(&sizes);
         let mut middle = vec![0.0; n * n];
         for (draws, part) in all.iter().zip(&parts) {
@@ -126,13 +126,14 @@ fn left(signals: impl Iterator<Item = Vec<f64>>, q: usize) -> Vec<f64> {
     sums.iter().map(|(sum, count)| if *count > 0.0 { sum / count } else { 1.0 }).collect()
 }
 
-/// Parts f, none below 0, with `sum of sizes(o,k) f(k)` as near to 1 as they come.
+/// Parts f (of as many outputs as there are rows, none below 0; 1 of the inputs behind them, whose noise is known) with `sum of sizes(o,k) f(k)` as near to
+/// 1 as they come.
 fn parts(sizes: &[Vec<f64>]) -> Vec<f64> {
     let q = sizes.len();
-    let mut parts = vec![1.0; q];
+    let mut parts = vec![1.0; sizes.first().map_or(0, Vec::len)];
     for _ in 0..CORRECTIONS {
         let sums: Vec<f64> = sizes.iter().map(|row| row.iter().zip(&parts).map(|(s, f)| s * f).sum()).collect();
-        for (k, part) in parts.iter_mut().enumerate() {
+        for (k, part) in parts[..q].iter_mut().enumerate() {
             let (wanted, all) = (0..q)
                 .filter(|o| sums[*o] > 0.0 && sizes[*o][k].is_finite())
                 .fold((0.0, 0.0), |(w, a), o| (w + sizes[o][k] / sums[o], a + sizes[o][k]));
@@ -147,6 +148,13 @@ fn parts(sizes: &[Vec<f64>]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_inputs_do_is_no_part_of_an_outputs_noise() {
+        // a known input makes a third of what is found in the first
+        let found = parts(&[vec![1.0, 0.0, 1.0 / 3.0], vec![0.0, 2.0, 0.0]]);
+        assert!((found[0] - 2.0 / 3.0).abs() < 1e-3 && (found[1] - 0.5).abs() < 1e-3 && found[2] == 1.0, "{found:?}");
+    }
 
     #[test]
     fn parts_are_found_from_sums() {

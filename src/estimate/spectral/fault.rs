@@ -52,6 +52,20 @@ pub enum SpectralError {
         /// The band, in cycles per unit of time.
         band: (f64, f64),
     },
+    /// Noise of an input that the model does not have.
+    UnknownInput {
+        /// What was named.
+        name: String,
+        /// What may have been meant.
+        nearest: Option<String>,
+    },
+    /// A deviation that is none.
+    NotADeviation {
+        /// The input.
+        input: String,
+        /// What was given.
+        deviation: f64,
+    },
     /// Forcing by explicit time is not in a linear model.
     UsesTime,
     /// Nothing moves by itself.
@@ -121,6 +135,14 @@ impl fmt::Display for SpectralError {
                     if quoted.len() == 1 { "it" } else { "them" }
                 )
             }
+            Self::UnknownInput { name, nearest } => {
+                let hint = nearest.as_ref().map_or(String::new(), |hint| format!("; did you mean `{hint}`?"));
+                write!(f, "the model has no input `{name}`, whose noise was given{hint}")
+            }
+            Self::NotADeviation { input, deviation } => write!(
+                f,
+                "the noise of the input `{input}` has the standard deviation {deviation}; expected a finite number that is not below 0"
+            ),
             Self::UsesTime => f.write_str(
                 "the model uses the time `t`, and forcing by explicit time has no part in a linear model of states and inputs; make it an input that is \
                  recorded, or estimate in the time domain",

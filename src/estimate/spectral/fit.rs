@@ -227,8 +227,8 @@ impl Setting {
         observer: &mut dyn Observer,
     ) -> Result<Estimate, SpectralError> {
         let mut problem = self.problem(start)?;
-        if !self.carried.is_empty() {
-            problem.carried_noise = Some(Box::new(Redrawn { setting: self, runs, options: choice }));
+        if let Some(redrawn) = Redrawn::new(self, runs, choice)? {
+            problem.carried_noise = Some(Box::new(redrawn));
         }
         estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
     }

@@ -30,6 +30,8 @@ pub struct SpectralOptions {
     pub ends: EndTerms,
     /// What is done about nonlinear terms.
     pub nonlinear: Nonlinear,
+    /// Standard deviations of the noise of recorded inputs, by name: what is not said has none. Estimates stay as they are; errors know it.
+    pub input_noise: Vec<(String, f64)>,
     /// Whether the estimation begins with values from equation error, where states are measured.
     pub regressed: bool,
     /// Whether initial states and biases are found in the time domain afterwards.
@@ -44,6 +46,7 @@ impl Default for SpectralOptions {
             frequencies: Frequencies::Grid { lowest: None, highest: None },
             ends: EndTerms::Unknown,
             nonlinear: Nonlinear::default(),
+            input_noise: Vec::new(),
             regressed: true,
             finish: true,
         }
