@@ -68,6 +68,8 @@ pub struct LogSpectrum {
     values: DVector<f64>,
     /// What it is made of.
     parts: Vec<Smooth>,
+    /// Marginal log-likelihood of what was left.
+    evidence: f64,
 }
 
 /// The spectrum of one smoothness.
@@ -81,7 +83,7 @@ struct Smooth {
 
 impl LogSpectrum {
     /// Fits what is left of one output; `level` is taken where nothing is.
-    pub(super) fn fit(left: &[Left], level: f64) -> Self {
+    pub(in crate::diagnose) fn fit(left: &[Left], level: f64) -> Self {
         let freedom: f64 = left.iter().map(|l| l.freedom).sum();
         let power = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
         if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
@@ -109,7 +111,8 @@ impl LogSpectrum {
             .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
             .collect();
         let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
-        Self { knots, values, parts }.raised()
+        let evidence = best + (total / CURVATURES.len() as f64).ln();
+        Self { knots, values, parts, evidence }.raised()
     }
 
     /// Without what lies too far below the rest.
@@ -123,8 +126,13 @@ impl LogSpectrum {
     }
 
     /// The same everywhere, and known.
-    pub(super) fn flat(level: f64) -> Self {
-        Self { knots: vec![0.0], values: DVector::from_element(1, level.max(1e-200).ln()), parts: Vec::new() }
+    pub(in crate::diagnose) fn flat(level: f64) -> Self {
+        Self {
+            knots: vec![0.0],
+            values: DVector::from_element(1, level.max(1e-200).ln()),
+            parts: Vec::new(),
+            evidence: 0.0,
+        }
     }
 
     /// S at a frequency given by its logarithm. Below the lowest line that was seen it goes on as it rose there, if it did.
@@ -160,6 +168,11 @@ impl LogSpectrum {
         (stands(self.values[valley]) && stands(least(top..size))).then(|| self.knots[top])
     }
 
+    /// How likely what was left is, whatever the spectrum: the logarithm, without constants that all that is left of as many lines shares.
+    pub(in crate::diagnose) fn evidence(&self) -> f64 {
+        self.evidence
+    }
+
     /// Number of knots.
     pub fn size(&self) -> usize {
         self.knots.len()
@@ -189,7 +202,7 @@ impl LogSpectrum {
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
         let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.next());
         part.precision.solve_upper(&mut change);
-        Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new() }
+        Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new(), evidence: 0.0 }
     }
 }
 

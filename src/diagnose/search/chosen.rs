@@ -28,20 +28,30 @@ impl Round<'_> {
         if *count.start() >= self.traces.len() {
             return chosen;
         }
-        let price = |t: usize| PRICE * self.traces[t].attached.cost() as f64;
-        let promise = |t: usize| (self.promises(t, beside).first().map_or(0.0, |p| p.gain) - price(t), t);
-        let mut ranked: Vec<(f64, usize)> = (0..self.traces.len()).into_par_iter().map(promise).collect();
-        sort(&mut ranked);
+        let mut ranked = self.ranked_by_promise(beside);
         let best = ranked.first().map_or(0.0, |(promise, _)| *promise);
         ranked.retain(|(_, t)| !chosen.contains(t));
         if best > LARGE {
             ranked.truncate(GLANCED);
-            let glance = |(_, t): &(f64, usize)| Some((self.glance(*t, beside, metric, base)? - price(*t), *t));
+            let glance = |(_, t): &(f64, usize)| Some((self.glance(*t, beside, metric, base)? - self.price(*t), *t));
             ranked = ranked.par_iter().filter_map(glance).collect();
             sort(&mut ranked);
         }
         chosen.extend(ranked.into_iter().take(BEST).map(|(_, t)| t));
         chosen
+    }
+
+    /// All candidates by what they promise in a metric, less their price.
+    pub(super) fn ranked_by_promise(&self, beside: &Beside) -> Vec<(f64, usize)> {
+        let promise = |t: usize| (self.promises(t, beside).first().map_or(0.0, |p| p.gain) - self.price(t), t);
+        let mut ranked: Vec<(f64, usize)> = (0..self.traces.len()).into_par_iter().map(promise).collect();
+        sort(&mut ranked);
+        ranked
+    }
+
+    /// What a candidate's parameters cost.
+    pub(super) fn price(&self, t: usize) -> f64 {
+        PRICE * self.traces[t].attached.cost() as f64
     }
 
     /// The best by lead, and all whose promise is within reach of the best.

@@ -78,11 +78,12 @@ struct Look {
 pub(super) struct Promise {
     /// The gain that it promises.
     pub(super) gain: f64,
-    /// The multiple of the direction that does.
-    amount: f64,
+    /// The direction, by index, and the multiple of it that does.
+    pub(super) direction: usize,
+    pub(super) amount: f64,
     /// Which point.
     point: usize,
-    added: Added,
+    pub(super) added: Added,
 }
 
 impl Contender {
@@ -257,7 +258,7 @@ impl Round<'_> {
             let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
             let (added, point) = (beside.added(&parts), self.owner[d].1);
             let (twice, amount) = beside.promise(&added.direction, &self.traces[t].points[point]);
-            Promise { gain: 0.5 * twice, amount, point, added }
+            Promise { gain: 0.5 * twice, direction: d, amount, point, added }
         };
         let mut promises: Vec<Promise> = own.map(of).collect();
         promises.sort_by(|a, b| b.gain.total_cmp(&a.gain));

@@ -28,6 +28,10 @@ const LEADERS: usize = 3;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
 const LARGE: f64 = 15.0;
 
+/// What the residual must be likelier by without a candidate, each by the noise that suits it best, to be no noise: among a hundred candidates
+/// noise gives that to one in a thousand records.
+const UNLIKELY: f64 = 12.0;
+
 /// The fits of a round, by one noise.
 pub(super) struct Contest {
     pub(super) metric: Metric,
@@ -56,10 +60,11 @@ impl Round<'_> {
         count: RangeInclusive<usize>,
         watcher: &Watcher<'_>,
     ) -> Result<Contest, SearchError> {
-        let metric = Metric::new(&self.screening.spectra, self.options.dropped).within(self.left());
-        let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
+        let (metric, base) = self.begun()?;
         let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
-        let chosen = self.chosen(count, (&beside, &metric, &base));
+        let mut chosen = self.chosen(count, (&beside, &metric, &base));
+        let told = self.unlikely_as_noise(&beside).filter(|(nats, _)| *nats > UNLIKELY);
+        chosen.extend(told.map(|(_, t)| t).filter(|t| !chosen.contains(t)));
         watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
         let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
@@ -71,8 +76,10 @@ impl Round<'_> {
         let Some(best) = contenders.first() else {
             return Ok(Contest { metric, contenders, far: Vec::new() });
         };
-        // the noise that the best model leaves judges all
-        let renewed = if best.gain > LARGE { self.renewed(best) } else { None };
+        // the noise that the best model leaves judges all; that of the one without which the residual is no noise, where gains tell less
+        let own =
+            told.filter(|(nats, _)| *nats > best.gain).and_then(|(_, t)| contenders.iter().find(|c| c.trace == t));
+        let renewed = if own.is_some() || best.gain > LARGE { self.renewed(own.unwrap_or(best)) } else { None };
         let metric = renewed.unwrap_or(metric);
         let base = self.base(&metric, &base.theta)?;
         let near = (contenders[0].gain - BEHIND).min(PART * contenders[0].gain);
@@ -98,6 +105,20 @@ impl Round<'_> {
         });
         sort(&mut contenders);
         Ok(Contest { metric, contenders, far })
+    }
+
+    /// Whether a candidate is there although none promises enough: one without which the residual is likelier as noise.
+    pub(super) fn is_no_noise(&mut self) -> bool {
+        let Ok((metric, _)) = self.begun() else { return false };
+        let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
+        self.unlikely_as_noise(&beside).is_some_and(|(nats, _)| nats > UNLIKELY)
+    }
+
+    /// The first noise, and the base model by it.
+    fn begun(&mut self) -> Result<(Metric, Fitting), SearchError> {
+        let metric = Metric::new(&self.screening.spectra, self.options.dropped).within(self.left());
+        let base = self.base(&metric, &self.stage.theta[..self.runs.train])?;
+        Ok((metric, base))
     }
 
     /// The base model by a noise.

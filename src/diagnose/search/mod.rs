@@ -31,6 +31,7 @@ mod metric;
 mod newton;
 mod options;
 mod own_motion;
+mod own_noise;
 mod refit;
 mod revision;
 mod round;

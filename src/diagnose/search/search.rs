@@ -123,7 +123,7 @@ impl<'a> Search<'a> {
                 (round, _) => round?,
             };
             let contest = match made {
-                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) => {
+                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) || round.is_no_noise() => {
                     Some(self.contest(&mut round)?)
                 }
                 made => made,
