@@ -123,6 +123,7 @@ fn effects_that_promise_little_are_named() {
         ("aeroplane", 0.02, 1, "input_delay(de)"),
         ("kinetics", 0.08, 2, "backlash(temp)"),
         ("kinetics", 0.02, 2, "output_bias_drift(b_m)"),
+        ("ship", 0.02, 3, "output_bias_drift(v_m)"),
     ] {
         let family = Family::named(family);
         let case = Case::new(Spec { family, hides: Hides::Effect, colour: Colour::Pink, level, number });

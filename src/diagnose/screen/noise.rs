@@ -360,6 +360,24 @@ mod tests {
     }
 
     #[test]
+    fn a_drift_is_unlikely_as_noise_of_a_smooth_spectrum() {
+        // the cosine transform of a drift is in every other line, falling with the square of the frequency
+        let likelihood = |drift: f64| -> f64 {
+            let line = |k: usize| {
+                let f = k as f64;
+                let own = if k % 2 == 1 { drift / f.powi(4) } else { 0.0 };
+                Left { log_frequency: f.ln(), power: 1.0 / f + own, freedom: 2.0 }
+            };
+            LogSpectrum::fit(&(1..300).map(line).collect::<Vec<_>>(), 1.0).evidence()
+        };
+        let nats = likelihood(0.0) - likelihood(600.0);
+        // a known spectrum would make it 300; one that may be anything, but smooth, a few for each line in which the drift stands out
+        assert!((8.0..60.0).contains(&nats), "{nats}");
+        // what a smooth spectrum takes in is no less likely for its size
+        assert!((likelihood(0.0) - likelihood(0.1)).abs() < 1.0);
+    }
+
+    #[test]
     fn what_no_line_tells_is_uncertain() {
         let left =
             |k: usize| Left { log_frequency: k as f64 * 0.2, power: 1.0, freedom: if k < 6 { 0.0 } else { 20.0 } };
