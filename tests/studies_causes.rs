@@ -181,7 +181,7 @@ fn hover_under_four_loops() {
         frequencies: Frequencies::Grid { lowest: Some(0.05), highest: Some(3.0) },
         ..SpectralOptions::default()
     };
-    let options = SearchOptions { domain: Domain::Frequency(spectral), ..SearchOptions::default() };
+    let options = SearchOptions { domain: Domain::Frequency(Box::new(spectral)), ..SearchOptions::default() };
     let found = diagnosed_by("hover", &model, (&runs[..2], &runs[2..]), &options);
     assert_eq!(names(&found), ["actuator_lag(longitudinal)"]);
     let lag = &found.causes[0].parameters[0];

@@ -146,7 +146,9 @@ fn made_from(
 fn domain(arguments: &Arguments) -> Result<Domain, Failure> {
     let given = arguments.lines.given();
     match arguments.domain {
-        Choice::Frequency => Ok(Domain::Frequency(arguments.lines.options(Changes::default(), Options::default()))),
+        Choice::Frequency => {
+            Ok(Domain::Frequency(Box::new(arguments.lines.options(Changes::default(), Options::default()))))
+        }
         Choice::Time if given.is_empty() => Ok(Domain::Time),
         Choice::Time => {
             let said = format!(

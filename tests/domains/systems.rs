@@ -5,7 +5,6 @@ use fdm::Model;
 use fdm::diagnose::diagnosis::Diagnosis;
 use fdm::diagnose::search::{Domain, SearchError, SearchOptions, search};
 use fdm::effect::Catalogue;
-use fdm::estimate::SpectralOptions;
 use fdm::record::Run;
 use fdm::simulate::Simulator;
 use fdm_grammar::Source;
@@ -155,7 +154,7 @@ pub(crate) fn noisy(y: &[f64], q: usize, part: f64, pink: bool, normal: &mut Nor
 }
 
 pub(crate) fn frequency() -> Domain {
-    Domain::Frequency(SpectralOptions::default())
+    Domain::Frequency(Box::default())
 }
 
 /// The diagnosis of a model in a domain.

@@ -18,7 +18,7 @@ pub enum Domain {
     #[default]
     Time,
     /// Responses of linear models at the frequencies of the records.
-    Frequency(SpectralOptions),
+    Frequency(Box<SpectralOptions>),
 }
 
 impl Domain {

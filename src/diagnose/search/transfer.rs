@@ -147,7 +147,7 @@ mod tests {
     fn derivatives_are_those_of_central_differences() {
         let model = Model::from_text("m.fdm", MODEL).unwrap();
         let all = [run()];
-        let domain = Domain::Frequency(SpectralOptions::default()).settled(&model, &all).unwrap();
+        let domain = Domain::Frequency(Box::default()).settled(&model, &all).unwrap();
         let runs = Runs { all: &all, train: 1, domain: &domain };
         let stage = Stage::new(model.clone(), runs, vec![model.definition().start()]).unwrap();
         let measured = Measured::new(&stage, runs);
