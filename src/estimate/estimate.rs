@@ -107,6 +107,19 @@ pub struct RunFit {
     pub residuals: Vec<f64>,
 }
 
+/// A parameter whose likeliest value is not the reported one: noise of records that stand in the equations had drawn it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Drawn {
+    /// Its name.
+    pub name: String,
+    /// The run that it belongs to; none when all runs share it.
+    pub run: Option<String>,
+    /// The value of the greatest likelihood.
+    pub likeliest: f64,
+    /// How far from it the reported value is, in corrected standard errors.
+    pub by: f64,
+}
+
 /// The result of an estimation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Estimate {
@@ -144,6 +157,8 @@ pub struct Estimate {
     /// Outputs that the model matches to 1e-10 of their magnitude: data without noise, where noise covariance and
     /// standard errors stand for rounding only.
     pub noise_free: Vec<String>,
+    /// What the noise of records in the equations had drawn, before that was taken off.
+    pub drawn: Vec<Drawn>,
     /// What the data do not determine, nor a prior.
     pub undetermined: Vec<Direction>,
     /// What the data do not determine, so that it is known by its prior alone.
@@ -174,6 +189,8 @@ impl Estimate {
         self.covered = rows.iter().map(|i| place(self.covered[*i])).collect();
         let mut stays = stays.into_iter();
         self.parameters.retain(|_| stays.next().unwrap_or(true));
+        let parameters = &self.parameters;
+        self.drawn.retain(|d| parameters.iter().any(|p| p.name == d.name && p.run == d.run));
         self
     }
 

@@ -42,7 +42,7 @@ pub use changes::{ChangeError, Changes};
 pub use errors::derived::{DerivedName, DerivedQuantities};
 pub use errors::direction::Direction;
 pub use errors::noise_colour::{NoiseColour, Uncorrected};
-pub use estimate::{Estimate, ParameterEstimate, RunFit, Status, Symmetric, quantile};
+pub use estimate::{Drawn, Estimate, ParameterEstimate, RunFit, Status, Symmetric, quantile};
 pub use filter::{FilterError, FilterFit, fit_filter};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;

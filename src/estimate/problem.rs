@@ -148,18 +148,41 @@ pub struct Problem<'a> {
 
 /// Noise of records that are compared and stand in the equations as well.
 pub trait CarriedNoise: Send + Sync {
-    /// What other noise would do to one run at `theta` (p), record by record and draw by draw: of each output, `covariance` (q by q) says how large it
-    /// is; then of inputs whose noise is known. None where it cannot be told.
-    fn shifts(&self, run: usize, theta: &[f64], covariance: &[f64]) -> Option<Vec<Vec<NoiseShift>>>;
+    /// What other noise would do to one run at `theta` (p), record by record and draw by draw: of each output, `levels` (q) says how large its variance
+    /// is among the numbers that are compared; then of inputs whose noise is known. None where it cannot be told.
+    fn shifts(
+        &self,
+        run: usize,
+        theta: &[f64],
+        levels: &[f64],
+        slopes: Option<Slopes<'_>>,
+    ) -> Option<Vec<Vec<NoiseShift>>>;
 }
 
-/// How residuals change with the noise of the records, N by q row-major.
-#[derive(Debug, Clone, PartialEq)]
+/// What is asked about the sensitivities S to some parameters.
+#[derive(Debug, Clone, Copy)]
+pub struct Slopes<'s> {
+    /// The parameters (C).
+    pub columns: &'s [usize],
+    /// Weights W of the residuals (q by q).
+    pub weights: &'s [f64],
+}
+
+/// How residuals change with the noise of the records, N by q row-major, and what that does to their score through other sensitivities `S + dS`.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct NoiseShift {
     /// Because what is compared changes.
     pub seen: Vec<f64>,
     /// Because what moves the model changes.
     pub carried: Vec<f64>,
+    /// `dS' W (seen + carried)` (C); empty where it was not asked for.
+    pub pull: Vec<f64>,
+    /// `dS' W e`, e the residuals as they are (C).
+    pub tilt: Vec<f64>,
+    /// `S' W dS` (C by C).
+    pub cross: Vec<f64>,
+    /// `dS' W dS` (C by C).
+    pub added: Vec<f64>,
 }
 
 impl<'a> Problem<'a> {

@@ -5,13 +5,13 @@ use crate::estimate::errors::coloured_spectra::corrected_spectra;
 use crate::estimate::errors::known_noise::corrected_known;
 use crate::estimate::errors::noise_colour::Uncorrected;
 use crate::estimate::errors::statistics::Statistics;
-use crate::estimate::estimate::{Estimate, RunFit, Symmetric};
+use crate::estimate::estimate::{Drawn, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::estimate::iteration::correction::Correction;
 use crate::estimate::iteration::evaluation::{Evaluator, Failure, RunFailure};
 use crate::estimate::iteration::priors::Priors;
 use crate::estimate::iteration::snapshot::Snapshot;
 use crate::estimate::noise::Likelihood;
-use crate::estimate::problem::{Options, Problem, ProblemError};
+use crate::estimate::problem::{Options, Problem, ProblemError, ProblemRun};
 use crate::estimate::progress::Observer;
 use crate::estimate::termination::Termination;
 use crate::estimate::unknowns::Unknowns;
@@ -70,7 +70,7 @@ pub fn estimate_from(
     let aids = correction.aids();
     let Correction { evaluator, values, weights, history, .. } = correction;
     let evaluations = (evaluator.evaluations, evaluator.simulations);
-    let responses = evaluator.into_responses();
+    let mut responses = evaluator.into_responses();
 
     let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
@@ -86,8 +86,18 @@ pub fn estimate_from(
             }
         }
     };
+    let unbiased = corrected.as_ref().ok().and_then(|c| c.unbiased.as_ref());
+    let likeliest = values;
+    let values = match unbiased.and_then(|values| Some((values, answers(problem, &unknowns, values)?))) {
+        Some((unbiased, answered)) => {
+            responses = answered;
+            unbiased.clone()
+        }
+        None => likeliest.clone(),
+    };
     let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref(), corrected.as_ref().ok());
     let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);
+    let drawn = drawn(&parameters, &statistics.parameters(problem, &unknowns, &likeliest).0);
     parameters.extend(statistics.derived(problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost);
@@ -114,12 +124,33 @@ pub fn estimate_from(
         colours: corrected.map_or(Vec::new(), |c| c.colours),
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
+        drawn,
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
     })
+}
+
+/// The responses of all runs to other values; none where one cannot be simulated.
+fn answers(problem: &mut Problem<'_>, unknowns: &Unknowns, values: &[f64]) -> Option<Vec<Vec<f64>>> {
+    let answer = |(r, run): (usize, &mut ProblemRun<'_>)| {
+        let mut theta = unknowns.theta[r].clone();
+        unknowns.assemble(r, values, &mut theta);
+        let mut y = vec![0.0; run.measured.len()];
+        run.response.simulate(&theta, &mut y).ok().map(|()| y)
+    };
+    problem.runs.iter_mut().enumerate().map(answer).collect()
+}
+
+/// Parameters that are not at their likeliest values.
+fn drawn(reported: &[ParameterEstimate], likeliest: &[ParameterEstimate]) -> Vec<Drawn> {
+    let moved = |(now, then): (&ParameterEstimate, &ParameterEstimate)| {
+        let by = (now.value - then.value) / now.corrected_error.filter(|error| *error > 0.0)?;
+        (by != 0.0).then(|| Drawn { name: now.name.clone(), run: now.run.clone(), likeliest: then.value, by })
+    };
+    reported.iter().zip(likeliest).filter_map(moved).collect()
 }
 
 /// Compares the final responses with the measurement.

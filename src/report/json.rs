@@ -55,6 +55,7 @@ pub(super) fn estimate_json(model: &Model, e: &Estimate) -> Value {
         "iterations": e.iterations,
         "aids": e.aids.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "evaluations": { "with_sensitivities": e.evaluations.0, "without": e.evaluations.1 },
+        "drawn_by_noise": e.drawn,
         "undetermined": e.undetermined,
         "determined_by_prior": e.determined_by_prior,
         "covariance": { "parameters": e.covered, "values": rows(&e.covariance) },

@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::table::digits;
-use crate::estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
+use crate::estimate::{Drawn, Estimate, Fit, ParameterEstimate, Status, Uncorrected};
 use crate::quality::{InputCorrelation, OutputQuality};
 use serde::Serialize;
 use std::fmt;
@@ -18,6 +18,8 @@ pub enum About {
     Correlated,
     /// Parameters at their bounds.
     Bound,
+    /// Parameters that noise in the equations had drawn.
+    Drawn,
     /// Help that the iteration needed.
     Iteration,
     /// An output that is matched to rounding.
@@ -55,6 +57,8 @@ impl fmt::Display for Remark {
 
 /// Correlations beyond this are worth a line.
 const CORRELATED: f64 = 0.9;
+/// Standard errors that a parameter was drawn, worth a line.
+const DRAWN: f64 = 0.3;
 /// Most lines about pairs of parameters.
 const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
@@ -75,6 +79,7 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
     say(About::Correlated, correlated(estimate));
     say(About::Bound, bounds(estimate));
+    say(About::Drawn, drawn(estimate));
     say(About::Iteration, estimate.aids.iter().map(|aid| format!("the iteration needed help: {aid}")).collect());
     let rounding = |o: &String| format!("`{o}` is matched to rounding: its noise and the standard errors mean nothing");
     say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
@@ -82,6 +87,18 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         say(About::Colour, colour(estimate));
     }
     remarks
+}
+
+/// Parameters that the noise of records in the equations had drawn far enough to be worth a line.
+fn drawn(estimate: &Estimate) -> Vec<String> {
+    let called = |d: &Drawn| d.run.as_ref().map_or(d.name.clone(), |run| format!("{} ({run})", d.name));
+    let far = estimate.drawn.iter().filter(|d| d.by.abs() > DRAWN);
+    let far: Vec<String> = far.map(|d| format!("{} by {}", called(d), digits(d.by.abs(), 2))).collect();
+    if far.is_empty() {
+        return Vec::new();
+    }
+    let list = far.join(", ");
+    vec![format!("noise of records that stand in the equations had drawn {list} standard errors: that has been taken off")]
 }
 
 /// Both, of a fit in the time domain.

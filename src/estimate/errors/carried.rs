@@ -1,14 +1,19 @@
-//! What the noise of records adds to the errors where the records stand in the equations.
+//! What the noise of records does to estimates and their errors where the records stand in the equations.
 //!
 //! Residuals are then more than the noise of the outputs: noise of one record comes through the model into others. How much of each there is follows from how
 //! large all residuals are: `R(o,o) = sum of f(k) T(o,k)`, T what noise of output k, as large as its residuals, does to the residuals of o, and f at least 0
-//! (found by the multiplicative corrections of Richardson and Lucy). Inputs whose noise is known stand behind the outputs, with f = 1. The score has then the covariance `sum of f(k) <(s + c)(s + c)'>`, s what is seen and
-//! c what is carried: of noise that is a part f of the residuals, and `sum of f(k) <c c' + c s' + s c'>` besides.
+//! (found by the multiplicative corrections of Richardson and Lucy). Inputs whose noise is known stand behind the outputs, with f = 1.
+//!
+//! The score has then the covariance `sum of f(k) <(s + c)(s + c)'>`, s what is seen and c what is carried: of noise that is a part f of the residuals, and
+//! `sum of f(k) <c c' + c s' + s c'>` besides.
+//!
+//! Noise draws the estimates too ([`Undone`]).
 
 use super::coloured_spectra::SpectralRows;
 use super::sandwich::Sandwich;
+use super::undone::{Again, Undone};
 use crate::estimate::noise::Weights;
-use crate::estimate::problem::{NoiseShift, Problem};
+use crate::estimate::problem::{NoiseShift, Problem, Slopes};
 use rayon::prelude::*;
 
 /// Corrections of the parts.
@@ -18,16 +23,20 @@ const CORRECTIONS: usize = 300;
 struct Drawn {
     /// The score of each chosen unknown through what is seen, and through what is carried (n).
     scores: [Vec<f64>; 2],
+    /// What it would do to estimates.
+    again: Again,
     /// Mean squares of what is left of it in the residuals of each output (q).
     left: Vec<f64>,
 }
 
 /// What noise in the equations does.
 pub(super) struct Carried {
-    /// For each output the part of its residuals' variance that is its own noise (q); then 1 for each input.
+    /// For each output the part of its residuals' variance that is its own noise (q).
     pub(super) parts: Vec<f64>,
     /// What is added to the middle (n by n).
     pub(super) middle: Vec<f64>,
+    /// The way to estimates without it.
+    pub(super) undone: Option<Undone>,
 }
 
 impl Carried {
@@ -41,28 +50,38 @@ impl Carried {
     ) -> Option<Self> {
         let carried = problem.carried_noise.as_ref()?;
         let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
-        let of_run = |r: usize| {
-            let mut theta = sandwich.unknowns.theta[r].clone();
-            sandwich.unknowns.assemble(r, values, &mut theta);
-            carried.shifts(r, &theta, &noise.covariance)
+        let (inverse_noise, found) = (noise.inverse(), left(runs.iter().map(|run| run.residuals(q)), q));
+        // draws of each record, and the parts of the levels that go with what is found
+        let draw = |levels: &[f64], slopes: Option<Slopes<'_>>| -> Option<(Vec<Vec<Drawn>>, Vec<f64>)> {
+            let of_run = |r: usize| {
+                let mut theta = sandwich.unknowns.theta[r].clone();
+                sandwich.unknowns.assemble(r, values, &mut theta);
+                carried.shifts(r, &theta, levels, slopes)
+            };
+            let shifts: Vec<Vec<Vec<NoiseShift>>> =
+                (0..runs.len()).into_par_iter().map(of_run).collect::<Option<_>>()?;
+            let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);
+            if !shifts.iter().flatten().flatten().any(heard) {
+                return None;
+            }
+            let draws = shifts.iter().flatten().map(Vec::len).min()?;
+            let drawn = |k: usize, draw: usize| {
+                let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
+                Drawn::new(&own, runs, sandwich, &inverse_noise, q)
+            };
+            let of_record = |k: usize| (0..draws).map(|draw| drawn(k, draw)).collect();
+            let all: Vec<Vec<Drawn>> = (0..shifts[0].len()).into_par_iter().map(of_record).collect();
+            let size = |o: usize, own: &[Drawn]| own.iter().map(|d| d.left[o]).sum::<f64>() / draws as f64 / found[o];
+            let sizes: Vec<Vec<f64>> = (0..q).map(|o| all.iter().map(|own| size(o, own)).collect()).collect();
+            let parts = parts(&sizes);
+            Some((all, parts))
         };
-        let shifts: Vec<Vec<Vec<NoiseShift>>> = (0..runs.len()).into_par_iter().map(of_run).collect::<Option<_>>()?;
-        let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);
-        if !shifts.iter().flatten().flatten().any(heard) {
-            return None;
-        }
-        let inverse_noise = noise.inverse();
-        let draws = shifts.iter().flatten().map(Vec::len).min()?;
-        let drawn = |k: usize, draw: usize| {
-            let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
-            Drawn::new(&own, runs, sandwich, &inverse_noise, q)
-        };
-        let all: Vec<Vec<Drawn>> =
-            (0..shifts[0].len()).into_par_iter().map(|k| (0..draws).map(|draw| drawn(k, draw)).collect()).collect();
-        let size = |o: usize, k: usize| all[k].iter().map(|d| d.left[o]).sum::<f64>() / draws as f64;
-        let found = left(runs.iter().map(|run| run.residuals(q)), q);
-        let sizes: Vec<Vec<f64>> = (0..q).map(|o| (0..all.len()).map(|k| size(o, k) / found[o]).collect()).collect();
-        let parts = parts(&sizes);
+        let residuals = |o: usize| noise.covariance[o * q + o];
+        let first = draw(&(0..q).map(residuals).collect::<Vec<f64>>(), None)?.1;
+        // what is weaker than the residuals has another colour
+        let levels: Vec<f64> = (0..q).map(|o| first[o] * residuals(o)).collect();
+        let slopes = Slopes { columns: &sandwich.unknowns.columns, weights: &inverse_noise };
+        let (all, parts) = draw(&levels, Some(slopes))?;
         let mut middle = vec![0.0; n * n];
         for (draws, part) in all.iter().zip(&parts) {
             let share = part / draws.len() as f64;
@@ -73,7 +92,10 @@ impl Carried {
                 }
             }
         }
-        middle.iter().all(|v| v.is_finite()).then_some(Self { parts, middle })
+        let again = all.iter().zip(&parts).map(|(own, part)| (*part, own.iter().map(|d| &d.again)));
+        let undone = Undone::of(&sandwich.conclusion.inverse, again);
+        let parts = first[..q].iter().zip(&parts).map(|(first, then)| first * then).collect();
+        middle.iter().all(|v| v.is_finite()).then_some(Self { parts, middle, undone })
     }
 }
 
@@ -96,9 +118,14 @@ impl Drawn {
             score
         };
         let scores = [score(|shift| &shift.seen), score(|shift| &shift.carried)];
+        let mut again = Again::new(n);
+        for (r, shift) in own.iter().enumerate().filter(|(_, shift)| !shift.pull.is_empty()) {
+            again.add(shift, &sandwich.places(r), &sandwich.scale(r));
+        }
         // the fit takes of it what it can
         let inverse = &sandwich.conclusion.inverse.values;
         let whole: Vec<f64> = scores[0].iter().zip(&scores[1]).map(|(s, c)| s + c).collect();
+        again.score.clone_from(&whole);
         let moved: Vec<f64> =
             inverse.chunks(n.max(1)).map(|row| row.iter().zip(&whole).map(|(d, s)| d * s).sum()).collect();
         let rest = |(r, (shift, run)): (usize, (&&NoiseShift, &SpectralRows))| -> Vec<f64> {
@@ -109,7 +136,7 @@ impl Drawn {
             changes.zip(explained).map(|((s, c), e)| s + c - e).collect()
         };
         let left = left(own.iter().zip(runs).enumerate().map(rest), q);
-        Self { scores, left }
+        Self { scores, again, left }
     }
 }
 

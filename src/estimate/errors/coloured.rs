@@ -42,6 +42,8 @@ pub(in crate::estimate) struct Corrected {
     pub(in crate::estimate) colours: Vec<NoiseColour>,
     /// Degrees of freedom of each variance; empty where they are not known.
     pub(in crate::estimate) freedom: Vec<f64>,
+    /// All unknowns without what the noise of records in the equations has drawn them by; none where nothing has.
+    pub(in crate::estimate) unbiased: Option<Vec<f64>>,
 }
 
 /// Corrects the covariance of a conclusion at `values`.
@@ -96,7 +98,7 @@ pub(in crate::estimate) fn corrected(
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
                 colours.extend(short.report(problem, &noise.covariance));
             }
-            return Ok(Corrected { values: covariance, colours, freedom });
+            return Ok(Corrected { values: covariance, colours, freedom, unbiased: None });
         }
     }
     Err(Uncorrected::NotFinite)

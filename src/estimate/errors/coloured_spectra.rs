@@ -56,13 +56,25 @@ pub(in crate::estimate) fn corrected_spectra(
     if let Some(carried) = &carried {
         middle.iter_mut().zip(&carried.middle).for_each(|(m, c)| *m += c);
     }
+    // what that noise has drawn the estimates by is taken off
+    let mut unbiased = None;
+    let mut without_noise = conclusion.clone();
+    if let Some(undone) = carried.and_then(|carried| carried.undone) {
+        let mut moved = values.to_vec();
+        for (unknown, step) in conclusion.inverse.chosen.iter().zip(&undone.step) {
+            let value = values[*unknown] + step / conclusion.scale[*unknown];
+            moved[*unknown] = value.clamp(unknowns.lower[*unknown], unknowns.upper[*unknown]);
+        }
+        (unbiased, without_noise.inverse.values) = (Some(moved), undone.inverse);
+    }
+    let sandwich = Sandwich { unknowns, conclusion: &without_noise };
     let covariance = sandwich.around(&middle);
     if !covariance.iter().all(|v| v.is_finite()) {
         return Err(Uncorrected::NotFinite);
     }
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
-    Ok(Corrected { values: covariance, colours: Vec::new(), freedom })
+    Ok(Corrected { values: covariance, colours: Vec::new(), freedom, unbiased })
 }
 
 /// Degrees of freedom of the `n` corrected variances (Satterthwaite): each is a sum over frequencies of local means of the residuals' power,

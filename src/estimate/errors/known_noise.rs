@@ -39,7 +39,7 @@ pub(in crate::estimate) fn corrected_known(
     middles.iter_mut().flatten().for_each(|v| *v *= growth);
     let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
     match covariance.iter().all(|v| v.is_finite()) {
-        true => Ok(Corrected { values: covariance, colours: Vec::new(), freedom: Vec::new() }),
+        true => Ok(Corrected { values: covariance, colours: Vec::new(), freedom: Vec::new(), unbiased: None }),
         false => Err(Uncorrected::NotFinite),
     }
 }

@@ -1,7 +1,8 @@
 //! What is known about the estimates: covariance, errors, what the data do not determine.
 //!
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** standard errors (Cramer-Rao, and corrected for the
-//! colour of the residuals), statuses, directions in words. **Never** changes an estimate. **Start** at [`statistics`].
+//! colour of the residuals), statuses, directions in words. **Never** changes an estimate, but for what the
+//! noise of records in the equations has drawn. **Start** at [`statistics`].
 
 mod averaged;
 #[cfg(test)]
@@ -27,3 +28,4 @@ mod row_map;
 pub(super) mod sandwich;
 mod short_runs;
 pub(super) mod statistics;
+mod undone;

@@ -19,6 +19,7 @@ mod lines;
 mod lines_tests;
 pub(in crate::estimate) mod offsets;
 mod options;
+mod record_noise;
 mod redrawn;
 pub(super) mod response;
 pub(super) mod setting;

@@ -1,20 +1,21 @@
 //! Records as they would be with other noise, where records stand in the equations.
 //!
 //! A nonlinear term that is carried in is computed from measured records: their noise is in the output and in what moves the model, and both move the
-//! estimates. Noise of the size that the residuals show is added to the records; what that does to outputs and to the response is kept apart. Recorded
-//! inputs of which the noise is known are drawn likewise.
+//! estimates. Noise of a size that is asked about is added to the records, coloured as each record's uppermost frequencies say; what that does to outputs and to the
+//! response and its sensitivities is kept apart. Recorded inputs of which the noise is known are drawn likewise.
 
 use super::fault::SpectralError;
 use super::options::SpectralOptions;
+use super::record_noise::{RecordNoise, top};
 use super::setting::{Setting, samples, spectra};
 use super::weights::{scaled, weight};
-use crate::estimate::problem::{CarriedNoise, NoiseShift, Response};
+use crate::estimate::problem::{CarriedNoise, NoiseShift, Response, Slopes};
 use crate::record::Run;
+use crate::simulate::Block;
 use crate::spectrum::{Frequencies, Spectrum};
 use fdm_grammar::diagnostic::nearest;
-use rand::{Rng, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use statrs::distribution::{ContinuousCDF, Normal};
 use std::f64::consts::TAU;
 
 /// Times that the noise of an output is drawn.
@@ -58,14 +59,29 @@ impl<'s> Redrawn<'s> {
 }
 
 impl CarriedNoise for Redrawn<'_> {
-    fn shifts(&self, run: usize, theta: &[f64], covariance: &[f64]) -> Option<Vec<Vec<NoiseShift>>> {
-        let q = self.setting.linear.structure().outputs;
+    fn shifts(
+        &self,
+        run: usize,
+        theta: &[f64],
+        levels: &[f64],
+        slopes: Option<Slopes<'_>>,
+    ) -> Option<Vec<Vec<NoiseShift>>> {
+        let (record, spectrum) = (&self.runs[run], &self.setting.weighted[run]);
         let longest = self.setting.spectra.iter().map(|s| s.samples).max().unwrap_or(1) as f64;
+        let interval = record.time.last().map_or(1.0, |last| last - record.time[0]) / (record.len().max(2) - 1) as f64;
+        let angles: Vec<f64> = spectrum.omega.iter().map(|w| w * interval).collect();
         // a coefficient's real part has the variance of a sample over twice their number
-        let of_output = |o: usize| (Source::Output(o), (2.0 * longest * covariance[o * q + o]).sqrt());
-        let base = self.answer(&self.setting.weighted[run], theta).ok()??;
-        let sources = (0..q).map(of_output).chain(self.inputs.iter().copied());
-        sources.enumerate().map(|(k, source)| self.drawn(run, theta, (k, source), &base).ok()).collect()
+        let of_output = |(o, level): (usize, &f64)| {
+            let source = Source::Output(o);
+            (source, RecordNoise::of_level(2.0 * longest * level, &angles, top(source.of(record))))
+        };
+        let of_input = |(source, deviation): &(Source, f64)| {
+            (*source, RecordNoise::of_deviation(*deviation, top(source.of(record))))
+        };
+        let columns = slopes.map_or(&[][..], |slopes| slopes.columns);
+        let base = self.answer(spectrum, theta, columns).ok()??;
+        let sources = levels.iter().enumerate().map(of_output).chain(self.inputs.iter().map(of_input));
+        sources.enumerate().map(|(k, source)| self.drawn(run, theta, (k, source), &base, slopes).ok()).collect()
     }
 }
 
@@ -78,16 +94,88 @@ enum Source {
     Input(usize),
 }
 
-/// Measured coefficients and those of the model (2 M by q).
-type Answer = (Vec<f64>, Vec<f64>);
+impl Source {
+    /// Its samples in a record.
+    fn of(self, run: &Run) -> impl ExactSizeIterator<Item = f64> + Clone {
+        let (values, first, width) = match self {
+            Self::Output(o) => (&run.measured, o, run.output_gaps.len()),
+            Self::Input(i) => (&run.inputs, i, run.held.len()),
+        };
+        values.iter().skip(first).step_by(width).copied()
+    }
+}
+
+/// What is compared at some parameters.
+struct Answer {
+    /// Measured coefficients (2 M by q).
+    measured: Vec<f64>,
+    /// Those of the model.
+    modelled: Vec<f64>,
+    /// Their sensitivities (2 M by q by C).
+    slopes: Vec<f64>,
+}
+
+impl Answer {
+    /// How this differs from what was answered before.
+    fn shift(&self, before: &Self, slopes: Option<Slopes<'_>>) -> NoiseShift {
+        let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
+        let seen = difference(&self.measured, &before.measured);
+        let carried = difference(&before.modelled, &self.modelled);
+        let Some(Slopes { columns, weights }) = slopes else {
+            return NoiseShift { seen, carried, ..NoiseShift::default() };
+        };
+        let (q, count) = (weights.len().isqrt(), columns.len());
+        let moved = difference(&self.slopes, &before.slopes);
+        let residuals = difference(&before.measured, &before.modelled);
+        let mut shift = NoiseShift {
+            pull: vec![0.0; count],
+            tilt: vec![0.0; count],
+            cross: vec![0.0; count * count],
+            added: vec![0.0; count * count],
+            ..NoiseShift { seen, carried, ..NoiseShift::default() }
+        };
+        let pairs = |row: usize| (0..q * q).map(move |k| (row * q + k / q, row * q + k % q, weights[k]));
+        let compared = |(_, b, weight): &(usize, usize, f64)| *weight != 0.0 && !residuals[*b].is_nan();
+        for (a, b, weight) in (0..moved.len() / (q * count).max(1)).flat_map(pairs).filter(compared) {
+            let (changed, left) = (weight * (shift.seen[b] + shift.carried[b]), weight * residuals[b]);
+            let other = &moved[b * count..][..count];
+            let add = |to: &mut [f64], factor: f64| to.iter_mut().zip(other).for_each(|(to, d)| *to += factor * d);
+            for c in 0..count {
+                let (slope, moved) = (before.slopes[a * count + c], moved[a * count + c]);
+                shift.pull[c] += moved * changed;
+                shift.tilt[c] += moved * left;
+                if slope != 0.0 {
+                    add(&mut shift.cross[c * count..][..count], weight * slope);
+                }
+                if moved != 0.0 {
+                    add(&mut shift.added[c * count..][..count], weight * moved);
+                }
+            }
+        }
+        shift
+    }
+}
 
 impl Redrawn<'_> {
     /// None where the model does not answer.
-    fn answer(&self, spectrum: &Spectrum, theta: &[f64]) -> Result<Option<Answer>, SpectralError> {
+    fn answer(&self, spectrum: &Spectrum, theta: &[f64], columns: &[usize]) -> Result<Option<Answer>, SpectralError> {
         let mut response = self.setting.response(spectrum)?;
-        let mut y = vec![0.0; response.samples() * response.outputs()];
-        let done = response.simulate(theta, &mut y);
-        Ok(done.is_ok().then_some((samples(spectrum), y)))
+        let (q, count) = (response.outputs(), columns.len());
+        let mut modelled = vec![0.0; response.samples() * q];
+        let mut slopes = vec![0.0; modelled.len() * count];
+        let done = match columns {
+            [] => response.simulate(theta, &mut modelled),
+            columns => response.sensitivities(theta, columns, &mut |block: Block<'_>| {
+                for (sample, o) in (0..block.samples()).flat_map(|s| (0..q).map(move |o| (s, o))) {
+                    let at = (block.first + sample) * q + o;
+                    modelled[at] = block.y[sample * q + o];
+                    for (c, slope) in block.layout.outputs[o].columns.iter().zip(block.row(sample, o)) {
+                        slopes[at * count + *c as usize] = *slope;
+                    }
+                }
+            }),
+        };
+        Ok(done.is_ok().then_some(Answer { measured: samples(spectrum), modelled, slopes }))
     }
 
     /// Draws of the noise of one record, the k-th.
@@ -95,31 +183,28 @@ impl Redrawn<'_> {
         &self,
         run: usize,
         theta: &[f64],
-        (k, (source, deviation)): (usize, (Source, f64)),
-        (measured, answered): &Answer,
+        (k, (source, noise)): (usize, (Source, RecordNoise)),
+        before: &Answer,
+        slopes: Option<Slopes<'_>>,
     ) -> Result<Vec<NoiseShift>, SpectralError> {
         let setting = self.setting;
         let frequencies = Frequencies::List(setting.weighted[run].omega.iter().map(|w| w / TAU).collect());
         let options = SpectralOptions { frequencies, ..self.options.clone() };
-        let (law, q) = (Normal::standard(), setting.linear.structure().outputs);
+        let q = setting.linear.structure().outputs;
         let sources = q + self.inputs.len();
         let mut shifts = Vec::with_capacity(DRAWS);
         for draw in 0..DRAWS {
             let mut chance = ChaCha8Rng::seed_from_u64(((run * sources + k) * DRAWS + draw) as u64);
             let mut noisy = self.runs[run].clone();
-            let samples = match source {
-                Source::Output(o) => noisy.measured.iter_mut().skip(o).step_by(q),
-                Source::Input(i) => noisy.inputs.iter_mut().skip(i).step_by(self.runs[run].held.len()),
-            };
-            // not at the ends of the interval, where the normal law ends nowhere
-            samples.for_each(|v| *v += deviation * law.inverse_cdf(chance.random::<f64>().clamp(1e-12, 1.0 - 1e-12)));
+            match source {
+                Source::Output(o) => noise.add(noisy.measured.iter_mut().skip(o).step_by(q), &mut chance),
+                Source::Input(i) => noise.add(noisy.inputs.iter_mut().skip(i).step_by(noisy.held.len()), &mut chance),
+            }
             let noisy = noisy.with_measured(setting.model.definition()).map_err(SpectralError::Incomplete)?;
             let drawn = spectra(&setting.model, &[noisy], &options)?;
             let drawn = scaled(&drawn[0], weight(&setting.spectra, run));
-            let Some((z, y)) = self.answer(&drawn, theta)? else { continue };
-            let difference = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
-            let shift = NoiseShift { seen: difference(&z, measured), carried: difference(answered, &y) };
-            shifts.push(shift);
+            let columns = slopes.map_or(&[][..], |slopes| slopes.columns);
+            shifts.extend(self.answer(&drawn, theta, columns)?.map(|answer| answer.shift(before, slopes)));
         }
         Ok(shifts)
     }
