@@ -175,10 +175,11 @@ fn weight(about: &str) -> (usize, &'static str) {
         "offset" => (2, "residuals"),
         "input" => (3, "residuals"),
         "colour" => (4, "residuals"),
-        "correlated" => (5, "correlations"),
-        "prior" => (6, "parameters"),
-        "iteration" => (7, "convergence"),
-        _ => (8, "residuals"),
+        "drawn" => (5, "parameters"),
+        "correlated" => (6, "correlations"),
+        "prior" => (7, "parameters"),
+        "iteration" => (8, "convergence"),
+        _ => (9, "residuals"),
     }
 }
 

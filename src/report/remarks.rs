@@ -98,7 +98,9 @@ fn drawn(estimate: &Estimate) -> Vec<String> {
         return Vec::new();
     }
     let list = far.join(", ");
-    vec![format!("noise of records that stand in the equations had drawn {list} standard errors: that has been taken off")]
+    vec![format!(
+        "noise of records that stand in the equations had drawn {list} standard errors: that has been taken off"
+    )]
 }
 
 /// Both, of a fit in the time domain.

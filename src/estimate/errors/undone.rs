@@ -67,7 +67,7 @@ impl Undone {
         let (mut step, mut turned) = (DVector::zeros(n), DMatrix::zeros(n, n));
         for (part, draws) in records {
             let count = draws.len() as f64;
-            for again in draws {
+            for again in draws.filter(|again| again.added.iter().any(|v| *v != 0.0)) {
                 let matrix = |values: &[f64]| DMatrix::from_row_slice(n, n, values);
                 let (cross, added) = (matrix(&again.cross), matrix(&again.added));
                 let first = DVector::from_column_slice(&again.score) + DVector::from_column_slice(&again.tilt);

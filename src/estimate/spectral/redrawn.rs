@@ -14,6 +14,7 @@ use crate::record::Run;
 use crate::simulate::Block;
 use crate::spectrum::{Frequencies, Spectrum};
 use fdm_grammar::diagnostic::nearest;
+use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::TAU;
@@ -124,35 +125,24 @@ impl Answer {
         let Some(Slopes { columns, weights }) = slopes else {
             return NoiseShift { seen, carried, ..NoiseShift::default() };
         };
-        let (q, count) = (weights.len().isqrt(), columns.len());
-        let moved = difference(&self.slopes, &before.slopes);
-        let residuals = difference(&before.measured, &before.modelled);
-        let mut shift = NoiseShift {
-            pull: vec![0.0; count],
-            tilt: vec![0.0; count],
-            cross: vec![0.0; count * count],
-            added: vec![0.0; count * count],
-            ..NoiseShift { seen, carried, ..NoiseShift::default() }
+        let (rows, count) = (seen.len(), columns.len());
+        let (q, residuals) = (weights.len().isqrt().max(1), difference(&before.measured, &before.modelled));
+        // what is not compared has neither residuals nor slopes
+        let there = |row: usize, value: f64| if residuals[row].is_nan() { 0.0 } else { value };
+        let whole = DVector::from_fn(rows, |row, _| there(row, seen[row] + carried[row]));
+        let left = DVector::from_fn(rows, |row, _| there(row, residuals[row]));
+        let at = DMatrix::from_fn(rows, count, |row, c| there(row, before.slopes[row * count + c]));
+        let moved = DMatrix::from_fn(rows, count, |row, c| there(row, self.slopes[row * count + c]) - at[(row, c)]);
+        let weigh = |row: usize, c: usize| {
+            let (first, o) = (row / q * q, row % q);
+            let parts = (0..q).filter(|b| weights[o * q + b] != 0.0);
+            parts.map(|b| weights[o * q + b] * moved[(first + b, c)]).sum::<f64>()
         };
-        let pairs = |row: usize| (0..q * q).map(move |k| (row * q + k / q, row * q + k % q, weights[k]));
-        let compared = |(_, b, weight): &(usize, usize, f64)| *weight != 0.0 && !residuals[*b].is_nan();
-        for (a, b, weight) in (0..moved.len() / (q * count).max(1)).flat_map(pairs).filter(compared) {
-            let (changed, left) = (weight * (shift.seen[b] + shift.carried[b]), weight * residuals[b]);
-            let other = &moved[b * count..][..count];
-            let add = |to: &mut [f64], factor: f64| to.iter_mut().zip(other).for_each(|(to, d)| *to += factor * d);
-            for c in 0..count {
-                let (slope, moved) = (before.slopes[a * count + c], moved[a * count + c]);
-                shift.pull[c] += moved * changed;
-                shift.tilt[c] += moved * left;
-                if slope != 0.0 {
-                    add(&mut shift.cross[c * count..][..count], weight * slope);
-                }
-                if moved != 0.0 {
-                    add(&mut shift.added[c * count..][..count], weight * moved);
-                }
-            }
-        }
-        shift
+        let weighed = DMatrix::from_fn(rows, count, weigh);
+        let [pull, tilt] = [whole, left].map(|of| weighed.tr_mul(&of).as_slice().to_vec());
+        // rows of the one for columns of the other
+        let [cross, added] = [at, moved].map(|of| weighed.tr_mul(&of).as_slice().to_vec());
+        NoiseShift { seen, carried, pull, tilt, cross, added }
     }
 }
 
