@@ -52,8 +52,8 @@ pub(crate) struct Lines {
 pub(crate) struct Spectral {
     #[command(flatten)]
     pub(crate) lines: Lines,
-    /// Standard deviation of the noise of an input that was measured (roll rate or sideslip beside a model of the pitching motion), which errors shall
-    /// know; may be given several times
+    /// Standard deviation of the noise of an input that was measured (roll rate or sideslip beside a model of the pitching motion): what it draws
+    /// estimates by is taken off, and errors know it; may be given several times
     #[arg(long = "input-noise", value_name = "INPUT=SD", value_parser = deviation)]
     pub(crate) input_noise: Vec<(String, f64)>,
     /// Run that takes no part in the estimation and is predicted by its result; may be given several times

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 const CORRECTIONS: usize = 300;
 
 /// What one draw of the noise of one output does, all runs together.
-struct Drawn {
+struct Draw {
     /// The score of each chosen unknown through what is seen, and through what is carried (n).
     scores: [Vec<f64>; 2],
     /// What it would do to estimates.
@@ -52,7 +52,7 @@ impl Carried {
         let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
         let (inverse_noise, found) = (noise.inverse(), left(runs.iter().map(|run| run.residuals(q)), q));
         // draws of each record, and the parts of the levels that go with what is found
-        let draw = |levels: &[f64], slopes: Option<Slopes<'_>>| -> Option<(Vec<Vec<Drawn>>, Vec<f64>)> {
+        let draw = |levels: &[f64], slopes: Option<Slopes<'_>>| -> Option<(Vec<Vec<Draw>>, Vec<f64>)> {
             let of_run = |r: usize| {
                 let mut theta = sandwich.unknowns.theta[r].clone();
                 sandwich.unknowns.assemble(r, values, &mut theta);
@@ -67,11 +67,11 @@ impl Carried {
             let draws = shifts.iter().flatten().map(Vec::len).min()?;
             let drawn = |k: usize, draw: usize| {
                 let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
-                Drawn::new(&own, runs, sandwich, &inverse_noise, q)
+                Draw::new(&own, runs, sandwich, &inverse_noise, q)
             };
             let of_record = |k: usize| (0..draws).map(|draw| drawn(k, draw)).collect();
-            let all: Vec<Vec<Drawn>> = (0..shifts[0].len()).into_par_iter().map(of_record).collect();
-            let size = |o: usize, own: &[Drawn]| own.iter().map(|d| d.left[o]).sum::<f64>() / draws as f64 / found[o];
+            let all: Vec<Vec<Draw>> = (0..shifts[0].len()).into_par_iter().map(of_record).collect();
+            let size = |o: usize, own: &[Draw]| own.iter().map(|d| d.left[o]).sum::<f64>() / draws as f64 / found[o];
             let sizes: Vec<Vec<f64>> = (0..q).map(|o| all.iter().map(|own| size(o, own)).collect()).collect();
             let parts = parts(&sizes);
             Some((all, parts))
@@ -85,7 +85,7 @@ impl Carried {
         let mut middle = vec![0.0; n * n];
         for (draws, part) in all.iter().zip(&parts) {
             let share = part / draws.len() as f64;
-            for Drawn { scores: [s, c], .. } in draws {
+            for Draw { scores: [s, c], .. } in draws {
                 for (k, sum) in middle.iter_mut().enumerate() {
                     let (i, j) = (k / n, k % n);
                     *sum += share * (c[i] * c[j] + c[i] * s[j] + s[i] * c[j]);
@@ -99,7 +99,7 @@ impl Carried {
     }
 }
 
-impl Drawn {
+impl Draw {
     fn new(
         own: &[&NoiseShift],
         runs: &[SpectralRows],

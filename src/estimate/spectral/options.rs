@@ -30,7 +30,7 @@ pub struct SpectralOptions {
     pub ends: EndTerms,
     /// What is done about nonlinear terms.
     pub nonlinear: Nonlinear,
-    /// Standard deviations of the noise of recorded inputs, by name: what is not said has none. Estimates stay as they are; errors know it.
+    /// Standard deviations of the noise of recorded inputs, by name: what is not said has none. What it draws estimates by is taken off, and errors know it.
     pub input_noise: Vec<(String, f64)>,
     /// Whether the estimation begins with values from equation error, where states are measured.
     pub regressed: bool,
