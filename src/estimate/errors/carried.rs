@@ -13,7 +13,7 @@ use super::coloured_spectra::SpectralRows;
 use super::sandwich::Sandwich;
 use super::undone::{Again, Undone};
 use crate::estimate::noise::Weights;
-use crate::estimate::problem::{NoiseShift, Problem, Slopes};
+use crate::estimate::problem::{CarriedNoise, NoiseShift, Problem, Slopes};
 use rayon::prelude::*;
 
 /// Corrections of the parts.
@@ -39,6 +39,24 @@ pub(super) struct Carried {
     pub(super) undone: Option<Undone>,
 }
 
+/// What is drawn for.
+struct Drawing<'f> {
+    carried: &'f dyn CarriedNoise,
+    runs: &'f [SpectralRows],
+    sandwich: &'f Sandwich<'f>,
+    values: &'f [f64],
+    /// Weights of the residuals (q by q).
+    weights: Vec<f64>,
+    /// Mean squares of the residuals (q).
+    found: Vec<f64>,
+}
+
+/// Draws of each record, and what part of what was drawn goes with the residuals that are found.
+struct Draws {
+    of_records: Vec<Vec<Draw>>,
+    parts: Vec<f64>,
+}
+
 impl Carried {
     /// None where no record stands in the equations, or it cannot be told.
     pub(super) fn of(
@@ -48,42 +66,18 @@ impl Carried {
         values: &[f64],
         noise: &Weights,
     ) -> Option<Self> {
-        let carried = problem.carried_noise.as_ref()?;
+        let carried = problem.carried_noise.as_deref()?;
         let (q, n) = (problem.outputs.len(), sandwich.conclusion.inverse.chosen.len());
-        let (inverse_noise, found) = (noise.inverse(), left(runs.iter().map(|run| run.residuals(q)), q));
-        // draws of each record, and the parts of the levels that go with what is found
-        let draw = |levels: &[f64], slopes: Option<Slopes<'_>>| -> Option<(Vec<Vec<Draw>>, Vec<f64>)> {
-            let of_run = |r: usize| {
-                let mut theta = sandwich.unknowns.theta[r].clone();
-                sandwich.unknowns.assemble(r, values, &mut theta);
-                carried.shifts(r, &theta, levels, slopes)
-            };
-            let shifts: Vec<Vec<Vec<NoiseShift>>> =
-                (0..runs.len()).into_par_iter().map(of_run).collect::<Option<_>>()?;
-            let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);
-            if !shifts.iter().flatten().flatten().any(heard) {
-                return None;
-            }
-            let draws = shifts.iter().flatten().map(Vec::len).min()?;
-            let drawn = |k: usize, draw: usize| {
-                let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
-                Draw::new(&own, runs, sandwich, &inverse_noise, q)
-            };
-            let of_record = |k: usize| (0..draws).map(|draw| drawn(k, draw)).collect();
-            let all: Vec<Vec<Draw>> = (0..shifts[0].len()).into_par_iter().map(of_record).collect();
-            let size = |o: usize, own: &[Draw]| own.iter().map(|d| d.left[o]).sum::<f64>() / draws as f64 / found[o];
-            let sizes: Vec<Vec<f64>> = (0..q).map(|o| all.iter().map(|own| size(o, own)).collect()).collect();
-            let parts = parts(&sizes);
-            Some((all, parts))
-        };
-        let residuals = |o: usize| noise.covariance[o * q + o];
-        let first = draw(&(0..q).map(residuals).collect::<Vec<f64>>(), None)?.1;
+        let found = left(runs.iter().map(|run| run.residuals(q)), q);
+        let drawing = Drawing { carried, runs, sandwich, values, weights: noise.inverse(), found };
+        let residuals: Vec<f64> = (0..q).map(|o| noise.covariance[o * q + o]).collect();
+        let first = drawing.draw(&residuals, None)?.parts;
         // what is weaker than the residuals has another colour
-        let levels: Vec<f64> = (0..q).map(|o| first[o] * residuals(o)).collect();
-        let slopes = Slopes { columns: &sandwich.unknowns.columns, weights: &inverse_noise };
-        let (all, parts) = draw(&levels, Some(slopes))?;
+        let levels: Vec<f64> = first.iter().zip(&residuals).map(|(part, level)| part * level).collect();
+        let slopes = Slopes { columns: &sandwich.unknowns.columns, weights: &drawing.weights };
+        let Draws { of_records, parts } = drawing.draw(&levels, Some(slopes))?;
         let mut middle = vec![0.0; n * n];
-        for (draws, part) in all.iter().zip(&parts) {
+        for (draws, part) in of_records.iter().zip(&parts) {
             let share = part / draws.len() as f64;
             for Draw { scores: [s, c], .. } in draws {
                 for (k, sum) in middle.iter_mut().enumerate() {
@@ -92,26 +86,48 @@ impl Carried {
                 }
             }
         }
-        let again = all.iter().zip(&parts).map(|(own, part)| (*part, own.iter().map(|d| &d.again)));
+        let again = of_records.iter().zip(&parts).map(|(own, part)| (*part, own.iter().map(|d| &d.again)));
         let undone = Undone::of(&sandwich.conclusion.inverse, again);
         let parts = first[..q].iter().zip(&parts).map(|(first, then)| first * then).collect();
         middle.iter().all(|v| v.is_finite()).then_some(Self { parts, middle, undone })
     }
 }
 
+impl Drawing<'_> {
+    /// Noise of these levels (q). None where none of it comes through the model.
+    fn draw(&self, levels: &[f64], slopes: Option<Slopes<'_>>) -> Option<Draws> {
+        let of_run = |r: usize| {
+            let mut theta = self.sandwich.unknowns.theta[r].clone();
+            self.sandwich.unknowns.assemble(r, self.values, &mut theta);
+            self.carried.shifts(r, &theta, levels, slopes)
+        };
+        let runs = (0..self.runs.len()).into_par_iter();
+        let shifts: Vec<Vec<Vec<NoiseShift>>> = runs.map(of_run).collect::<Option<_>>()?;
+        let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);
+        if !shifts.iter().flatten().flatten().any(heard) {
+            return None;
+        }
+        let draws = shifts.iter().flatten().map(Vec::len).min()?;
+        let one = |k: usize, draw: usize| {
+            let own: Vec<&NoiseShift> = shifts.iter().map(|of_run| &of_run[k][draw]).collect();
+            Draw::new(&own, self.runs, self.sandwich, &self.weights)
+        };
+        let of_record = |k: usize| (0..draws).map(|draw| one(k, draw)).collect();
+        let of_records: Vec<Vec<Draw>> = (0..shifts[0].len()).into_par_iter().map(of_record).collect();
+        let size = |o: usize, own: &[Draw]| own.iter().map(|d| d.left[o]).sum::<f64>() / draws as f64 / self.found[o];
+        let sizes = (0..self.found.len()).map(|o| of_records.iter().map(|own| size(o, own)).collect());
+        let parts = parts(&sizes.collect::<Vec<Vec<f64>>>());
+        Some(Draws { of_records, parts })
+    }
+}
+
 impl Draw {
-    fn new(
-        own: &[&NoiseShift],
-        runs: &[SpectralRows],
-        sandwich: &Sandwich<'_>,
-        inverse_noise: &[f64],
-        q: usize,
-    ) -> Self {
-        let n = sandwich.conclusion.inverse.chosen.len();
+    fn new(own: &[&NoiseShift], runs: &[SpectralRows], sandwich: &Sandwich<'_>, weights: &[f64]) -> Self {
+        let (n, q) = (sandwich.conclusion.inverse.chosen.len(), weights.len().isqrt());
         let score = |of: fn(&NoiseShift) -> &Vec<f64>| {
             let mut score = vec![0.0; n];
             for (r, (shift, run)) in own.iter().zip(runs).enumerate() {
-                for (place, s) in sandwich.places(r).iter().zip(run.score(of(shift), inverse_noise)) {
+                for (place, s) in sandwich.places(r).iter().zip(run.score(of(shift), weights)) {
                     place.iter().for_each(|place| score[*place] += s);
                 }
             }
