@@ -98,6 +98,12 @@ impl Likelihood {
         self.worth * self.counts.iter().sum::<usize>() as f64
     }
 
+    /// The same of each output whose noise is estimated; none of one whose noise is known.
+    pub(super) fn cells_of_outputs(&self) -> Vec<Option<f64>> {
+        let of = |(o, count): (usize, &usize)| self.estimates(o).then_some(self.worth * *count as f64);
+        self.counts.iter().enumerate().map(of).collect()
+    }
+
     /// Size of the noise relative to the measured outputs, as one number.
     pub(super) fn relative_noise(&self, weights: &Weights) -> f64 {
         let q = self.counts.len();

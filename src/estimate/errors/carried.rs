@@ -9,8 +9,8 @@
 //!
 //! Noise draws the estimates too ([`Undone`]).
 
-use super::coloured_spectra::SpectralRows;
 use super::sandwich::Sandwich;
+use super::spectral_rows::SpectralRows;
 use super::undone::{Again, Undone};
 use crate::estimate::noise::Weights;
 use crate::estimate::problem::{CarriedNoise, NoiseShift, Problem, Slopes};

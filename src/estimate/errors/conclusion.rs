@@ -19,6 +19,8 @@ pub(in crate::estimate) struct Conclusion {
     pub(in crate::estimate) inverse: Inverse,
     /// Noise with degrees of freedom taken off; none when there are none left.
     pub(in crate::estimate) noise: Option<Weights>,
+    /// For each output its compared cells, as many as they are worth, where its noise is estimated; none where it is known.
+    pub(in crate::estimate) cells: Vec<Option<f64>>,
     /// Scale and inverse without the priors, when there are any: what the data do not determine by themselves.
     pub(in crate::estimate) without_priors: Option<(Vec<f64>, Inverse)>,
 }
@@ -60,7 +62,8 @@ impl Correction<'_, '_, '_> {
         }
         let scale = self.quadratic.scale.clone();
         let without_priors = self.by_data_alone(&inside);
-        Some(Conclusion { scale, inside, inverse, noise, without_priors })
+        let cells = self.likelihood.cells_of_outputs();
+        Some(Conclusion { scale, inside, inverse, noise, cells, without_priors })
     }
 
     /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.

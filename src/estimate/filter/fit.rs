@@ -244,7 +244,8 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
         scatter: 1.0,
     };
     let without_priors = (!priors.is_empty()).then(|| Inverse::of_products(&information, &inside));
-    Some(Conclusion { scale, inside, inverse, noise: Some(noise), without_priors })
+    let cells = vec![None; setting.noise.len()];
+    Some(Conclusion { scale, inside, inverse, noise: Some(noise), cells, without_priors })
 }
 
 /// R at these values, diagonal.
