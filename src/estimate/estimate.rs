@@ -127,7 +127,7 @@ pub struct Estimate {
     pub parameters: Vec<ParameterEstimate>,
     /// How well each output of each run is matched.
     pub outputs: Vec<OutputFit>,
-    /// Minus the logarithm of the likelihood, without its constant.
+    /// Minus the logarithm of the likelihood, without its constant, at the likeliest values (see [`Self::drawn`]).
     pub cost: Option<f64>,
     /// How the iteration ended.
     pub termination: Termination,

@@ -87,17 +87,17 @@ pub fn estimate_from(
         }
     };
     let unbiased = corrected.as_ref().ok().and_then(|c| c.unbiased.as_ref());
-    let likeliest = values;
-    let values = match unbiased.and_then(|values| Some((values, answers(problem, &unknowns, values)?))) {
+    let (values, likeliest) = match unbiased.and_then(|values| Some((values, answers(problem, &unknowns, values)?))) {
         Some((unbiased, answered)) => {
             responses = answered;
-            unbiased.clone()
+            (unbiased.clone(), Some(values))
         }
-        None => likeliest.clone(),
+        None => (values, None),
     };
     let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref(), corrected.as_ref().ok());
     let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);
-    let drawn = drawn(&parameters, &statistics.parameters(problem, &unknowns, &likeliest).0);
+    let likeliest = likeliest.map(|values| statistics.parameters(problem, &unknowns, &values).0);
+    let drawn = likeliest.map_or(Vec::new(), |likeliest| drawn(&parameters, &likeliest));
     parameters.extend(statistics.derived(problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost);
@@ -136,10 +136,8 @@ pub fn estimate_from(
 /// The responses of all runs to other values; none where one cannot be simulated.
 fn answers(problem: &mut Problem<'_>, unknowns: &Unknowns, values: &[f64]) -> Option<Vec<Vec<f64>>> {
     let answer = |(r, run): (usize, &mut ProblemRun<'_>)| {
-        let mut theta = unknowns.theta[r].clone();
-        unknowns.assemble(r, values, &mut theta);
         let mut y = vec![0.0; run.measured.len()];
-        run.response.simulate(&theta, &mut y).ok().map(|()| y)
+        run.response.simulate(&unknowns.assembled(r, values), &mut y).ok().map(|()| y)
     };
     problem.runs.iter_mut().enumerate().map(answer).collect()
 }

@@ -106,6 +106,13 @@ impl Unknowns {
         (0..self.len()).map(one).collect()
     }
 
+    /// All parameters of a run (p) at these values of the unknowns.
+    pub(super) fn assembled(&self, run: usize, values: &[f64]) -> Vec<f64> {
+        let mut theta = self.theta[run].clone();
+        self.assemble(run, values, &mut theta);
+        theta
+    }
+
     /// Writes the unknowns into the parameters of a run.
     pub(super) fn assemble(&self, run: usize, values: &[f64], theta: &mut [f64]) {
         for (c, k) in self.columns.iter().enumerate() {

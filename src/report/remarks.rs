@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::table::digits;
-use crate::estimate::{Drawn, Estimate, Fit, ParameterEstimate, Status, Uncorrected};
+use crate::estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
 use crate::quality::{InputCorrelation, OutputQuality};
 use serde::Serialize;
 use std::fmt;
@@ -91,9 +91,9 @@ pub(super) fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
 
 /// Parameters that the noise of records in the equations had drawn far enough to be worth a line.
 fn drawn(estimate: &Estimate) -> Vec<String> {
-    let called = |d: &Drawn| d.run.as_ref().map_or(d.name.clone(), |run| format!("{} ({run})", d.name));
     let far = estimate.drawn.iter().filter(|d| d.by.abs() > DRAWN);
-    let far: Vec<String> = far.map(|d| format!("{} by {}", called(d), digits(d.by.abs(), 2))).collect();
+    let far: Vec<String> =
+        far.map(|d| format!("{} by {}", named(&d.name, d.run.as_deref()), digits(d.by.abs(), 2))).collect();
     if far.is_empty() {
         return Vec::new();
     }
@@ -231,7 +231,12 @@ fn colour(estimate: &Estimate) -> Vec<String> {
 }
 
 fn called(p: &ParameterEstimate) -> String {
-    p.run.as_ref().map_or(p.name.clone(), |run| format!("{} ({run})", p.name))
+    named(&p.name, p.run.as_deref())
+}
+
+/// The same by name and run.
+fn named(name: &str, run: Option<&str>) -> String {
+    run.map_or(name.to_string(), |run| format!("{name} ({run})"))
 }
 
 #[cfg(test)]

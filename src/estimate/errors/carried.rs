@@ -96,11 +96,8 @@ impl Carried {
 impl Drawing<'_> {
     /// Noise of these levels (q). None where none of it comes through the model.
     fn draw(&self, levels: &[f64], slopes: Option<Slopes<'_>>) -> Option<Draws> {
-        let of_run = |r: usize| {
-            let mut theta = self.sandwich.unknowns.theta[r].clone();
-            self.sandwich.unknowns.assemble(r, self.values, &mut theta);
-            self.carried.shifts(r, &theta, levels, slopes)
-        };
+        let theta = |r: usize| self.sandwich.unknowns.assembled(r, self.values);
+        let of_run = |r: usize| self.carried.shifts(r, &theta(r), levels, slopes);
         let runs = (0..self.runs.len()).into_par_iter();
         let shifts: Vec<Vec<Vec<NoiseShift>>> = runs.map(of_run).collect::<Option<_>>()?;
         let heard = |shift: &NoiseShift| shift.carried.iter().any(|v| *v != 0.0);

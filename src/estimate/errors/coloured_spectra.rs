@@ -35,9 +35,7 @@ pub(in crate::estimate) fn corrected_spectra(
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
     let sandwich = Sandwich { unknowns, conclusion };
     let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
-        let mut theta = unknowns.theta[r].clone();
-        unknowns.assemble(r, values, &mut theta);
-        SpectralRows::new(run, unknowns, &theta, &sandwich.scale(r))
+        SpectralRows::new(run, unknowns, &unknowns.assembled(r, values), &sandwich.scale(r))
     };
     let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
     let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;

@@ -208,8 +208,7 @@ impl Statistics {
         values: &[f64],
         run: usize,
     ) -> Vec<(f64, Errors, Option<f64>)> {
-        let mut theta = unknowns.theta[run].clone();
-        unknowns.assemble(run, values, &mut theta);
+        let theta = unknowns.assembled(run, values);
         let places: Vec<usize> = (0..unknowns.columns.len()).map(|c| unknowns.position(run, c)).collect();
         let size: Vec<f64> = places.iter().map(|j| self.errors(*j)[0].unwrap_or(0.0)).collect();
         let (derived, gradients) = problem.derived.linearise(&theta, &unknowns.columns, &size);
