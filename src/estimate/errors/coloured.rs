@@ -140,8 +140,7 @@ fn rows(problem: &mut Problem<'_>, sandwich: &Sandwich<'_>, values: &[f64]) -> R
         return Err(Uncorrected::TooLarge);
     }
     let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, &Option<Sampling>))| {
-        let mut theta = unknowns.theta[r].clone();
-        unknowns.assemble(r, values, &mut theta);
+        let theta = unknowns.assembled(r, values);
         ColouredRows::new(run, unknowns, &theta, &sandwich.scale(r), grid.as_ref()).map_err(|_| Uncorrected::NotFinite)
     };
     problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()

@@ -27,8 +27,7 @@ pub(in crate::estimate) fn corrected_known(
     let sandwich = Sandwich { unknowns, conclusion };
     let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
     for (r, run) in problem.runs.iter_mut().enumerate() {
-        let mut theta = unknowns.theta[r].clone();
-        unknowns.assemble(r, values, &mut theta);
+        let theta = unknowns.assembled(r, values);
         let weight = |scale: f64| if scale > 0.0 { 1.0 / (scale * noise.covariance[0]) } else { 0.0 };
         let weights: Vec<f64> = sandwich.scale(r).into_iter().map(weight).collect();
         middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
