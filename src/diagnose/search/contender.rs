@@ -196,6 +196,12 @@ impl Round<'_> {
             for share in [promise.amount, 0.0] {
                 look((k, false), self.starts(attached, base, &values, (&promise.added.compensation, share)));
             }
+            // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
+            if !point.is_linear() {
+                for share in [1.0, 0.0] {
+                    look((k, false), self.starts(attached, base, &point.values, (&promise.added.compensation, share)));
+                }
+            }
             // hardly there: no worse than the base model
             if point.shape == Shape::Smallest {
                 let values = point.at(FAINT, attached.params());
