@@ -90,6 +90,17 @@ impl Candidate {
         })
     }
 
+    /// What it adds a term to: `der(x)` or an output; `None` for an effect that replaces something.
+    pub fn adds_to(&self) -> Option<String> {
+        self.effect.tree().lines.iter().find_map(|(line, _)| match line {
+            EffectLine::Add(place, _) => {
+                let target = self.targets.get(self.effect.slot(&place.name.text)?)?;
+                Some(if place.derivative { format!("der({target})") } else { target.clone() })
+            }
+            _ => None,
+        })
+    }
+
     /// The model with this effect in it, as text and tree.
     ///
     /// # Errors

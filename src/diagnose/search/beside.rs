@@ -75,6 +75,17 @@ impl Beside {
         (2.0 * amount * z - amount * amount * g, amount)
     }
 
+    /// Variance of a linear function of what is fitted, by its gradient along the first fitted columns; nothing is added by columns
+    /// that are made of others.
+    pub(super) fn variance(&self, gradient: &[f64]) -> f64 {
+        let mut along: Vec<f64> = Vec::with_capacity(self.made.len());
+        for (column, multiples, norm) in &self.made {
+            let own = gradient.get(*column).copied().unwrap_or(0.0);
+            along.push((own - dot(multiples, &along)) / norm);
+        }
+        dot(&along, &along)
+    }
+
     /// What is left of a column, and its products with the basis.
     fn left(&self, mut column: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         let mut along = vec![0.0; self.basis.len()];
@@ -109,7 +120,8 @@ pub(super) fn cosine(a: &[f64], b: &[f64]) -> f64 {
     if size > 0.0 { dot(a, b) / size } else { 0.0 }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// Product of two columns.
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -119,4 +131,26 @@ fn together(lenses: &[std::sync::Mutex<Lens>], parts: &[&[f64]]) -> Vec<f64> {
         lens.lock().unwrap_or_else(std::sync::PoisonError::into_inner).seen(part)
     };
     lenses.iter().zip(parts).flat_map(seen).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+
+    #[test]
+    fn errors_of_what_is_fitted_spread_to_what_is_made_of_it() {
+        let column =
+            |k: usize| -> Vec<f64> { (0..9).map(|i| ((i * (k + 2)) as f64 * 0.7).cos() + 0.3 * k as f64).collect() };
+        let mut beside = Beside { basis: vec![], made: vec![], fitted: 4, residual: vec![], lenses: vec![] };
+        // the third is made of the others: nothing is known of it, and nothing is added
+        let twice: Vec<f64> = column(0).iter().zip(column(1)).map(|(a, b)| 2.0 * a - b).collect();
+        [column(0), column(1), twice, column(2)].into_iter().enumerate().for_each(|(c, own)| beside.take(c, own));
+        let free = DMatrix::from_fn(9, 3, |i, k| column(k)[i]);
+        let covariance = (free.transpose() * &free).try_inverse().expect("three columns");
+        let gradient = DVector::from_vec(vec![0.4, -1.1, 2.0]);
+        let expected = (gradient.transpose() * covariance * &gradient)[0];
+        assert!((beside.variance(&[0.4, -1.1, 7.0, 2.0]) / expected - 1.0).abs() < 1e-9);
+        assert_eq!(beside.variance(&[0.4, -1.1]), beside.variance(&[0.4, -1.1, 0.0, 0.0]));
+    }
 }

@@ -1,10 +1,12 @@
 //! The chance that noise makes the best candidate look as good as it does, once the best have been fitted.
 //!
-//! Screening promises a gain; what the joint fit gains, on the runs that are learned from and on those that are held out, may be
-//! less. The statistic of a fitted candidate is then the lesser of both. It is judged by the distribution that the promise
-//! has under noise: what is never larger than another statistic is large no more often. A gain far beyond all that speaks for itself.
+//! Screening promises a gain; what the joint fit gains on the runs that are learned from may be less. The statistic of a fitted candidate is
+//! then the lesser of both. It is judged by the distribution that the promise has under noise: what is never larger than another
+//! statistic is large no more often. What the leader by these runs does on the held-out ones is a second chance beside
+//! it (`held_test`). A gain far beyond all that speaks for itself.
 
 use super::contest::Contest;
+use super::held_test::{both, held_chance};
 use super::round::Round;
 
 /// A score that noise gives to no candidate, whatever its nuisances: what is beyond it counts although nothing was promised, as where a
@@ -18,12 +20,14 @@ pub(super) fn confirmed(round: &Round<'_>, contest: &Contest) -> f64 {
     let Some(lead) = round.screening.ranking.first().map(|t| candidates[*t].lead) else { return p };
     let fitted = || contest.contenders.iter().chain(&contest.far);
     let of = |t: &usize| match fitted().find(|c| c.trace == *t) {
-        Some(c) => candidates[*t].lead - 2.0 * (c.predicted - c.whole_gain()).max(0.0),
-        None => candidates[*t].lead,
+        Some(c) => (candidates[*t].lead - 2.0 * (c.predicted - c.gain).max(0.0), Some(c)),
+        None => (candidates[*t].lead, None),
     };
-    let left = round.screening.ranking.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
+    let leads = round.screening.ranking.iter().map(of);
+    let (left, leader) = leads.fold((f64::NEG_INFINITY, None), |best, own| if own.0 > best.0 { own } else { best });
     // beyond what noise gives once in a hundred times, chances fall like that of chi-square
-    let promised = weakened(p, 0.5 * (lead - left).max(0.0));
+    let first = weakened(p, 0.5 * (lead - left).max(0.0));
+    let promised = leader.and_then(|c| held_chance(round, contest, c)).map_or(first, |second| both(first, second));
     let beyond = fitted().map(|c| c.score() - SURE).fold(f64::NEG_INFINITY, f64::max);
     promised.min(candidates.len() as f64 * (-beyond).exp())
 }

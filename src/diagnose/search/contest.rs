@@ -35,6 +35,8 @@ const UNLIKELY: f64 = 12.0;
 /// The fits of a round, by one noise.
 pub(super) struct Contest {
     pub(super) metric: Metric,
+    /// The base model on the held-out runs, by it; none without such runs.
+    pub(super) base_held: Option<Fitting>,
     /// The best score first.
     pub(super) contenders: Vec<Contender>,
     /// Those that stayed far behind, by the first noise.
@@ -74,7 +76,7 @@ impl Round<'_> {
         contenders[..leaders].par_iter_mut().for_each(|c| c.finish(self, &metric, &base));
         sort(&mut contenders);
         let Some(best) = contenders.first() else {
-            return Ok(Contest { metric, contenders, far: Vec::new() });
+            return Ok(Contest { metric, base_held: None, contenders, far: Vec::new() });
         };
         // the noise that the best model leaves judges all; that of the one without which the residual is no noise, where gains tell less
         let own =
@@ -104,7 +106,7 @@ impl Round<'_> {
             }
         });
         sort(&mut contenders);
-        Ok(Contest { metric, contenders, far })
+        Ok(Contest { metric, base_held, contenders, far })
     }
 
     /// Whether a candidate is there although none promises enough: one without which the residual is likelier as noise.

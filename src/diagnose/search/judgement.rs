@@ -46,8 +46,8 @@ pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<Stri
     })
 }
 
-/// The contender as a cause, with the group of those that score about as much.
-pub(super) fn cause(round: &Round<'_>, contest: &Contest, chosen: usize) -> Cause {
+/// The contender as a cause, accepted at a chance, with the group of those that score about as much.
+pub(super) fn cause(round: &Round<'_>, contest: &Contest, (chosen, p): (usize, f64)) -> Cause {
     let contender = &contest.contenders[chosen];
     let attached = &round.traces[contender.trace].attached;
     let least = contender.score() - LEAD;
@@ -72,7 +72,7 @@ pub(super) fn cause(round: &Round<'_>, contest: &Contest, chosen: usize) -> Caus
         gain_holdout: contender.held.as_ref().map(|(gain, _)| *gain),
         gain_predicted: contender.predicted,
         score: contender.score(),
-        p: round.screening.family_wise,
+        p,
         group,
         separating_experiment,
     }

@@ -5,8 +5,8 @@
 //! alone. **Start** at [`search`] in `search.rs`; its road is `evenly` (samples on a grid) -> `stage` (a model at its fit, by the `way`
 //! of the `domain`) -> `measured` (what effects ask of the data) -> `trace` (an effect's directions; `transfer` in the frequency domain) ->
 //! `round` (all of them screened) -> `contest`, `contender` (the best fitted jointly, by one noise: `metric`, `whitened`, `refit`,
-//! `newton`) -> `confirmed` (the chance) -> `judgement` (scores, groups) -> `beginning` (with which to go on) -> `elimination`,
-//! `revision` -> `gains`.
+//! `newton`) -> `confirmed`, `held_test` (the chance) -> `judgement` (scores, groups) -> `beginning` (with which to go on) -> `elimination`,
+//! `revision`, `one_law` (what several of them may be together) -> `gains`.
 
 mod attached;
 mod beginning;
@@ -25,10 +25,12 @@ mod first;
 mod following;
 mod gains;
 mod held_noise;
+mod held_test;
 mod judgement;
 mod measured;
 mod metric;
 mod newton;
+mod one_law;
 mod options;
 mod own_motion;
 mod own_noise;

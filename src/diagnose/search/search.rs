@@ -14,6 +14,7 @@ use super::gains::{biased, output_gains, overlays, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
 use super::measured::Measured;
 use super::metric::Metric;
+use super::one_law::one_law;
 use super::options::{SearchOptions, Watcher};
 use super::revision::revise;
 use super::round::{Round, Runs, new_values, place};
@@ -145,7 +146,8 @@ impl<'a> Search<'a> {
                 last.ended = format!("{} effects are the most that are looked for", self.options.most);
                 break;
             }
-            let Some(next) = contest.map(|c| self.accept(&round, &c, &measured, number)).transpose()?.flatten() else {
+            let Some(next) = contest.map(|c| self.accept(&round, &c, &measured, (number, p))).transpose()?.flatten()
+            else {
                 last.ended = "no candidate that was fitted could be accepted".into();
                 break;
             };
@@ -168,7 +170,10 @@ impl<'a> Search<'a> {
     fn contest(&self, round: &mut Round<'a>) -> Result<Contest, SearchError> {
         let alpha = self.options.alpha;
         if round.screening.family_wise >= alpha {
-            return round.contest_of(ASKED..=ASKED, self.watcher);
+            let few = round.contest_of(ASKED..=ASKED, self.watcher)?;
+            if confirmed(round, &few) >= alpha {
+                return Ok(few);
+            }
         }
         let contest = round.contest(self.watcher)?;
         if confirmed(round, &contest) < alpha {
@@ -213,7 +218,7 @@ impl<'a> Search<'a> {
         round: &Round<'a>,
         contest: &Contest,
         measured: &Measured,
-        number: usize,
+        (number, p): (usize, f64),
     ) -> Result<Option<Beginning<'a>>, SearchError> {
         let mut fit = Vec::new();
         for (k, contender) in contest.contenders.iter().enumerate() {
@@ -224,7 +229,7 @@ impl<'a> Search<'a> {
         }
         let Some(next) = self.best_beginning(round, contest, measured, &fit)? else { return Ok(None) };
         let k = next.contender;
-        let (contender, cause) = (&contest.contenders[k], cause(round, contest, k));
+        let (contender, cause) = (&contest.contenders[k], cause(round, contest, (k, p)));
         let grouped = |t: usize| {
             let own = place(&round.traces[t].attached.candidate);
             cause.group.iter().any(|rival| rival.place == own)
@@ -281,11 +286,14 @@ impl<'a> Search<'a> {
             None => None,
         };
         let cost = self.accepted.iter().map(Accepted::cost).sum();
-        let attribution = heard.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
+        let mut attribution = heard.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let verdict = self.verdict(attribution.as_ref(), end.family_wise);
         if verdict == Verdict::Disturbance {
             self.withdraw();
             (last, new) = (None, old.clone());
+        }
+        if let Some(told) = &mut attribution {
+            told.warnings.extend(one_law(&self.accepted));
         }
         let suggestions = if verdict == Verdict::UnknownCause { seen.suggestions() } else { None };
         let found = !self.accepted.is_empty();
