@@ -3,8 +3,10 @@
 //! Screening promises a gain; what the joint fit gains on the runs that are learned from may be less. The statistic of a fitted candidate is
 //! then the lesser of both. It is judged by the distribution that the promise has under noise: what is never larger than another
 //! statistic is large no more often. What the leader by these runs does on the held-out ones is a second chance beside
-//! it (`held_test`). A gain far beyond all that speaks for itself.
+//! it (`held_test`). So it is with the candidate without which the residual is likelier as noise of any smooth spectrum (`own_noise`), where
+//! promises say nothing. A gain far beyond all that speaks for itself.
 
+use super::contender::Contender;
 use super::contest::Contest;
 use super::held_test::{both, held_chance};
 use super::round::Round;
@@ -27,9 +29,14 @@ pub(super) fn confirmed(round: &Round<'_>, contest: &Contest) -> f64 {
     let (left, leader) = leads.fold((f64::NEG_INFINITY, None), |best, own| if own.0 > best.0 { own } else { best });
     // beyond what noise gives once in a hundred times, chances fall like that of chi-square
     let first = weakened(p, 0.5 * (lead - left).max(0.0));
-    let promised = leader.and_then(|c| held_chance(round, contest, c)).map_or(first, |second| both(first, second));
+    let with_held = |leader: Option<&Contender>, first: f64| {
+        leader.and_then(|c| held_chance(round, contest, c)).map_or(first, |second| both(first, second))
+    };
+    let promised = with_held(leader, first);
+    let as_noise =
+        contest.unlikely.and_then(|u| Some(with_held(Some(fitted().find(|c| c.trace == u.trace)?), u.chance)));
     let beyond = fitted().map(|c| c.score() - SURE).fold(f64::NEG_INFINITY, f64::max);
-    promised.min(candidates.len() as f64 * (-beyond).exp())
+    promised.min(as_noise.unwrap_or(1.0)).min(candidates.len() as f64 * (-beyond).exp())
 }
 
 /// A chance among many, when each of them is so many times (by its logarithm) larger.

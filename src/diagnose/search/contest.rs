@@ -4,6 +4,7 @@ use super::beside::Beside;
 use super::contender::Contender;
 use super::metric::Metric;
 use super::options::Watcher;
+use super::own_noise::Unlikely;
 use super::refit::{Fitting, Posed};
 use super::round::{Round, shared_from};
 use super::search_error::SearchError;
@@ -25,18 +26,18 @@ const PART: f64 = 0.25;
 const CLOSE: f64 = 10.0;
 /// Contenders of which the best is found before a noise is.
 const LEADERS: usize = 3;
+/// Family-wise chance below which the best candidates are fitted, to see whether they gain what they promise.
+const DOUBTFUL: f64 = 0.1;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
 const LARGE: f64 = 15.0;
-
-/// What the residual must be likelier by without a candidate, each by the noise that suits it best, to be no noise: among a hundred candidates
-/// noise gives that to one in a thousand records.
-const UNLIKELY: f64 = 12.0;
 
 /// The fits of a round, by one noise.
 pub(super) struct Contest {
     pub(super) metric: Metric,
     /// The base model on the held-out runs, by it; none without such runs.
     pub(super) base_held: Option<Fitting>,
+    /// The candidate without which the residual is likelier as noise, where that is doubtful.
+    pub(super) unlikely: Option<Unlikely>,
     /// The best score first.
     pub(super) contenders: Vec<Contender>,
     /// Those that stayed far behind, by the first noise.
@@ -65,8 +66,8 @@ impl Round<'_> {
         let (metric, base) = self.begun()?;
         let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
         let mut chosen = self.chosen(count, (&beside, &metric, &base));
-        let told = self.unlikely_as_noise(&beside).filter(|(nats, _)| *nats > UNLIKELY);
-        chosen.extend(told.map(|(_, t)| t).filter(|t| !chosen.contains(t)));
+        let unlikely = self.unlikely_as_noise(&beside).filter(|u| u.chance < DOUBTFUL);
+        chosen.extend(unlikely.map(|u| u.trace).filter(|t| !chosen.contains(t)));
         watcher(&format!("fitting the best {} of {} candidates", chosen.len(), self.traces.len()));
         let fitted = |t: &usize| self.contender(*t, &beside, &metric, &base);
         let mut contenders: Vec<Contender> = chosen.par_iter().filter_map(fitted).collect();
@@ -76,11 +77,10 @@ impl Round<'_> {
         contenders[..leaders].par_iter_mut().for_each(|c| c.finish(self, &metric, &base));
         sort(&mut contenders);
         let Some(best) = contenders.first() else {
-            return Ok(Contest { metric, base_held: None, contenders, far: Vec::new() });
+            return Ok(Contest { metric, base_held: None, unlikely, contenders, far: Vec::new() });
         };
         // the noise that the best model leaves judges all; that of the one without which the residual is no noise, where gains tell less
-        let own =
-            told.filter(|(nats, _)| *nats > best.gain).and_then(|(_, t)| contenders.iter().find(|c| c.trace == t));
+        let own = unlikely.filter(|u| u.nats > best.gain).and_then(|u| contenders.iter().find(|c| c.trace == u.trace));
         let renewed = if own.is_some() || best.gain > LARGE { self.renewed(own.unwrap_or(best)) } else { None };
         let metric = renewed.unwrap_or(metric);
         let base = self.base(&metric, &base.theta)?;
@@ -106,14 +106,17 @@ impl Round<'_> {
             }
         });
         sort(&mut contenders);
-        Ok(Contest { metric, base_held, contenders, far })
+        Ok(Contest { metric, base_held, unlikely, contenders, far })
     }
 
-    /// Whether a candidate is there although none promises enough: one without which the residual is likelier as noise.
-    pub(super) fn is_no_noise(&mut self) -> bool {
+    /// Whether something may be there: by what screening promises, or as the residual is likelier as noise without a candidate.
+    pub(super) fn is_doubtful(&mut self) -> bool {
+        if self.screening.family_wise < DOUBTFUL {
+            return true;
+        }
         let Ok((metric, _)) = self.begun() else { return false };
         let beside = Beside::new(&self.records, self.runs.train(), &self.stage.ways, self.stage.outputs(), &metric);
-        self.unlikely_as_noise(&beside).is_some_and(|(nats, _)| nats > UNLIKELY)
+        self.unlikely_as_noise(&beside).is_some_and(|u| u.chance < DOUBTFUL)
     }
 
     /// The first noise, and the base model by it.

@@ -13,9 +13,20 @@ use rayon::prelude::*;
 /// Candidates that are asked: those that promise most.
 const ASKED: usize = 24;
 
+/// The candidate without which a residual is likelier as noise.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Unlikely {
+    /// Its trace.
+    pub(super) trace: usize,
+    /// By how much likelier, its price taken off.
+    pub(super) nats: f64,
+    /// The chance that noise gives so much to any candidate: to one, a likelihood ratio of e^n comes with a chance below e^-n.
+    pub(super) chance: f64,
+}
+
 impl Round<'_> {
-    /// The candidate without which the residual is likelier by most, and by how much, its price taken off; by what small steps do.
-    pub(super) fn unlikely_as_noise(&self, beside: &Beside) -> Option<(f64, usize)> {
+    /// The candidate without which the residual is likelier by most; by what small steps do.
+    pub(super) fn unlikely_as_noise(&self, beside: &Beside) -> Option<Unlikely> {
         let ranked = self.ranked_by_promise(beside);
         let residual: Vec<&[f64]> = self.records.iter().map(|r| &r.residual[..]).collect();
         let base = self.less(&residual, None, (1.0, &beside.added(&residual)));
@@ -29,7 +40,8 @@ impl Round<'_> {
             Some((self.likelihood(&without) - likelihood - self.price(*t), *t))
         };
         let all: Vec<(f64, usize)> = ranked[..ranked.len().min(ASKED)].par_iter().filter_map(gained).collect();
-        all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
+        let (nats, trace) = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
+        Some(Unlikely { trace, nats, chance: (self.traces.len() as f64 * (-nats).exp()).min(1.0) })
     }
 
     /// Signals less a multiple of a direction, of which the fitted columns take what they can; of the signals themselves where there is none.

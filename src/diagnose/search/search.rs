@@ -39,8 +39,6 @@ const MARGINAL: f64 = 0.01;
 const NEAR: usize = 5;
 const BEHIND: f64 = 15.0;
 const APART: f64 = 0.5;
-/// Family-wise chance below which the best candidates are fitted, to see whether they gain what they promise.
-const DOUBTFUL: f64 = 0.1;
 /// So many of them where nothing can be accepted.
 const ASKED: usize = 8;
 
@@ -124,7 +122,7 @@ impl<'a> Search<'a> {
                 (round, _) => round?,
             };
             let contest = match made {
-                None if round.screening.family_wise < self.options.alpha.max(DOUBTFUL) || round.is_no_noise() => {
+                None if round.screening.family_wise < self.options.alpha || round.is_doubtful() => {
                     Some(self.contest(&mut round)?)
                 }
                 made => made,
