@@ -113,6 +113,10 @@ fn conditions_look_through_lets_and_know_the_order() {
     assert_eq!(names("sensor_position"), ["y x", "y z"]);
     let noises: Vec<_> = places.candidates.iter().filter_map(|c| c.noise()).collect();
     assert_eq!(noises, ["x", "z"]);
+    let adds = |written: &str| places.find(written).expect("it fits").adds_to();
+    assert_eq!(adds("missing_coupling(x, phi)").as_deref(), Some("der(x)"));
+    assert_eq!(adds("sensor_position(y, z)").as_deref(), Some("y"));
+    assert_eq!((adds("input_delay(u)"), adds("process_noise(x)")), (None, None));
 }
 
 #[test]
