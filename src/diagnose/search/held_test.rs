@@ -3,7 +3,8 @@
 //! Fitted to noise, an effect adds d to the base model's answer to a held-out run, in lines of unit noise. Of what the base model leaves
 //! there, r, it gains r'd - d'd/2. Noise gives r'd a mean of zero and the variance d'd; the error of the base model's parameters, of covariance C
 //! from the first runs, adds d'J C J'd. As the run took no part in the fit, this chance is independent of the one that the first runs
-//! give, and the product of both is judged (Fisher, Statistical Methods for Research Workers, 21.1).
+//! give, and both are one by the sum of their normal deviates (Stouffer). Their product (Fisher) forgets a held-out run that contradicts: a first
+//! chance of 0.001 would stay below 0.01 whatever the run says, and first chances that small are known least well.
 
 use super::beside::{Beside, dot};
 use super::contender::Contender;
@@ -15,7 +16,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Least square of an effect's answer in units of noise, below which held-out runs say nothing of it.
 const HEARD: f64 = 1.0;
-/// Least chance that held-out runs are believed: their noise is known from other runs.
+/// Held-out runs are believed down to this chance, and up to one less it: their noise is known from other runs.
 const LEAST: f64 = 0.01;
 
 /// The chance that noise makes an effect match the held-out runs as well as it does; none without such runs, or where they say nothing
@@ -50,13 +51,14 @@ pub(super) fn held_chance(round: &Round<'_>, contest: &Contest, contender: &Cont
     // where even the effect leaves more than that noise, there is more of it
     let noise = (left / count.max(1) as f64).max(1.0);
     let z = product / (noise * (square + beside.variance(&along))).sqrt();
-    Some(Normal::standard().sf(z).max(LEAST))
+    Some(Normal::standard().sf(z).clamp(LEAST, 1.0 - LEAST))
 }
 
-/// The chance of two independent chances together.
+/// Two independent chances as one.
 pub(super) fn both(first: f64, second: f64) -> f64 {
-    let product = first * second;
-    if product > 0.0 { product * (1.0 - product.ln()) } else { 0.0 }
+    let normal = Normal::standard();
+    let deviate = |p: f64| -normal.inverse_cdf(p.clamp(f64::MIN_POSITIVE, 1.0));
+    normal.sf((deviate(first) + deviate(second)) / std::f64::consts::SQRT_2)
 }
 
 #[cfg(test)]
@@ -65,11 +67,23 @@ mod tests {
 
     #[test]
     fn two_chances_are_one() {
-        assert_eq!((both(1.0, 1.0), both(0.0, 0.5)), (1.0, 0.0));
-        // half of the chi-square of four degrees: Fisher's own example has -2 ln of the product
-        let chi = statrs::distribution::ChiSquared::new(4.0).expect("four degrees");
-        for (a, b) in [(0.05, 0.05), (0.3, 0.01), (1e-6, 0.9)] {
-            assert!((both(a, b) / chi.sf(-2.0 * (a * b as f64).ln()) - 1.0).abs() < 1e-9);
+        assert!((both(0.5, 0.5) - 0.5).abs() < 1e-12 && both(1e-300, 0.99) < 1e-100 && both(0.0, 0.5) < 1e-100);
+        assert_eq!((both(1.0, 0.01), both(0.03, 0.2)), (1.0, both(0.2, 0.03)));
+        // what is confirmed is less likely, what is contradicted more
+        assert!(both(0.05, 0.01) < 0.004 && both(0.001, 0.99) > 0.2);
+    }
+
+    /// Chances of noise alone stay what they say.
+    #[test]
+    fn chances_of_noise_are_evenly_spread() {
+        let even = |k: usize| (k as f64 + 0.5) / 400.0;
+        let below = |level: f64| {
+            let pairs = (0..400).flat_map(|a| (0..400).map(move |b| both(even(a), even(b).clamp(LEAST, 1.0 - LEAST))));
+            pairs.filter(|p| *p < level).count() as f64 / 160_000.0
+        };
+        for level in [0.01, 0.05, 0.5] {
+            let share = below(level);
+            assert!(share < 1.02 * level && share > 0.6 * level, "{level} {share}");
         }
     }
 }
