@@ -6,7 +6,7 @@ use super::rewrite;
 use super::scales::Scales;
 use super::subject::Subject;
 use crate::diagnostic::Diagnostic;
-use crate::syntax::{EffectLine, SlotKind};
+use crate::syntax::{EffectLine, Place, SlotKind};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -85,7 +85,7 @@ impl Candidate {
     /// The state into whose equation a noise enters (`noise der(x) = q;`); `None` for an effect that is an equation.
     pub fn noise(&self) -> Option<&str> {
         self.effect.tree().lines.iter().find_map(|(line, _)| match line {
-            EffectLine::Noise(place, _) => self.targets.get(self.effect.slot(&place.name.text)?).map(String::as_str),
+            EffectLine::Noise(place, _) => self.target(place),
             _ => None,
         })
     }
@@ -94,11 +94,16 @@ impl Candidate {
     pub fn adds_to(&self) -> Option<String> {
         self.effect.tree().lines.iter().find_map(|(line, _)| match line {
             EffectLine::Add(place, _) => {
-                let target = self.targets.get(self.effect.slot(&place.name.text)?)?;
-                Some(if place.derivative { format!("der({target})") } else { target.clone() })
+                let target = self.target(place)?;
+                Some(if place.derivative { format!("der({target})") } else { target.to_string() })
             }
             _ => None,
         })
+    }
+
+    /// The name of the model that a place of the effect stands for.
+    fn target(&self, place: &Place) -> Option<&str> {
+        self.targets.get(self.effect.slot(&place.name.text)?).map(String::as_str)
     }
 
     /// The model with this effect in it, as text and tree.

@@ -26,7 +26,8 @@ const PART: f64 = 0.25;
 const CLOSE: f64 = 10.0;
 /// Contenders of which the best is found before a noise is.
 const LEADERS: usize = 3;
-/// Family-wise chance below which the best candidates are fitted, to see whether they gain what they promise.
+/// Family-wise chance, by what screening promises or by how unlikely the residual is as noise, below which the best candidates are fitted,
+/// to see what they gain.
 const DOUBTFUL: f64 = 0.1;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
 const LARGE: f64 = 15.0;

@@ -4,6 +4,7 @@
 //! three that it has, so nearly that nothing is left which would tell of it. That they meet in one place is what can be told.
 
 use super::elimination::Accepted;
+use std::collections::BTreeMap;
 
 /// A sentence for each equation or output to which more than one accepted effect adds a term.
 pub(super) fn one_law(accepted: &[Accepted]) -> Vec<String> {
@@ -14,22 +15,13 @@ pub(super) fn one_law(accepted: &[Accepted]) -> Vec<String> {
 
 /// The same of places and what is added there.
 fn said(terms: &[(String, String)]) -> Vec<String> {
-    let mut places: Vec<&str> = Vec::new();
-    for (place, _) in terms {
-        if !places.contains(&place.as_str()) {
-            places.push(place);
-        }
-    }
-    let of = |place: &&str| {
-        let here: Vec<&str> = terms.iter().filter(|t| t.0 == **place).map(|t| t.1.as_str()).collect();
-        (here.len() > 1).then(|| {
-            format!(
-                "{} add to {place}: together they may stand for one law that the catalogue does not have",
-                here.join(" and ")
-            )
-        })
+    let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    terms.iter().for_each(|(place, effect)| places.entry(place).or_default().push(effect));
+    let sentence = |(place, here): (&str, Vec<&str>)| {
+        let here = here.join(" and ");
+        format!("{here} add to {place}: together they may stand for one law that the catalogue does not have")
     };
-    places.iter().filter_map(of).collect()
+    places.into_iter().filter(|(_, here)| here.len() > 1).map(sentence).collect()
 }
 
 #[cfg(test)]
