@@ -192,7 +192,7 @@ impl Choice<'_> {
         let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme);
         let mut scales = Scales::new(layout.states, layout.outputs);
         if layout.states <= MOST_IMPLICIT {
-            scales = control::measure(&mut at(Scheme::Radau), scales);
+            scales = control::measure(&mut at(Scheme::Radau), scales, self.most_uneven());
         }
         let mut probe = at(scheme);
         let Some((_, met)) = control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };

@@ -70,17 +70,22 @@ impl Scales {
 
 /// Sizes as steps show them that are as long as the implicit method can take them: it is damped, and so they are about right
 /// whatever their length. Beginning with nothing would not do: a state far down a chain grows from zero by a high power of time, and
-/// no step is short enough for a part of that.
-pub(super) fn measure(probe: &mut Probe<'_>, mut scales: Scales) -> Scales {
+/// no step is short enough for a part of that. After `most` steps it is left at what they have shown.
+pub(super) fn measure(probe: &mut Probe<'_>, mut scales: Scales, most: usize) -> Scales {
     let (mut x, mut next) = (vec![0.0; scales.states.len()], vec![0.0; scales.states.len()]);
     let mut y = vec![0.0; scales.outputs.len()];
     if !probe.begin(&mut x) {
         return scales;
     }
+    let mut left = most;
     for interval in 0..probe.run.len().saturating_sub(1) {
         let (from, to) = (probe.run.time[interval], probe.run.time[interval + 1]);
         let (mut begin, mut length) = (0.0, 1.0);
         while begin < 1.0 {
+            if left == 0 {
+                return scales;
+            }
+            left -= 1;
             let end = if begin + 1.5 * length > 1.0 { 1.0 } else { begin + length };
             if probe.step(interval, (begin, end), &x, &mut next) {
                 std::mem::swap(&mut x, &mut next);
@@ -233,5 +238,29 @@ impl March {
 fn resume(probe: &mut Probe<'_>, past: Option<&super::implicit::Past>) {
     if let (Some(collocation), Some(past)) = (&mut probe.collocation, past) {
         collocation.resume(past);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::model::Model;
+
+    /// A model whose every interval asks for very short steps would be measured for hours.
+    #[test]
+    fn sizes_are_measured_in_so_many_steps() {
+        let model =
+            Model::from_text("clock.fdm", "model clock { state x = 0; der(x) = 1 + 0*x; output y = -x; }").unwrap();
+        let time: Vec<f64> = (0..50).map(f64::from).collect();
+        let (measured, output_gaps) = (vec![0.0; time.len()], vec![0]);
+        let (name, inputs, held, input_gaps) = ("a".into(), Vec::new(), Vec::new(), Vec::new());
+        let run = Run { name, inputs, held, measured, input_gaps, output_gaps, time };
+        let theta = model.definition().start();
+        let largest = |most: usize| {
+            let mut probe = Probe::new(model.dynamics(), &run, &theta, Scheme::Radau);
+            measure(&mut probe, Scales::new(1, 1), most).states[0]
+        };
+        assert!((largest(10) - 10.0).abs() < 1e-9 && (largest(1000) - 49.0).abs() < 1e-9);
     }
 }

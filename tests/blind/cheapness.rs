@@ -34,7 +34,12 @@ fn screened(case: &Case, learned: &[Run], held: &[Run]) -> (Duration, Option<Str
     let found = search(&case.base, learned, held, &Catalogue::standard(), &options, &watcher).expect("a diagnosis");
     let marks = marks.into_inner().expect("no thread panicked");
     let at = |start: &str| marks.iter().find(|(text, _)| text.starts_with(start)).map(|(_, at)| *at);
-    let (begun, ended) = (at("search 1").expect("a search"), at("fitting the best").expect("fits after screening"));
+    let (begun, ended) = (at("search 1").expect("a search"), at("search 1: screened").expect("its end"));
+    let fits = at("fitting the best").expect("fits after screening");
+    println!(
+        "from screening to the first fit to the end (what may be there, and short looks): {:.2} s",
+        (fits - ended).as_secs_f64()
+    );
     (ended - begun, found.causes.first().map(|cause| cause.place.to_string()))
 }
 

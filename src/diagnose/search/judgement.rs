@@ -17,6 +17,8 @@ const LEAST: f64 = 3.0;
 /// Least gain on the runs that are learned from: that of a size of two standard errors. (Wald's size itself says little where an
 /// effect has parameters of its own that correlate with it.)
 const SIZE: f64 = 2.0;
+/// Loss on held-out runs below which they say nothing.
+const HEARD: f64 = 0.5;
 
 /// Why a contender is not accepted; none when it is.
 pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<String> {
@@ -30,7 +32,12 @@ pub(super) fn objection(round: &Round<'_>, contender: &Contender) -> Option<Stri
     if let Some((gain, _)) = &contender.held
         && *gain <= 0.0
     {
-        return Some(format!("on the held-out runs it loses {:.1} in log-likelihood", -gain));
+        return Some(match *gain > -HEARD {
+            true => {
+                "the held-out runs are matched as well without it; one that moves what it acts on would tell".into()
+            }
+            false => format!("on the held-out runs it loses {:.1} in log-likelihood", -gain),
+        });
     }
     if let Some(frequency) = repeated(round, contender) {
         return Some(format!(

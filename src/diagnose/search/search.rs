@@ -107,7 +107,9 @@ impl<'a> Search<'a> {
                 None => {
                     let candidates = self.candidates(&stage, None);
                     (self.watcher)(&format!("search {number}: {} candidates", candidates.len()));
-                    (Round::new(Arc::clone(&stage), self.runs, &candidates, &measured, self.options), None)
+                    let round = Round::new(Arc::clone(&stage), self.runs, &candidates, &measured, self.options);
+                    (self.watcher)(&format!("search {number}: screened"));
+                    (round, None)
                 }
             };
             let mut round = match (round, &mut end) {

@@ -182,38 +182,42 @@ type Found = (Vec<Point>, Vec<Vec<Signals>>, Vec<Steps>);
 
 impl Bench<'_> {
     fn signals(&self, points: Vec<Point>) -> Result<Found, String> {
-        let level = self.level(&points).ok_or("the extended model has no response at any value that is tried")?;
+        let (level, first) =
+            self.settled(&points).ok_or("the extended model has no response at any value that is tried")?;
         // those of held-out runs too, for the fits
         let steps: Vec<Steps> = (0..self.own.len()).map(|r| self.steps(r, level)).collect();
-        let mut benches = Vec::new();
-        for (r, steps) in steps.iter().enumerate().take(self.runs.len()) {
+        let mut benches = vec![first];
+        for (r, steps) in steps.iter().enumerate().take(self.runs.len()).skip(1) {
             benches.push(self.run(r, steps).ok_or("the extended model cannot be simulated over these runs")?);
         }
         let (kept, signals) = kept(points, |point| benches.iter_mut().map(|bench| bench.direction(point)).collect());
         if kept.is_empty() { Err("it changes nothing in these runs".into()) } else { Ok((kept, signals, steps)) }
     }
 
-    /// How often steps are halved, by the first run: until that moves the outermost points no more.
-    fn level(&self, points: &[Point]) -> Option<usize> {
+    /// How often steps are halved, by the first run: until that moves the outermost points no more. The first run with these steps, and
+    /// what those points add to it.
+    fn settled(&self, points: &[Point]) -> Option<(usize, RunBench<'_>)> {
         let outer = if points.len() > 1 { vec![&points[0], &points[points.len() - 1]] } else { vec![&points[0]] };
-        let at = |level: usize| -> Option<Vec<Option<Signals>>> {
+        let at = |level: usize| -> Option<RunBench<'_>> {
             let mut bench = self.run(0, &self.steps(0, level))?;
-            Some(outer.iter().map(|p| bench.direction(p)).collect())
+            bench.known = outer.iter().map(|p| ((*p).clone(), bench.direction(p))).collect();
+            Some(bench)
         };
+        let responds = |bench: &RunBench<'_>| bench.known.iter().any(|(_, found)| found.is_some());
         let mut coarse = at(0)?;
         for level in 0..MOST_HALVINGS {
             let fine = at(level + 1)?;
-            let settled = |(a, b): (&Option<Signals>, &Option<Signals>)| match (a, b) {
+            let settled = |((_, a), (_, b)): (&Known, &Known)| match (a, b) {
                 (Some(a), Some(b)) => difference(a, b) <= ACCURATE,
                 (None, None) => level > 1,
                 _ => false,
             };
-            if coarse.iter().zip(&fine).all(settled) {
-                return fine.iter().any(Option::is_some).then_some(level);
+            if coarse.known.iter().zip(&fine.known).all(settled) {
+                return responds(&fine).then_some((level, coarse));
             }
             coarse = fine;
         }
-        coarse.iter().any(Option::is_some).then_some(MOST_HALVINGS)
+        responds(&coarse).then_some((MOST_HALVINGS, coarse))
     }
 
     /// The steps of a run at a level.
@@ -231,7 +235,7 @@ impl Bench<'_> {
 
     fn run(&self, r: usize, steps: &Steps) -> Option<RunBench<'_>> {
         let simulator = Simulator::new(self.dynamics, &self.runs[r], steps.clone()).ok()?;
-        Some(RunBench { bench: self, r, steps: steps.clone(), simulator, null: None })
+        Some(RunBench { bench: self, r, steps: steps.clone(), simulator, null: None, known: Vec::new() })
     }
 }
 
@@ -243,11 +247,19 @@ struct RunBench<'a> {
     simulator: Simulator<'a>,
     /// The response at the null.
     null: Option<Signals>,
+    /// Directions that have been found already.
+    known: Vec<Known>,
 }
+
+/// A point and what the effect adds there.
+type Known = (Point, Option<Signals>);
 
 impl RunBench<'_> {
     /// What the effect adds at a point; none where that is not finite.
     fn direction(&mut self, point: &Point) -> Option<Signals> {
+        if let Some(k) = self.known.iter().position(|(own, _)| own == point) {
+            return self.known.swap_remove(k).1;
+        }
         let attached = self.bench.attached;
         let theta = attached.theta(self.bench.stage, self.r, &point.values);
         if self.simulator.suits(&theta).is_err() {
