@@ -246,6 +246,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::model::Model;
+    use crate::record::Run;
 
     /// A model whose every interval asks for very short steps would be measured for hours.
     #[test]

@@ -15,6 +15,9 @@ const LOOKED_AT: usize = 12;
 const FOLLOWED: usize = 3;
 /// Part of the smallest trial at which an effect is hardly there.
 const FAINT: f64 = 0.1;
+/// Part of a promised size that is tried where all of it is worse than nothing, and how often it is.
+const PART: f64 = 0.3;
+const NEARER: usize = 4;
 /// Integration error, as a part of an output's range, from which steps are too coarse for a fit; that which others shall have, and
 /// how many of them an interval may take on average.
 const COARSE: f64 = 3e-3;
@@ -186,15 +189,28 @@ impl Round<'_> {
         };
         let mut bench = posed.bench()?;
         let mut looks: Vec<Look> = Vec::new();
+        // true when it is better than without the effect
         let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
-            looks.extend(bench.look(&starts).map(|cost| Look { cost, point, starts }));
+            let cost = bench.look(&starts);
+            looks.extend(cost.map(|cost| Look { cost, point, starts }));
+            cost.is_some_and(|cost| cost < base.cost)
         };
         for (k, promise) in promises.iter().enumerate() {
             let point = &trace.points[promise.point];
             let values = point.at(promise.amount, attached.params());
             // with what the fitted parameters had made up for, and without: a large effect is not linear
+            let mut gains = false;
             for share in [promise.amount, 0.0] {
-                look((k, false), self.starts(attached, base, &values, (&promise.added.compensation, share)));
+                gains |= look((k, false), self.starts(attached, base, &values, (&promise.added.compensation, share)));
+            }
+            // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
+            let mut amount = promise.amount;
+            for _ in 0..if point.is_linear() && !gains { NEARER } else { 0 } {
+                amount *= PART;
+                let values = point.at(amount, attached.params());
+                if look((k, false), self.starts(attached, base, &values, (&promise.added.compensation, amount))) {
+                    break;
+                }
             }
             // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
             if !point.is_linear() {

@@ -2,14 +2,17 @@
 
 use super::beside::Beside;
 use super::contender::Contender;
+use super::gains::responses;
 use super::metric::Metric;
 use super::options::Watcher;
 use super::own_noise::Unlikely;
 use super::refit::{Fitting, Posed};
-use super::round::{Round, shared_from};
+use super::round::{PRICE, Round, shared_from};
 use super::search_error::SearchError;
 use super::stage::records;
-use crate::diagnose::screen::{LogSpectrum, Record};
+use super::way::Way;
+use crate::diagnose::screen::{LogSpectrum, Record, Signals};
+use crate::record::Run;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
@@ -77,11 +80,16 @@ impl Round<'_> {
         let leaders = contenders.len().min(LEADERS);
         contenders[..leaders].par_iter_mut().for_each(|c| c.finish(self, &metric, &base));
         sort(&mut contenders);
+        let likeliest = self.likeliest(&contenders);
+        if let Some(k) = likeliest {
+            contenders[k].finish(self, &metric, &base);
+        }
         let Some(best) = contenders.first() else {
             return Ok(Contest { metric, base_held: None, unlikely, contenders, far: Vec::new() });
         };
         // the noise that the best model leaves judges all; that of the one without which the residual is no noise, where gains tell less
         let own = unlikely.filter(|u| u.nats > best.gain).and_then(|u| contenders.iter().find(|c| c.trace == u.trace));
+        let own = own.or(likeliest.map(|k| &contenders[k]));
         let renewed = if own.is_some() || best.gain > LARGE { self.renewed(own.unwrap_or(best)) } else { None };
         let metric = renewed.unwrap_or(metric);
         let base = self.base(&metric, &base.theta)?;
@@ -151,6 +159,26 @@ impl Round<'_> {
         let found = self.stage.noise(&self.records, &self.options);
         self.records.iter_mut().zip(directions).for_each(|(record, own)| record.directions = own);
         found.unwrap_or_default()
+    }
+
+    /// The contender that leaves what is likeliest as noise of any smooth spectrum, where that is not the best one, by far: where the model
+    /// is far off, its error passes for noise, by which gains say little.
+    fn likeliest(&self, contenders: &[Contender]) -> Option<usize> {
+        contenders.first().filter(|best| best.gain > LARGE)?;
+        let train = self.runs.train;
+        let of = |c: &Contender| -> Option<f64> {
+            let answers = responses(&c.model, self.runs.train(), &c.ways[..train], &c.fitting.theta)?;
+            let left = |((way, run), y): ((&Way, &Run), &Signals)| -> Signals {
+                way.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
+            };
+            let left: Vec<Signals> = c.ways.iter().zip(self.runs.train()).zip(&answers).map(left).collect();
+            Some(self.likelihood(&left) - PRICE * c.cost as f64)
+        };
+        let all: Vec<Option<f64>> = contenders.par_iter().map(of).collect();
+        let first = all[0]?;
+        let known = all.iter().enumerate().filter_map(|(k, own)| own.map(|own| (k, own)));
+        let (k, most) = known.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))?;
+        (most > first + LARGE).then_some(k)
     }
 
     /// The noise that is left by a contender, all directions taken out; where these leave too little to tell, what it leaves itself.

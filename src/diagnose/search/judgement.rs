@@ -10,8 +10,8 @@ use crate::diagnose::diagnosis::{Cause, NewValue, Rejected, Rival};
 use crate::estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
 
-/// Scores that differ by less cannot be told apart (odds 20 : 1).
-pub(super) const LEAD: f64 = 3.0;
+/// Scores that differ by less cannot be told apart: odds of 100 : 1, as a cause is believed at a chance of 0.01.
+pub(super) const LEAD: f64 = 4.6;
 /// Least score of an effect that is named.
 const LEAST: f64 = 3.0;
 /// Least gain on the runs that are learned from: that of a size of two standard errors. (Wald's size itself says little where an
@@ -59,7 +59,7 @@ pub(super) fn cause(round: &Round<'_>, contest: &Contest, (chosen, p): (usize, f
     let attached = &round.traces[contender.trace].attached;
     let least = contender.score() - LEAD;
     let others = contest.contenders.iter().enumerate();
-    let close = others.filter(|(k, c)| *k == chosen || c.score() > least.max(LEAST - LEAD));
+    let close = others.filter(|(k, c)| *k == chosen || c.score() > least.max(0.0));
     let rival = |(_, c): (usize, &Contender)| Rival {
         place: place(&round.traces[c.trace].attached.candidate),
         gain_train: c.gain,

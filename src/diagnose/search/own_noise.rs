@@ -63,7 +63,7 @@ impl Round<'_> {
     }
 
     /// Marginal log-likelihood of residuals (one for each run) as noise.
-    fn likelihood(&self, residuals: &[Vec<f64>]) -> f64 {
+    pub(super) fn likelihood(&self, residuals: &[Vec<f64>]) -> f64 {
         let outputs = self.stage.outputs();
         let flat = Metric::new(&vec![LogSpectrum::flat(1.0); outputs], 0);
         let mut lines: Vec<Vec<Left>> = vec![Vec::new(); outputs];
