@@ -94,6 +94,11 @@ impl Attached {
         theta
     }
 
+    /// Of all parameters of a run, those of the base model.
+    pub(super) fn base(&self, theta: &[f64]) -> Vec<f64> {
+        self.old.iter().map(|k| theta[*k]).collect()
+    }
+
     /// The parameters of the extended model as a fit wants them: those of the base model as they are there.
     pub(super) fn fitted_params(&self, stage: &Stage) -> Vec<Param> {
         let mut params = self.definition.params.clone();

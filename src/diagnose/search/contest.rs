@@ -32,6 +32,9 @@ const LEADERS: usize = 3;
 /// Family-wise chance, by what screening promises or by how unlikely the residual is as noise, below which the best candidates are fitted,
 /// to see what they gain.
 const DOUBTFUL: f64 = 0.1;
+/// What one of them must promise where the base model is looked for elsewhere, and by how much likelier it must be there.
+const NOTHING: f64 = 1e-3;
+const ELSEWHERE: f64 = 5.0;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
 const LARGE: f64 = 15.0;
 
@@ -46,6 +49,9 @@ pub(super) struct Contest {
     pub(super) contenders: Vec<Contender>,
     /// Those that stayed far behind, by the first noise.
     pub(super) far: Vec<Contender>,
+    /// Values (all parameters of each run that is learned from) at which the base model itself is likelier than at its fit; none where
+    /// that is where it should be.
+    pub(super) elsewhere: Option<Vec<Vec<f64>>>,
 }
 
 impl Round<'_> {
@@ -85,7 +91,7 @@ impl Round<'_> {
             contenders[k].finish(self, &metric, &base);
         }
         let Some(best) = contenders.first() else {
-            return Ok(Contest { metric, base_held: None, unlikely, contenders, far: Vec::new() });
+            return Ok(Contest { metric, base_held: None, unlikely, contenders, far: Vec::new(), elsewhere: None });
         };
         // the noise that the best model leaves judges all; that of the one without which the residual is no noise, where gains tell less
         let own = unlikely.filter(|u| u.nats > best.gain).and_then(|u| contenders.iter().find(|c| c.trace == u.trace));
@@ -115,7 +121,8 @@ impl Round<'_> {
             }
         });
         sort(&mut contenders);
-        Ok(Contest { metric, base_held, unlikely, contenders, far })
+        let elsewhere = self.elsewhere(&contenders, &metric, &base);
+        Ok(Contest { metric, base_held, unlikely, contenders, far, elsewhere })
     }
 
     /// Whether something may be there: by what screening promises, or as the residual is likelier as noise without a candidate.
@@ -142,6 +149,25 @@ impl Round<'_> {
         let ways = &stage.ways[..self.runs.train];
         let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
         posed.fit(starts, WHOLE).ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
+    }
+
+    /// Where the base model is likelier than at its fit, begun from what contenders have found of its parameters: of a delay there may be
+    /// several minima, and a fit by another noise may have ended at the wrong one. What effects gain beside that says nothing of them.
+    fn elsewhere(&self, contenders: &[Contender], metric: &Metric, base: &Fitting) -> Option<Vec<Vec<f64>>> {
+        contenders.first().filter(|best| best.gain > LARGE)?;
+        let stage = &self.stage;
+        let ways = &stage.ways[..self.runs.train];
+        let params = stage.params().to_vec();
+        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
+        let mut bench = posed.bench()?;
+        let of = |c: &Contender| -> Vec<Vec<f64>> {
+            let attached = &self.traces[c.trace].attached;
+            c.fitting.theta.iter().map(|theta| attached.base(theta)).collect()
+        };
+        let starts = contenders.iter().filter_map(|c| Some((bench.look(&of(c))?, of(c))));
+        let (_, starts) = starts.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let found = bench.fit(&starts, WHOLE, NOTHING)?;
+        (found.cost < base.cost - ELSEWHERE).then_some(found.theta)
     }
 
     /// The base model on the held-out runs.

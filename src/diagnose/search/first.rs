@@ -96,22 +96,30 @@ fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Resu
 
 /// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
-/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum.
+/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match.
 fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitError> {
     if how.continuation != Continuation::Auto {
         return fit(model, runs, how, &mut ());
     }
     let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
-    let sound = |fit: &Fit| fit.estimate.termination.is_good() && fit.estimate.cost.is_some();
-    let plain = by(Continuation::Never).ok().filter(sound);
-    let plain = match plain {
-        Some(plain) if is_match(&plain.estimate) => return Ok(plain),
-        plain => plain,
-    };
-    let grown = by(Continuation::Shares(SHARES.to_vec())).ok().filter(sound);
+    let good = |fit: &Fit| fit.estimate.termination.is_good() && is_match(&fit.estimate);
     let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
-    let best = plain.into_iter().chain(grown).min_by(|a, b| cost(a).total_cmp(&cost(b)));
-    best.map_or_else(|| fit(model, runs, how, &mut ()), Ok)
+    // of a minimum where no step helps (two roots that meet) and one that is a poor match, the likelier is nearer to the truth
+    let better = |best: Option<Fit>, found: Option<Fit>| {
+        best.into_iter().chain(found.filter(|fit| cost(fit).is_finite())).min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    };
+    let mut best: Option<Fit> = None;
+    for way in [Continuation::Never, Continuation::Shares(SHARES.to_vec())] {
+        best = better(best, by(way).ok());
+        if let Some(best) = best.take_if(|fit| good(fit)) {
+            return Ok(best);
+        }
+    }
+    let rescued = fit(model, runs, how, &mut ());
+    match best {
+        Some(best) => Ok(better(Some(best.clone()), rescued.ok()).unwrap_or(best)),
+        None => rescued,
+    }
 }
 
 /// Whether most of what was measured is explained.

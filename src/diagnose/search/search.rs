@@ -17,7 +17,7 @@ use super::metric::Metric;
 use super::one_law::one_law;
 use super::options::{SearchOptions, Watcher};
 use super::revision::revise;
-use super::round::{Round, Runs, new_values, place};
+use super::round::{Round, Runs, new_values, place, shared_from};
 use super::search_error::SearchError;
 use super::stage::Stage;
 use super::whole::{Whole, whole_fit};
@@ -39,6 +39,8 @@ const MARGINAL: f64 = 0.01;
 const NEAR: usize = 5;
 const BEHIND: f64 = 15.0;
 const APART: f64 = 0.5;
+/// Times that a search begins again where the model is likelier.
+const MOST_MOVES: usize = 3;
 /// So many of them where nothing can be accepted.
 const ASKED: usize = 8;
 
@@ -95,8 +97,9 @@ struct End {
 
 impl<'a> Search<'a> {
     fn run(mut self, first: Stage) -> Result<Diagnosis, SearchError> {
-        let first = Arc::new(first);
+        let mut first = Arc::new(first);
         let mut stage = Arc::clone(&first);
+        let mut moves = 0;
         let mut end: Option<End> = None;
         let mut ahead: Option<(Round<'a>, Option<Contest>)> = None;
         loop {
@@ -129,6 +132,16 @@ impl<'a> Search<'a> {
                 }
                 made => made,
             };
+            if let Some(next) = contest.as_ref().and_then(|c| self.elsewhere(&stage, c)).filter(|_| moves < MOST_MOVES)
+            {
+                (self.watcher)("the model is likelier elsewhere: searching from there");
+                stage = Arc::new(next);
+                if self.accepted.is_empty() {
+                    first = Arc::clone(&stage);
+                }
+                moves += 1;
+                continue;
+            }
             let p = contest.as_ref().map_or(round.screening.family_wise, |contest| confirmed(&round, contest));
             self.told.push(Told { family_wise_p: p, ranking: round.ranking(), accepted: None });
             let last = self.known(&mut end, &mut round, p);
@@ -181,6 +194,14 @@ impl<'a> Search<'a> {
         }
         // something is there, and none of those that promise most is it
         round.contest_of_all(self.watcher)
+    }
+
+    /// The stage where its model is likelier, where a contest has found that; none where it has not, or there is no response.
+    fn elsewhere(&self, stage: &Stage, contest: &Contest) -> Option<Stage> {
+        let mut theta = contest.elsewhere.clone()?;
+        let held = shared_from(stage.params(), theta.first()?, &stage.theta[self.runs.train..]);
+        theta.extend(held);
+        Stage::new(stage.model.clone(), self.runs, theta).ok()
     }
 
     /// Takes down what a search told.
