@@ -32,8 +32,7 @@ const LEADERS: usize = 3;
 /// Family-wise chance, by what screening promises or by how unlikely the residual is as noise, below which the best candidates are fitted,
 /// to see what they gain.
 const DOUBTFUL: f64 = 0.1;
-/// What one of them must promise where the base model is looked for elsewhere, and by how much likelier it must be there.
-const NOTHING: f64 = 1e-3;
+/// By how much likelier the base model must be elsewhere.
 const ELSEWHERE: f64 = 5.0;
 /// Gain from which the noise that the model seemed to have is that of its error too, in part.
 const LARGE: f64 = 15.0;
@@ -144,29 +143,29 @@ impl Round<'_> {
 
     /// The base model by a noise.
     fn base(&self, metric: &Metric, starts: &[Vec<f64>]) -> Result<Fitting, SearchError> {
-        let stage = &self.stage;
-        let params = stage.params().to_vec();
-        let ways = &stage.ways[..self.runs.train];
-        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
-        posed.fit(starts, WHOLE).ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
+        let fitted = self.base_posed(metric).fit(starts, WHOLE);
+        fitted.ok_or_else(|| SearchError::NoFit("its fit by the noise found has no end".into()))
+    }
+
+    fn base_posed<'c>(&'c self, metric: &'c Metric) -> Posed<'c> {
+        let (stage, runs) = (&self.stage, self.runs.train());
+        let (params, ways) = (stage.params().to_vec(), &stage.ways[..self.runs.train]);
+        Posed { params, dynamics: stage.model.dynamics(), runs, ways, metric }
     }
 
     /// Where the base model is likelier than at its fit, begun from what contenders have found of its parameters: of a delay there may be
     /// several minima, and a fit by another noise may have ended at the wrong one. What effects gain beside that says nothing of them.
     fn elsewhere(&self, contenders: &[Contender], metric: &Metric, base: &Fitting) -> Option<Vec<Vec<f64>>> {
         contenders.first().filter(|best| best.gain > LARGE)?;
-        let stage = &self.stage;
-        let ways = &stage.ways[..self.runs.train];
-        let params = stage.params().to_vec();
-        let posed = Posed { params, dynamics: stage.model.dynamics(), runs: self.runs.train(), ways, metric };
-        let mut bench = posed.bench()?;
+        let mut bench = self.base_posed(metric).bench()?;
         let of = |c: &Contender| -> Vec<Vec<f64>> {
             let attached = &self.traces[c.trace].attached;
             c.fitting.theta.iter().map(|theta| attached.base(theta)).collect()
         };
         let starts = contenders.iter().filter_map(|c| Some((bench.look(&of(c))?, of(c))));
         let (_, starts) = starts.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        let found = bench.fit(&starts, WHOLE, NOTHING)?;
+        drop(bench);
+        let found = self.base(metric, &starts).ok()?;
         (found.cost < base.cost - ELSEWHERE).then_some(found.theta)
     }
 

@@ -115,10 +115,10 @@ fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitErro
             return Ok(best);
         }
     }
-    let rescued = fit(model, runs, how, &mut ());
-    match best {
-        Some(best) => Ok(better(Some(best.clone()), rescued.ok()).unwrap_or(best)),
-        None => rescued,
+    match (best, fit(model, runs, how, &mut ())) {
+        (Some(best), Ok(rescued)) if cost(&rescued) < cost(&best) => Ok(rescued),
+        (Some(best), _) => Ok(best),
+        (None, rescued) => rescued,
     }
 }
 

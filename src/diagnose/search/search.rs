@@ -132,7 +132,8 @@ impl<'a> Search<'a> {
                 }
                 made => made,
             };
-            if let Some(next) = contest.as_ref().and_then(|c| self.elsewhere(&stage, c)).filter(|_| moves < MOST_MOVES)
+            if moves < MOST_MOVES
+                && let Some(next) = contest.as_ref().and_then(|c| self.elsewhere(&stage, c))
             {
                 (self.watcher)("the model is likelier elsewhere: searching from there");
                 stage = Arc::new(next);
