@@ -133,6 +133,26 @@ fn effects_that_promise_little_are_named() {
     }
 }
 
+/// Under a controller a dead time has several minima: at the best fit no step helps (two roots that meet), and the one that is found has
+/// a likelier one beside it, which the effects that are fitted show. A ship whose sensor is elsewhere is likeliest where all of its motion
+/// has bent to that, and the cause is seen from a less likely minimum only.
+#[test]
+#[cfg_attr(debug_assertions, ignore = "takes minutes without optimisation")]
+fn searches_begin_where_a_cause_is_seen() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (family, hides, number, hidden) in [
+        ("thermal", Hides::Loop, 0, "slow_mode(near)"),
+        ("thermal", Hides::Loop, 1, "slow_mode(near)"),
+        ("ship", Hides::Effect, 17, "sensor_position(v_m, u)"),
+    ] {
+        let family = Family::named(family);
+        let case = Case::new(Spec { family, hides, colour: Colour::Pink, level: 0.08, number });
+        let outcome = study::run(&case, folder.path(), Duration::from_secs(600));
+        assert_eq!(outcome.truth, [hidden]);
+        assert!(outcome.failure.is_none() && outcome.grouped, "{outcome:?}");
+    }
+}
+
 #[test]
 fn families_compile_and_have_something_to_hide() {
     for family in FAMILIES {

@@ -4,7 +4,7 @@ use crate::answer::{Answer, Named};
 use crate::case::Case;
 use crate::hidden::{INSIDE, Part, Place, moves, sites};
 use crate::plan::Hides;
-use crate::twins::SAME;
+use crate::twins::{NEAR, SAME};
 use fdm::Model;
 use fdm::effect::{Choice, Subject};
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ pub(crate) fn score(case: &Case, answer: &Result<Answer, String>, seconds: f64) 
         part: truth.sites.first().map_or("", |s| part_name(s.0)).into(),
         gain: truth.gain,
         gain_holdout: truth.gain_holdout,
-        lead: truth.rivals.iter().map(|r| r.1).filter(|lead| *lead >= SAME).fold(6.0, f64::min),
+        lead: truth.rivals.iter().map(|r| r.1).filter(|lead| *lead >= SAME).fold(NEAR, f64::min),
         failure: None,
         verdict: String::new(),
         p: 0.0,

@@ -3,7 +3,8 @@
 use crate::case::BINS;
 use crate::plan::Hides;
 use crate::scorer::Outcome;
-use statrs::distribution::{Beta, ContinuousCDF};
+use crate::twins::NEAR;
+use statrs::distribution::{Beta, ContinuousCDF, Normal};
 use std::collections::BTreeMap;
 
 /// Prints everything.
@@ -64,14 +65,27 @@ fn share(lines: &[&Outcome], holds: impl Fn(&Outcome) -> bool) -> String {
     format!("{:.2}", lines.iter().filter(|o| holds(o)).count() as f64 / n as f64)
 }
 
+/// The share of truths that are likelier than their nearest rival, expected of a judge who knows the noise and goes by the likelihood
+/// alone.
+fn could(lines: &[&Outcome]) -> String {
+    if lines.is_empty() {
+        return "-".into();
+    }
+    let normal = Normal::standard();
+    // what the likelihood says of a model that lacks L nats scatters: mean L, variance 2 L
+    let likelier = |o: &&Outcome| if o.lead < NEAR { normal.cdf((0.5 * o.lead).sqrt()) } else { 1.0 };
+    format!("{:.2}", lines.iter().map(likelier).sum::<f64>() / lines.len() as f64)
+}
+
 fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
     println!("\n{title}");
     println!(
-        "{:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {:>5} {:>6} {:>5} {:>5} | {:>4} {:>5} {:>5} {:>5}",
+        "{:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {:>5} {:>5} {:>6} {:>5} {:>5} | {:>4} {:>5} {:>5} {:>5}",
         "gain over 15:",
         "n",
         "found",
         "top-1",
+        "could",
         "group",
         "size",
         "only",
@@ -83,7 +97,7 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
         "group",
         "of it"
     );
-    println!("{:>26} | {:>57} | {:>22}", "", "", "gain 5 to 15");
+    println!("{:>26} | {:>63} | {:>22}", "", "", "gain 5 to 15");
     let mut groups = grouped(lines, key);
     groups.insert("~ all".into(), lines.to_vec());
     for (name, lines) in groups {
@@ -95,10 +109,11 @@ fn effects(title: &str, lines: &[&Outcome], key: impl Fn(&Outcome) -> String) {
         let mut held: Vec<f64> = strong.iter().filter_map(|o| o.holdout_ratio).collect();
         let (median, low) = (quantile(&mut held, 0.5), quantile(&mut held, 0.05));
         println!(
-            "{name:>26} | {:>4} {:>5} {:>5} {:>5} {size:>5.2} {:>5} {:>6} {median:>5.2} {low:>5.2} | {:>4} {:>5} {:>5} {:>5}",
+            "{name:>26} | {:>4} {:>5} {:>5} {:>5} {:>5} {size:>5.2} {:>5} {:>6} {median:>5.2} {low:>5.2} | {:>4} {:>5} {:>5} {:>5}",
             strong.len(),
             share(&strong, Outcome::detected),
             share(&strong, |o| o.top),
+            could(&strong),
             share(&strong, |o| o.grouped),
             share(&strong, |o| o.only),
             share(&strong, |o| o.same_part),

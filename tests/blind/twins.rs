@@ -10,7 +10,7 @@ use fdm::record::Run;
 /// What a rival may lack, in nats over all manoeuvres, and be the same model in another name.
 pub(crate) const SAME: f64 = 0.05;
 /// What is written down.
-const NEAR: f64 = 6.0;
+pub(crate) const NEAR: f64 = 6.0;
 /// Share of the truth's effect that a rival's direction must explain for being fitted at all.
 const ALIKE: f64 = 0.5;
 /// Rivals that are fitted, the most alike, each from its two best points.

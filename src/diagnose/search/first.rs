@@ -13,14 +13,16 @@ use crate::record::Run;
 
 /// Parts of the record that are fitted first where the start values lead nowhere.
 const SHARES: [f64; 2] = [0.25, 0.5];
+/// By how much less likely a minimum is that is another one.
+const ANOTHER: f64 = 1.0;
 /// Mean R^2 of outputs below which other minima are looked for.
 const MATCH: f64 = 0.5;
 
-/// The model at its fit.
-pub(super) fn first_stage(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+/// The model at its fit: the likeliest, then other minima that were found on the way.
+pub(super) fn first_stages(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Vec<Stage>, SearchError> {
     match runs.domain {
         Domain::Time => first_in_time(model, runs, options),
-        Domain::Frequency(spectral) => first_in_lines(model, runs, options, spectral),
+        Domain::Frequency(spectral) => Ok(vec![first_in_lines(model, runs, options, spectral)?]),
     }
 }
 
@@ -52,14 +54,21 @@ fn first_in_lines(
     Stage::new(model, runs, theta)
 }
 
-/// The model at its fit by plain output error.
-fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Stage, SearchError> {
+/// The model at its fits by plain output error.
+fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Result<Vec<Stage>, SearchError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
-    let fitted = plainly(model, runs.train(), &how)?;
-    if fitted.estimate.runs.is_empty() {
-        return Err(SearchError::NoFit(fitted.estimate.termination.to_string()));
+    let fits = plainly(model, runs.train(), &how)?;
+    if fits[0].estimate.runs.is_empty() {
+        return Err(SearchError::NoFit(fits[0].estimate.termination.to_string()));
     }
+    let mut stages = fits.iter().map(|fitted| staged(fitted, runs, &how));
+    let likeliest = stages.next().into_iter().collect::<Result<Vec<Stage>, _>>()?;
+    Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
+}
+
+/// A fit to the runs that are learned from, with what belongs to each of the held-out ones fitted there.
+fn staged(fitted: &Fit, runs: Runs<'_>, how: &FitOptions) -> Result<Stage, SearchError> {
     let model = fitted.model.clone();
     let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
         let each = model.definition().params.iter().zip(start);
@@ -83,7 +92,7 @@ fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Resu
             .collect();
         let names = shared.iter().map(|(name, _)| name.clone()).collect();
         let changes = Changes { set: shared, fix: names, free: Vec::new() };
-        let held = plainly(&model, runs.held(), &FitOptions { changes, ..how.clone() })?;
+        let held = plainly(&model, runs.held(), &FitOptions { changes, ..how.clone() })?.swap_remove(0);
         for (run, start) in runs.held().iter().zip(&start[runs.train..]) {
             let mut own = reached(run, start, &held.estimate);
             let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
@@ -96,30 +105,37 @@ fn first_in_time(model: &Model, runs: Runs<'_>, options: &SearchOptions) -> Resu
 
 /// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
-/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match.
-fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Fit, FitError> {
+/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
+/// the first, and minima that are less likely follow.
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Vec<Fit>, FitError> {
     if how.continuation != Continuation::Auto {
-        return fit(model, runs, how, &mut ());
+        return Ok(vec![fit(model, runs, how, &mut ())?]);
     }
     let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
-    let good = |fit: &Fit| fit.estimate.termination.is_good() && is_match(&fit.estimate);
+    let sound = |fit: &Fit| fit.estimate.termination.is_good();
     let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
     // of a minimum where no step helps (two roots that meet) and one that is a poor match, the likelier is nearer to the truth
-    let better = |best: Option<Fit>, found: Option<Fit>| {
-        best.into_iter().chain(found.filter(|fit| cost(fit).is_finite())).min_by(|a, b| cost(a).total_cmp(&cost(b)))
-    };
-    let mut best: Option<Fit> = None;
+    let sort = |fits: &mut Vec<Fit>| fits.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let mut fits: Vec<Fit> = Vec::new();
     for way in [Continuation::Never, Continuation::Shares(SHARES.to_vec())] {
-        best = better(best, by(way).ok());
-        if let Some(best) = best.take_if(|fit| good(fit)) {
-            return Ok(best);
+        fits.extend(by(way).ok().filter(|fit| cost(fit).is_finite()));
+        sort(&mut fits);
+        if fits.first().is_some_and(|best| sound(best) && is_match(&best.estimate)) {
+            fits.truncate(1);
+            return Ok(fits);
         }
     }
-    match (best, fit(model, runs, how, &mut ())) {
-        (Some(best), Ok(rescued)) if cost(&rescued) < cost(&best) => Ok(rescued),
-        (Some(best), _) => Ok(best),
-        (None, rescued) => rescued,
+    match fit(model, runs, how, &mut ()) {
+        Ok(rescued) if fits.is_empty() || cost(&rescued).is_finite() => fits.push(rescued),
+        Err(why) if fits.is_empty() => return Err(why),
+        _ => (),
     }
+    sort(&mut fits);
+    let others = fits.split_off(1);
+    let another = |fit: &Fit| sound(fit) && cost(fit) > cost(&fits[0]) + ANOTHER;
+    let others: Vec<Fit> = others.into_iter().filter(another).collect();
+    fits.extend(others);
+    Ok(fits)
 }
 
 /// Whether most of what was measured is explained.

@@ -8,7 +8,7 @@ use super::contest::Contest;
 use super::elimination::{Accepted, eliminate};
 use super::evenly::{apart, evenly};
 use super::evidence::{Seen, against};
-use super::first::first_stage;
+use super::first::first_stages;
 use super::following::following;
 use super::gains::{biased, output_gains, overlays, responses, run_gains};
 use super::judgement::{cause, objection, rejected};
@@ -67,10 +67,23 @@ pub fn search(
         return Err(SearchError::NothingMeasured);
     }
     watcher("fitting the model as it stands");
-    let first = first_stage(model, runs, options)?;
-    let own = names(&first.model);
-    let (accepted, rejected, told) = (Vec::new(), Vec::new(), Vec::new());
-    Search { runs, catalogue, options, watcher, own, accepted, rejected, told }.run(first)
+    let own = names(model);
+    let mut firsts = first_stages(model, runs, options)?.into_iter();
+    let from = |first: Stage| {
+        let (accepted, rejected, told) = (Vec::new(), Vec::new(), Vec::new());
+        Search { runs, catalogue, options, watcher, own: own.clone(), accepted, rejected, told }.run(first)
+    };
+    let found = from(firsts.next().ok_or_else(|| SearchError::NoFit("it has no end".into()))?)?;
+    if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
+        // the likeliest fit of a model that lacks much may have bent to it so far that no effect straightens it by a small step
+        for first in firsts {
+            watcher("nothing could be accepted there: searching from a less likely minimum");
+            if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
+                return Ok(other);
+            }
+        }
+    }
+    Ok(found)
 }
 
 pub(super) struct Search<'a> {
