@@ -116,7 +116,7 @@ pub(crate) fn by_stages_with_partials<D: Dynamics + ?Sized>(
 
 /// The order of these operations is part of the contract: machine code repeats it to the bit.
 #[inline(always)]
-fn runge_kutta(
+pub(crate) fn runge_kutta(
     step: Step<'_>,
     n: usize,
     width: usize,

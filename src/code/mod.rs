@@ -6,6 +6,7 @@
 
 mod complex;
 mod expressions;
+mod fusion;
 mod jit;
 mod rounding;
 mod scatter;

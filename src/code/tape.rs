@@ -1,8 +1,8 @@
 //! Flat bytecode over one array of numbers: the reference that machine code must equal to the bit.
 
-use crate::dynamics::{Dynamics, Point, Workspace};
-use fdm_grammar::op::Op;
-use fdm_grammar::schedule::{Instruction, Layout, Operand, Program, Schedule};
+use super::fusion::{Act, Step as Fused, fused};
+use crate::dynamics::{Dynamics, Point, Step, Workspace, runge_kutta};
+use fdm_grammar::schedule::{Layout, Operand, Program, Schedule};
 
 /// The programs of a model as bytecode; any size, no recursion, no allocation while it runs.
 #[derive(Debug, Clone)]
@@ -73,12 +73,26 @@ impl Dynamics for Tape {
     fn by_input(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         self.by_input.run(at, out, work);
     }
+
+    fn step(&self, step: Step<'_>, next: &mut [f64], work: &mut Workspace) {
+        let (n, width) = (self.layout.states, self.layout.drive());
+        runge_kutta(step, n, width, next, work, |stage, at, out, work| self.rates.run_stage(stage, at, out, work));
+    }
+
+    fn step_with_partials(&self, step: Step<'_>, next: &mut [f64], stages: &mut [f64], work: &mut Workspace) {
+        let (n, width, slots) = (self.layout.states, self.layout.drive(), self.layout.rate_slots());
+        runge_kutta(step, n, width, next, work, |stage, at, out, work| {
+            let row = &mut stages[stage * slots..(stage + 1) * slots];
+            self.rates_and_partials.run_stage(stage, at, row, work);
+            out.copy_from_slice(&row[..n]);
+        });
+    }
 }
 
 /// One operation on places of the array.
 #[derive(Debug, Clone, Copy)]
 struct Code {
-    op: Op,
+    act: Act,
     to: u32,
     from: [u32; 3],
 }
@@ -101,12 +115,13 @@ pub(crate) struct Bytecode {
 impl Bytecode {
     /// A program that reads this many states and entries of the drive.
     pub(crate) fn new(program: &Program, states: usize, drive: usize) -> Self {
-        let operands = program.instructions.iter().flat_map(read).chain(program.results.iter().map(|r| &r.operand));
+        let steps = fused(program);
+        let operands = steps.iter().flat_map(Fused::operands).chain(program.results.iter().map(|r| &r.operand));
         let mut known: Vec<u32> =
             operands.filter_map(|o| if let Operand::Known(k) = o { Some(*k) } else { None }).collect();
         known.sort_unstable();
         known.dedup();
-        let registers = Registers::assign(program);
+        let registers = Registers::assign(program, &steps);
         let time = program.constants.len();
         let base = time + 1 + states + drive + known.len();
         let place = |operand: Operand| match operand {
@@ -117,9 +132,9 @@ impl Bytecode {
             Operand::Known(k) => (time + 1 + states + drive + known.partition_point(|l| *l < k)) as u32,
             Operand::Value(k) => base as u32 + registers.of[k as usize],
         };
-        let codes = program.instructions.iter().zip(&registers.of);
+        let code = |s: &Fused| Code { act: s.act, to: base as u32 + registers.of[s.value], from: s.args.map(place) };
         Self {
-            codes: codes.map(|(i, r)| Code { op: i.op, to: base as u32 + r, from: i.args.map(place) }).collect(),
+            codes: steps.iter().map(code).collect(),
             results: program.results.iter().map(|r| (r.slot, place(r.operand))).collect(),
             width: program.width,
             constants: program.constants.clone(),
@@ -136,17 +151,31 @@ impl Bytecode {
             // memory that was made for another model
             work.values.resize(self.places, 0.0);
         }
+        self.load(at, &mut work.values[..self.places]);
+        self.evaluate(at, out, work);
+    }
+
+    /// Evaluates the program at a stage of a step, of which constants and what is known stay from the first stage.
+    #[inline]
+    fn run_stage(&self, stage: usize, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
+        if stage == 0 { self.run(at, out, work) } else { self.evaluate(at, out, work) }
+    }
+
+    fn evaluate(&self, at: Point<'_>, out: &mut [f64], work: &mut Workspace) {
         let values = &mut work.values[..self.places];
-        self.load(at, values);
+        self.move_to(at, values);
         for code in &self.codes {
             let [a, b, c] = code.from.map(|k| values[k as usize]);
-            values[code.to as usize] = match code.op {
+            values[code.to as usize] = match code.act {
                 // most of every model; the rest is far enough from one cycle not to mind the call
-                Op::Add => a + b,
-                Op::Sub => a - b,
-                Op::Mul => a * b,
-                Op::Div => a / b,
-                op => (op.row().value)(a, b, c),
+                Act::Add => a + b,
+                Act::Sub => a - b,
+                Act::Mul => a * b,
+                Act::Div => a / b,
+                Act::MulAdd => a * b + c,
+                Act::MulSub => a * b - c,
+                Act::SubMul => c - a * b,
+                Act::Other(op) => (op.row().value)(a, b, c),
             };
         }
         let out = &mut out[..self.width];
@@ -155,40 +184,40 @@ impl Bytecode {
         }
     }
 
+    /// What the points of a step share.
     fn load(&self, at: Point<'_>, values: &mut [f64]) {
-        let (constants, rest) = values.split_at_mut(self.constants.len());
-        let (time, rest) = rest.split_at_mut(1);
-        let (states, rest) = rest.split_at_mut(self.states);
-        let (drive, rest) = rest.split_at_mut(self.drive);
-        constants.copy_from_slice(&self.constants);
-        time[0] = at.t;
-        states.copy_from_slice(&at.x[..self.states]);
-        drive.copy_from_slice(&at.drive[..self.drive]);
-        for (place, k) in rest.iter_mut().zip(&self.known) {
+        let constants = self.constants.len();
+        values[..constants].copy_from_slice(&self.constants);
+        for (place, k) in values[constants + 1 + self.states + self.drive..].iter_mut().zip(&self.known) {
             *place = at.known[*k as usize];
         }
     }
-}
 
-fn read(instruction: &Instruction) -> &[Operand] {
-    &instruction.args[..instruction.op.row().arity]
+    /// Time, states and drive.
+    fn move_to(&self, at: Point<'_>, values: &mut [f64]) {
+        let (time, rest) = values[self.constants.len()..].split_at_mut(1);
+        let (states, rest) = rest.split_at_mut(self.states);
+        time[0] = at.t;
+        states.copy_from_slice(&at.x[..self.states]);
+        rest[..self.drive].copy_from_slice(&at.drive[..self.drive]);
+    }
 }
 
 /// Registers of values, taken again as soon as the last reader is done.
 struct Registers {
+    /// Of each instruction of the program; those inside another have none.
     of: Vec<u32>,
     count: u32,
 }
 
 impl Registers {
-    fn assign(program: &Program) -> Self {
+    fn assign(program: &Program, steps: &[Fused]) -> Self {
         const KEPT: usize = usize::MAX;
-        let mut last = vec![0; program.instructions.len()];
-        for (k, instruction) in program.instructions.iter().enumerate() {
-            last[k] = k;
-            for operand in read(instruction) {
+        let mut last: Vec<usize> = (0..program.instructions.len()).collect();
+        for step in steps {
+            for operand in step.operands() {
                 if let Operand::Value(v) = operand {
-                    last[*v as usize] = k;
+                    last[*v as usize] = step.value;
                 }
             }
         }
@@ -197,10 +226,11 @@ impl Registers {
                 last[*v as usize] = KEPT;
             }
         }
-        let mut registers = Self { of: Vec::with_capacity(last.len()), count: 0 };
+        let mut registers = Self { of: vec![u32::MAX; last.len()], count: 0 };
         let mut free: Vec<u32> = Vec::new();
-        for (k, instruction) in program.instructions.iter().enumerate() {
-            for operand in read(instruction) {
+        for step in steps {
+            let k = step.value;
+            for operand in step.operands() {
                 if let Operand::Value(v) = operand
                     && last[*v as usize] == k
                 {
@@ -213,7 +243,7 @@ impl Registers {
                 registers.count += 1;
                 registers.count - 1
             });
-            registers.of.push(register);
+            registers.of[k] = register;
             if last[k] == k {
                 free.push(register);
             }
@@ -227,7 +257,7 @@ mod tests {
     use super::*;
     use crate::code::specimen::blank;
     use fdm_grammar::graph::Leaf;
-    use fdm_grammar::op::Build;
+    use fdm_grammar::op::{Build, Op};
 
     #[test]
     fn registers_are_taken_again() {

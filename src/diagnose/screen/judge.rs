@@ -10,6 +10,7 @@ use super::saturated::{Noise, Saturated, densities};
 use super::score::{ABSORBED, Best, Direction, Shape, Trial, best, equivalents};
 use super::screening::{Candidate, Screening};
 use super::shared::Shared;
+use super::squared::squared;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -145,7 +146,7 @@ impl<'a> Judge<'a> {
     /// The result, by so many draws.
     pub(super) fn verdict(self, draws: usize) -> Screening {
         let rest = self.residual.rows(self.frame.eaten, self.frame.directions.nrows()).into_owned();
-        let gram = self.frame.directions.transpose() * &self.frame.directions;
+        let gram = squared(&self.frame.directions);
         let z = self.frame.directions.tr_mul(&rest);
         let best = best(&self.trials, self.candidates, z.as_slice(), |i, j| gram[(i, j)]);
         let (family_wise, drawn) = self.family_wise(self.best_of(best.iter().map(|b| b.equivalent)), draws);

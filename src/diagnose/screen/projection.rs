@@ -4,6 +4,7 @@
 use super::calibration::Normal;
 use super::cells::{Cell, Cells};
 use super::shared::Shared;
+use super::squared::squared;
 use nalgebra::{DMatrix, DVector, QR, SymmetricEigen};
 
 /// Combinations of columns (of unit norm) with less than this of the largest energy are not determined.
@@ -44,7 +45,7 @@ fn metric(cells: &Cells, density: &[f64], width: usize) -> DMatrix<f64> {
         all.rows_mut(row, own).copy_from(&(&cell.factor / density.sqrt()));
         row += own;
     }
-    all.transpose() * &all
+    squared(&all)
 }
 
 impl Frame {
@@ -52,7 +53,7 @@ impl Frame {
     pub(super) fn new(shared: &Shared, cells: &Cells, density: &[f64]) -> Self {
         let factor = root(metric(cells, density, shared.width()));
         let (fitted, directions) = (factor.tr_mul(&shared.fitted), factor.tr_mul(&shared.directions));
-        let combine = orthonormal(&(fitted.transpose() * &fitted));
+        let combine = orthonormal(&squared(&fitted));
         let eaten = combine.ncols();
         // all of Q: the first columns span what is fitted, the others the space beside it
         let turn = QR::new(fitted * &combine);
@@ -138,7 +139,7 @@ fn combinations(unit: &DMatrix<f64>) -> DMatrix<f64> {
         subspace = QR::new(unit * (&back * subspace)).q();
     }
     let seen = &back * &subspace;
-    let eigen = SymmetricEigen::new(seen.transpose() * &seen);
+    let eigen = SymmetricEigen::new(squared(&seen));
     let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
     let largest = order.first().map_or(0.0, |k| eigen.eigenvalues[*k]);

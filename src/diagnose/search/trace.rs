@@ -205,6 +205,9 @@ impl Bench<'_> {
         };
         let responds = |bench: &RunBench<'_>| bench.known.iter().any(|(_, found)| found.is_some());
         let mut coarse = at(0)?;
+        if self.is_exact() {
+            return responds(&coarse).then_some((0, coarse));
+        }
         for level in 0..MOST_HALVINGS {
             let fine = at(level + 1)?;
             let settled = |((_, a), (_, b)): (&Known, &Known)| match (a, b) {
@@ -218,6 +221,12 @@ impl Bench<'_> {
             coarse = fine;
         }
         responds(&coarse).then_some((MOST_HALVINGS, coarse))
+    }
+
+    /// Whether halving cannot move anything: a recursion is exact but for the moments of delayed signals.
+    fn is_exact(&self) -> bool {
+        let recursive = |steps: &Steps| matches!(steps.scheme(), Scheme::Recursion { .. });
+        (0..self.own.len()).all(|r| recursive(&self.steps(r, 0))) && self.dynamics.layout().delayed.is_empty()
     }
 
     /// The steps of a run at a level.
