@@ -8,9 +8,9 @@ use fdm::record::{ReadOptions, channels, read};
 use std::error::Error;
 use std::path::Path;
 
-/// The tanker's free roll with damping and stiffness as the record wants them.
-pub(crate) fn estimated() -> Result<Fit, Box<dyn Error>> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/ship_roll_decay");
+/// The tanker's free roll with damping and stiffness as the record wants them; `project` holds `models/`.
+pub(crate) fn estimated(project: &Path) -> Result<Fit, Box<dyn Error>> {
+    let folder = project.join("models/ship_roll_decay");
     let model = Model::from_file(folder.join("model.fdm"))?;
     let (run, _summary) = read(&folder.join("run.csv"), &channels(model.definition()), &ReadOptions::default())?;
     Ok(fit(&model, &[run], &FitOptions::default(), &mut ())?)
@@ -18,7 +18,7 @@ pub(crate) fn estimated() -> Result<Fit, Box<dyn Error>> {
 
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]
 fn main() -> Result<(), Box<dyn Error>> {
-    let fit = estimated()?;
+    let fit = estimated(Path::new(env!("CARGO_MANIFEST_DIR")))?;
     println!("{}", fdm::report::estimate_table(&fit.estimate));
     Ok(())
 }

@@ -1,25 +1,21 @@
 //! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 
-pub mod code;
-pub mod comparison;
-pub mod design;
-pub mod diagnose;
-pub mod dynamics;
-pub mod estimate;
-pub mod experiment;
-pub mod frequency;
-pub mod linear;
-pub mod lsp;
-mod model;
-pub mod page;
-pub mod quality;
-pub mod record;
-pub mod regression;
-pub mod report;
-pub mod simulate;
-pub mod spectrum;
-pub mod store;
-pub mod study;
+pub use fdm_estimate as estimate;
+pub use fdm_estimate::{equation_error, residuals};
+pub use fdm_system::{code, dynamics, frequency, linear, record, simulate, spectrum};
+
+#[cfg(feature = "cli")]
+pub use fdm_cli::language_server as lsp;
+#[cfg(feature = "discover")]
+pub use fdm_discover as diagnose;
+#[cfg(feature = "report")]
+pub use fdm_lab::{design, experiment, study};
+#[cfg(feature = "report")]
+pub use fdm_report as report;
+#[cfg(feature = "report")]
+pub use fdm_report::page;
+#[cfg(feature = "report")]
+pub use fdm_results::{comparison, documents, store};
 
 pub use fdm_grammar::{effect, math};
 /// A model compiled with the Rust program that holds it: an expression of type [`Model`].
@@ -43,7 +39,7 @@ pub use fdm_grammar::{effect, math};
 /// assert_eq!(roll.layout().states, 2);
 /// ```
 pub use fdm_macros::model;
-pub use model::{Model, ModelError, NotTied, read_source};
+pub use fdm_system::{Model, ModelError, NotTied, read_source};
 
 /// The README, whose Rust code is run by the tests.
 #[cfg(doctest)]

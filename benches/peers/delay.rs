@@ -1,7 +1,7 @@
 //! W3t: second order with an input delay, five parameters, 30 s at 40 Hz: residual and Jacobian, and the whole fit.
 //!
 //! The reference samples the delayed input at the stages of its steps; `fdm` gives the stages the moments of the true signal
-//! (see docs/architecture.md), so that the two differ by the error of the former.
+//! (see docs/notebook/decisions.md), so that the two differ by the error of the former.
 
 use crate::clock::{Row, median_of_runs};
 use crate::workload::{columnwise, data};

@@ -1,6 +1,6 @@
 -- A session of Neovim with `fdm lsp`, written down. From the root of the repository, with `fdm` built:
 --   FDM=target/debug/fdm nvim --headless -u NONE -c 'luafile editors/neovim/session.lua'
--- What it prints is kept in docs/editors.md.
+-- What it prints is kept in docs/reference/editors.md.
 vim.opt.runtimepath:append("editors/neovim")
 vim.cmd("filetype on")
 dofile("editors/neovim/fdm.lua").setup({ command = { vim.env.FDM or "fdm", "lsp" } })

@@ -1,37 +1,32 @@
 //! `fdm codegen`: the model as stand-alone C or Rust.
 
-use crate::failure::{Failure, NUMBERS, print};
-use crate::subject::{Estimated, Subject};
+use crate::deliver::write;
+use crate::failure::{Ending, Failure, OrFailure, ended, print};
+use crate::load::{Estimated, ModelFile};
 use clap::{Args, ValueEnum};
-use fdm::store::reason;
 use fdm_grammar::emit::{Elementary, Language, stand_alone};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// What `fdm codegen` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    subject: Subject,
+    model: ModelFile,
     /// Language of the generated file
     #[arg(long, value_name = "LANGUAGE")]
     lang: Lang,
-    /// Where generated Rust finds sin, exp, ...: `libm` (the crate, for the bits of fdm), `std`, or the path of a module of your own. In C they
-    /// are bound when the file is compiled, as it says itself
+    /// Elementary functions of generated Rust: `libm` (the crate; results equal those of fdm to the bit), `std`, or the path of a module
+    /// of your own. In C they are chosen when the file is compiled
     #[arg(long, value_name = "PATH", default_value = "libm")]
     elementary: String,
-    /// Leave out the partials by a parameter
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    fix: Vec<String>,
-    /// Differentiate by a parameter that the model declares `fixed`
-    #[arg(long, value_name = "NAME", help_heading = "Parameters")]
-    free: Vec<String>,
+    #[command(flatten)]
+    estimated: Estimated,
     /// Write to a file instead of to the terminal
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
 }
 
-/// What can be written.
+/// Languages of the generated file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Lang {
     /// C99, one file
@@ -40,23 +35,16 @@ enum Lang {
     Rust,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     let language = arguments.language()?;
-    let model = arguments.subject.load()?;
-    let mut params = model.definition().params.clone();
-    let estimated = Estimated { fix: arguments.fix.clone(), free: arguments.free.clone() };
-    let changes = arguments.subject.changes(&estimated);
-    changes.apply(&mut params).map_err(Failure::input)?;
-    let model = model.with_params(params);
-    let text = stand_alone(model.definition(), model.schedule(), &language).map_err(|e| Failure::input([e]))?;
-    let Some(path) = &arguments.out else {
-        return Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) });
-    };
-    if path.canonicalize().is_ok_and(|p| arguments.subject.model.canonicalize().is_ok_and(|m| m == p)) {
+    let model = arguments.model.load_changed(&arguments.estimated)?;
+    let text = stand_alone(model.definition(), model.schedule(), &language).or_failure()?;
+    let Some(path) = &arguments.out else { return ended(print(&text)) };
+    if path.canonicalize().is_ok_and(|p| arguments.model.model.canonicalize().is_ok_and(|m| m == p)) {
         return Err(Failure::input([format!("{}: is the model itself", path.display())]));
     }
-    std::fs::write(path, text).map_err(|e| Failure::input([format!("{}: {}", path.display(), reason(&e))]))?;
-    Ok(ExitCode::SUCCESS)
+    write(path, text).or_failure()?;
+    ended(true)
 }
 
 impl Arguments {
@@ -69,7 +57,7 @@ impl Arguments {
         match (self.lang, self.elementary.as_str()) {
             (Lang::C, "libm") => Ok(Language::C),
             (Lang::C, _) => Err(Failure::input([
-                "--elementary is for Rust: a C file takes the functions that `cc -DFDM_ELEMENTARY=...` names",
+                "--elementary is for Rust: in C use `cc -DFDM_ELEMENTARY=...` when you compile the file",
             ])),
             (Lang::Rust, "std") => Ok(Language::Rust(Elementary::Std)),
             (Lang::Rust, path) if path.trim_start_matches("::").split("::").all(word) => {

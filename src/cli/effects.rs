@@ -1,45 +1,44 @@
-//! `fdm effects`: what may be missing from a model, and where.
+//! `fdm effects`: what may be missing from a model, and where; `fdm extend`: a model's own text with effects in it.
 
-use crate::failure::{Failure, in_colours, print};
-use crate::subject::load_model;
+use crate::deliver::write;
+use crate::failure::{Ending, Failure, OrFailure, as_json, did_you_mean, ended, in_colours, print};
+use crate::load::load_model;
 use clap::Args;
-use fdm::effect::{Catalogue, Kind, Places, Subject};
-use fdm::{Model, ModelError};
-use fdm_grammar::diagnostic::nearest;
+use fdm_grammar::effect::{Beginning, Catalogue, Choice, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
-use serde_json::{Value, json};
-use std::collections::{BTreeMap, BTreeSet};
+use fdm_results::documents::EffectsDocument;
+use fdm_system::{Model, ModelError};
+use similar::TextDiff;
+use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
-/// The effects that are looked for.
+/// Catalogues of effects.
 #[derive(Debug, Args)]
 pub(crate) struct Effects {
-    /// Effects of your own (.fdm), beside those that are always there; one of the same name replaces them
+    /// Effects of your own (.fdm), beside the built-in ones; one of the same name replaces a built-in one
     #[arg(long = "effects", value_name = "FILE")]
     files: Vec<PathBuf>,
 }
 
-/// Which of them are looked for.
+/// Which effects of the catalogue.
 #[derive(Debug, Args)]
 pub(crate) struct Chosen {
-    /// Look for these effects only, such as `input_delay,actuator_lag`
+    /// Search these effects only, such as `input_delay,actuator_lag`
     #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "without")]
     only: Vec<String>,
-    /// Look for all but these; a model with many states has hundreds of places for a `product_term`
+    /// Search all effects but these; a model with many states has hundreds of places for a `product_term`
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
 }
 
 impl Chosen {
-    /// What is left of a catalogue; names that it does not have are refused.
+    /// The part of a catalogue that was chosen; names that it does not have are refused.
     pub(crate) fn of(&self, mut catalogue: Catalogue) -> Result<Catalogue, Failure> {
         let names: BTreeSet<String> = catalogue.effects().map(|e| e.name().to_string()).collect();
         let unknown = |name: &&String| !names.contains(*name);
         let said = self.only.iter().chain(&self.without).filter(unknown).map(|name| {
-            let near = nearest(name, names.iter().map(String::as_str));
-            let near = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            let near = did_you_mean(name, names.iter().map(String::as_str));
             format!("there is no effect `{name}`{near} (`fdm effects` lists them)")
         });
         let said: Vec<String> = said.collect();
@@ -69,13 +68,15 @@ pub(crate) struct Arguments {
     json: bool,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
     let (_, subject) = subject(&arguments.model)?;
     let places = catalogue.places(&subject);
-    let text =
-        if arguments.json { format!("{}\n", as_json(&catalogue, &places)) } else { as_text(&catalogue, &places) };
-    Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    let text = match arguments.json {
+        true => as_json(&EffectsDocument::of(&catalogue, &places))?,
+        false => as_text(&catalogue, &places),
+    };
+    ended(print(&text))
 }
 
 /// Reads a model for effects.
@@ -90,8 +91,7 @@ impl Effects {
     pub(crate) fn read(&self) -> Result<Catalogue, Failure> {
         let mut catalogue = Catalogue::standard();
         for file in &self.files {
-            let text = std::fs::read_to_string(file)
-                .map_err(|e| Failure::input([format!("{}: {}", file.display(), fdm::store::reason(&e))]))?;
+            let text = std::fs::read_to_string(file).map_err(|e| Failure::at(file, &e))?;
             let source = Source::new(file.display().to_string(), text);
             let (own, findings) = Catalogue::read(&source);
             if findings.iter().any(Diagnostic::is_error) {
@@ -126,7 +126,7 @@ fn as_text(catalogue: &Catalogue, places: &Places) -> String {
         }
     }
     for crowded in &places.crowded {
-        let _ = writeln!(text, "`{}` fits more places than the {} that are tried", crowded.effect, crowded.limit);
+        let _ = writeln!(text, "`{}` fits more than {} places; only so many are tried", crowded.effect, crowded.limit);
     }
     let _ = writeln!(text, "{} places", places.candidates.len());
     text
@@ -140,24 +140,97 @@ fn word(kind: Kind) -> &'static str {
     }
 }
 
-fn as_json(catalogue: &Catalogue, places: &Places) -> Value {
-    let effects = catalogue.effects().map(|e| {
-        let slots: Vec<Value> = e
-            .tree()
-            .slots
-            .iter()
-            .map(|s| json!({ "name": s.name.text, "kinds": s.kinds.iter().map(|k| k.word()).collect::<Vec<_>>() }))
-            .collect();
-        json!({ "effect": e.name(), "doc": e.doc(), "kind": word(e.kind()), "slots": slots })
-    });
-    let candidates = places.candidates.iter().map(|c| {
-        let kinds: Vec<_> = c.kinds().iter().map(|k| k.word()).collect();
-        json!({ "effect": c.effect().name(), "targets": c.targets(), "kinds": kinds, "doc": c.doc() })
-    });
-    let crowded: BTreeMap<_, _> = places.crowded.iter().map(|c| (c.effect.clone(), c.limit)).collect();
-    json!({
-        "effects": effects.collect::<Vec<_>>(),
-        "places": candidates.collect::<Vec<_>>(),
-        "limited": crowded,
-    })
+/// What `fdm extend` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Extend {
+    /// Model file (.fdm)
+    #[arg(value_name = "MODEL")]
+    model: PathBuf,
+    /// An effect at its place, such as `input_delay(stick)`; several are applied one after the other
+    #[arg(long = "effect", value_name = "EFFECT", required = true)]
+    effect: Vec<String>,
+    #[command(flatten)]
+    effects: Effects,
+    /// Sampling interval of the records; start values and bounds of lags and delays follow from it
+    #[arg(long, value_name = "TIME", default_value_t = 0.01)]
+    step: f64,
+    /// Length of the records
+    #[arg(long, value_name = "TIME", default_value_t = 10.0)]
+    duration: f64,
+    /// Write the extended model here
+    #[arg(long, value_name = "FILE")]
+    write: Option<PathBuf>,
+}
+
+/// What was typed about the records; signals are of size 1.
+struct Typed {
+    step: f64,
+    duration: f64,
+}
+
+impl Scales for Typed {
+    fn size(&self, signal: &str, q: f64) -> f64 {
+        Nominal.size(signal, q)
+    }
+
+    fn speed(&self, signal: &str, q: f64) -> f64 {
+        Nominal.speed(signal, q)
+    }
+
+    fn beginning(&self, signal: &str) -> Beginning {
+        Nominal.beginning(signal)
+    }
+
+    fn step(&self) -> f64 {
+        self.step
+    }
+
+    fn duration(&self) -> f64 {
+        self.duration
+    }
+}
+
+pub(crate) fn extend(arguments: &Extend) -> Ending {
+    let positive = |v: f64| v > 0.0 && v.is_finite();
+    if !positive(arguments.step) || !positive(arguments.duration) {
+        return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
+    }
+    let catalogue = arguments.effects.read()?;
+    let (model, mut at) = subject(&arguments.model)?;
+    let scales = Typed { step: arguments.step, duration: arguments.duration };
+    for wanted in &arguments.effect {
+        let places = catalogue.places(&at);
+        let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
+        let extension =
+            candidate.apply(&at, &scales, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
+        let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
+        at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
+    }
+    let new = at.source().text();
+    if let Some(file) = &arguments.write {
+        write(file, new).or_failure()?;
+    }
+    ended(print(&difference(model.source().text(), new, &arguments.model)))
+}
+
+/// What changes in the text of a model.
+pub(crate) fn difference(old: &str, new: &str, model: &Path) -> String {
+    let name = model.display().to_string();
+    TextDiff::from_lines(old, new).unified_diff().context_radius(1).header(&name, "extended").to_string()
+}
+
+fn nowhere(wanted: &str, places: &Places) -> Failure {
+    let all: Vec<String> = places.candidates.iter().map(ToString::to_string).collect();
+    let name = wanted.split('(').next().unwrap_or("").trim();
+    let same: Vec<&String> = all.iter().filter(|c| c.split('(').next() == Some(name)).collect();
+    let near = did_you_mean(wanted, all.iter().map(String::as_str));
+    let hint = match same.is_empty() {
+        _ if !near.is_empty() => near,
+        true => "; `fdm effects MODEL` lists the effects that fit".into(),
+        false => {
+            let shown: Vec<_> = same.iter().take(8).map(|c| format!("`{c}`")).collect();
+            format!("; `{name}` fits as {}", shown.join(", "))
+        }
+    };
+    Failure::input([format!("`{wanted}` fits nowhere in this model{hint}")])
 }

@@ -1,17 +1,23 @@
-//! How the command line ends, and what it says when the input is wrong.
+//! How a command ends: its exit code, what it prints, and what it says when the input is wrong.
 
-use fdm::ModelError;
-use fdm::record::RecordError;
+use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Diagnostic, Source};
+use fdm_results::store::reason;
+use fdm_system::ModelError;
+use fdm_system::record::RecordError;
 use std::fmt::Display;
 use std::io::IsTerminal;
+use std::path::Path;
 use std::process::ExitCode;
 
 /// Numbers went wrong: the result so far has been printed.
-pub(crate) const NUMBERS: u8 = 1;
+const NUMBERS: u8 = 1;
 const INPUT: u8 = 2;
 /// Codes that a hint names.
 const MOST_CODES: usize = 5;
+
+/// How a command ends.
+pub(crate) type Ending = Result<ExitCode, Failure>;
 
 /// Wrong input.
 #[derive(Debug)]
@@ -28,6 +34,11 @@ impl Failure {
     /// From things that say what is wrong.
     pub(crate) fn input(reasons: impl IntoIterator<Item = impl Display>) -> Self {
         Self::Input(reasons.into_iter().map(|r| r.to_string()).collect())
+    }
+
+    /// From a file or folder and what is wrong with it.
+    pub(crate) fn at(path: &Path, error: &std::io::Error) -> Self {
+        Self::Input(vec![at(path, error)])
     }
 
     /// Tells the user and gives the exit code.
@@ -52,15 +63,31 @@ impl From<ModelError> for Failure {
     }
 }
 
-/// Options that would be ignored are told, not ignored.
-pub(crate) fn none_ignored(method: &str, given: &[&str], belongs: &str) -> Result<(), Failure> {
-    match given {
-        [] => Ok(()),
-        given => Err(Failure::input([format!(
-            "{} belongs to {belongs} and has no part in {method}; leave it out",
-            given.join(", ")
-        )])),
+/// Errors of the packages below, most of which mean that the input is wrong.
+pub(crate) trait OrFailure<T> {
+    /// The value, or the error as wrong input.
+    fn or_failure(self) -> Result<T, Failure>;
+}
+
+impl<T, E: Display> OrFailure<T> for Result<T, E> {
+    fn or_failure(self) -> Result<T, Failure> {
+        self.map_err(|e| Failure::input([e]))
     }
+}
+
+/// A path and what is wrong with it.
+pub(crate) fn at(path: &Path, error: &std::io::Error) -> String {
+    format!("{}: {}", path.display(), reason(error))
+}
+
+/// Ends with 0 when all is good, with 1 otherwise.
+pub(crate) fn ended(good: bool) -> Ending {
+    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+}
+
+/// The name that was probably meant, to stand behind a message; empty when none is near.
+pub(crate) fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    nearest(name, known).map_or(String::new(), |near| format!("; did you mean `{near}`?"))
 }
 
 /// Findings about a model, with where to read more about them.
@@ -68,7 +95,7 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     if findings.is_empty() {
         return;
     }
-    murmur(format_args!("{}", fdm::report::render(source, findings, in_colours(&std::io::stderr()))));
+    murmur(format_args!("{}", fdm_report::render(source, findings, in_colours(&std::io::stderr()))));
     let mut codes: Vec<&str> = Vec::new();
     for code in findings.iter().map(|f| f.code.text()) {
         if !codes.contains(&code) && codes.len() < MOST_CODES {
@@ -100,9 +127,14 @@ pub(crate) fn print(text: &str) -> bool {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => {
-            remark(format_args!("error: the result cannot be printed: {}", fdm::store::reason(&e)));
+            remark(format_args!("error: the result cannot be printed: {}", reason(&e)));
             false
         }
         _ => true,
     }
+}
+
+/// A document as JSON.
+pub(crate) fn as_json(document: &impl serde::Serialize) -> Result<String, Failure> {
+    fdm_results::documents::to_text(document).map_err(|e| Failure::input([e]))
 }

@@ -1,140 +1,176 @@
-//! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs.
+//! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
-use crate::delivery::{Delivery, Outcome};
-use crate::failure::{Failure, NUMBERS, none_ignored};
-use crate::filter;
-use crate::histories::histories;
-use crate::integrator::{Integration, integration};
-use crate::iteration::Choice;
-use crate::keeping::Keeping;
-use crate::noise::noise;
+use crate::checkpoint::Checkpoints;
+use crate::deliver::{Delivery, NamedFile, Outcome, csv, histories, title};
+use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, read_runs};
+use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
+use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
-use crate::records::{Records, notes};
-use crate::responses;
-use crate::spectral::{self, Spectral};
-use crate::strategies::Strategies;
-use crate::subject::{Estimated, Subject};
+use crate::regress::equation_error;
 use clap::Args;
-use fdm::Model;
-use fdm::estimate::{BestOptions, Fit, FitOptions, MultiStart, best_iterate, changed, fit_kept};
-use fdm::record::Run;
-use fdm::report::{confidence, fit_json, fit_table, history_table, overlays, starts_table, way};
-use fdm::store::{Identity, Manifest};
-use std::process::ExitCode;
+use fdm_estimate::{
+    BestOptions, Estimate, FilterFit, Fit, FitOptions, Keeper, MultiStart, Noise, ResponseFit, ResponseOptions,
+    SpectralFit, SpectralOptions, best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra,
+};
+use fdm_report::{
+    TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
+    history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_table, way,
+};
+use fdm_results::documents::{FitDocument, TimeDomain};
+use fdm_results::store::Identity;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use num_complex::Complex64;
+use serde::Serialize;
+use std::path::PathBuf;
 
 /// What `fdm fit` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    pub(crate) subject: Subject,
+    model: ModelFile,
     #[command(flatten)]
-    pub(crate) records: Records,
+    records: Records,
     #[command(flatten)]
-    pub(crate) estimated: Estimated,
-    /// Measurement noise: `diagonal` (one variance per output, estimated), `full` (their covariance, estimated), or the known
-    /// standard deviation of an output; where nothing is said, what the model declares is known and the rest estimated
-    #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
-    pub(crate) noise: Vec<String>,
+    estimated: Estimated,
     #[command(flatten)]
-    pub(crate) choice: Choice,
-    /// Fit from so many starts and take the best: the given one, and others between the bounds of the parameters or around
-    /// their start values
+    noise: MeasurementNoise,
+    #[command(flatten)]
+    methods: Methods,
+    /// Fit from N starts and take the best: the given one, and random ones between the bounds of the parameters or around their
+    /// start values
     #[arg(long, value_name = "N", default_value_t = 1, help_heading = "Estimation",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub(crate) starts: u32,
-    /// Chooses the other starts; the same seed gives the same ones
+    starts: u32,
+    /// Seed of the random starts
     #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true, help_heading = "Estimation")]
     seed: u64,
     #[command(flatten)]
-    pub(crate) strategies: Strategies,
+    strategies: Strategies,
     #[command(flatten)]
-    pub(crate) spectral: Spectral,
+    frequency: FrequencyDomain,
     #[command(flatten)]
-    pub(crate) integration: Integration,
+    integration: Integration,
     /// Show the 95 % interval of each parameter
     #[arg(long, help_heading = "Result")]
-    pub(crate) intervals: bool,
-    /// Show the iteration, correction by correction
+    intervals: bool,
+    /// Show the iterations
     #[arg(long, help_heading = "Result")]
-    pub(crate) history: bool,
+    history: bool,
     /// Watch the cost fall, and see measurement and model in the terminal
     #[arg(long, help_heading = "Result")]
     watch: bool,
     #[command(flatten)]
-    pub(crate) keeping: Keeping,
+    checkpoints: Checkpoints,
     #[command(flatten)]
-    pub(crate) delivery: Delivery,
+    delivery: Delivery,
 }
 
 impl Arguments {
-    pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
-        let options = FitOptions {
-            changes: self.subject.changes(&self.estimated),
-            options: self.choice.options(noise(&self.noise, model)?),
-            per_interval: self.integration.per_interval(),
-            scheme: self.integration.scheme(),
-            starts: MultiStart { count: self.starts as usize, seed: self.seed },
-            ..FitOptions::default()
-        };
-        Ok(self.strategies.among(options))
+    fn question(&self) -> Result<Question, Failure> {
+        let own = given(&[
+            ("--noise", self.noise.is_given()),
+            ("--starts", self.starts > 1),
+            ("--intervals", self.intervals),
+            ("--history", self.history),
+            ("--watch", self.watch),
+            ("--plot", self.delivery.plot.is_some()),
+        ]);
+        let strategies = self.strategies.given();
+        let all = [own, strategies, self.checkpoints.given(), self.integration.given(), self.frequency.given()];
+        self.methods.question(&all.concat())
+    }
+
+    fn options(&self, question: Question, model: &Model) -> Result<Chosen, Failure> {
+        let changes = self.model.changes(&self.estimated);
+        // frequency responses have the errors that the coherence gives
+        let noise =
+            if question.method == Method::FrequencyResponse { Noise::Diagonal } else { self.noise.of(model)? };
+        let options = self.methods.options(question, noise);
+        Ok(match (question.method, question.domain) {
+            (Method::FrequencyResponse, _) => Chosen::Responses(self.frequency.of_responses(changes, options)),
+            (_, Domain::Frequency) => {
+                Chosen::Spectra(self.frequency.of_spectra(changes, options, self.methods.start()))
+            }
+            (method, Domain::Time) => {
+                let starts = MultiStart { count: self.starts as usize, seed: self.seed };
+                let options = FitOptions { changes, options, starts, ..FitOptions::default() };
+                let options = self.strategies.among(self.integration.among(options));
+                if method == Method::FilterError { Chosen::Filter(options) } else { Chosen::Output(options) }
+            }
+        })
+    }
+
+    /// Runs that are not fitted but predicted.
+    fn validation_runs(&self, model: &Model) -> Result<Vec<Run>, Failure> {
+        let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+        let used: Vec<PathBuf> = self.records.data.iter().map(place).collect();
+        if let Some(both) = self.frequency.validation.iter().find(|path| used.contains(&place(path))) {
+            let said = "is both --data and --validation: validation data must not be fitted; give another run";
+            return Err(Failure::input([format!("{} {said}", both.display())]));
+        }
+        read_runs(&self.frequency.validation, &self.records.selection.options(true), model, true)
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    if arguments.choice.is_spectral() {
-        none_ignored("--method fd", &arguments.spectral.of_responses(), "--method fr")?;
-        return spectral::run(arguments);
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    let question = arguments.question()?;
+    let quiet = arguments.delivery.output.quiet;
+    if question.method == Method::EquationError {
+        let asked = (&arguments.model, &arguments.estimated, &arguments.records);
+        let frequencies = (question.domain == Domain::Frequency).then(|| arguments.frequency.spectra.frequencies());
+        return equation_error(asked, &arguments.delivery, frequencies);
     }
-    if arguments.choice.is_of_responses() {
-        none_ignored("--method fr", &arguments.spectral.of_spectra(), "--method fd")?;
-        return responses::run(arguments);
-    }
-    let others = [arguments.spectral.of_both(), arguments.spectral.of_spectra(), arguments.spectral.of_responses()];
-    none_ignored("estimation in the time domain", &others.concat(), "the frequency domain (--method fd, --method fr)")?;
-    if arguments.choice.is_of_a_filter() {
-        return filter::run(arguments);
-    }
-    let mut progress = Progress::new(arguments.delivery.quiet).watching(arguments.watch);
-    let model = arguments.subject.load()?;
-    let records = arguments.records.load(&model, true)?;
-    if !arguments.delivery.quiet {
-        notes(&records);
-    }
-    let mut options = arguments.options(&model)?;
-    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let first = match arguments.choice.is_recursive() {
-        true => begin_at_best_iterate(&model, &runs, &mut options)?,
-        false => String::new(),
+    let mut progress = Progress::new(quiet).watching(arguments.watch);
+    let model = arguments.model.load()?;
+    let runs = arguments.records.runs(&model, quiet)?;
+    let mut options = arguments.options(question, &model)?;
+    let validation = arguments.validation_runs(&model)?;
+    let mut text = match (&mut options, arguments.methods.start()) {
+        (Chosen::Output(options) | Chosen::Filter(options), Some(StartValues::EquationError)) => {
+            start_at_best_iterate(&model, &runs, options)?
+        }
+        _ => String::new(),
     };
-    let identity = Identity::of(&model, &runs, &options);
+    let identity = options.identity(&model, &runs);
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare()?;
-    let kept = arguments.keeping.open(&identity, arguments.delivery.quiet)?;
-    let (_live, _) = prepared.live(&model, arguments.keeping.folder(), &mut progress);
-    let result = fit_kept(&model, &runs, &options, kept.keeper(), &mut progress);
+    let checkpoint = arguments.checkpoints.open(&identity, quiet)?;
+    let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
+    let result = options.fit(&model, &runs, checkpoint.keeper(), &mut progress);
     progress.finish();
-    let fit = result.map_err(|e| Failure::input([e]))?;
+    let found = result?;
 
-    let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
-    (manifest.command, manifest.seed) = (std::env::args().collect(), Some(arguments.seed));
-    if arguments.delivery.describes() {
-        arguments.records.describe(&runs, &mut manifest);
+    text.push_str(&found.text(arguments, &runs));
+    let mut document = found.document();
+    if let Some(predicted) = found.predicted(&validation, &mut progress)? {
+        text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
+        document.holdout = Some(TimeDomain::of(&predicted));
     }
-    let all = fit.starts.is_empty() || fit.starts.len() == options.starts.count;
-    let (text, json) = (format!("{first}{}", text(&fit, &runs, arguments)), fit_json(&fit));
-    let (model, remarks) = (&fit.model, remarks(&fit, all));
-    let (spectra, tables) = (Vec::new(), Vec::new());
-    let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
+    let mut manifest = prepared.manifest(&model, identity, options.noise(), (&arguments.records, &runs));
+    manifest.seed = matches!(options, Chosen::Output(_)).then_some(arguments.seed);
+    let (starts, frequencies) = (arguments.starts as usize, found.frequencies());
+    let outcome = Outcome {
+        model: found.model(),
+        fit: found.in_time(),
+        runs: &runs,
+        spectra: found.panels(&frequencies),
+        tables: found.tables(),
+        text,
+        json: document.into(),
+        remarks: found.remarks(starts),
+        manifest,
+    };
     let delivered = prepared.deliver(outcome);
-    let whole = kept.close();
-    let good = fit.estimate.is_good() && all && delivered && whole;
-    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    let whole = checkpoint.close();
+    ended(found.is_good(starts) && delivered && whole)
 }
 
 /// Start values from recursive least squares, where none were typed; says which iterate they are.
-fn begin_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) -> Result<String, Failure> {
-    let model = changed(model, &options.changes).map_err(|e| Failure::input([e]))?;
-    let found = best_iterate(&model, runs, &BestOptions::default()).map_err(|e| Failure::input([e]))?;
+fn start_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) -> Result<String, Failure> {
+    let model = changed(model, &options.changes).or_failure()?;
+    let found = best_iterate(&model, runs, &BestOptions::default()).or_failure()?;
     let params = &found.model.definition().params;
     for parameter in &found.recursion.parameters {
         let value = params.iter().find(|p| p.quantity.name == parameter.name).map(|p| p.value);
@@ -143,60 +179,252 @@ fn begin_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) 
     }
     let (count, best) = (found.recursion.iterates.len(), found.best + 1);
     Ok(format!(
-        "begun at iterate {best} of {count} of recursive least squares (`fdm regress --method rls` shows them)\n\n"
+        "start values: iterate {best} of {count} of recursive least squares (`fdm regress --recursive` shows them)\n\n"
     ))
 }
 
-/// What is said where parameters are not determined.
-pub(crate) const UNDETERMINED: &str =
-    "the data do not determine every parameter: fix some of what is named above, or add runs that move them";
+/// The options of the method that was chosen.
+enum Chosen {
+    Output(FitOptions),
+    Filter(FitOptions),
+    Spectra(SpectralOptions),
+    Responses(ResponseOptions),
+}
 
-/// What is said behind a result that is not good.
-pub(crate) fn remarks(fit: &Fit, all: bool) -> Vec<String> {
-    let termination = &fit.estimate.termination;
-    let mut remarks = Vec::new();
-    if !termination.is_good() {
-        remarks.push(termination.to_string());
-    } else if !fit.estimate.is_good() {
-        remarks.push(UNDETERMINED.into());
+/// Tells a result of filter error from one of output error with the same options.
+#[derive(Serialize)]
+struct Filtered<'a> {
+    filter_error: &'a FitOptions,
+}
+
+impl Chosen {
+    fn identity(&self, model: &Model, runs: &[Run]) -> Identity {
+        match self {
+            Self::Output(options) => Identity::of(model, runs, options),
+            Self::Filter(options) => Identity::of(model, runs, &Filtered { filter_error: options }),
+            Self::Spectra(options) => Identity::of(model, runs, options),
+            Self::Responses(options) => Identity::of(model, runs, options),
+        }
     }
+
+    fn noise(&self) -> Noise {
+        match self {
+            Self::Output(options) | Self::Filter(options) => options.options.noise.clone(),
+            Self::Spectra(options) => options.options.noise.clone(),
+            Self::Responses(_) => Noise::Diagonal,
+        }
+    }
+
+    fn fit(
+        &self,
+        model: &Model,
+        runs: &[Run],
+        keeper: Option<&dyn Keeper>,
+        progress: &mut Progress,
+    ) -> Result<Found, Failure> {
+        match self {
+            Self::Output(options) => fit_kept(model, runs, options, keeper, progress).or_failure().map(Found::Output),
+            Self::Filter(options) => fit_filter(model, runs, options, progress).or_failure().map(Found::Filter),
+            Self::Spectra(options) => fit_spectra(model, runs, options, progress).or_failure().map(Found::Spectra),
+            Self::Responses(options) => {
+                fit_responses(model, runs, options, progress).or_failure().map(Found::Responses)
+            }
+        }
+    }
+}
+
+/// What the method found.
+enum Found {
+    Output(Fit),
+    Filter(FilterFit),
+    Spectra(SpectralFit),
+    Responses(ResponseFit),
+}
+
+impl Found {
+    fn model(&self) -> &Model {
+        match self {
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => &fit.model,
+            Self::Spectra(fit) => &fit.model,
+            Self::Responses(fit) => &fit.model,
+        }
+    }
+
+    fn estimate(&self) -> &Estimate {
+        match self {
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => &fit.estimate,
+            Self::Spectra(fit) => &fit.estimate,
+            Self::Responses(fit) => &fit.estimate,
+        }
+    }
+
+    /// The fit in the time domain; results of the frequency domain are simulated where that is possible.
+    fn in_time(&self) -> Option<&Fit> {
+        match self {
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => Some(fit),
+            Self::Spectra(fit) => fit.finish.as_ref(),
+            Self::Responses(fit) => fit.finish.as_ref(),
+        }
+    }
+
+    /// Whether all starts have ended.
+    fn is_complete(&self, starts: usize) -> bool {
+        !matches!(self, Self::Output(fit) if !fit.starts.is_empty() && fit.starts.len() != starts)
+    }
+
+    fn is_good(&self, starts: usize) -> bool {
+        match self {
+            Self::Output(_) | Self::Filter(_) => self.estimate().is_good() && self.is_complete(starts),
+            Self::Spectra(fit) => fit.is_good(),
+            Self::Responses(fit) => fit.is_good(),
+        }
+    }
+
+    fn document(&self) -> FitDocument {
+        match self {
+            Self::Output(fit) => FitDocument::of(fit),
+            Self::Filter(fit) => FitDocument::of_filter(fit),
+            Self::Spectra(fit) => FitDocument::of_spectra(fit),
+            Self::Responses(fit) => FitDocument::of_responses(fit),
+        }
+    }
+
+    /// What the result predicts of runs that were not fitted.
+    fn predicted(&self, runs: &[Run], progress: &mut Progress) -> Result<Option<Fit>, Failure> {
+        match self {
+            Self::Spectra(fit) if !runs.is_empty() && fit.estimate.termination.is_good() => {
+                fit.predict(runs, progress).or_failure().map(Some)
+            }
+            Self::Responses(fit) if !runs.is_empty() && fit.is_good() => {
+                fit.predict(runs, progress).or_failure().map(Some)
+            }
+            _ => Ok(None),
+        }
+    }
+
+    /// Tables and sentences.
+    fn text(&self, arguments: &Arguments, runs: &[Run]) -> String {
+        let e = self.estimate();
+        let tables = match self {
+            Self::Output(fit) => fit_table(fit, arguments.intervals),
+            Self::Filter(fit) => filter_table(fit, arguments.intervals),
+            Self::Spectra(fit) => spectral_table(fit, arguments.intervals),
+            Self::Responses(fit) => fitted_response_table(fit, arguments.intervals),
+        };
+        let mut text = format!("{}\n\n{tables}\n", title(self.model()));
+        if arguments.history {
+            text.push_str(&format!("\n{}\n", history_table(&e.history)));
+        }
+        if let Self::Output(fit) = self
+            && !fit.starts.is_empty()
+        {
+            text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));
+        }
+        if let Some(fit) = self.in_time().filter(|_| arguments.watch) {
+            text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
+        }
+        if let Self::Output(fit) = self {
+            text.push_str(&confidence(fit));
+            text.push_str(&way(fit));
+        }
+        let cost = match self {
+            Self::Responses(fit) => fit.cost().map(|c| format!(", average cost {c:.3}")),
+            _ => e.cost.map(|c| format!(", cost {c:.9e}")),
+        };
+        text.push_str(&format!("{} after {} iterations{}\n", e.termination, e.iterations, cost.unwrap_or_default()));
+        let integrated = match self {
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) if !e.runs.is_empty() => &fit.integration[..],
+            _ => &[],
+        };
+        for (run, accuracy) in runs.iter().zip(integrated).filter(|_| self.model().layout().states > 0) {
+            let scheme = arguments.integration.said(accuracy);
+            text.push_str(&format!("{}: {} samples, {scheme}\n", run.name, run.len()));
+        }
+        text
+    }
+
+    fn remarks(&self, starts: usize) -> Vec<String> {
+        match self {
+            Self::Output(fit) => remarks(fit, self.is_complete(starts)),
+            Self::Filter(fit) => unsuccessful(&fit.fit.estimate).into_iter().collect(),
+            Self::Spectra(SpectralFit { unanswered: Some(why), .. })
+            | Self::Responses(ResponseFit { unanswered: Some(why), .. }) => vec![why.to_string()],
+            Self::Spectra(SpectralFit { unobservable, .. }) | Self::Responses(ResponseFit { unobservable, .. }) => {
+                let e = self.estimate();
+                let hidden =
+                    unobservable.iter().filter(|_| e.termination.is_good()).map(|m| hidden_mode(self.model(), m));
+                unsuccessful(e).into_iter().chain(hidden).collect()
+            }
+        }
+    }
+
+    /// The frequencies of every spectrum, in cycles per unit of time.
+    fn frequencies(&self) -> Vec<Vec<f64>> {
+        let Self::Spectra(fit) = self else { return Vec::new() };
+        fit.spectra.iter().map(|s| s.omega.iter().map(|w| w / std::f64::consts::TAU).collect()).collect()
+    }
+
+    /// Measured and modelled spectra as pictures: their magnitudes over frequency.
+    fn panels<'a>(&self, frequencies: &'a [Vec<f64>]) -> Vec<TimeHistory<'a>> {
+        let Self::Spectra(fit) = self else { return Vec::new() };
+        let definition = fit.model.definition();
+        let mut panels = Vec::new();
+        for (spectrum, time) in fit.spectra.iter().zip(frequencies) {
+            for (o, output) in definition.outputs.iter().enumerate() {
+                let (name, count) = (&output.quantity.name, time.len());
+                let unit = output.quantity.unit.as_ref().map_or(String::new(), ToString::to_string);
+                let size = |plane: &[Complex64]| plane[o * count..(o + 1) * count].iter().map(|v| v.norm()).collect();
+                panels.push(TimeHistory {
+                    title: format!("{}: spectrum of {name} in {}", fit.model.name(), spectrum.run),
+                    time_label: format!("cycles per {}", definition.time),
+                    value_label: format!("|{name}| [{unit}]"),
+                    time,
+                    measured: size(&spectrum.measured),
+                    modelled: size(&spectrum.modelled),
+                });
+            }
+        }
+        panels
+    }
+
+    /// The spectra of every run, or the response of every pair, as tables.
+    fn tables(&self) -> Vec<NamedFile> {
+        match self {
+            Self::Output(_) | Self::Filter(_) => Vec::new(),
+            Self::Spectra(fit) => {
+                let table = |run: usize| (format!("spectrum_{}.csv", run + 1), csv(&spectrum_columns(fit, run)));
+                (0..fit.spectra.len()).map(table).collect()
+            }
+            Self::Responses(fit) => {
+                let columns = |pair| {
+                    let columns = fitted_response_columns(pair).into_iter();
+                    columns.map(|(name, values)| (name.to_string(), None, values)).collect::<Vec<_>>()
+                };
+                let table = |(k, pair)| (format!("response_{}.csv", k + 1), csv(&columns(pair)));
+                fit.pairs.iter().enumerate().map(table).collect()
+            }
+        }
+    }
+}
+
+/// Why an estimate is not good.
+fn unsuccessful(estimate: &Estimate) -> Option<String> {
+    if !estimate.termination.is_good() {
+        return Some(estimate.termination.to_string());
+    }
+    (!estimate.is_good()).then(|| {
+        "the data do not determine every parameter: fix some of those named above, or add runs that excite them".into()
+    })
+}
+
+/// What is said behind a result of output error; `complete` when all starts have ended.
+pub(crate) fn remarks(fit: &Fit, complete: bool) -> Vec<String> {
+    let mut remarks: Vec<String> = unsuccessful(&fit.estimate).into_iter().collect();
     if fit.model.definition().states.iter().any(|s| s.noise.is_some()) {
-        remarks.push("the noise in the model's equations was left out: `--method fe` takes it into account".into());
+        remarks.push("the model's process noise was left out: `--method filter-error` takes it into account".into());
     }
-    if !all {
+    if !complete {
         remarks.push("interrupted: the result is the best of the starts that had ended".into());
     }
     remarks
-}
-
-/// Name and meaning of a model.
-pub(crate) fn title(model: &Model) -> String {
-    let (name, doc) = (model.name(), &model.definition().doc);
-    if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") }
-}
-
-/// Tables and sentences of a fit.
-fn text(fit: &Fit, runs: &[Run], arguments: &Arguments) -> String {
-    let e = &fit.estimate;
-    let mut text = format!("{}\n\n{}\n", title(&fit.model), fit_table(fit, arguments.intervals));
-    if arguments.history {
-        text.push_str(&format!("\n{}\n", history_table(&e.history)));
-    }
-    if !fit.starts.is_empty() {
-        text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));
-    }
-    if arguments.watch {
-        text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
-    }
-    text.push_str(&confidence(fit));
-    text.push_str(&way(fit));
-    let cost = e.cost.map_or(String::new(), |c| format!(", cost {c:.9e}"));
-    text.push_str(&format!("{} after {} corrections{cost}\n", e.termination, e.iterations));
-    if fit.model.layout().states > 0 {
-        for (run, a) in runs.iter().zip(&fit.integration).filter(|_| !e.runs.is_empty()) {
-            let chosen = arguments.integration.is_open();
-            text.push_str(&format!("{}: {} samples, {}\n", run.name, run.len(), integration(a, chosen)));
-        }
-    }
-    text
 }

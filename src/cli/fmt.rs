@@ -1,29 +1,28 @@
-//! `fdm fmt`: models in the one layout.
+//! `fdm fmt`: models in the standard layout.
 
-use crate::failure::{Failure, NUMBERS, print};
+use crate::failure::{Ending, Failure, OrFailure, ended, print};
 use clap::Args;
-use fdm::ModelError;
 use fdm_grammar::Source;
 use fdm_grammar::format::{Refusal, format};
+use fdm_system::ModelError;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 /// What `fdm fmt` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Model files (.fdm), and folders in which all of them are laid out
+    /// Model files (.fdm), and folders with such files
     #[arg(value_name = "FILE", required_unless_present = "stdin")]
     files: Vec<PathBuf>,
-    /// Change nothing; list the files that are not laid out and end with 1 when there are any
+    /// Change nothing; list the files that are not formatted, and exit with 1 if there are any
     #[arg(long)]
     check: bool,
-    /// Lay out what comes from standard input, and print it
+    /// Format standard input, and print it
     #[arg(long, conflicts_with = "files")]
     stdin: bool,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     if arguments.stdin {
         return standard_input(arguments.check);
     }
@@ -47,24 +46,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         }
         return Err(last);
     }
-    let good = printed && (changed.is_empty() || !arguments.check);
-    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(printed && (changed.is_empty() || !arguments.check))
 }
 
-fn standard_input(check: bool) -> Result<ExitCode, Failure> {
+fn standard_input(check: bool) -> Ending {
     let mut bytes = Vec::new();
-    std::io::stdin().lock().read_to_end(&mut bytes).map_err(|e| Failure::input([e]))?;
+    std::io::stdin().lock().read_to_end(&mut bytes).or_failure()?;
     let text = String::from_utf8(bytes).map_err(|_| Failure::input(["standard input is not UTF-8 text"]))?;
     let laid_out = laid_out(&Source::new("standard input", &*text))?;
-    if check {
-        return Ok(if laid_out == text { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) });
-    }
-    Ok(if print(&laid_out) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(if check { laid_out == text } else { print(&laid_out) })
 }
 
 /// The file, or all models in the folder and below it, in the order of their names.
 fn models(path: &Path, named: bool, found: &mut Vec<PathBuf>) -> Result<(), Failure> {
-    let unreadable = |e: std::io::Error| Failure::input([format!("{}: {}", path.display(), fdm::store::reason(&e))]);
+    let unreadable = |e: std::io::Error| Failure::at(path, &e);
     // a link to a folder may lead back
     let folder = if named { path.is_dir() } else { path.symlink_metadata().is_ok_and(|m| m.is_dir()) };
     if folder {
@@ -80,14 +75,13 @@ fn models(path: &Path, named: bool, found: &mut Vec<PathBuf>) -> Result<(), Fail
 
 /// Lays a file out where it stands; says whether it was not.
 fn lay_out(path: &Path, check: bool) -> Result<bool, Failure> {
-    let source = fdm::read_source(path)?;
+    let source = fdm_system::read_source(path)?;
     let laid_out = laid_out(&source)?;
     if laid_out == source.text() {
         return Ok(false);
     }
     if !check {
-        replace(path, &laid_out)
-            .map_err(|e| Failure::input([format!("{}: {}", path.display(), fdm::store::reason(&e))]))?;
+        replace(path, &laid_out).map_err(|e| Failure::at(path, &e))?;
     }
     Ok(true)
 }
@@ -107,7 +101,7 @@ fn laid_out(source: &Source) -> Result<String, Failure> {
     format(source).map_err(|refusal| match refusal {
         Refusal::Mistakes(diagnostics) => ModelError::Invalid { text: source.clone(), diagnostics }.into(),
         Refusal::Meaning => {
-            Failure::input([format!("{}: is left as it is: laid out it would mean something else", source.name())])
+            Failure::input([format!("{}: is left as it is: formatting would change its meaning", source.name())])
         }
     })
 }

@@ -1,16 +1,16 @@
 //! `fdm new`: a first model with comments, and a record made up from it to try things out.
 
-use crate::failure::{Failure, NUMBERS, print};
+use crate::deliver::{column, csv};
+use crate::failure::{Ending, Failure, ended, print};
 use clap::{Args, ValueEnum};
-use fdm::Model;
-use fdm::record::{Column, Dialect, Run, write_to};
-use fdm::simulate::{Simulator, choose_steps};
-use fdm::store::reason;
 use fdm_grammar::format::format;
+use fdm_numeric::random::SplitMix;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Simulator, choose_steps};
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 /// What `fdm new` takes.
 #[derive(Debug, Args)]
@@ -91,7 +91,7 @@ fn steps(t: f64) -> f64 {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     let path = &arguments.file;
     if path.extension().is_none_or(|e| e != "fdm") {
         return Err(Failure::input([format!("{}: the name of a model ends with .fdm", path.display())]));
@@ -100,7 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let there: Vec<&Path> =
         [path.as_path(), record.as_path()].into_iter().filter(|p| p.symlink_metadata().is_ok()).collect();
     if !there.is_empty() {
-        let said = there.iter().map(|p| format!("{}: is there already, and is left alone", p.display()));
+        let said = there.iter().map(|p| format!("{}: exists already, and is not overwritten", p.display()));
         return Err(Failure::Input(said.collect()));
     }
     let recipe = arguments.kind.recipe();
@@ -115,9 +115,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     written(path, text.as_bytes())?;
     written(&record, &table)?;
     let next = format!(
-        "{model_path} and a record to try it, {record_path}\n\n  fdm check {model_path}\n  fdm simulate {model_path} --data {record_path}\n  fdm fit {model_path} --data {record_path}\n"
+        "{model_path} and a made-up record, {record_path}\n\n  fdm check {model_path}\n  fdm simulate {model_path} --data {record_path}\n  fdm fit {model_path} --data {record_path}\n"
     );
-    Ok(if print(&next) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(print(&next))
 }
 
 /// The text with the model's own name: that of the file, when it can be one.
@@ -161,22 +161,17 @@ impl Recipe {
         let mut y = vec![f64::NAN; self.samples * q];
         let simulated = Simulator::new(model.dynamics(), &run, steps).map_err(unsuited)?.simulate(&theta, &mut y);
         simulated.map_err(|d| Failure::input([format!("the made-up record diverges at {}", d.time)]))?;
-        let mut random = Random(1);
-        y.iter_mut().enumerate().for_each(|(k, y)| *y = rounded(*y + self.noise[k % q] * random.normal()));
+        let mut random = SplitMix(1);
+        y.iter_mut().enumerate().for_each(|(k, y)| *y = rounded(*y + self.noise[k % q] * random.sum_of_twelve()));
         let mut columns =
             vec![("t".to_string(), Some(definition.time.to_string()), run.time.iter().map(|t| rounded(*t)).collect())];
         let unit = |q: &fdm_grammar::model::Quantity| q.unit.as_ref().map(ToString::to_string);
         columns.extend(definition.inputs.iter().map(|i| (i.quantity.name.clone(), unit(&i.quantity), driven.clone())));
         let channel = |(o, out): (usize, &fdm_grammar::model::Output)| {
-            let values: Vec<f64> = y.iter().skip(o).step_by(q).copied().collect();
-            (out.quantity.name.clone(), unit(&out.quantity), values)
+            (out.quantity.name.clone(), unit(&out.quantity), column(&y, o, q))
         };
         columns.extend(definition.outputs.iter().enumerate().map(channel));
-        let columns: Vec<Column<'_>> =
-            columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
-        let mut table = Vec::new();
-        write_to(&mut table, Dialect::default(), &columns).map_err(|e| Failure::input([e]))?;
-        Ok(table)
+        Ok(csv(&columns))
     }
 }
 
@@ -188,22 +183,5 @@ fn rounded(value: f64) -> f64 {
 /// Writes a file that is not there.
 fn written(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let file = OpenOptions::new().write(true).create_new(true).open(path);
-    let said = |e| Failure::input([format!("{}: {}", path.display(), reason(&e))]);
-    file.and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all())).map_err(said)
-}
-
-/// The same noise for everybody (splitmix64, and the sum of twelve for the normal distribution).
-struct Random(u64);
-
-impl Random {
-    fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
-    }
-
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
+    file.and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all())).map_err(|e| Failure::at(path, &e))
 }

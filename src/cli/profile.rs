@@ -1,29 +1,25 @@
-//! `fdm profile`: how far a parameter may go until the best fit with it costs more than chance explains.
+//! `fdm profile`: profile-likelihood confidence intervals. A parameter moves, all others are fitted again, until the cost has risen
+//! by what noise explains.
 
-use crate::failure::{Failure, NUMBERS, print, remark};
-use crate::integrator::Integration;
-use crate::noise::noise;
+use crate::deliver::{Output, write};
+use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
+use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
+use crate::options::Integration;
 use crate::progress::Progress;
-use crate::records::{Records, notes};
-use crate::subject::{Estimated, Subject};
 use clap::Args;
-use fdm::Model;
-use fdm::estimate::{FitOptions, Options, Status, fit};
-use fdm::record::Run;
-use fdm::report::{profile_json, profile_svg, profile_table};
-use fdm::store::reason;
-use fdm::study::{End, Profile, Profiler, StudyError};
-use fdm_grammar::diagnostic::nearest;
+use fdm_estimate::{FitOptions, Options, Status, fit};
+use fdm_lab::study::{End, Profile, Profiler, StudyError};
+use fdm_report::{profile_svg, profile_table};
+use fdm_system::Model;
 use rayon::prelude::*;
 use std::path::PathBuf;
-use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 /// What `fdm profile` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    subject: Subject,
+    model: ModelFile,
     #[command(flatten)]
     records: Records,
     /// Parameter that is profiled; may be given several times [default: all that are estimated and shared]
@@ -31,20 +27,15 @@ pub(crate) struct Arguments {
     parameters: Vec<String>,
     #[command(flatten)]
     estimated: Estimated,
-    /// Measurement noise, as `fdm fit` takes it
-    #[arg(long, value_name = "diagonal|full|OUTPUT=DEVIATION", help_heading = "Estimation")]
-    noise: Vec<String>,
+    #[command(flatten)]
+    noise: MeasurementNoise,
     #[command(flatten)]
     integration: Integration,
-    /// Print JSON instead of a table
-    #[arg(long, help_heading = "Result")]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
     /// Draw the cost over each parameter to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
-    /// Say nothing while working
-    #[arg(short, long, help_heading = "Result")]
-    quiet: bool,
 }
 
 impl Arguments {
@@ -52,33 +43,24 @@ impl Arguments {
     fn are_known(&self, model: &Model) -> Result<(), Failure> {
         let names = || model.definition().params.iter().map(|p| p.quantity.name.as_str());
         let unknown = self.parameters.iter().filter(|wanted| !names().any(|name| name == wanted.as_str()));
-        let reasons: Vec<String> = unknown
-            .map(|wanted| {
-                let hint = nearest(wanted, names()).map_or(String::new(), |h| format!("; did you mean `{h}`?"));
-                format!("--parameter {wanted}: the model has no such parameter{hint}")
-            })
-            .collect();
+        let hint = |wanted: &String| did_you_mean(wanted, names());
+        let reasons: Vec<String> =
+            unknown.map(|p| format!("--parameter {p}: the model has no such parameter{}", hint(p))).collect();
         if reasons.is_empty() { Ok(()) } else { Err(Failure::Input(reasons)) }
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let mut progress = Progress::new(arguments.quiet);
-    let model = arguments.subject.load()?;
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    let mut progress = Progress::new(arguments.output.quiet);
+    let model = arguments.model.load()?;
     arguments.are_known(&model)?;
-    let records = arguments.records.load(&model, true)?;
-    if !arguments.quiet {
-        notes(&records);
-    }
-    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let options = FitOptions {
-        changes: arguments.subject.changes(&arguments.estimated),
-        options: Options { noise: noise(&arguments.noise, &model)?, ..Options::default() },
-        per_interval: arguments.integration.per_interval(),
-        scheme: arguments.integration.scheme(),
+    let runs = arguments.records.runs(&model, arguments.output.quiet)?;
+    let options = arguments.integration.among(FitOptions {
+        changes: arguments.model.changes(&arguments.estimated),
+        options: Options { noise: arguments.noise.of(&model)?, ..Options::default() },
         ..FitOptions::default()
-    };
-    let found = fit(&model, &runs, &options, &mut progress).map_err(|e| Failure::input([e]))?;
+    });
+    let found = fit(&model, &runs, &options, &mut progress).or_failure()?;
     let interrupted = progress.interrupted();
     let goes_on = move || !interrupted.load(Ordering::Relaxed);
     let profiler = match Profiler::new(&found, &runs, &options, &goes_on) {
@@ -86,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Err(e) => {
             progress.finish();
             remark(format_args!("error: {e}"));
-            return Ok(ExitCode::from(NUMBERS));
+            return ended(false);
         }
     };
     let shared = found.estimate.parameters.iter().filter(|p| p.run.is_none() && p.status == Status::Estimated);
@@ -97,20 +79,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if names.is_empty() {
         return Err(Failure::input(["no shared parameter is estimated; name one with --parameter"]));
     }
-    progress.say(&format!("refits for {}", names.join(", ")));
+    progress.say(&format!("profiling {}", names.join(", ")));
     let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
     progress.finish();
-    let profiles = profiles.map_err(|e| Failure::input([e]))?;
-    let document = || format!("{}\n", profile_json(&profiles));
-    let printed = print(&if arguments.json { document() } else { profile_table(&profiles) });
-    let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| {
-        let picture = profile_svg(&profiles).map_err(|e| e.to_string())?;
-        std::fs::write(file, picture).map_err(|e| format!("{}: {}", file.display(), reason(&e)))
-    });
+    let profiles = profiles.or_failure()?;
+    let printed = arguments.output.print(|| profile_table(&profiles), || &profiles)?;
+    let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| write(file, profile_svg(&profiles)));
     if let Err(e) = &drawn {
         remark(format_args!("error: {e}; the result is what is printed"));
     }
     let lost = |p: &Profile| p.ends.iter().any(|e| matches!(e, End::Interrupted(_)));
-    let good = printed && drawn.is_ok() && !profiles.iter().any(lost);
-    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(printed && drawn.is_ok() && !profiles.iter().any(lost))
 }

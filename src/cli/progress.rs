@@ -2,14 +2,41 @@
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
 use crate::failure::remark;
-use crate::live::Shared;
-use fdm::estimate::{Iteration, Observer, StartSummary, UnknownName};
-use fdm::report::sparkline;
+use crate::progress_file::{Course, CourseWriter};
+use fdm_estimate::{Iteration, Observer, StartSummary, UnknownName};
+use fdm_lab::study::{Repeat, Watch};
+use fdm_report::sparkline;
+use fdm_system::Model;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::sync::Arc;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// A live line on standard error, where that is a terminal and `shown`.
+fn bar(length: Option<u64>, shown: bool, template: &str, tick: u64) -> ProgressBar {
+    let shown = shown && std::io::stderr().is_terminal();
+    let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let bar = ProgressBar::with_draw_target(length, target);
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(tick));
+    bar
+}
+
+/// Whether lines take the place of the live one.
+fn in_lines(quiet: bool) -> bool {
+    !quiet && !std::io::stderr().is_terminal()
+}
+
+/// How many of several things have ended and how long the rest will take, on a terminal only.
+pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
+    let template = format!("{{spinner}} {{pos}} of {{len}} {what} [{{elapsed}}, {{eta}} left] {{msg}}");
+    bar(Some(count as u64), count > 1, &template, 200)
+}
 
 /// Watches an estimation.
 pub(crate) struct Progress {
@@ -18,32 +45,21 @@ pub(crate) struct Progress {
     /// The costs so far, where they are to be watched.
     costs: Option<Vec<f64>>,
     /// Where others read how far it is.
-    course: Option<Shared>,
+    course: Option<Course>,
     interrupted: Arc<AtomicBool>,
 }
 
 impl Progress {
     /// Of work of which nothing can be kept before its end: an interrupt ends the program at once.
-    pub(crate) fn of_a_whole(quiet: bool) -> Self {
-        let terminal = std::io::stderr().is_terminal();
-        let target = if quiet || !terminal { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let bar = ProgressBar::with_draw_target(None, target);
-        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} [{elapsed}]") {
-            bar.set_style(style);
-        }
-        bar.enable_steady_tick(std::time::Duration::from_millis(100));
-        Self {
-            bar,
-            lines: !quiet && !terminal,
-            costs: None,
-            course: None,
-            interrupted: Arc::new(AtomicBool::new(false)),
-        }
+    pub(crate) fn without_interrupt(quiet: bool) -> Self {
+        let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
+        let interrupted = Arc::new(AtomicBool::new(false));
+        Self { bar, lines: in_lines(quiet), costs: None, course: None, interrupted }
     }
 
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
     pub(crate) fn new(quiet: bool) -> Self {
-        let progress = Self::of_a_whole(quiet);
+        let progress = Self::without_interrupt(quiet);
         let interrupted = &progress.interrupted;
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does
@@ -59,9 +75,13 @@ impl Progress {
         self
     }
 
-    /// Writes down how far it is for others.
-    pub(crate) fn told(&mut self, course: Shared) {
-        self.course = Some(course);
+    /// Writes down beside these folders how far the work on a model is; nothing where there are none.
+    pub(crate) fn follow(&mut self, folders: Vec<PathBuf>, model: &Model) -> (CourseWriter, Course) {
+        let course = Course::default();
+        if !folders.is_empty() {
+            self.course = Some(course.clone());
+        }
+        (CourseWriter::begin(folders, model, course.clone()), course)
     }
 
     /// Says what is being done.
@@ -113,7 +133,7 @@ impl Observer for Progress {
             course.history.push(*iteration);
         }
         let Iteration { number, cost, step, refused, .. } = iteration;
-        let tried = if *refused > 0 { format!(", {refused} refused") } else { String::new() };
+        let tried = if *refused > 0 { format!(", {refused} rejected") } else { String::new() };
         if *number == 0 {
             self.costs.iter_mut().for_each(Vec::clear);
         }
@@ -129,8 +149,8 @@ impl Observer for Progress {
 
     fn start_iteration(&mut self, number: usize, iteration: &Iteration) -> ControlFlow<()> {
         // lines are for those that have ended: many at once would drown them
-        let Iteration { number: correction, cost, .. } = iteration;
-        self.bar.set_message(format!("start {number}, iteration {correction}, cost {cost:.9e}"));
+        let Iteration { number: of_start, cost, .. } = iteration;
+        self.bar.set_message(format!("start {number}, iteration {of_start}, cost {cost:.9e}"));
         self.flow()
     }
 
@@ -146,16 +166,89 @@ impl Observer for Progress {
     }
 }
 
-/// How many of several things have ended and how long the rest will take, on a terminal only.
-pub(crate) fn counted(count: usize, what: &str) -> ProgressBar {
-    let terminal = std::io::stderr().is_terminal() && count > 1;
-    let target = if terminal { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(Some(count as u64), target);
-    if let Ok(style) = ProgressStyle::with_template(&format!(
-        "{{spinner}} {{pos}} of {{len}} {what} [{{elapsed}}, {{eta}} left] {{msg}}"
-    )) {
-        bar.set_style(style);
+/// Watches the repeats of a Monte Carlo study: a bar with the time that is left on a terminal, a line now and then elsewhere. An
+/// interrupt gives up the repeats at work.
+pub(crate) struct RepeatProgress {
+    bar: ProgressBar,
+    lines: bool,
+    count: usize,
+    so_far: Option<RepeatsSoFar>,
+    interrupted: Arc<AtomicBool>,
+}
+
+/// The repeats that have ended, for others to read while the rest is at work.
+#[derive(Clone)]
+pub(crate) struct RepeatsSoFar(Arc<Mutex<Ended>>);
+
+struct Ended {
+    repeats: Vec<Option<Repeat>>,
+    /// Those that were there when the first of this program ended, and when that was.
+    first: Option<(usize, Instant)>,
+}
+
+impl RepeatsSoFar {
+    fn lock(&self) -> MutexGuard<'_, Ended> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    bar.enable_steady_tick(std::time::Duration::from_millis(200));
-    bar
+
+    /// All of them by number, and the seconds that the others will take as far as can be told.
+    pub(crate) fn read(&self) -> (Vec<Option<Repeat>>, Option<f64>) {
+        let ended = self.lock();
+        let done = ended.repeats.iter().flatten().count();
+        let left = ended.first.filter(|(before, _)| done > *before).map(|(before, since)| {
+            (ended.repeats.len() - done) as f64 * since.elapsed().as_secs_f64() / (done - before) as f64
+        });
+        (ended.repeats.clone(), left)
+    }
+}
+
+impl RepeatProgress {
+    /// Of so many repeats of something that has a name, or none.
+    pub(crate) fn new(name: &str, count: usize, quiet: bool, interrupted: Arc<AtomicBool>) -> Self {
+        let template = "{spinner} {msg} {bar:30} {pos} of {len} repeats [{elapsed}, {eta} left]";
+        let bar = bar(Some(count as u64), !quiet, template, 200).with_message(name.to_string());
+        Self { bar, lines: in_lines(quiet), count, so_far: None, interrupted }
+    }
+
+    /// Keeps what came of every repeat for others to read.
+    pub(crate) fn remembering(&mut self) -> RepeatsSoFar {
+        let so_far = RepeatsSoFar(Arc::new(Mutex::new(Ended { repeats: vec![None; self.count], first: None })));
+        self.so_far = Some(so_far.clone());
+        so_far
+    }
+
+    /// Ends the live line.
+    pub(crate) fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+
+    fn prefix(&self) -> String {
+        let name = self.bar.message();
+        if name.is_empty() { name } else { format!("{name}: ") }
+    }
+}
+
+impl Watch for RepeatProgress {
+    fn came(&self, number: u64, repeat: &Repeat) {
+        if let Some(so_far) = &self.so_far
+            && let Some(place) = so_far.lock().repeats.get_mut(number as usize)
+        {
+            *place = Some(repeat.clone());
+        }
+    }
+
+    fn ended(&self, done: usize) {
+        if let Some(so_far) = &self.so_far {
+            so_far.lock().first.get_or_insert((done, Instant::now()));
+        }
+        self.bar.set_position(done as u64);
+        let tenth = (self.count / 10).max(1);
+        if self.lines && done > 0 && done.is_multiple_of(tenth) {
+            remark(format_args!("{}{done} of {} repeats", self.prefix(), self.count));
+        }
+    }
+
+    fn goes_on(&self) -> bool {
+        !self.interrupted.load(Ordering::Relaxed)
+    }
 }

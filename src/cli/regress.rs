@@ -1,110 +1,182 @@
-//! `fdm regress`: equation error, in the time domain or, with a band, in the frequency domain.
+//! `fdm regress` and `fdm fit --method equation-error`: regression of measured rates, in the time domain or, with a band, in the
+//! frequency domain; recursively with forgetting; and the search for the structure of a rate.
 
-use crate::delivery::{Delivery, Outcome};
-use crate::failure::{Failure, NUMBERS, none_ignored, print};
-use crate::records::{Records, notes};
-use crate::recursive::Recursive;
-use crate::subject::{Estimated, Subject};
+use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
+use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::load::{Estimated, ModelFile, Records, band, number};
+use crate::methods::given;
 use clap::{Args, ValueEnum};
-use fdm::Model;
-use fdm::estimate::{Noise, changed};
-use fdm::record::Run;
-use fdm::regression::{
-    Components, Dependence, Detrend, Domain, Limits, RegressionError, RegressionOptions, Smoothing, by_cutoff,
-    by_length, regress, structure,
+use fdm_estimate::equation_error::{
+    Components, Dependence, Detrend, Domain, Limits, Preprocessing, RecursiveOptions, RegressionError,
+    RegressionOptions, Smoothing, by_cutoff, by_length, regress, structure,
 };
-use fdm::report::{dependence_table, regression_json, regression_table, structure_table};
-use fdm::spectrum::Frequencies;
-use fdm::store::{Identity, Manifest};
-use serde_json::{Value, json};
+use fdm_estimate::{BestOptions, Changes, Criterion, Noise, best_iterate, changed};
+use fdm_report::{
+    dependence_table, recursive_histories, recursive_table, recursive_times, regression_table, structure_table, svg,
+};
+use fdm_results::documents::{RecursiveDocument, RegressionDocument, ResultDocument, StructureDocument};
+use fdm_results::store::Identity;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use fdm_system::spectrum::Frequencies;
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// What `fdm regress` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    subject: Subject,
+    model: ModelFile,
     #[command(flatten)]
     records: Records,
     #[command(flatten)]
     estimated: Estimated,
-    /// Least squares of all rows at once, or recursively, step by step, with forgetting
-    #[arg(long, value_name = "METHOD", value_enum, default_value_t, help_heading = "Regression")]
-    method: Approach,
-    /// Compare transforms at the frequencies of this band, in cycles per unit of time
-    #[arg(long, value_name = "LO:HI", value_parser = pair, help_heading = "Regression")]
+    /// Frequency domain: compare Fourier transforms in this band, in cycles per unit of time
+    #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Regression")]
     band: Option<(f64, f64)>,
-    /// Distance of the frequencies [default: those of the record]
+    /// Frequency spacing [default: the record's own bins]
     #[arg(long, value_name = "STEP", requires = "band", help_heading = "Regression")]
     df: Option<f64>,
     /// Rates in the time domain: `local`, `local:POINTS` (a polynomial through so many neighbours), `fourier` (optimal Fourier
     /// smoothing), or `fourier:CUTOFF`
     #[arg(long, value_name = "HOW", default_value = "local", value_parser = smoothing, conflicts_with = "band", help_heading = "Regression")]
     smooth: Smoothing,
-    /// Take `none`, the `mean` or the best `line` off rates and regressors of every run
+    /// Remove `none`, the `mean` or the linear trend (`line`) of rates and regressors of every run
     #[arg(long, value_name = "WHAT", default_value = "none", value_parser = detrend, conflicts_with = "band", help_heading = "Regression")]
     detrend: Detrend,
-    /// Principal components of the solution: all but directions in which columns move together (`auto`), those up to where R^2
-    /// levels off and errors are least (`level`), or so many
+    /// Principal components of the solution: `auto` leaves out collinear directions, `level` stops where R^2 levels off and errors
+    /// are least; or their number
     #[arg(long, value_name = "auto|level|K", default_value = "auto", value_parser = components, help_heading = "Regression")]
     components: Components,
-    #[command(flatten)]
-    recursive: Recursive,
-    /// Search the structure of every measured rate among signals, squares and products instead
+    /// Search the structure of every measured rate by stepwise regression among signals, squares and products
     #[arg(long, help_heading = "Regression")]
     stepwise: bool,
+    #[command(flatten)]
+    recursive: Recursive,
     /// Show how the estimates depend on the highest frequency, and on the part of the records that is used
     #[arg(long, conflicts_with = "stepwise", help_heading = "Result")]
     dependence: bool,
-    /// Print JSON instead of tables
-    #[arg(long, help_heading = "Result")]
-    json: bool,
-    /// Write everything to a folder: model, options, fingerprints of the data, result, tables
-    #[arg(long, value_name = "DIR", conflicts_with = "stepwise", help_heading = "Result")]
-    out: Option<PathBuf>,
-    /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
-    #[arg(long, value_name = "FILE.html", conflicts_with = "stepwise", help_heading = "Result")]
-    report: Option<PathBuf>,
-    /// Say nothing about the records
-    #[arg(short, long, help_heading = "Result")]
-    quiet: bool,
+    #[command(flatten)]
+    output: Output,
+    #[command(flatten)]
+    places: Places,
 }
 
-/// What `--method` takes.
+/// Recursive least squares, and which of its iterates is taken.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Recursive least squares")]
+struct Recursive {
+    /// Recursive least squares with forgetting, sample by sample, instead of all samples at once
+    #[arg(long)]
+    recursive: bool,
+    /// The spelling before version 0.2
+    #[arg(long, value_name = "ls|rls", value_enum, default_value_t, hide = true)]
+    method: OldMethod,
+    /// Forgetting factor: weight of a sample relative to the one after it, above 0, at most 1 [default: 0.99]
+    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    forgetting: Option<f64>,
+    /// Zero-phase low-pass of all channels, with this cut-off frequency, in cycles per unit of time
+    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    lowpass: Option<f64>,
+    /// Smooth all channels by polynomials of degree four through so many neighbours
+    #[arg(long, value_name = "POINTS")]
+    polynomial: Option<usize>,
+    /// Which iterate is taken [default: simulation]
+    #[arg(long, value_name = "CRITERION", value_enum)]
+    best: Option<Best>,
+    /// Simulate segments of this length, each from initial values of its own: for unstable vehicles
+    #[arg(long, value_name = "LENGTH", allow_negative_numbers = true)]
+    restart: Option<f64>,
+    /// Draw the estimates along the record to an SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+}
+
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-enum Approach {
-    /// Least squares by singular values
+enum OldMethod {
     #[default]
     Ls,
-    /// Recursive least squares with forgetting; of all iterates the one whose simulation errs least
     Rls,
+}
+
+/// What `--best` takes.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Best {
+    /// The least error of a simulation of the whole record
+    Simulation,
+    /// The least one-step prediction error
+    OneStep,
+    /// The last one
+    Last,
+}
+
+impl Recursive {
+    fn is_wanted(&self) -> bool {
+        self.recursive || self.method == OldMethod::Rls
+    }
+
+    fn given(&self) -> Vec<&'static str> {
+        given(&[
+            ("--forgetting", self.forgetting.is_some()),
+            ("--lowpass", self.lowpass.is_some()),
+            ("--polynomial", self.polynomial.is_some()),
+            ("--best", self.best.is_some()),
+            ("--restart", self.restart.is_some()),
+            ("--plot", self.plot.is_some()),
+        ])
+    }
+
+    fn options(&self, detrend: Detrend) -> BestOptions {
+        let preprocessing = Preprocessing { cutoff: self.lowpass, detrend, points: self.polynomial };
+        let forgetting = self.forgetting.unwrap_or(RecursiveOptions::default().forgetting);
+        let criterion = match self.best {
+            None | Some(Best::Simulation) => Criterion::Simulation,
+            Some(Best::OneStep) => Criterion::OneStep,
+            Some(Best::Last) => Criterion::Last,
+        };
+        BestOptions { recursion: RecursiveOptions { forgetting, preprocessing }, criterion, restart: self.restart }
+    }
+
+    /// Follows the parameters along the record, and prints the best iterate.
+    fn run(&self, model: &Model, runs: &[Run], detrend: Detrend, output: &Output) -> Ending {
+        let found = best_iterate(model, runs, &self.options(detrend)).or_failure()?;
+        let printed = output.print(|| recursive_table(&found), || RecursiveDocument::of(&found))?;
+        if let Some(path) = &self.plot {
+            let time = recursive_times(&found);
+            write(path, svg(&recursive_histories(&found, &time))).or_failure()?;
+        }
+        ended(printed)
+    }
 }
 
 /// Parts of the band and of the records that `--dependence` shows.
 const PARTS: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
 
 impl Arguments {
-    /// Options that would be ignored are told, not ignored.
+    /// Options that would be ignored are refused.
     fn refuse(&self) -> Result<(), Failure> {
-        let (given, method, belongs) = match self.method {
-            Approach::Ls => (self.recursive.given(), "least squares", "--method rls"),
-            Approach::Rls => {
-                let given = [
-                    ("--band", self.band.is_some()),
-                    ("--df", self.df.is_some()),
-                    ("--smooth", self.smooth != Smoothing::default()),
-                    ("--components", self.components != Components::default()),
-                    ("--stepwise", self.stepwise),
-                    ("--dependence", self.dependence),
-                    ("--out", self.out.is_some()),
-                    ("--report", self.report.is_some()),
-                ];
-                let given = given.into_iter().filter(|(_, given)| *given).map(|(name, _)| name).collect();
-                (given, "recursive least squares", "--method ls")
-            }
+        let places = [("--out", self.places.out.is_some()), ("--report", self.places.report.is_some())];
+        let (refused, against, instead) = if self.recursive.is_wanted() {
+            let batch = [
+                ("--band", self.band.is_some()),
+                ("--df", self.df.is_some()),
+                ("--smooth", self.smooth != Smoothing::default()),
+                ("--components", self.components != Components::default()),
+                ("--stepwise", self.stepwise),
+                ("--dependence", self.dependence),
+            ];
+            ([given(&batch), given(&places)].concat(), "--recursive", "leave out --recursive")
+        } else if self.stepwise {
+            ([self.recursive.given(), given(&places)].concat(), "--stepwise", "leave out --stepwise")
+        } else {
+            (self.recursive.given(), "least squares of all samples at once", "use --recursive")
         };
-        none_ignored(method, &given, belongs)
+        match &refused[..] {
+            [] => Ok(()),
+            _ => Err(Failure::input([format!(
+                "{} cannot be combined with {against}: leave it out, or {instead}",
+                refused.join(", ")
+            )])),
+        }
     }
 
     fn options(&self) -> RegressionOptions {
@@ -119,78 +191,81 @@ impl Arguments {
     }
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    arguments.refuse()?;
-    let model = arguments.subject.load()?;
-    let changes = arguments.subject.changes(&arguments.estimated);
-    let model = changed(&model, &changes).map_err(|e| Failure::input([e]))?;
-    let records = arguments.records.load(&model, true)?;
-    if !arguments.quiet {
-        notes(&records);
-    }
-    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    if arguments.method == Approach::Rls {
-        return arguments.recursive.run(&model, &runs, arguments.detrend, arguments.json);
-    }
-    if arguments.stepwise {
-        let text = searched(&model, &runs, arguments).map_err(|e| Failure::input([e]))?;
-        return Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) });
-    }
-    // places that cannot be written are told before the work
-    let (json, quiet) = (arguments.json, arguments.quiet);
-    let delivery = Delivery::of_tables(json, quiet, arguments.out.clone(), arguments.report.clone());
-    let prepared = delivery.prepare()?;
-    let (text, json) = estimated(&model, &runs, arguments).map_err(|e| Failure::input([e]))?;
-    let options = arguments.options();
-    let mut manifest = Manifest::new(&model, Identity::of(&model, &runs, &options), Noise::Diagonal);
-    manifest.command = std::env::args().collect();
-    if delivery.describes() {
-        arguments.records.describe(&runs, &mut manifest);
-    }
-    let (spectra, tables, remarks) = (Vec::new(), Vec::new(), Vec::new());
-    let outcome = Outcome { model: &model, fit: None, runs: &runs, spectra, tables, text, json, remarks, manifest };
-    Ok(if prepared.deliver(outcome) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+/// A model with its changes, and the runs; both are ready for a regression.
+fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) -> Result<(Model, Vec<Run>), Failure> {
+    let model = changed(&model.load()?, changes).or_failure()?;
+    let runs = records.runs(&model, quiet)?;
+    Ok((model, runs))
 }
 
-fn searched(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<String, RegressionError> {
-    let found = structure(model, runs, &arguments.options(), &Limits::default())?;
-    Ok(if arguments.json {
-        format!("{}\n", json!({ "model": model.name(), "structures": found }))
-    } else {
-        structure_table(&found)
-    })
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    arguments.refuse()?;
+    let (records, output) = (&arguments.records, &arguments.output);
+    let changes = arguments.model.changes(&arguments.estimated);
+    let (model, runs) = loaded(&arguments.model, &changes, records, output.quiet)?;
+    if arguments.recursive.is_wanted() {
+        return arguments.recursive.run(&model, &runs, arguments.detrend, output);
+    }
+    let options = arguments.options();
+    if arguments.stepwise {
+        let found = structure(&model, &runs, &options, &Limits::default()).or_failure()?;
+        let document = || StructureDocument { model: model.name().into(), structures: found.clone() };
+        return ended(output.print(|| structure_table(&found), document)?);
+    }
+    // places that cannot be written are told before the work
+    let prepared = prepare(output, None, &arguments.places)?;
+    let (mut text, mut document) = estimates(&model, &runs, &options).or_failure()?;
+    if arguments.dependence {
+        let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
+        let cutoffs = PARTS.map(|part| low + part * (high - low));
+        let cutoff: Vec<Dependence> = by_cutoff(&model, &runs, &options, &cutoffs);
+        let length: Vec<Dependence> = by_length(&model, &runs, &options, &PARTS);
+        text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
+        document = document.with_dependence(cutoff, length);
+    }
+    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))
+}
+
+/// `fdm fit --method equation-error`: all samples at once, in the time domain or at these frequencies.
+pub(crate) fn equation_error(
+    (model, estimated, records): (&ModelFile, &Estimated, &Records),
+    delivery: &Delivery,
+    frequencies: Option<Frequencies>,
+) -> Ending {
+    let (model, runs) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
+    let domain = frequencies.map_or(Domain::Time, Domain::Frequency);
+    let options = RegressionOptions { domain, ..RegressionOptions::default() };
+    let prepared = delivery.prepare()?;
+    let (text, document) = estimates(&model, &runs, &options).or_failure()?;
+    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))
 }
 
 /// Tables, and the same for programs.
-fn estimated(model: &Model, runs: &[Run], arguments: &Arguments) -> Result<(String, Value), RegressionError> {
-    let options = arguments.options();
-    let found = regress(model, runs, &options)?;
-    let (mut text, mut document) = (regression_table(&found), regression_json(model.name(), &found));
-    if arguments.dependence {
-        let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(runs) / 4.0));
-        let cutoffs = PARTS.map(|part| low + part * (high - low));
-        let cutoff: Vec<Dependence> = by_cutoff(model, runs, &options, &cutoffs);
-        let length: Vec<Dependence> = by_length(model, runs, &options, &PARTS);
-        text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
-        (document["by_cutoff"], document["by_length"]) = (json!(cutoff), json!(length));
-    }
-    Ok((text, document))
+fn estimates(
+    model: &Model,
+    runs: &[Run],
+    options: &RegressionOptions,
+) -> Result<(String, RegressionDocument), RegressionError> {
+    let found = regress(model, runs, options)?;
+    Ok((regression_table(&found), RegressionDocument::of(model.name(), &found)))
+}
+
+fn deliver(
+    prepared: &Prepared<'_>,
+    model: &Model,
+    (records, runs): (&Records, &[Run]),
+    options: &RegressionOptions,
+    (text, json): (String, ResultDocument),
+) -> Ending {
+    let manifest = prepared.manifest(model, Identity::of(model, runs, options), Noise::Diagonal, (records, runs));
+    let (spectra, tables, remarks) = (Vec::new(), Vec::new(), Vec::new());
+    ended(prepared.deliver(Outcome { model, fit: None, runs, spectra, tables, text, json, remarks, manifest }))
 }
 
 /// Half the mean sampling rate of the slowest record.
 fn nyquist(runs: &[Run]) -> f64 {
     let rate = |run: &Run| 0.5 * (run.len() as f64 - 1.0) / (run.time[run.len() - 1] - run.time[0]);
     runs.iter().filter(|r| r.len() > 1).map(rate).fold(f64::INFINITY, f64::min)
-}
-
-fn number(text: &str) -> Result<f64, String> {
-    text.trim().parse().map_err(|_| format!("`{text}` is not a number"))
-}
-
-/// `LO:HI`
-fn pair(text: &str) -> Result<(f64, f64), String> {
-    let (low, high) = text.split_once(':').ok_or("expected LO:HI")?;
-    Ok((number(low)?, number(high)?))
 }
 
 fn smoothing(text: &str) -> Result<Smoothing, String> {

@@ -1,60 +1,59 @@
-//! `fdm reproduce`: experiments from their descriptions to the figures of the papers.
+//! `fdm reproduce`: reference systems from their descriptions to the figures of the papers; with `--repeats` a Monte Carlo study of
+//! each.
 
-use crate::failure::{Failure, NUMBERS, print};
-use crate::progress::counted;
-use crate::rehearsal::{Wanted, rehearsed};
-use crate::repetition::Repetition;
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::options::Repeats;
+use crate::progress::{Progress, RepeatProgress, counted};
 use clap::Args;
-use fdm::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
-use fdm::report::{
-    outcome_table, outcomes_json, outcomes_markdown, outcomes_table, studies_json, studies_markdown, studies_text,
-};
-use fdm::study::Study;
+use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
+use fdm_lab::study::{Colour, Study, System, Watch, series};
+use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
+use fdm_results::store::Identity;
+use fdm_system::Model;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
 
 /// What `fdm reproduce` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// An experiment, by the name of its folder; `all`; or the path of a folder with an `experiment.toml`
+    /// Reference system: the name of its folder, `all`, or the path of a folder with an `experiment.toml`
     #[arg(value_name = "NAME|all")]
     name: String,
-    /// Folder with the experiments [default: `models` here, above, or above the program]
+    /// Folder of the reference systems [default: `models` here, above, or above the program]
     #[arg(long, value_name = "DIR")]
     models: Option<PathBuf>,
-    /// Leave out the steps that are called long
+    /// Skip the steps marked as long
     #[arg(long)]
     thin: bool,
-    /// Write the records that the experiments make to this folder as CSV, and do nothing else
+    /// Only write the simulated records to this folder, as CSV
     #[arg(long, value_name = "DIR")]
     records: Option<PathBuf>,
     /// Print JSON instead of tables
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
-    /// Print the summary as a table of a page
+    /// Print the summary as a Markdown table
     #[arg(long)]
     markdown: bool,
-    /// Repeat the steps whose estimates have a truth so many times with other noise, and say how often the printed intervals hold it;
-    /// measured records are replaced by what the fit says of them
+    /// Monte Carlo study: repeat the fits N times with other noise, and count how often the intervals hold the true values; measured
+    /// records are replaced by simulated ones
     #[arg(long, value_name = "N", help_heading = "Repeats", conflicts_with = "records",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     repeats: Option<u32>,
     #[command(flatten)]
-    repetition: Repetition,
+    repetition: Repeats,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     let experiments = arguments.experiments()?;
     if let Some(count) = arguments.repeats {
-        let wanted = Wanted { count: count as usize, thin: arguments.thin, repetition: &arguments.repetition };
-        return rehearsed(&experiments, &wanted, &|studies| arguments.told(studies));
+        return arguments.study(&experiments, count as usize);
     }
     if let [first, ..] = arguments.repetition.given()[..] {
-        return Err(Failure::input([format!("{first} belongs to --repeats; say how many")]));
+        return Err(Failure::input([format!("{first} belongs to --repeats; give their number with --repeats N")]));
     }
     if let Some(folder) = &arguments.records {
-        return written(&experiments, folder);
+        return write_records(&experiments, folder);
     }
     let bar = counted(experiments.len(), "experiments");
     let one = |experiment: &Experiment| {
@@ -75,47 +74,40 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if outcomes.is_empty() && !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
-    let printed = print(&arguments.text(&outcomes));
+    let printed = print(&arguments.text(&outcomes)?);
     if !wrong.is_empty() {
         return Err(Failure::input(wrong));
     }
-    let good = printed && outcomes.iter().all(|o| o.passed);
-    Ok(if good { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(printed && outcomes.iter().all(|o| o.passed))
 }
 
 impl Arguments {
     fn experiments(&self) -> Result<Vec<Experiment>, Failure> {
         let path = Path::new(&self.name);
         if path.join(Experiment::FILE).is_file() {
-            return Ok(vec![Experiment::read(path).map_err(|e| Failure::input([e]))?]);
+            return Ok(vec![Experiment::read(path).or_failure()?]);
         }
         let folder = self.models.clone().or_else(models).ok_or_else(|| {
-            Failure::input(["there is no folder `models` with experiments here or above; name one with --models DIR"])
+            Failure::input([
+                "there is no folder `models` with reference systems here or above; name one with --models DIR",
+            ])
         })?;
         if self.name != "all" {
-            return Ok(vec![Catalogue::one(&folder, &self.name).map_err(|e| Failure::input([e]))?]);
+            return Ok(vec![Catalogue::one(&folder, &self.name).or_failure()?]);
         }
-        let catalogue = Catalogue::open(&folder).map_err(|e| Failure::input([e]))?;
+        let catalogue = Catalogue::open(&folder).or_failure()?;
         if catalogue.experiments.is_empty() {
             return Err(Failure::input([format!("{}: no folder in it has an {}", folder.display(), Experiment::FILE)]));
         }
         Ok(catalogue.experiments)
     }
 
-    fn told(&self, studies: &[Study]) -> String {
-        match (self.json, self.markdown) {
-            (true, _) => format!("{}\n", studies_json(studies)),
-            (_, true) => studies_markdown(studies),
-            _ => studies_text(studies),
-        }
-    }
-
-    fn text(&self, outcomes: &[Outcome]) -> String {
+    fn text(&self, outcomes: &[Outcome]) -> Result<String, Failure> {
         if self.json {
-            return format!("{}\n", outcomes_json(outcomes));
+            return as_json(&outcomes);
         }
         if self.markdown {
-            return outcomes_markdown(outcomes);
+            return Ok(outcomes_markdown(outcomes));
         }
         let mut text: String = outcomes.iter().map(|o| format!("{}\n", outcome_table(o))).collect();
         if outcomes.len() > 1 {
@@ -123,7 +115,7 @@ impl Arguments {
         } else {
             text.pop();
         }
-        text
+        Ok(text)
     }
 }
 
@@ -137,16 +129,126 @@ fn models() -> Option<PathBuf> {
     })
 }
 
-fn written(experiments: &[Experiment], folder: &Path) -> Result<ExitCode, Failure> {
-    let unwritable = |e: std::io::Error| Failure::input([format!("{}: {}", folder.display(), fdm::store::reason(&e))]);
+fn write_records(experiments: &[Experiment], folder: &Path) -> Ending {
+    let unwritable = |e: std::io::Error| Failure::at(folder, &e);
     let mut text = String::new();
     for experiment in experiments {
         let place = if experiments.len() > 1 { folder.join(&experiment.name) } else { folder.into() };
         std::fs::create_dir_all(&place).map_err(unwritable)?;
-        for table in tables(experiment).map_err(|e| Failure::input([e]))? {
-            let path = table.write(&place).map_err(|e| Failure::input([e]))?;
+        for table in tables(experiment).or_failure()? {
+            let path = table.write(&place).or_failure()?;
             text.push_str(&format!("{}\n", path.display()));
         }
     }
-    Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(print(&text))
+}
+
+/// What decides the numbers of the repeats, but not how many there are.
+#[derive(Serialize)]
+struct Studied {
+    thin: bool,
+    noise_colour: Option<Colour>,
+    seed: u64,
+}
+
+impl Arguments {
+    /// Studies experiments one after the other, and prints what came of them.
+    fn study(&self, experiments: &[Experiment], count: usize) -> Ending {
+        let colours = match self.repetition.colours() {
+            none if none.is_empty() => vec![None],
+            some if some.contains(&Colour::Fitted) => {
+                return Err(Failure::input([
+                    "--noise-colour fitted belongs to `fdm study`: here use white, ar1 or pink, or leave it out for the noise of the experiment",
+                ]));
+            }
+            some => some.into_iter().map(Some).collect(),
+        };
+        let interrupted = Progress::new(true).interrupted();
+        let (mut studies, mut whole, mut wrong) = (Vec::new(), true, Vec::new());
+        for experiment in experiments {
+            for colour in &colours {
+                let name = &experiment.name;
+                let watch = RepeatProgress::new(name, count, false, interrupted.clone());
+                if !watch.goes_on() {
+                    whole = false;
+                    continue;
+                }
+                match self.study_of_one(experiment, *colour, count, &watch) {
+                    Ok(Some((study, kept))) => {
+                        whole &= kept && study.is_whole() && study.converged > 0;
+                        studies.push(study);
+                    }
+                    Ok(None) if experiments.len() > 1 => {}
+                    Ok(None) => wrong.push(format!(
+                        "{name}: nothing to repeat: no step estimates parameters with known true values, or fits measured records in the time domain"
+                    )),
+                    Err(Failure::Input(reasons)) => wrong.extend(reasons),
+                    Err(other) => return Err(other),
+                }
+            }
+        }
+        let printed = studies.is_empty() || print(&self.study_text(&studies)?);
+        if !wrong.is_empty() {
+            return Err(Failure::Input(wrong));
+        }
+        ended(whole && printed)
+    }
+
+    fn study_text(&self, studies: &[Study]) -> Result<String, Failure> {
+        Ok(match (self.json, self.markdown) {
+            (true, _) => as_json(&studies)?,
+            (_, true) => studies_markdown(studies),
+            _ => studies_text(studies),
+        })
+    }
+
+    /// The study of one experiment, and whether its repeats were kept; none when there is nothing to repeat.
+    fn study_of_one(
+        &self,
+        experiment: &Experiment,
+        colour: Option<Colour>,
+        count: usize,
+        watch: &RepeatProgress,
+    ) -> Result<Option<(Study, bool)>, Failure> {
+        let (seed, thin) = (self.repetition.seed, self.thin);
+        let studied = Studied { thin, noise_colour: colour, seed };
+        let identity = Identity::of_texts(&texts(experiment)?, &studied);
+        let tint = colour.map_or("described".into(), |c| format!("{c:?}").to_lowercase());
+        let folder = format!("{}-{tint}", experiment.name);
+        let system = System::new(experiment, (colour, seed), thin).or_failure()?;
+        for said in system.left_out() {
+            remark(format_args!("note: {}: left out: {said}", experiment.name));
+        }
+        if system.subjects().is_empty() {
+            return Ok(None);
+        }
+        let checkpoint = self.repetition.checkpoints.open_within(&folder, &identity, false)?;
+        let repeats = series(count, checkpoint.keeper(), watch, &|k| system.once(k, watch));
+        watch.finish();
+        let study = Study::of(&experiment.name, (colour, seed), system.subjects(), &repeats);
+        Ok(Some((study, checkpoint.close())))
+    }
+}
+
+/// Everything in the folder of an experiment that decides its numbers; models with the files that they use.
+fn texts(experiment: &Experiment) -> Result<Vec<(String, Vec<u8>)>, Failure> {
+    let unreadable = |e: std::io::Error| Failure::at(&experiment.folder, &e);
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(&experiment.folder).map_err(unreadable)?.flatten().map(|e| e.path()).collect();
+    files.sort();
+    let mut texts = Vec::new();
+    for file in files {
+        let name = file.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        match file.extension().and_then(|e| e.to_str()) {
+            Some("csv" | "toml") => texts.push((name, std::fs::read(&file).map_err(unreadable)?)),
+            Some("fdm") => {
+                let mut source = fdm_system::read_source(&file)?;
+                Model::gather_files(&mut source);
+                let all: Vec<&str> = source.texts().iter().map(|t| t.text()).collect();
+                texts.push((name, all.join("\0").into_bytes()));
+            }
+            _ => {}
+        }
+    }
+    Ok(texts)
 }

@@ -1,20 +1,19 @@
 //! `fdm show`: what becomes of a model's text, stage by stage.
 
-use crate::failure::{Failure, NUMBERS, print};
-use crate::subject::{Estimated, Subject};
+use crate::failure::{Ending, Failure, OrFailure, ended, print};
+use crate::load::{Estimated, ModelFile};
 use clap::{Args, ValueEnum};
-use fdm::report::{Stage, dot, stage};
-use std::process::ExitCode;
+use fdm_report::{Stage, dot, stage};
 
 /// What `fdm show` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    subject: Subject,
-    /// Which stage
+    model: ModelFile,
+    /// Stage of compilation
     #[arg(long, value_name = "STAGE", default_value = "model")]
     stage: Chosen,
-    /// The graph in the language of Graphviz
+    /// The graph for Graphviz (DOT)
     #[arg(long, conflicts_with = "json")]
     dot: bool,
     /// Print JSON
@@ -25,11 +24,11 @@ pub(crate) struct Arguments {
 /// The stages by the names under which they are asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Chosen {
-    /// The text as it was understood, in normal form
+    /// The parsed text, in normal form
     Syntax,
-    /// What every name is, and the equations
+    /// All names with their roles, and the equations
     Model,
-    /// The nodes that the equations share
+    /// The expression graph, with shared subexpressions
     Graph,
     /// Every partial derivative that is not zero
     Derivatives,
@@ -41,21 +40,18 @@ enum Chosen {
     Linear,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     if arguments.dot && arguments.stage != Chosen::Graph {
-        return Err(Failure::input(["--dot draws the graph: give --stage graph with it"]));
+        return Err(Failure::input(["--dot cannot be combined with this stage: use --stage graph"]));
     }
-    let model = arguments.subject.load()?;
-    let mut params = model.definition().params.clone();
-    arguments.subject.changes(&Estimated::default()).apply(&mut params).map_err(Failure::input)?;
-    let model = model.with_params(params);
+    let model = arguments.model.load_changed(&Estimated::default())?;
     let text = if arguments.dot {
         dot(&model)
     } else {
-        let shown = stage(&model, arguments.stage.into()).map_err(|e| Failure::input([e]))?;
+        let shown = stage(&model, arguments.stage.into()).or_failure()?;
         if arguments.json { format!("{}\n", shown.json) } else { shown.text }
     };
-    Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(print(&text))
 }
 
 impl From<Chosen> for Stage {

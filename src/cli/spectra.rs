@@ -1,17 +1,16 @@
-//! `fdm spectra`: frequency responses as records show them, without a model between the channels.
+//! `fdm spectra`: frequency responses estimated from records alone; the model only names the channels.
 
-use crate::failure::{Failure, NUMBERS, print};
-use crate::records::{Records, notes};
-use crate::spectral::band;
-use crate::subject::load_model;
+use crate::deliver::Output;
+use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::load::{Records, band, load_model, read_runs};
 use clap::Args;
-use fdm::Model;
-use fdm::record::Run;
-use fdm::report::{ResponseNames, response_json, response_svg, response_table};
-use fdm::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumOptions, Window};
-use fdm::store::reason;
+use fdm_report::{response_svg, response_table};
+use fdm_results::documents::{ResponseNames, SpectraDocument};
+use fdm_results::store::reason;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use fdm_system::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumOptions, Window};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// What `fdm spectra` takes.
 #[derive(Debug, Args)]
@@ -21,7 +20,7 @@ pub(crate) struct Arguments {
     model: PathBuf,
     #[command(flatten)]
     records: Records,
-    /// Inputs that may have moved an output; of several each one's response is found with the others held [default: all]
+    /// Inputs; the response to each is conditioned on the others [default: all]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', help_heading = "Frequency responses")]
     inputs: Vec<String>,
     /// Outputs [default: all]
@@ -30,53 +29,42 @@ pub(crate) struct Arguments {
     /// Frequencies from LO to HI, in cycles per unit of time [default: two cycles in a segment to a quarter of the sampling rate]
     #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Frequency responses")]
     band: Option<(f64, f64)>,
-    /// Distance of the frequencies [default: one cycle in a segment]
+    /// Frequency spacing [default: one cycle in a segment]
     #[arg(long, value_name = "STEP", requires = "band", help_heading = "Frequency responses")]
     df: Option<f64>,
-    /// Length of the segments that are averaged; several are joined, each where it sees best [default: a fifth of the record]
+    /// Length of the averaged segments (windows); several are combined to a composite response [default: a fifth of the record]
     #[arg(long, value_name = "TIME", help_heading = "Frequency responses")]
     segment: Vec<f64>,
-    /// Part of a segment that it shares with the next
+    /// Overlap of neighbouring segments, as a fraction
     #[arg(long, value_name = "PART", default_value_t = 0.5, help_heading = "Frequency responses")]
     overlap: f64,
-    /// Print JSON instead of tables
-    #[arg(long, help_heading = "Result")]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
     /// Draw magnitude, phase and coherence to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
-    /// Say nothing about the records
-    #[arg(short, long, help_heading = "Result")]
-    quiet: bool,
 }
 
 /// Segments in a record when nothing else is asked for.
 const SEGMENTS: f64 = 5.0;
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+pub(crate) fn run(arguments: &Arguments) -> Ending {
     let model = load_model(&arguments.model)?;
     let definition = model.definition();
     let declared = definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.as_str()).collect();
     let shown = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
     let inputs = chosen(&arguments.inputs, declared, "input")?;
     let outputs = chosen(&arguments.outputs, shown, "output")?;
-    let records = arguments.records.load(&model, false)?;
-    if !arguments.quiet {
-        notes(&records);
-    }
-    let runs: Vec<Run> = records.iter().map(|(run, _)| run.with_channels(&inputs, &outputs)).collect();
+    let options = arguments.records.selection.options(false);
+    let runs = read_runs(&arguments.records.data, &options, &model, arguments.output.quiet)?;
+    let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(&inputs, &outputs)).collect();
     let names = names(&model, &inputs, &outputs);
     let found = arguments.estimate(&runs, &names)?;
     if let Some(file) = &arguments.plot {
-        let picture = response_svg(&found, &names).map_err(|e| Failure::input([e]))?;
         let unwritten = |e| Failure::input([format!("{} cannot be written: {}", file.display(), reason(&e))]);
-        std::fs::write(file, picture).map_err(unwritten)?;
+        std::fs::write(file, response_svg(&found, &names)).map_err(unwritten)?;
     }
-    let text = match arguments.json {
-        true => format!("{}\n", response_json(&found, &names)),
-        false => response_table(&found, &names),
-    };
-    Ok(if print(&text) { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
+    ended(arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?)
 }
 
 /// The numbers of the channels that were asked for; of all when none was.
@@ -91,7 +79,7 @@ fn chosen(wanted: &[String], all: Vec<&str>, role: &str) -> Result<Vec<usize>, F
         let unknown = || format!("the model has no {role} `{name}`; it has {}", all.join(", "));
         all.iter().position(|n| n == name).ok_or_else(unknown)
     };
-    wanted.iter().map(place).collect::<Result<_, _>>().map_err(|e| Failure::input([e]))
+    wanted.iter().map(place).collect::<Result<_, _>>().or_failure()
 }
 
 fn names(model: &Model, inputs: &[usize], outputs: &[usize]) -> ResponseNames {
@@ -121,6 +109,6 @@ impl Arguments {
         };
         let found =
             FrequencyResponseEstimate::composite(runs, &frequencies, &segments, self.overlap, Window::Hann, &options);
-        found.map_err(|e| Failure::input([e]))
+        found.or_failure()
     }
 }

@@ -1,22 +1,20 @@
-//! `fdm validate`: a result on runs that it was not fitted to. What all runs share is held; biases and initial states are
-//! found anew.
+//! `fdm validate`: a result against runs that it was not fitted to. What all runs share is held; biases and initial states are
+//! estimated anew.
 
-use crate::delivery::{Delivery, Outcome};
-use crate::failure::{Failure, NUMBERS};
+use crate::deliver::{Delivery, Outcome};
+use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
-use crate::integrator::Integration;
+use crate::load::{Records, fitted_before, open_result};
+use crate::options::Integration;
 use crate::progress::Progress;
-use crate::reading::{Reading, open, were_fitted};
-use crate::records::{Records, notes};
 use clap::Args;
-use fdm::diagnose::misfit::{Left, Misfit, misfit};
-use fdm::estimate::{Fit, FitOptions, fit};
-use fdm::record::{Run, Sampling};
-use fdm::report::{estimate_table, fit_json, validation_by_frequency, validation_by_time, validation_table};
-use fdm::store::{Identity, Manifest, ResultFolder};
-use serde_json::json;
+use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
+use fdm_estimate::{Fit, fit};
+use fdm_report::{estimate_table, validation_by_frequency, validation_by_time, validation_table};
+use fdm_results::documents::{FitDocument, Validation};
+use fdm_results::store::{Identity, ResultFolder};
+use fdm_system::record::{Run, Sampling};
 use std::path::PathBuf;
-use std::process::ExitCode;
 
 /// What `fdm validate` takes.
 #[derive(Debug, Args)]
@@ -35,81 +33,63 @@ pub(crate) struct Arguments {
     delivery: Delivery,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode, Failure> {
-    let mut progress = Progress::new(arguments.delivery.quiet);
-    let Reading { folder, model } = open(&arguments.from_result, arguments.model.as_deref())?;
-    let records = arguments.records.load(&model, true)?;
-    if !arguments.delivery.quiet {
-        notes(&records);
-    }
-    let runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-    let (per_interval, scheme) = (arguments.integration.per_interval(), arguments.integration.scheme());
-    let options = FitOptions { per_interval, scheme, ..folder.validation(&model) };
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    let quiet = arguments.delivery.output.quiet;
+    let mut progress = Progress::new(quiet);
+    let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
+    let runs = arguments.records.runs(&model, quiet)?;
+    let options = arguments.integration.among(folder.validation(&model));
     let prepared = arguments.delivery.prepare()?;
-    let (_live, _) = prepared.live(&model, None, &mut progress);
+    let (_writer, _) = prepared.follow(&model, None, &mut progress);
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();
-    let fit = result.map_err(|e| Failure::input([e]))?;
+    let fit = result.or_failure()?;
 
     let identity = Identity::of(&model, &runs, &options);
-    let mut manifest = Manifest::new(&model, identity, options.options.noise.clone());
-    manifest.command = std::env::args().collect();
-    arguments.records.describe(&runs, &mut manifest);
-    let mut remarks = own_remarks(&fit, &were_fitted(&folder, &runs, &arguments.records.data));
-    let misfits = misfits(&fit, &runs, &mut remarks);
-    let mut document = fit_json(&fit);
-    document["validation"] = json!({
-        "of": folder.folder().display().to_string(),
-        "outputs": fit.quality,
-        "fitted_outputs": folder.quality(),
-        "misfit": misfits,
-    });
-    let outcome = Outcome {
-        model: &fit.model,
-        fit: Some(&fit),
-        runs: &runs,
-        spectra: Vec::new(),
-        tables: Vec::new(),
-        text: text(&fit, &folder, &misfits),
-        json: document,
-        remarks,
-        manifest,
+    let manifest = prepared.manifest(&model, identity, options.options.noise.clone(), (&arguments.records, &runs));
+    let mut remarks = remarks(&fit, true);
+    let fitted = fitted_before(&folder, &runs, &arguments.records.data);
+    remarks.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit: it is no validation data")));
+    let errors = prediction_errors(&fit, &runs, &mut remarks);
+    let text = text(&fit, &folder, &errors);
+    let validation = Validation {
+        of: folder.folder().display().to_string(),
+        outputs: fit.quality.clone(),
+        fitted_outputs: folder.quality().to_vec(),
+        misfit: errors,
     };
+    let json = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) }.into();
+    let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
+    let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
-    Ok(if fit.estimate.is_good() && delivered { ExitCode::SUCCESS } else { ExitCode::from(NUMBERS) })
-}
-
-fn own_remarks(fit: &Fit, fitted: &[String]) -> Vec<String> {
-    let mut found = remarks(fit, true);
-    found.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit; it validates nothing")));
-    found
+    ended(fit.estimate.is_good() && delivered)
 }
 
 /// What the prediction gets wrong, of the runs that are sampled evenly.
-fn misfits(fit: &Fit, runs: &[Run], remarks: &mut Vec<String>) -> Vec<Misfit> {
-    let mut left = Vec::new();
+fn prediction_errors(fit: &Fit, runs: &[Run], remarks: &mut Vec<String>) -> Vec<LackOfFit> {
+    let mut even = Vec::new();
     for (run, result) in runs.iter().zip(&fit.estimate.runs) {
         match Sampling::new(&run.time).filter(Sampling::is_even) {
-            Some(sampling) => left.push(Left { run, residual: &result.residuals, interval: sampling.median }),
+            Some(sampling) => even.push(RunResidual { run, residual: &result.residuals, interval: sampling.median }),
             None => remarks.push(format!(
-                "note: run `{}` is not sampled evenly: its error is not divided by frequency and time",
+                "note: run `{}` is not sampled evenly: its error is not shown by frequency and time",
                 run.name
             )),
         }
     }
-    misfit(&fit.model, &left)
+    lack_of_fit(&fit.model, &even)
 }
 
-fn text(fit: &Fit, folder: &ResultFolder, misfits: &[Misfit]) -> String {
+fn text(fit: &Fit, folder: &ResultFolder, errors: &[LackOfFit]) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
-    if !misfits.is_empty() {
+    if !errors.is_empty() {
         let time = fit.model.definition().time.to_string();
-        text.push_str(&format!("\n{}", validation_by_time(misfits, &time)));
-        text.push_str(&format!("\n{}\n", validation_by_frequency(misfits, &time)));
-        misfits.iter().flat_map(|m| &m.sentences).for_each(|sentence| text.push_str(&format!("{sentence}\n")));
+        text.push_str(&format!("\n{}", validation_by_time(errors, &time)));
+        text.push_str(&format!("\n{}\n", validation_by_frequency(errors, &time)));
+        errors.iter().flat_map(|m| &m.sentences).for_each(|sentence| text.push_str(&format!("{sentence}\n")));
     }
     text.push_str(&format!("\n{}\n", estimate_table(&fit.estimate)));
-    text.push_str(&format!("{} after {} corrections\n", fit.estimate.termination, fit.estimate.iterations));
+    text.push_str(&format!("{} after {} iterations\n", fit.estimate.termination, fit.estimate.iterations));
     text
 }

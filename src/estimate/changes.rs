@@ -2,10 +2,11 @@
 
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::model::Param;
+use serde::Serialize;
 use std::fmt;
 
 /// Changes by name, applied in the order: set, fix, free.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Changes {
     /// New start values.
     pub set: Vec<(String, f64)>,
@@ -97,7 +98,7 @@ impl std::error::Error for ChangeError {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::specimen::param;
+    use crate::specimen::param;
 
     #[test]
     fn changes_are_made_by_name_and_freeing_is_told() {

@@ -1,19 +1,19 @@
-//! What runs tell about the parameters that they share: Fisher's information, with what belongs to each run eliminated.
+//! Fisher's information of runs about the parameters that they share, with what belongs to each run eliminated (Schur complement).
 
-use crate::estimate::errors::derived::DerivedQuantities;
-use crate::estimate::errors::direction::{Direction, undetermined};
-use crate::estimate::iteration::normal::{NormalEquations, NotFinite};
-use crate::estimate::iteration::quadratic::Inverse;
-use crate::estimate::problem::{Problem, ProblemRun};
-use crate::model::Model;
-use crate::record::Run;
-use crate::simulate::{Simulator, Unsuited, choose_steps_by};
+use crate::derived::DerivedQuantities;
+use crate::iteration::normal_equations::{NormalEquations, NotFinite};
+use crate::problem::{Problem, ProblemRun};
+use crate::uncertainty::identifiability::{Direction, undetermined};
+use fdm_numeric::quadratic::Inverse;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Simulator, Unsuited, choose_steps_by};
 use nalgebra::{DMatrix, DVector};
 
 /// Eigenvalues of what belongs to the runs, below this part of the largest, count as zero.
 const RANK: f64 = 1e-12;
 
-/// Why a run tells nothing.
+/// Why a run has no information.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Silence {
     /// It cannot be simulated with exact derivatives.
@@ -179,7 +179,7 @@ fn without(whole: &DMatrix<f64>, shared: usize) -> DMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::{FitOptions, Noise, Options, fit};
+    use crate::{FitOptions, Noise, Options, fit};
 
     const TEXT: &str =
         "model m { input u, v; state x = free; param k = 2 in [0, 50] [1/s], g = 3, h = 1; param b = 0.1 per run;

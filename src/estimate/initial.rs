@@ -1,9 +1,9 @@
 //! First guesses of free initial states from the first measured sample.
 
-use crate::dynamics::{Dynamics, Point, Workspace};
-use crate::record::Run;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::model::{Origin, Param};
+use fdm_system::dynamics::{Dynamics, Point, Workspace};
+use fdm_system::record::Run;
 
 /// Corrections before a nonlinear output is given up.
 const CORRECTIONS: usize = 20;
@@ -88,9 +88,9 @@ fn invert(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{Layout, Patterns};
-    use crate::estimate::specimen::param;
+    use crate::specimen::param;
     use fdm_grammar::Pattern;
+    use fdm_system::dynamics::{Layout, Patterns};
 
     /// y0 = 2 x0 + 3 + u, y1 = x0 + x1, y2 = tan(x1 delayed); x2 is not seen.
     struct Shown(Layout);

@@ -46,14 +46,14 @@ pub(super) struct Likelihood {
     noise: Noise,
     /// Root mean square of each measured output (q), never zero.
     magnitude: Vec<f64>,
-    /// Compared cells of each output (q).
+    /// Compared samples of each output (q).
     pub(super) counts: Vec<usize>,
-    /// What a cell is worth: less than 1 where cells repeat each other.
+    /// Independent part of a sample: less than 1 where samples repeat each other.
     worth: f64,
 }
 
 /// Covariance and cost that belong to given residuals.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Weights {
     /// Minus the logarithm of the likelihood, without the constant n/2 log 2 pi.
     pub(super) cost: f64,
@@ -61,7 +61,7 @@ pub(super) struct Weights {
     pub(super) rounding: f64,
     /// R, q by q.
     pub(super) covariance: Vec<f64>,
-    /// W with W'W = R^-1 times what a cell is worth, q by q; diagonal unless the noise is full.
+    /// W with W'W = R^-1 times the independent part of a sample, q by q; diagonal unless the noise is full.
     pub(super) whitener: Vec<f64>,
     /// Outputs that are matched to rounding (q).
     pub(super) exact: Vec<bool>,
@@ -70,7 +70,7 @@ pub(super) struct Weights {
 }
 
 impl Likelihood {
-    /// Takes the measured cells, run by run (each N by q), and what a cell is worth: the logarithm of the likelihood of cells that repeat each
+    /// Takes the measured samples, run by run (each N by q), and the independent part of a sample: the logarithm of the likelihood of samples that repeat each
     /// other is that of all of them times the part that is independent.
     pub(super) fn new<'m>(noise: &Noise, q: usize, measured: impl Iterator<Item = &'m [f64]>, worth: f64) -> Self {
         let (mut counts, mut squares) = (vec![0usize; q], vec![0.0; q]);
@@ -93,13 +93,13 @@ impl Likelihood {
         !matches!(&self.noise, Noise::Given(given) if given[output].is_some())
     }
 
-    /// Compared cells of all outputs, as many as they are worth.
-    fn cells(&self) -> f64 {
+    /// Compared samples of all outputs, counted for the part that is independent.
+    fn samples(&self) -> f64 {
         self.worth * self.counts.iter().sum::<usize>() as f64
     }
 
     /// The same of each output whose noise is estimated; none of one whose noise is known.
-    pub(super) fn cells_of_outputs(&self) -> Vec<Option<f64>> {
+    pub(super) fn samples_of_outputs(&self) -> Vec<Option<f64>> {
         let of = |(o, count): (usize, &usize)| self.estimates(o).then_some(self.worth * *count as f64);
         self.counts.iter().enumerate().map(of).collect()
     }
@@ -133,7 +133,7 @@ impl Likelihood {
     fn diagonal(&self, moments: &[f64]) -> Weights {
         let q = self.counts.len();
         let mut weights = Weights::blank(q);
-        let cells = self.counts.iter().sum::<usize>() as f64;
+        let samples = self.counts.iter().sum::<usize>() as f64;
         weights.scatter = 0.0;
         for o in (0..q).filter(|o| self.counts[*o] > 0) {
             let (n, sum, at) = (self.counts[o] as f64, moments[o * q + o], o * q + o);
@@ -145,7 +145,7 @@ impl Likelihood {
             weights.whitener[at] = 1.0 / variance.sqrt();
             weights.cost += 0.5 * sum / variance + 0.5 * n * variance.ln();
             // an estimated variance is that of the residuals, floored or not
-            weights.scatter += if known.is_some() { sum / variance } else { n } / cells;
+            weights.scatter += if known.is_some() { sum / variance } else { n } / samples;
             // each residual carries a rounding error of about one unit in the last place of the output
             weights.rounding += 4.0 * f64::EPSILON * n * (self.magnitude[o] / variance.sqrt() + 1.0);
         }
@@ -183,8 +183,8 @@ impl Likelihood {
         weights
     }
 
-    /// The covariance with as many degrees of freedom taken off as parameters were estimated from the data: every output
-    /// gives its share, so that one factor N / (N - p) serves all (N compared cells, p unknowns; one that its prior
+    /// The covariance corrected for as many degrees of freedom as parameters were estimated from the data: every output
+    /// gives its share, so that one factor N / (N - p) serves all (N compared samples, p unknowns; one that its prior
     /// determines in part counts in part). Known variances stay. Without degrees of freedom left there is none.
     pub(super) fn corrected(&self, weights: &Weights, unknowns: f64) -> Option<Weights> {
         let q = self.counts.len();
@@ -192,12 +192,12 @@ impl Likelihood {
         if (0..q).all(|o| !self.estimates(o)) {
             return Some(corrected);
         }
-        let cells = self.cells();
-        let left = cells - unknowns;
-        if left <= 1e-6 * cells {
+        let samples = self.samples();
+        let left = samples - unknowns;
+        if left <= 1e-6 * samples {
             return None;
         }
-        let factor = cells / left;
+        let factor = samples / left;
         for a in (0..q).filter(|a| self.estimates(*a)) {
             for b in (0..q).filter(|b| self.estimates(*b)) {
                 corrected.covariance[a * q + b] *= factor;
@@ -214,7 +214,7 @@ impl Weights {
         Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q], scatter: 1.0 }
     }
 
-    /// R^-1 times what a cell is worth, q by q; zero for outputs that were never measured.
+    /// R^-1 times the independent part of a sample, q by q; zero for outputs that were never measured.
     pub(super) fn inverse(&self) -> Vec<f64> {
         let (q, w) = (self.exact.len(), &self.whitener);
         let entry = |a: usize, b: usize| (0..q).map(|k| w[k * q + a] * w[k * q + b]).sum();
@@ -264,8 +264,8 @@ mod tests {
     }
 
     #[test]
-    fn cells_that_repeat_each_other_count_for_what_they_are_worth() {
-        // every cell three times, and each time worth a third
+    fn samples_that_repeat_each_other_count_for_what_they_are_worth() {
+        // every sample three times, and each time worth a third
         let (z, thrice) = ([1.0, 2.0, -1.0], [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0]);
         let noises = [Noise::Diagonal, Noise::Full, Noise::Given(vec![Some(0.4)])];
         for noise in noises {
@@ -273,7 +273,7 @@ mod tests {
             let (once, repeated) = (of(&z, 1.0), of(&thrice, 1.0 / 3.0));
             let (a, b) = (once.weights(&[0.7]), repeated.weights(&[2.1]));
             assert!((a.cost - b.cost).abs() < 1e-13 && (a.covariance[0] - b.covariance[0]).abs() < 1e-15, "{noise:?}");
-            // sums over three times as many cells
+            // sums over three times as many samples
             assert!((a.inverse()[0] - 3.0 * b.inverse()[0]).abs() < 1e-13, "{noise:?}");
             let left = [(&once, &a), (&repeated, &b)].map(|(l, w)| l.corrected(w, 2.0).map(|w| w.covariance[0]));
             assert!((left[0].expect("one is left") - left[1].expect("one is left")).abs() < 1e-14, "{noise:?}");

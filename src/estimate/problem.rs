@@ -1,12 +1,13 @@
 //! What is to be estimated from what: parameters, runs, options, and everything that can be wrong with them.
 
-use crate::estimate::errors::derived::DerivedQuantities;
-use crate::estimate::iteration::affine::affine;
-use crate::estimate::iteration::search::Method;
-use crate::estimate::noise::Noise;
-use crate::simulate::{Divergence, PlaneSink, Simulator, Sink};
-use crate::spectrum::independent;
+use crate::affine::affine;
+use crate::derived::DerivedQuantities;
+use crate::method::Optimizer;
+use crate::noise::Noise;
 use fdm_grammar::model::{Model, Param, Prior};
+use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
+use fdm_system::spectrum::independent;
+use serde::Serialize;
 use std::fmt;
 
 /// One run's model response and its exact sensitivities.
@@ -143,11 +144,11 @@ pub struct Problem<'a> {
     /// Quantities that follow from the parameters.
     pub derived: DerivedQuantities<'a>,
     /// What noise does besides, where measured records stand in the equations.
-    pub carried_noise: Option<Box<dyn CarriedNoise + 'a>>,
+    pub regressor_noise: Option<Box<dyn RegressorNoise + 'a>>,
 }
 
 /// Noise of records that are compared and stand in the equations as well.
-pub trait CarriedNoise: Send + Sync {
+pub trait RegressorNoise: Send + Sync {
     /// What other noise would do to one run at `theta` (p), record by record and draw by draw: of each output, `levels` (q) says how large its variance
     /// is among the numbers that are compared; then of inputs whose noise is known. None where it cannot be told.
     fn shifts(
@@ -172,10 +173,10 @@ pub struct Slopes<'s> {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct NoiseShift {
     /// Because what is compared changes.
-    pub seen: Vec<f64>,
+    pub measured: Vec<f64>,
     /// Because what moves the model changes.
-    pub carried: Vec<f64>,
-    /// `dS' W (seen + carried)` (C); empty where it was not asked for.
+    pub regressed: Vec<f64>,
+    /// `dS' W (measured + regressed)` (C); empty where it was not asked for.
     pub pull: Vec<f64>,
     /// `dS' W e`, e the residuals as they are (C).
     pub tilt: Vec<f64>,
@@ -189,7 +190,7 @@ impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived, carried_noise: None }
+        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived, regressor_noise: None }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.
@@ -303,26 +304,26 @@ impl<'a> Problem<'a> {
 }
 
 /// How to estimate.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Options {
     /// What is assumed about the measurement noise.
     pub noise: Noise,
-    /// Most corrections before giving up.
+    /// Most iterations before giving up.
     pub iterations: usize,
-    /// Largest correction, relative to the parameter, at which the estimates count as converged.
+    /// Largest step, relative to the parameter, at which the estimates count as converged.
     pub tolerance: f64,
-    /// Factor on every correction; 1 is the full one.
+    /// Factor on every step; 1 is the full one.
     pub gain: f64,
-    /// Whether errors corrected for the colour of the residuals are computed too.
+    /// Whether standard errors corrected for the colour of the residuals are computed too.
     pub colour: bool,
-    /// What goes before the corrections.
-    pub method: Method,
+    /// How the minimum is approached.
+    pub optimizer: Optimizer,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        let (noise, method) = (Noise::Diagonal, Method::default());
-        Self { noise, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true, method }
+        let (noise, optimizer) = (Noise::Diagonal, Optimizer::default());
+        Self { noise, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true, optimizer }
     }
 }
 

@@ -1,21 +1,23 @@
 //! The road from a problem to its estimate.
 
-use crate::estimate::errors::coloured::corrected;
-use crate::estimate::errors::coloured_spectra::corrected_spectra;
-use crate::estimate::errors::known_noise::corrected_known;
-use crate::estimate::errors::noise_colour::Uncorrected;
-use crate::estimate::errors::statistics::Statistics;
-use crate::estimate::estimate::{Drawn, Estimate, ParameterEstimate, RunFit, Symmetric};
-use crate::estimate::iteration::correction::Correction;
-use crate::estimate::iteration::evaluation::{Evaluator, Failure, RunFailure};
-use crate::estimate::iteration::priors::Priors;
-use crate::estimate::iteration::snapshot::Snapshot;
-use crate::estimate::noise::Likelihood;
-use crate::estimate::problem::{Options, Problem, ProblemError, ProblemRun};
-use crate::estimate::progress::Observer;
-use crate::estimate::termination::Termination;
-use crate::estimate::unknowns::Unknowns;
-use crate::quality::OutputFit;
+use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
+use crate::iteration::likelihood::{LikelihoodCost, Observed};
+use crate::iteration::optimizers::approach;
+use crate::iteration::priors::Priors;
+use crate::noise::Likelihood;
+use crate::observer::Observer;
+use crate::problem::{Options, Problem, ProblemError, ProblemRun};
+use crate::residuals::OutputFit;
+use crate::termination::Termination;
+use crate::uncertainty::coloured::corrected;
+use crate::uncertainty::cramer_rao::conclude;
+use crate::uncertainty::parameters::Statistics;
+use crate::uncertainty::sandwich::Uncorrected;
+use crate::uncertainty::sandwich::corrected_known;
+use crate::uncertainty::spectra::corrected_spectra;
+use crate::unknowns::Unknowns;
+use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot, Space};
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
@@ -57,20 +59,26 @@ pub fn estimate_from(
         return Err(mistakes);
     }
     let unknowns = Unknowns::new(problem);
-    let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose().map_err(|e| vec![e])?;
+    let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose();
+    let resume = resume.map_err(|reason| vec![ProblemError::ForeignState { reason }])?;
     let q = problem.outputs.len();
     let measured = problem.runs.iter().map(|r| &r.measured[..]);
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let priors = Priors::new(problem, &unknowns);
     observer.begin(&|| unknowns.names(problem));
     let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
-    let mut correction = Correction::new(evaluator, &unknowns, &likelihood, &priors, options);
-    let end = correction.run(resume, observer);
-    let conclusion = if end.is_ok() { correction.conclude() } else { None };
-    let aids = correction.aids();
-    let Correction { evaluator, values, weights, history, .. } = correction;
-    let evaluations = (evaluator.evaluations, evaluator.simulations);
-    let mut responses = evaluator.into_responses();
+    let cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
+    let Unknowns { start, lower, upper, affine, .. } = &unknowns;
+    let space = Space { start, lower, upper, affine, reach: &[] };
+    let Options { iterations, tolerance, gain, optimizer, .. } = *options;
+    let mut steps =
+        GaussNewton::new(cost, space, StepOptions { iterations, tolerance, gain, ..StepOptions::default() });
+    let end = steps.run(resume, |steps, monitor| approach(optimizer, steps, monitor), &mut Observed(observer));
+    let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
+    let fallbacks = steps.fallbacks();
+    let GaussNewton { problem: cost, values, weights, history, .. } = steps;
+    let evaluations = cost.evaluations();
+    let mut responses = cost.evaluator.into_responses();
 
     let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
@@ -97,12 +105,12 @@ pub fn estimate_from(
     let statistics = Statistics::new(problem, &unknowns, &values, conclusion.as_ref(), corrected.as_ref().ok());
     let (mut parameters, covered, members) = statistics.parameters(problem, &unknowns, &values);
     let likeliest = likeliest.map(|values| statistics.parameters(problem, &unknowns, &values).0);
-    let drawn = likeliest.map_or(Vec::new(), |likeliest| drawn(&parameters, &likeliest));
+    let bias_corrections = likeliest.map_or(Vec::new(), |likeliest| bias_corrections(&parameters, &likeliest));
     parameters.extend(statistics.derived(problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
     let cost = end.is_ok().then_some(weights.cost);
     let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
-    let noise_of = |w: &crate::estimate::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
+    let noise_of = |w: &crate::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
     let noise = match &conclusion {
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
         None => end.is_ok().then(|| noise_of(&weights)),
@@ -113,7 +121,7 @@ pub fn estimate_from(
         outputs,
         cost,
         iterations: history.len().saturating_sub(1),
-        aids,
+        aids: fallbacks,
         evaluations,
         history,
         covered,
@@ -124,12 +132,12 @@ pub fn estimate_from(
         colours: corrected.map_or(Vec::new(), |c| c.colours),
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
-        drawn,
+        bias_corrections,
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
-        termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
+        termination: end.map_or_else(|failure| stopped(problem, failure), Termination::from),
     })
 }
 
@@ -142,11 +150,12 @@ fn answers(problem: &mut Problem<'_>, unknowns: &Unknowns, values: &[f64]) -> Op
     problem.runs.iter_mut().enumerate().map(answer).collect()
 }
 
-/// Parameters that are not at their likeliest values.
-fn drawn(reported: &[ParameterEstimate], likeliest: &[ParameterEstimate]) -> Vec<Drawn> {
+/// Parameters that are not at their maximum-likelihood values.
+fn bias_corrections(reported: &[ParameterEstimate], likeliest: &[ParameterEstimate]) -> Vec<BiasCorrection> {
     let moved = |(now, then): (&ParameterEstimate, &ParameterEstimate)| {
-        let by = (now.value - then.value) / now.corrected_error.filter(|error| *error > 0.0)?;
-        (by != 0.0).then(|| Drawn { name: now.name.clone(), run: now.run.clone(), likeliest: then.value, by })
+        let standard_errors = (now.value - then.value) / now.corrected_error.filter(|error| *error > 0.0)?;
+        let (name, run) = (now.name.clone(), now.run.clone());
+        (standard_errors != 0.0).then(|| BiasCorrection { name, run, maximum_likelihood: then.value, standard_errors })
     };
     reported.iter().zip(likeliest).filter_map(moved).collect()
 }

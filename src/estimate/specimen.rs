@@ -1,10 +1,10 @@
 //! Models in closed form for tests, and reproducible noise.
 
-use crate::estimate::errors::derived::DerivedQuantities;
-use crate::estimate::problem::{Problem, ProblemRun, Response};
-pub(super) use crate::quality::specimen::Normal;
-use crate::simulate::{Block, Divergence, RowLayout, Sink};
+use crate::derived::DerivedQuantities;
+use crate::problem::{Problem, ProblemRun, Response};
 use fdm_grammar::model::{Origin, Param, Quantity};
+pub(super) use fdm_numeric::random::Normal;
+use fdm_system::simulate::{Block, Divergence, RowLayout, Sink};
 
 /// A free, unbounded, shared parameter.
 pub(super) fn param(name: &str, value: f64) -> Param {
@@ -87,7 +87,7 @@ pub(super) fn run(
 pub(super) fn problem(params: Vec<Param>, runs: Vec<ProblemRun<'static>>) -> Problem<'static> {
     let q = runs.first().map_or(1, |r| r.response.outputs());
     let outputs = (0..q).map(|o| format!("y{o}")).collect();
-    Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none(), carried_noise: None }
+    Problem { params, outputs, runs, affine: Vec::new(), derived: DerivedQuantities::none(), regressor_noise: None }
 }
 
 /// `count` abscissae from 0 to `end`.

@@ -1,23 +1,9 @@
 //! How an estimation ended.
 
+pub use fdm_numeric::least_squares::Reason;
+use fdm_numeric::least_squares::Summary;
 use serde::{Deserialize, Serialize};
 use std::fmt;
-
-/// Why no further correction was needed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Reason {
-    /// The last correction is below the tolerance.
-    SmallCorrection,
-    /// What a correction could still gain is lost in the rounding of the cost.
-    Rounding,
-    /// No correction lowers the cost, and the slope is a negligible part of a standard error.
-    Stationary,
-    /// Every unknown stands at a bound with the cost falling beyond it, or has no influence.
-    AllHeld,
-    /// No parameter is free.
-    NothingToEstimate,
-}
 
 /// How an estimation ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,7 +13,7 @@ pub enum Termination {
     Converged(Reason),
     /// All iterations were used.
     IterationLimit,
-    /// No correction lowers the cost, though the slope says that one should: a kink in the model, or partials that do
+    /// No step lowers the cost, though the slope says that one should: a kink in the model, or partials that do
     /// not fit it.
     NoProgress,
     /// The simulation at the start values diverged; nothing was estimated.
@@ -71,19 +57,30 @@ impl Termination {
     }
 }
 
+impl From<Summary> for Termination {
+    fn from(summary: Summary) -> Self {
+        match summary {
+            Summary::Converged(reason) => Self::Converged(reason),
+            Summary::IterationLimit => Self::IterationLimit,
+            Summary::NoProgress => Self::NoProgress,
+            Summary::Interrupted => Self::Interrupted,
+        }
+    }
+}
+
 impl fmt::Display for Termination {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Converged(Reason::SmallCorrection) => write!(f, "converged"),
+            Self::Converged(Reason::SmallStep) => write!(f, "converged"),
             Self::Converged(Reason::Rounding) => write!(f, "converged to rounding"),
-            Self::Converged(Reason::Stationary) => write!(f, "converged: no correction lowers the cost any more"),
+            Self::Converged(Reason::Stationary) => write!(f, "converged: no step lowers the cost any more"),
             Self::Converged(Reason::AllHeld) => write!(f, "every free parameter is held at a bound"),
             Self::Converged(Reason::NothingToEstimate) => {
                 write!(f, "no parameter is free: the model was compared only")
             }
             Self::IterationLimit => write!(f, "not converged: all iterations were used"),
             Self::NoProgress => {
-                write!(f, "not converged: no correction lowers the cost, though its slope is not zero here")
+                write!(f, "not converged: no step lowers the cost, though its slope is not zero here")
             }
             Self::Diverged { run, time, .. } => {
                 write!(f, "run `{run}` diverges at time {time} already at the start values")

@@ -1,7 +1,7 @@
 //! Behaviour of whole estimations.
 
 use super::*;
-use crate::estimate::specimen::{Closed, Normal, Sample, grid, param, problem, run};
+use crate::specimen::{Closed, Normal, Sample, grid, param, problem, run};
 use std::ops::ControlFlow;
 
 fn solve(problem: &mut Problem<'_>, options: &Options) -> Estimate {

@@ -1,7 +1,7 @@
 //! The vector of unknowns: shared free parameters first, then for every run its own copies of the per-run ones.
 
-use crate::estimate::problem::Problem;
-use crate::estimate::progress::UnknownName;
+use crate::observer::UnknownName;
+use crate::problem::Problem;
 
 /// Which entry of the vector is which parameter of which run.
 #[derive(Debug, Clone)]

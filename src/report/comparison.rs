@@ -1,21 +1,16 @@
 //! Several results beside each other: costs and criteria, parameters, outputs, predictions.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::comparison::{Candidate, Comparison, Edge, Nesting, Prediction};
-use crate::quality::OutputFit;
-use crate::store::KeptParameter;
+use super::table::{aligned_right, plain, trimmed};
 use comfy_table::Table;
-use serde_json::{Value, json};
+use fdm_estimate::Status;
+use fdm_estimate::residuals::OutputFit;
+use fdm_results::comparison::{Candidate, Comparison, Edge, Nesting, Prediction};
+use fdm_results::documents::{KeptParameter, OutputDocument, digits, digits_by_error};
 
 /// Columns of results that fit beside the names of rows.
 const ABREAST: usize = 4;
 /// P-values below this are no chance.
 const SIGNIFICANT: f64 = 0.01;
-
-/// The same for programs.
-pub fn comparison_json(comparison: &Comparison) -> Value {
-    json!(comparison)
-}
 
 /// Tables and sentences.
 pub fn comparison_table(comparison: &Comparison) -> String {
@@ -25,7 +20,8 @@ pub fn comparison_table(comparison: &Comparison) -> String {
     for begin in (0..names.len()).step_by(ABREAST) {
         let end = (begin + ABREAST).min(names.len());
         text.push_str(&format!("\n{}", parameters(&comparison.candidates[begin..end])));
-        let fitted: Vec<Vec<Row>> = comparison.candidates[begin..end].iter().map(|c| rows(&c.outputs)).collect();
+        let fitted: Vec<Vec<Row>> =
+            comparison.candidates[begin..end].iter().map(|c| rows(c.outputs.as_ref())).collect();
         text.push_str(&format!("\n{}", outputs("fitted", &names[begin..end], &fitted)));
         if !comparison.predictions.is_empty() {
             let held: Vec<Vec<Row>> = comparison.predictions[begin..end].iter().map(predicted).collect();
@@ -49,7 +45,7 @@ fn criteria(comparison: &Comparison) -> String {
     for c in &comparison.candidates {
         let cost = c.cost.map_or("-".into(), |v| digits(v, 8));
         let mut row = vec![c.name.clone(), c.model.clone(), c.unknowns.to_string(), cost];
-        let own = |of: fn(&crate::comparison::Criteria) -> Option<f64>| {
+        let own = |of: fn(&fdm_results::comparison::Criteria) -> Option<f64>| {
             c.criteria.as_ref().and_then(of).map_or("-".into(), |v| format!("{v:+.1}"))
         };
         row.extend([own(|c| Some(c.aic)), own(|c| Some(c.bic))]);
@@ -121,23 +117,21 @@ fn parameters(candidates: &[Candidate]) -> String {
 }
 
 fn value(p: &KeptParameter) -> String {
-    match (p.error(), p.status.as_str()) {
+    match (p.error(), p.status) {
         (Some(error), _) => {
-            let size = if error > 0.0 && p.value != 0.0 { (p.value / error).abs().log10().floor() as i64 } else { 1 };
-            format!("{} ± {}", digits(p.value, (size + 3).clamp(3, 12) as usize), digits(error, 3))
+            let settled = digits_by_error(p.value, error, 3).unwrap_or(4);
+            format!("{} ± {}", digits(p.value, settled), digits(error, 3))
         }
-        (None, "estimated" | "derived") => digits(p.value, 5),
-        (None, status) => format!("{} ({})", digits(p.value, 5), status.replace('_', " ")),
+        (None, Status::Estimated | Status::Derived) => digits(p.value, 5),
+        (None, status) => format!("{} ({})", digits(p.value, 5), status),
     }
 }
 
 /// A run and an output, its root mean square and Theil's coefficient.
 type Row = (String, String, Option<f64>, Option<f64>);
 
-fn rows(outputs: &Value) -> Vec<Row> {
-    let text = |o: &Value, key: &str| o[key].as_str().unwrap_or_default().to_string();
-    let all = outputs.as_array().into_iter().flatten();
-    all.map(|o| (text(o, "run"), text(o, "name"), o["rms"].as_f64(), o["tic"].as_f64())).collect()
+fn rows(outputs: Option<&Vec<OutputDocument>>) -> Vec<Row> {
+    outputs.into_iter().flatten().map(|o| (o.run.clone(), o.name.clone(), o.rms, o.tic)).collect()
 }
 
 fn predicted(prediction: &Prediction) -> Vec<Row> {
@@ -183,7 +177,7 @@ fn edge(e: &Edge) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quality::Advantage;
+    use fdm_estimate::residuals::Advantage;
 
     #[test]
     fn chance_is_called_chance() {

@@ -1,7 +1,8 @@
 //! How a fit came about, and what speaks for and against its parameters, as text.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{Fit, LengthFit, ParameterEstimate, Reweighting, Weight, by_confidence};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::{Fit, LengthFit, ParameterEstimate, Reweighting, Weight, by_confidence};
+use fdm_results::documents::digits;
 
 /// Changes in standard errors beyond which a parameter hangs on the weights.
 const MUCH: f64 = 2.0;

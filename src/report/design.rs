@@ -1,17 +1,12 @@
 //! What the next runs would tell: a table of parameters, one of manoeuvres.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::design::{Design, Gain};
-use crate::model::Model;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_results::documents::design::{Design, Gain};
+use fdm_results::documents::digits;
+use fdm_system::model::Model;
 
 /// Manoeuvres that are listed.
 const LISTED: usize = 12;
-
-/// The same for programs, all manoeuvres in it.
-pub fn design_json(design: &Design) -> Value {
-    json!(design)
-}
 
 /// Parameters now and then, planned runs, the most telling manoeuvres, and what nothing would tell.
 pub fn design_table(design: &Design, model: &Model) -> String {

@@ -1,7 +1,8 @@
 //! A diagnosis as people read it: the verdict, the causes, what they explain, what was ruled out.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::diagnose::diagnosis::{Cause, Diagnosis, Verdict};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_discover::{Cause, Diagnosis, Verdict};
+use fdm_results::documents::digits;
 use std::fmt::Write;
 
 /// Rows of the table of what would have been seen.
@@ -47,14 +48,14 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
 fn verdict(d: &Diagnosis) -> String {
     let p = chance(d.family_wise_p);
     match d.verdict {
-        Verdict::EffectFound => format!("Something is missing from the model (chance of noise alone: {p}).\n"),
+        Verdict::EffectFound => format!("Something is missing from the model (family-wise p = {p}).\n"),
         Verdict::Disturbance => {
-            format!("A force that no input explains disturbs the model (chance of noise alone: {p}).\n")
+            format!("A disturbance (process noise) acts on the model (family-wise p = {p}).\n")
         }
         Verdict::UnknownCause => {
-            format!("The model is wrong, but no effect of the catalogue explains how (chance of noise alone: {p}).\n")
+            format!("The model is wrong, but no effect of the catalogue explains how (family-wise p = {p}).\n")
         }
-        Verdict::NoEffectFound => format!("No effect found: noise alone would look as bad with probability {p}.\n"),
+        Verdict::NoEffectFound => format!("No missing effect detected (family-wise p = {p}).\n"),
     }
 }
 
@@ -62,7 +63,7 @@ fn verdict(d: &Diagnosis) -> String {
 fn wrong(d: &Diagnosis) -> String {
     let mut text = String::new();
     if d.verdict != Verdict::NoEffectFound {
-        for sentence in d.misfit.iter().flat_map(|m| &m.sentences) {
+        for sentence in d.lack_of_fit.iter().flat_map(|m| &m.sentences) {
             let _ = writeln!(text, "  {sentence}");
         }
     }
@@ -89,8 +90,8 @@ fn one(number: usize, c: &Cause) -> String {
         let error = p.standard_error.map_or(String::new(), |e| format!(" +- {}", digits(e, 2)));
         let _ = writeln!(text, "   {} = {}{error}{unit}", p.name, digits(p.value, 5));
     }
-    let held = c.gain_holdout.map_or(String::new(), |g| format!(", {g:.1} on the held-out runs"));
-    let _ = writeln!(text, "   gain in log-likelihood {:.1}{held}; p {}", c.gain_train, chance(c.p));
+    let held = c.gain_validation.map_or(String::new(), |g| format!(", {g:.1} on the validation runs"));
+    let _ = writeln!(text, "   gain in log-likelihood {:.1}{held}; p {}", c.gain_training, chance(c.p));
     if c.group.len() > 1 {
         let others: Vec<String> =
             c.group[1..].iter().map(|r| format!("{} (score {:.1} to {:.1})", r.place, r.score, c.score)).collect();
@@ -104,7 +105,7 @@ fn one(number: usize, c: &Cause) -> String {
 
 /// The candidates that came nearest.
 fn leading(d: &Diagnosis) -> String {
-    let Some(round) = d.rounds.first() else { return String::new() };
+    let Some(round) = d.steps.first() else { return String::new() };
     let mut table = plain(&["nearest candidates", "promised gain", "chance by itself"]);
     for s in round.ranking.iter().take(5) {
         table.add_row([s.place.to_string(), format!("{:.1}", s.gain), chance(s.chance)]);
@@ -120,7 +121,7 @@ fn matches(d: &Diagnosis) -> String {
     let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
     let fixed = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.4}"));
     for o in &d.outputs {
-        let role = if o.held_out { "held out" } else { "fitted" };
+        let role = if o.validation { "validation" } else { "training" };
         table.add_row([
             role.to_string(),
             o.run.clone(),
@@ -137,7 +138,7 @@ fn matches(d: &Diagnosis) -> String {
     (3..10).for_each(|column| aligned_right(&mut table, column));
     let mut text = format!("\n{}", trimmed(&table));
     for g in &d.gains {
-        let role = if g.held_out { "held out" } else { "fitted" };
+        let role = if g.validation { "validation" } else { "training" };
         let _ = writeln!(text, "{} ({role}): log-likelihood gains {:.1} +- {:.1}", g.run, g.gain, g.deviation);
     }
     text
@@ -168,7 +169,7 @@ fn moved(d: &Diagnosis) -> String {
 
 /// Inputs that follow the states, and what that hides.
 fn following(d: &Diagnosis) -> String {
-    let Some(following) = &d.following else { return String::new() };
+    let Some(following) = &d.feedback else { return String::new() };
     let mut text = String::from("\n");
     for input in &following.inputs {
         let own = 100.0 * (1.0 - input.explained);
@@ -198,13 +199,13 @@ fn ruled_out(d: &Diagnosis) -> String {
     if d.rejected.is_empty() {
         return String::new();
     }
-    let mut table = plain(&["not accepted", "search", "gain", "held out", "because"]);
+    let mut table = plain(&["not accepted", "step", "gain", "validation", "because"]);
     for r in &d.rejected {
-        let held = r.gain_holdout.map_or("-".to_string(), |g| format!("{g:.1}"));
+        let held = r.gain_validation.map_or("-".to_string(), |g| format!("{g:.1}"));
         table.add_row([
             r.place.to_string(),
-            r.round.to_string(),
-            format!("{:.1}", r.gain_train),
+            r.step.to_string(),
+            format!("{:.1}", r.gain_training),
             held,
             r.reason.clone(),
         ]);

@@ -1,10 +1,7 @@
 //! What a Kalman filter's estimates say: parameters and intensities, measurement noise, innovations.
 
-use super::json::fit_json;
-use super::parameters::parameter_table;
-use super::table::fit_table;
-use crate::estimate::FilterFit;
-use serde_json::{Value, json};
+use super::estimate::{fit_table, parameter_table};
+use fdm_estimate::FilterFit;
 
 /// Parameters with standard errors, the measurement noise, the quality of the predictions, and what should not be overlooked.
 pub fn filter_table(found: &FilterFit, intervals: bool) -> String {
@@ -19,13 +16,4 @@ pub fn filter_table(found: &FilterFit, intervals: bool) -> String {
         text.push_str(&format!("\n`{name}` stands at 0: the records show no noise there"));
     }
     text
-}
-
-/// The same for programs: as [`fit_json`], with the deviations of the measurement noise and the intensities that are not noticed.
-pub fn filter_json(found: &FilterFit) -> Value {
-    let mut document = fit_json(&found.fit);
-    document["method"] = "filter error".into();
-    document["deviations"] = json!(found.deviations);
-    document["silent"] = json!(found.silent);
-    document
 }

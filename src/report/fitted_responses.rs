@@ -1,12 +1,10 @@
-//! A fit of frequency responses as tables and sentences, as JSON, and as tables of responses.
+//! A fit of frequency responses as tables and sentences, and as tables of responses.
 
-use super::json::estimate_json;
-use super::parameters::parameter_table;
-use super::remarks::estimate_remarks;
-use super::spectral::{first_values, hidden_json, prediction_table, time_json, trimmed_at};
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{PairFit, ResponseFit};
-use serde_json::{Value, json};
+use super::estimate::parameter_table;
+use super::spectral::{first_values, prediction_table, trimmed_at};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::{PairFit, ResponseFit};
+use fdm_results::documents::{digits, estimate_remarks};
 use std::f64::consts::TAU;
 
 /// Cost up to which a model is good.
@@ -22,7 +20,7 @@ const INSENSITIVE: f64 = 10.0;
 pub fn fitted_response_table(fit: &ResponseFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));
-    text.push_str(&first_values(&fit.first));
+    text.push_str(&first_values(&fit.starting_values));
     text.push('\n');
     text.push_str(&parameter_table(&fit.parameters(), intervals));
     if !fit.sensitivities.is_empty() {
@@ -100,39 +98,6 @@ fn sensitivity_table(fit: &ResponseFit) -> String {
     }
     (1..3).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
-}
-
-/// Estimates for other programs: as those of a fit in the time domain, with `frequency_responses` for what is particular.
-pub fn fitted_response_json(fit: &ResponseFit) -> Value {
-    let mut document = estimate_json(&fit.model, &fit.estimate);
-    document["parameters"] = json!(fit.parameters());
-    let trim = fit.trim.as_ref().map(|t| json!({ "states": t.states, "inputs": t.inputs }));
-    let pair = |p: &PairFit| {
-        let part = |of: &[[f64; 2]], k: usize| of.iter().map(|v| v[k]).collect::<Vec<_>>();
-        json!({
-            "output": p.output, "input": p.input, "cost": p.cost, "left_out": p.left_out,
-            "frequency": p.omega.iter().map(|w| w / TAU).collect::<Vec<_>>(),
-            "decibels": part(&p.measured, 0), "degrees": part(&p.measured, 1),
-            "model_decibels": part(&p.modelled, 0), "model_degrees": part(&p.modelled, 1),
-            "coherence": p.coherence, "error": p.error,
-        })
-    };
-    document["frequency_responses"] = json!({
-        "cost": fit.cost(),
-        "pairs": fit.pairs.iter().map(pair).collect::<Vec<_>>(),
-        "incoherent": fit.incoherent,
-        "segments": fit.segments,
-        "least_coherence": fit.least_coherence,
-        "sensitivities": fit.sensitivities,
-        "trim": trim,
-        "first_values": fit.first.iter().map(|f| json!({ "parameter": f.parameter, "value": f.value, "equations": f.equations })).collect::<Vec<_>>(),
-        "unseen": fit.unseen,
-        "hidden_modes": hidden_json(&fit.model, &fit.hidden),
-        "unanswered": fit.unanswered.as_ref().map(ToString::to_string),
-        "unfinished": fit.unfinished.as_ref().map(ToString::to_string),
-    });
-    document["time_domain"] = fit.finish.as_ref().map_or(Value::Null, time_json);
-    document
 }
 
 /// A pair as columns: frequency, measured and modelled decibels and degrees, coherence.

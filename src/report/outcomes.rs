@@ -1,8 +1,8 @@
-//! What came out of experiments: a table for each, one for all, the same for programs and for a page.
+//! What came out of experiments: a table for each, one for all; the same for a page of Markdown.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::experiment::Outcome;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_results::documents::digits;
+use fdm_results::documents::reproduction::Outcome;
 
 /// Every figure that was expected beside the one that came out.
 pub fn outcome_table(outcome: &Outcome) -> String {
@@ -61,9 +61,4 @@ pub fn outcomes_markdown(outcomes: &[Outcome]) -> String {
         text.push_str(&format!("| {} |\n", row.map(|cell| cell.replace('|', "\\|").replace('\n', " ")).join(" | ")));
     }
     text
-}
-
-/// The same for programs.
-pub fn outcomes_json(outcomes: &[Outcome]) -> Value {
-    json!(outcomes)
 }

@@ -1,10 +1,11 @@
-//! Profiles of the likelihood: a table, the same for programs, and a picture.
+//! Profiles of the likelihood: a table and a picture.
 
-use super::plot::PlotError;
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::study::{End, Profile};
-use plotters::prelude::*;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use crate::page::Paper;
+use crate::page::drawing::stacked;
+use crate::page::figure::{Figure, Look, Mark, Panel};
+use fdm_results::documents::profile::{End, Profile};
+use fdm_results::documents::{digits, digits_by_error};
 
 /// One row for each parameter: the interval by the cost beside that by the error.
 pub fn profile_table(profiles: &[Profile]) -> String {
@@ -13,7 +14,7 @@ pub fn profile_table(profiles: &[Profile]) -> String {
     [1, 2, 5, 6, 7].into_iter().for_each(|k| aligned_right(&mut table, k));
     for p in profiles {
         let half = p.reach();
-        let settled = ((p.value / p.error).abs().log10().floor() as i64 + 3).clamp(3, 12) as usize;
+        let settled = digits_by_error(p.value, p.error, 3).unwrap_or(3);
         let shown = |v: f64| digits(v, settled);
         let [low, high] = p.ends;
         table.add_row([
@@ -66,60 +67,67 @@ fn remark(p: &Profile, end: End, side: &str) -> String {
     }
 }
 
-/// The same for programs, with every point.
-pub fn profile_json(profiles: &[Profile]) -> Value {
-    let one = |p: &Profile| {
-        let mut document = json!(p);
-        document["by_error"] = json!([p.value - p.reach(), p.value + p.reach()]);
-        document
-    };
-    profiles.iter().map(one).collect::<Vec<Value>>().into()
+/// A figure for each parameter: the cost beside the parabola of the printed error, and what it may rise.
+pub fn profile_svg(profiles: &[Profile]) -> String {
+    let figures: Vec<Figure> = profiles.iter().enumerate().map(|(k, profile)| figure(k, profile)).collect();
+    stacked(&figures, Paper::Light)
 }
 
-const PANEL: (u32, u32) = (920, 300);
-const COST: RGBColor = RGBColor(0xc4, 0x3b, 0x1d);
-const PARABOLA: RGBColor = RGBColor(0xa8, 0xa8, 0xa8);
-const LIMIT: RGBColor = RGBColor(0x1d, 0x5f, 0xa8);
-
-/// A panel for each parameter: the cost beside the parabola of the printed error, and what it may rise.
-///
-/// # Errors
-/// [`PlotError`] when the drawing library refuses.
-pub fn profile_svg(profiles: &[Profile]) -> Result<String, PlotError> {
-    let mut text = String::new();
-    {
-        let size = (PANEL.0, PANEL.1 * (profiles.len().max(1) as u32));
-        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-        area.fill(&WHITE).map_err(PlotError::refused)?;
-        for (panel, profile) in area.split_evenly((profiles.len().max(1), 1)).iter().zip(profiles) {
-            let values = profile.points.iter().map(|p| p.value);
-            let (low, high) = values.fold((profile.value, profile.value), |(a, b), v| (a.min(v), b.max(v)));
-            let top = 1.6 * profile.rise;
-            let mut builder = ChartBuilder::on(panel);
-            builder.margin(8).set_label_area_size(LabelAreaPosition::Left, 60);
-            builder.set_label_area_size(LabelAreaPosition::Bottom, 36);
-            let margin = 0.02 * (high - low).max(f64::MIN_POSITIVE);
-            let mut chart =
-                builder.build_cartesian_2d(low - margin..high + margin, 0.0..top).map_err(PlotError::refused)?;
-            let unit = profile.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
-            let mut mesh = chart.configure_mesh();
-            mesh.light_line_style(WHITE).x_desc(format!("{}{unit}", profile.name)).y_desc("rise of the cost");
-            mesh.draw().map_err(PlotError::refused)?;
-            let parabola = (0..=100).map(|k| {
-                let value = low + (high - low) * f64::from(k) / 100.0;
-                (value, profile.rise * ((value - profile.value) / profile.reach()).powi(2))
-            });
-            let shown = |points: Vec<(f64, f64)>| points.into_iter().filter(|p| p.1 <= top).collect::<Vec<_>>();
-            let cost = profile.points.iter().map(|p| (p.value, p.rise.max(0.0))).collect();
-            for (points, colour, width) in [
-                (shown(parabola.collect()), PARABOLA, 2),
-                (vec![(low, profile.rise), (high, profile.rise)], LIMIT, 1),
-                (shown(cost), COST, 2),
-            ] {
-                chart.draw_series(LineSeries::new(points, colour.stroke_width(width))).map_err(PlotError::refused)?;
-            }
-        }
-        area.present().map_err(PlotError::refused)?;
+fn figure(k: usize, profile: &Profile) -> Figure {
+    let values = profile.points.iter().map(|p| p.value);
+    let (low, high) = values.fold((profile.value, profile.value), |(a, b), v| (a.min(v), b.max(v)));
+    let top = 1.6 * profile.rise;
+    let unit = profile.unit.as_ref().map_or(String::new(), |u| format!(" [{u}]"));
+    // the parabola at even places, the cost where it was computed: one axis holds both
+    let mut at: Vec<(f64, Option<f64>)> = profile.points.iter().map(|p| (p.value, Some(p.rise.max(0.0)))).collect();
+    at.extend((0..=100).map(|k| (low + (high - low) * f64::from(k) / 100.0, None)));
+    at.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let shown = |rise: f64| if rise <= top { rise } else { f64::NAN };
+    let parabola =
+        at.iter().map(|(v, _)| shown(profile.rise * ((v - profile.value) / profile.reach()).powi(2))).collect();
+    let cost = between(&at).into_iter().map(shown).collect();
+    let marks = vec![
+        Mark::line("parabola of the standard error", Look::Measured, parabola),
+        Mark::line("limit", Look::Residual, vec![profile.rise; at.len()]),
+        Mark::line("cost", Look::Model, cost),
+    ];
+    Figure {
+        id: format!("profile-{}", k + 1),
+        group: "profiles".into(),
+        caption: format!("{}{unit}", profile.name),
+        label: format!("{}{unit}", profile.name),
+        logarithmic: false,
+        at: at.iter().map(|(v, _)| *v).collect(),
+        panels: vec![Panel { label: "rise of the cost".into(), height: 220, logarithmic: false, marks }],
+        names: Vec::new(),
+        half: false,
+        samples: None,
     }
-    Ok(text)
+}
+
+/// Straight lines between the places that have a value; NaN outside them.
+fn between(at: &[(f64, Option<f64>)]) -> Vec<f64> {
+    let known: Vec<(f64, f64)> = at.iter().filter_map(|(x, y)| Some((*x, (*y)?))).collect();
+    let value = |x: f64| {
+        let k = known.partition_point(|(place, _)| *place < x);
+        match (k.checked_sub(1).and_then(|k| known.get(k)), known.get(k)) {
+            (_, Some((place, y))) if *place == x => *y,
+            (Some((a, ya)), Some((b, yb))) => ya + (yb - ya) * (x - a) / (b - a),
+            _ => f64::NAN,
+        }
+    };
+    at.iter().map(|(x, _)| value(*x)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cost_is_drawn_straight_between_its_points_and_nowhere_else() {
+        let at = [(0.0, None), (1.0, Some(2.0)), (1.5, None), (2.0, Some(4.0)), (3.0, None)];
+        let drawn = between(&at);
+        assert_eq!(drawn[1..4], [2.0, 3.0, 4.0]);
+        assert!(drawn[0].is_nan() && drawn[4].is_nan());
+    }
 }

@@ -1,15 +1,13 @@
-//! Recursive least squares as tables, JSON and pictures: the chosen iterate, and how the estimates moved along the record.
+//! Recursive least squares as tables and pictures: the chosen iterate, and how the estimates moved along the record.
 
 use super::plot::TimeHistory;
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{BestIterate, Criterion};
-use crate::regression::RecursiveParameter;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::equation_error::RecursiveParameter;
+use fdm_estimate::{BestIterate, Criterion};
+use fdm_results::documents::digits;
 
 /// Rows of the table of the history.
 const ROWS: usize = 12;
-/// Most iterates of a history for programs; longer ones are thinned evenly.
-const MOST: usize = 1000;
 
 fn called(p: &RecursiveParameter) -> String {
     p.run.as_ref().map_or(p.name.clone(), |run| format!("{} ({run})", p.name))
@@ -85,42 +83,6 @@ fn history(found: &BestIterate) -> String {
     }
     (1..header.len()).for_each(|k| aligned_right(&mut table, k));
     trimmed(&table)
-}
-
-/// The same for programs, with the history.
-pub fn recursive_json(found: &BestIterate) -> Value {
-    let r = &found.recursion;
-    let best = r.iterates.get(found.best);
-    let parameters = r.parameters.iter().enumerate().map(|(j, p)| {
-        json!({
-            "name": p.name, "run": p.run, "unit": p.unit,
-            "value": best.map(|b| b.values[j]), "standard_error": best.map(|b| b.errors[j]),
-            "last": r.iterates.last().map(|l| l.values[j]), "all_steps": r.batch[j],
-        })
-    });
-    let stride = r.iterates.len().div_ceil(MOST).max(1);
-    let kept = (0..r.iterates.len()).filter(|k| k % stride == 0 || *k == found.best || k + 1 == r.iterates.len());
-    let history = kept.map(|k| {
-        let i = &r.iterates[k];
-        json!({
-            "iterate": k, "run": r.runs[i.run].name, "time": i.time, "values": i.values, "errors": i.errors,
-            "one_step": i.one_step, "simulated": found.error_of(k),
-        })
-    });
-    let refused = r.refused.iter().map(|r| json!({ "equation": r.equation(), "reason": r.to_string() }));
-    json!({
-        "model": found.model.name(),
-        "method": "recursive least squares",
-        "criterion": found.criterion,
-        "best": found.best,
-        "iterates": r.iterates.len(),
-        "simulated_error": { "best": found.error_of(found.best), "last": r.iterates.len().checked_sub(1).and_then(|k| found.error_of(k)),
-            "all_steps": found.batch_error },
-        "parameters": parameters.collect::<Vec<_>>(),
-        "history": history.collect::<Vec<_>>(),
-        "refused": refused.collect::<Vec<_>>(),
-        "kept": r.kept,
-    })
 }
 
 /// Every parameter along the record, for pictures; `time` is that of the iterates (see [`recursive_times`]).

@@ -1,8 +1,8 @@
 //! Equation error as tables: parameters, principal components, structures, dependence on the data that were used.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::regression::{Chosen, Dependence, Domain, EquationErrorFit, Regressed, Regression, Structure};
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::equation_error::{Chosen, Dependence, EquationErrorFit, Regressed, Regression, Structure};
+use fdm_results::documents::digits;
 
 /// Tables of all regressions, then what was left out and why.
 pub fn regression_table(regression: &Regression) -> String {
@@ -36,7 +36,7 @@ fn fit_text(fit: &EquationErrorFit) -> String {
         text.push_str(&format!("\n{}", components(fit)));
     }
     text.push_str(&reason(fit));
-    for name in &fit.unseen {
+    for name in &fit.not_identifiable {
         text.push_str(&format!(
             "`{name}` is multiplied by nothing in these data (a constant has no part above zero frequency)\n"
         ));
@@ -160,25 +160,4 @@ pub fn dependence_table(at: &str, rows: &[Dependence]) -> String {
         }
     }
     trimmed(&table) + &reasons
-}
-
-/// The same for programs; numbers that do not exist are null.
-pub fn regression_json(model: &str, regression: &Regression) -> Value {
-    let refused = regression.refused.iter().map(|r| json!({ "equation": r.equation(), "reason": r.to_string() }));
-    // as every result has them
-    let parameter = |p: &Regressed| {
-        json!({
-            "name": p.name, "run": p.run, "unit": p.unit, "value": p.value, "status": "estimated",
-            "standard_error": p.standard_error, "corrected_error": p.coloured_error,
-        })
-    };
-    json!({
-        "model": model,
-        "parameters": regression.fits.iter().flat_map(|f| &f.parameters).map(parameter).collect::<Vec<_>>(),
-        "domain": match regression.domain { Domain::Time => "time", Domain::Frequency(_) => "frequency" },
-        "fits": regression.fits,
-        "refused": refused.collect::<Vec<_>>(),
-        "kept": regression.kept,
-        "noise": regression.noise,
-    })
 }

@@ -1,23 +1,12 @@
-//! Frequency responses that records show: a table, JSON, and a picture of magnitude, phase and coherence.
+//! Frequency responses that records show: a table, and a picture of magnitude, phase and coherence.
 
-use super::plot::PlotError;
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::spectrum::FrequencyResponseEstimate;
-use plotters::coord::Shift;
-use plotters::prelude::*;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use crate::page::Paper;
+use crate::page::drawing::stacked;
+use crate::page::figure::{Figure, Look, Mark, Panel, Shape};
+use fdm_results::documents::{ResponseNames, digits};
+use fdm_system::spectrum::FrequencyResponseEstimate;
 use std::f64::consts::TAU;
-
-/// Names of the channels and of the unit of frequency.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ResponseNames {
-    /// Inputs (m).
-    pub inputs: Vec<String>,
-    /// Outputs (q).
-    pub outputs: Vec<String>,
-    /// `Hz`, or cycles per another unit of time.
-    pub frequency: String,
-}
 
 /// One pair of channels as a reader wants it.
 struct Pair<'a> {
@@ -91,120 +80,47 @@ pub fn response_table(found: &FrequencyResponseEstimate, names: &ResponseNames) 
     pairs(found, names).into_iter().map(one).collect::<Vec<_>>().join("\n")
 }
 
-/// The same for other programs; what is not known is null.
-pub fn response_json(found: &FrequencyResponseEstimate, names: &ResponseNames) -> Value {
-    let of = |o: usize, i: usize| {
-        let at = found.pair(o, i);
-        let response = &found.response[at.clone()];
-        json!({
-            "input": names.inputs[i],
-            "output": names.outputs[o],
-            "re": response.iter().map(|h| h.re).collect::<Vec<_>>(),
-            "im": response.iter().map(|h| h.im).collect::<Vec<_>>(),
-            "coherence": &found.partial_coherence[at.clone()],
-            "random_error": &found.error[at],
-        })
+/// Magnitude and phase with the band of one random error, and coherence, over the logarithm of frequency: a figure for every pair.
+pub fn response_svg(found: &FrequencyResponseEstimate, names: &ResponseNames) -> String {
+    let figures: Vec<Figure> =
+        pairs(found, names).iter().enumerate().map(|(k, pair)| figure(k, pair, &names.frequency)).collect();
+    stacked(&figures, Paper::Light)
+}
+
+fn figure(k: usize, pair: &Pair<'_>, unit: &str) -> Figure {
+    let band = |values: &[f64], error: &dyn Fn(f64) -> f64| {
+        let edge = |sign: f64| values.iter().zip(pair.error).map(|(v, e)| v + sign * error(*e)).collect();
+        Mark::between("one random error", Look::Bound, Shape::Band, edge(-1.0), edge(1.0))
     };
-    let count = found.omega.len();
-    let multiple = names.outputs.iter().zip(found.coherence.chunks(count.max(1)));
-    json!({
-        "frequency": found.omega.iter().map(|w| w / TAU).collect::<Vec<_>>(),
-        "unit": names.frequency,
-        "averages": found.averages,
-        "responses": (0..found.outputs).flat_map(|o| (0..found.inputs).map(move |i| (o, i))).map(|(o, i)| of(o, i)).collect::<Vec<_>>(),
-        "multiple_coherence": multiple.map(|(name, c)| json!({ "output": name, "coherence": c })).collect::<Vec<_>>(),
-    })
-}
-
-const PANEL: (u32, u32) = (720, 520);
-const LINE: RGBColor = RGBColor(0x1d, 0x5f, 0xa8);
-const ERROR: RGBColor = RGBColor(0xa8, 0xa8, 0xa8);
-
-/// Magnitude and phase with the band of one random error, and coherence, over the logarithm of frequency: one block for every pair.
-///
-/// # Errors
-/// [`PlotError`] when the drawing library refuses.
-pub fn response_svg(found: &FrequencyResponseEstimate, names: &ResponseNames) -> Result<String, PlotError> {
-    let pairs = pairs(found, names);
-    let mut text = String::new();
-    {
-        let blocks = pairs.len().max(1);
-        let area = SVGBackend::with_string(&mut text, (PANEL.0, PANEL.1 * blocks as u32)).into_drawing_area();
-        area.fill(&WHITE).map_err(PlotError::refused)?;
-        for (block, pair) in area.split_evenly((blocks, 1)).iter().zip(&pairs) {
-            draw(block, pair, &names.frequency)?;
-        }
-        area.present().map_err(PlotError::refused)?;
+    let line = |name: &str, values: &[f64]| Mark::line(name, Look::Measured, values.to_vec());
+    let decibels = band(&pair.magnitude, &|e| 20.0 * (1.0 + e).log10());
+    let degrees = band(&pair.phase, &f64::to_degrees);
+    // its least and its greatest value, so that the axis is the same for all
+    let limit = |v: f64| Mark::line("", Look::Bound, vec![v; pair.frequency.len()]);
+    let panel =
+        |label: &str, height: u32, marks: Vec<Mark>| Panel { label: label.into(), height, logarithmic: false, marks };
+    Figure {
+        id: format!("response-{}", k + 1),
+        group: "responses".into(),
+        caption: format!("{} to {}", pair.input, pair.output),
+        label: format!("frequency [{unit}]"),
+        logarithmic: true,
+        at: pair.frequency.clone(),
+        panels: vec![
+            panel("magnitude [dB]", 150, vec![decibels, line("magnitude", &pair.magnitude)]),
+            panel("phase [deg]", 150, vec![degrees, line("phase", &pair.phase)]),
+            panel("coherence", 90, vec![limit(0.0), limit(1.0), line("coherence", pair.coherence)]),
+        ],
+        names: Vec::new(),
+        half: false,
+        samples: None,
     }
-    Ok(text)
-}
-
-fn draw(block: &DrawingArea<SVGBackend<'_>, Shift>, pair: &Pair<'_>, unit: &str) -> Result<(), PlotError> {
-    let parts = block.split_evenly((3, 1));
-    let title = format!("{} to {}", pair.input, pair.output);
-    let decibels: Vec<f64> = pair.error.iter().map(|e| 20.0 * (1.0 + e).log10()).collect();
-    let degrees: Vec<f64> = pair.error.iter().map(|e| e.to_degrees()).collect();
-    chart(&parts[0], (Some(&title), None), "magnitude [dB]", &pair.frequency, &pair.magnitude, Some(&decibels))?;
-    chart(&parts[1], (None, None), "phase [deg]", &pair.frequency, &pair.phase, Some(&degrees))?;
-    let below = format!("frequency [{unit}]");
-    chart(&parts[2], (None, Some(&below)), "coherence", &pair.frequency, pair.coherence, None)
-}
-
-/// One curve; `error` is drawn as lines on both sides. Without it the axis is that of a part of one.
-fn chart(
-    area: &DrawingArea<SVGBackend<'_>, Shift>,
-    (above, below): (Option<&str>, Option<&str>),
-    label: &str,
-    frequency: &[f64],
-    values: &[f64],
-    error: Option<&[f64]>,
-) -> Result<(), PlotError> {
-    let (Some(first), Some(last)) = (frequency.first(), frequency.last()) else { return Ok(()) };
-    let values_range = if error.is_none() { 0.0..1.0 } else { range(values) };
-    let mut builder = ChartBuilder::on(area);
-    builder.margin(8).set_label_area_size(LabelAreaPosition::Left, 72);
-    builder.set_label_area_size(LabelAreaPosition::Bottom, if below.is_some() { 36 } else { 20 });
-    if let Some(above) = above {
-        builder.caption(above, ("sans-serif", 16));
-    }
-    let ends = (*first..last.max(first * 1.01)).log_scale();
-    let mut chart = builder.build_cartesian_2d(ends, values_range.clone()).map_err(PlotError::refused)?;
-    let mut mesh = chart.configure_mesh();
-    mesh.light_line_style(WHITE).y_desc(label).y_labels(5);
-    if let Some(below) = below {
-        mesh.x_desc(below);
-    }
-    mesh.draw().map_err(PlotError::refused)?;
-    let limited = |v: f64| v.clamp(values_range.start, values_range.end);
-    let mut line = |shift: f64, colour: RGBColor, width: u32| {
-        let points = (0..frequency.len()).map(|k| {
-            let by = error.map_or(0.0, |e| shift * e[k].min(f64::MAX));
-            (frequency[k], values[k] + by)
-        });
-        let points: Vec<(f64, f64)> = points.filter(|(_, v)| v.is_finite()).map(|(f, v)| (f, limited(v))).collect();
-        chart.draw_series(LineSeries::new(points, colour.stroke_width(width))).map(|_| ()).map_err(PlotError::refused)
-    };
-    if error.is_some() {
-        line(-1.0, ERROR, 1)?;
-        line(1.0, ERROR, 1)?;
-    }
-    line(0.0, LINE, 2)
-}
-
-/// From the least to the greatest finite value with a margin, never empty.
-fn range(values: &[f64]) -> std::ops::Range<f64> {
-    let finite = values.iter().filter(|v| v.is_finite());
-    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-    if low > high {
-        return 0.0..1.0;
-    }
-    let margin = (0.1 * (high - low)).max(1.0);
-    low - margin..high + margin
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fdm_results::documents::{SpectraDocument, to_text};
     use num_complex::Complex64;
 
     fn found() -> (FrequencyResponseEstimate, ResponseNames) {
@@ -242,10 +158,10 @@ mod tests {
         found.error[3] = f64::INFINITY;
         let table = response_table(&found, &names);
         assert!(table.starts_with("u to y\n") && table.contains("0.1000") && table.contains("5.73"), "{table}");
-        let json = response_json(&found, &names);
-        assert_eq!(json["responses"][0]["re"].as_array().map(Vec::len), Some(40));
-        assert!(json["responses"][0]["re"][3].is_null() && json["responses"][0]["random_error"][3].is_null());
-        let svg = response_svg(&found, &names).unwrap();
-        assert!(svg.contains("u to y") && svg.contains("coherence") && svg.matches("<polyline").count() >= 7);
+        let document = SpectraDocument::of(&found, &names);
+        assert_eq!(document.responses[0].re.len(), 40);
+        assert!(to_text(&document).unwrap().matches("null").count() == 3, "two parts and an error");
+        let svg = response_svg(&found, &names);
+        assert!(svg.contains("u to y") && svg.contains("coherence") && svg.matches("<path class=").count() >= 7);
     }
 }

@@ -1,15 +1,12 @@
-//! A fit in the frequency domain as tables and sentences, as JSON, and as a table of spectra.
+//! A fit in the frequency domain as tables and sentences, and as a table of spectra.
 
-use super::json::{estimate_json, quality_json};
-use super::parameters::parameter_table;
-use super::remarks::estimate_remarks;
-use super::residuals::output_table;
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{FirstValue, Fit, HiddenMode, SpectralFit};
-use crate::linear::{Obtained, Trim};
-use crate::model::Model;
-use crate::quality::OutputQuality;
-use serde_json::{Value, json};
+use super::estimate::{output_table, parameter_table};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::residuals::OutputQuality;
+use fdm_estimate::{SpectralFit, StartingValue, UnobservableMode};
+use fdm_results::documents::{digits, estimate_remarks};
+use fdm_system::linear::{Obtained, Trim};
+use fdm_system::model::Model;
 use std::f64::consts::TAU;
 
 /// Parameters with standard errors, what became of nonlinear terms, and how well spectra and time histories are matched; `intervals` adds
@@ -17,7 +14,7 @@ use std::f64::consts::TAU;
 pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     let mut text = format!("{}\n", band(fit));
     text.push_str(&nonlinear(fit));
-    text.push_str(&first_values(&fit.first));
+    text.push_str(&first_values(&fit.starting_values));
     text.push('\n');
     text.push_str(&parameter_table(&fit.parameters(), intervals));
     if !fit.ends.is_empty() {
@@ -34,7 +31,7 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
              of the model, or say --noise diagonal"
         ));
     }
-    for input in &fit.silent {
+    for input in &fit.unexcited {
         text.push_str(&format!("\nthe input {input} has no power in the band of any run; what it moves was not seen"));
     }
     if let Some(finish) = &fit.finish {
@@ -48,13 +45,13 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
 }
 
 /// What an unstable mode that no frequency response shows means.
-pub fn hidden_mode(model: &Model, mode: &HiddenMode) -> String {
+pub fn hidden_mode(model: &Model, mode: &UnobservableMode) -> String {
     let states: Vec<&str> = mode.states.iter().map(|k| model.definition().states[*k].quantity.name.as_str()).collect();
     let s = match mode.s.im {
         0.0 => digits(mode.s.re, 4),
         im => format!("{} ± {}j", digits(mode.s.re, 4), digits(im, 4)),
     };
-    let (why, help) = match (mode.shown, mode.moved) {
+    let (why, help) = match (mode.observable, mode.controllable) {
         (false, false) => ("no output shows it and no input moves it", "leave its states out"),
         (false, true) => ("no output shows it", "measure what shows it, or leave its states out"),
         _ => ("no input moves it", "move it by an input, or leave its states out"),
@@ -99,7 +96,7 @@ fn band(fit: &SpectralFit) -> String {
 }
 
 /// What the estimation began with.
-pub(super) fn first_values(first: &[FirstValue]) -> String {
+pub(super) fn first_values(first: &[StartingValue]) -> String {
     let (regressed, own): (Vec<_>, Vec<_>) = first.iter().partition(|f| !f.equations.is_empty());
     if regressed.is_empty() {
         return String::new();
@@ -113,9 +110,9 @@ pub(super) fn first_values(first: &[FirstValue]) -> String {
 /// What was done about nonlinear terms.
 fn nonlinear(fit: &SpectralFit) -> String {
     let mut text = String::new();
-    if !fit.carried.is_empty() {
+    if !fit.measured_regressors.is_empty() {
         let terms: Vec<String> =
-            fit.carried.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
+            fit.measured_regressors.iter().map(|t| format!("{} ({})", t.text, t.equations.join(", "))).collect();
         text.push_str(&format!("known inputs computed from records: {}\n", terms.join("; ")));
     }
     text.push_str(&trimmed_at(&fit.model, fit.trim.as_ref()));
@@ -135,48 +132,6 @@ pub(super) fn trimmed_at(model: &Model, trim: Option<&Trim>) -> String {
     let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
     let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
     format!("linearised at the trim ({how}): {}\n", values.join(", "))
-}
-
-/// Estimates for other programs: as those of a fit in the time domain, with `frequency_domain` for what is particular.
-pub fn spectral_json(fit: &SpectralFit) -> Value {
-    let mut document = estimate_json(&fit.model, &fit.estimate);
-    document["parameters"] = json!(fit.parameters());
-    let trim = fit.trim.as_ref().map(|t| json!({ "states": t.states, "inputs": t.inputs }));
-    document["frequency_domain"] = json!({
-        "band": [fit.band.0, fit.band.1],
-        "independent_frequencies": fit.independent,
-        "frequencies": fit.spectra.iter().map(|s| s.omega.len()).collect::<Vec<_>>(),
-        "end_values": fit.ends,
-        "known_inputs": fit.carried.iter().map(|t| json!({ "term": t.text, "equations": t.equations })).collect::<Vec<_>>(),
-        "trim": trim,
-        "first_values": fit.first.iter().map(|f| json!({ "parameter": f.parameter, "value": f.value, "equations": f.equations })).collect::<Vec<_>>(),
-        "unseen": fit.unseen,
-        "silent_inputs": fit.silent,
-        "dependent_outputs": fit.dependent,
-        "hidden_modes": hidden_json(&fit.model, &fit.hidden),
-        "unanswered": fit.unanswered.as_ref().map(ToString::to_string),
-        "unfinished": fit.unfinished.as_ref().map(ToString::to_string),
-    });
-    document["time_domain"] = fit.finish.as_ref().map_or(Value::Null, time_json);
-    document
-}
-
-/// Unstable modes that no response shows.
-pub(super) fn hidden_json(model: &Model, hidden: &[HiddenMode]) -> Value {
-    let states = |m: &HiddenMode| -> Vec<String> {
-        m.states.iter().map(|k| model.definition().states[*k].quantity.name.clone()).collect()
-    };
-    let one =
-        |m: &HiddenMode| json!({ "re": m.s.re, "im": m.s.im, "states": states(m), "shown": m.shown, "moved": m.moved });
-    hidden.iter().map(one).collect()
-}
-
-/// Initial states, biases and the match of time histories.
-pub fn time_json(fit: &Fit) -> Value {
-    json!({
-        "parameters": fit.estimate.parameters.iter().filter(|p| p.status != crate::estimate::Status::Fixed).collect::<Vec<_>>(),
-        "outputs": quality_json(&fit.model, &fit.quality),
-    })
 }
 
 /// Spectra of a run as columns: frequency, then for each output measured and modelled real and imaginary parts.

@@ -1,7 +1,8 @@
 //! What came out of many starts.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::estimate::{StartSummary, Termination};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::{StartSummary, Termination};
+use fdm_results::documents::digits;
 
 /// Starts shown; of more the best.
 const SHOWN: usize = 20;
@@ -74,14 +75,14 @@ fn reasons(failed: &[&StartSummary]) -> Vec<(String, usize)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimate::Reason;
+    use fdm_estimate::Reason;
 
     fn start(number: usize, cost: Option<f64>, minimum: Option<usize>, message: &str) -> StartSummary {
         StartSummary {
             number,
             cost,
             iterations: 7,
-            termination: cost.map(|_| Termination::Converged(Reason::SmallCorrection)),
+            termination: cost.map(|_| Termination::Converged(Reason::SmallStep)),
             message: message.into(),
             minimum,
             distance: minimum.map(|m| (m - 1) as f64 / 2.0),

@@ -1,8 +1,8 @@
-//! Monte-Carlo studies as tables, for programs and for a page.
+//! Monte-Carlo studies as tables; the same for a page of Markdown.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::study::{Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject};
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_results::documents::study::{Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject};
+use fdm_results::documents::{digits, digits_by_error};
 
 /// Every parameter with bias, scatter and coverage, and what should not be overlooked.
 pub fn study_table(study: &Study) -> String {
@@ -40,11 +40,7 @@ pub fn study_table(study: &Study) -> String {
 
 /// Truth, mean, bias in errors with its chance, scatter.
 fn moments(p: &Coverage) -> [String; 5] {
-    let settled = if p.scatter > 0.0 && p.subject.truth != 0.0 {
-        ((p.subject.truth / p.scatter).abs().log10().floor() as i64 + 3).clamp(3, 12) as usize
-    } else {
-        5
-    };
+    let settled = digits_by_error(p.subject.truth, p.scatter, 3).unwrap_or(5);
     let finite = |v: f64, text: String| if v.is_finite() { text } else { String::new() };
     let mark = if p.is_biased() { "!" } else { "" };
     [
@@ -185,16 +181,6 @@ fn summary(study: &Study) -> [String; 9] {
         raw.map_or("-".into(), cover),
         (study.done - study.converged).to_string(),
     ]
-}
-
-/// The same for programs.
-pub fn study_json(study: &Study) -> Value {
-    json!(study)
-}
-
-/// The same of several.
-pub fn studies_json(studies: &[Study]) -> Value {
-    json!(studies)
 }
 
 /// Every figure of every repeat: columns of a file.

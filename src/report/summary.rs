@@ -1,11 +1,10 @@
 //! A model at a glance: what it declares, how sparse its derivatives are, and whether they were confirmed.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::Model;
-use crate::code::{TOLERANCE, Verification};
-use fdm_grammar::graph::show;
-use fdm_grammar::model::{Input, Output, Param, Quantity, State};
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_grammar::model::{Param, Quantity};
+use fdm_results::documents::digits;
+use fdm_system::Model;
+use fdm_system::code::{TOLERANCE, Verification};
 
 /// Declarations as a table, then a line on the programs and one on the derivatives.
 pub fn check_text(model: &Model, verification: &Verification) -> String {
@@ -30,60 +29,6 @@ pub fn check_text(model: &Model, verification: &Verification) -> String {
     ));
     text.push_str(&verdict(verification));
     text
-}
-
-/// The same for other programs.
-pub fn check_json(model: &Model, verification: &Verification) -> Value {
-    let definition = model.definition();
-    let quantity =
-        |q: &Quantity| json!({ "name": q.name, "unit": q.unit.as_ref().map(ToString::to_string), "doc": q.doc });
-    let finite = |v: f64| v.is_finite().then_some(v);
-    let param = |p: &Param| {
-        let mut value = quantity(&p.quantity);
-        value["value"] = json!(p.value);
-        value["lower"] = json!(finite(p.lower));
-        value["upper"] = json!(finite(p.upper));
-        value["fixed"] = json!(p.fixed);
-        value["per_run"] = json!(p.per_run);
-        value["prior"] = json!(p.prior.map(|prior| json!({ "mean": prior.mean, "deviation": prior.deviation })));
-        value
-    };
-    // what drives the model without a column of its own is the record of an output
-    let input = |i: &Input| {
-        let mut value = quantity(&i.quantity);
-        value["record_of"] = json!(i.measured.map(|o| &definition.outputs[o as usize].quantity.name));
-        value
-    };
-    let state = |s: &State| {
-        let mut value = quantity(&s.quantity);
-        value["noise"] = json!(s.noise.map(|e| show(&definition.graph, e, definition)));
-        value
-    };
-    let output = |o: &Output| {
-        let mut value = quantity(&o.quantity);
-        value["noise"] = json!(o.noise);
-        value
-    };
-    let found = |d: &crate::code::Discrepancy| {
-        json!({ "equation": d.equation, "by": d.by, "symbolic": finite(d.symbolic), "numeric": finite(d.numeric),
-                "relative": finite(d.relative) })
-    };
-    json!({
-        "model": model.name(),
-        "inputs": definition.inputs.iter().map(input).collect::<Vec<_>>(),
-        "states": definition.states.iter().map(state).collect::<Vec<_>>(),
-        "parameters": definition.params.iter().filter(|p| !p.is_recorded()).map(param).collect::<Vec<_>>(),
-        "derived": definition.derived.iter().map(|d| quantity(&d.quantity)).collect::<Vec<_>>(),
-        "outputs": definition.outputs.iter().map(output).collect::<Vec<_>>(),
-        "derivatives": {
-            "passed": verification.passed(),
-            "points": verification.points,
-            "skipped": verification.skipped,
-            "compared": verification.compared,
-            "worst": verification.worst.as_ref().map(found),
-            "failures": verification.failures.iter().map(found).collect::<Vec<_>>(),
-        },
-    })
 }
 
 fn declarations(model: &Model) -> String {
@@ -161,6 +106,6 @@ fn verdict(v: &Verification) -> String {
     text
 }
 
-fn name(d: &crate::code::Discrepancy) -> String {
+fn name(d: &fdm_system::code::Discrepancy) -> String {
     d.by.as_ref().map_or_else(|| d.equation.clone(), |by| format!("d {} / d {by}", d.equation))
 }

@@ -1,28 +1,54 @@
 //! How a model does on runs that it was not fitted to, beside those that it was.
 
-use super::table::{aligned_right, digits, plain, trimmed};
-use crate::diagnose::misfit::{Misfit, Window};
-use crate::quality::OutputQuality;
-use serde_json::{Value, json};
+use super::table::{aligned_right, plain, trimmed};
+use fdm_discover::{LackOfFit, Window};
+use fdm_estimate::residuals::{OutputQuality, TicParts, Whiteness};
+use fdm_results::documents::{OutputDocument, digits};
 
 /// One row for each output of each run: those that are validated first, then those of the fit. `fitted` is what the
-/// fit said about its runs, as [`quality_json`](super::quality_json) has it.
-pub fn validation_table(validated: &[OutputQuality], fitted: &Value) -> String {
+/// fit said about its runs.
+pub fn validation_table(validated: &[OutputQuality], fitted: &[OutputDocument]) -> String {
     let header =
         ["", "run", "output", "RMS of residual", "R^2", "TIC", "of it bias", "variance", "covariance", "residuals"];
     let mut table = plain(&header);
-    let own = json!(validated);
-    for (role, rows) in [("validated", &own), ("fitted", fitted)] {
-        for row in rows.as_array().into_iter().flatten() {
-            table.add_row(cells(role, row));
+    let own = validated.iter().map(|q| {
+        let (f, white) = (&q.fit, q.whiteness.as_ref());
+        Row {
+            role: "validated",
+            run: &f.run,
+            name: &f.name,
+            rms: f.rms,
+            r2: f.r2,
+            tic: f.tic,
+            parts: f.tic_parts,
+            white,
         }
-    }
+    });
+    let other = fitted.iter().map(|o| {
+        let white = o.white();
+        Row { role: "fitted", run: &o.run, name: &o.name, rms: o.rms, r2: o.r2, tic: o.tic, parts: o.tic_parts, white }
+    });
+    own.chain(other).for_each(|row| {
+        table.add_row(cells(&row));
+    });
     (3..9).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
 }
 
+/// What is told of an output of a run.
+struct Row<'a> {
+    role: &'static str,
+    run: &'a str,
+    name: &'a str,
+    rms: Option<f64>,
+    r2: Option<f64>,
+    tic: Option<f64>,
+    parts: Option<TicParts>,
+    white: Option<&'a Whiteness>,
+}
+
 /// The root mean square of the error in each fifth of each run: whether a prediction runs away, and when.
-pub fn validation_by_time(misfits: &[Misfit], time: &str) -> String {
+pub fn validation_by_time(misfits: &[LackOfFit], time: &str) -> String {
     let mut table = plain(&["RMS of residual", "run", "fifth 1", "2", "3", "4", "5", &format!("ends at [{time}]")]);
     for m in misfits {
         for own in m.windows.chunk_by(|a, b| a.run == b.run) {
@@ -42,7 +68,7 @@ pub fn validation_by_time(misfits: &[Misfit], time: &str) -> String {
 
 /// The error by frequency, in octaves: its size, that of noise as strong as in the upper frequencies, and how much of the record is
 /// explained there.
-pub fn validation_by_frequency(misfits: &[Misfit], time: &str) -> String {
+pub fn validation_by_frequency(misfits: &[LackOfFit], time: &str) -> String {
     let per = if time == "s" { "Hz".to_string() } else { format!("1/{time}") };
     let heads = ["output", &format!("from [{per}]"), "to", "RMS of residual", "noise alone", "of the record explained"];
     let mut table = plain(&heads);
@@ -63,36 +89,36 @@ fn explained(part: f64) -> String {
     if part < -9.99 { "< -999 %".into() } else { format!("{:.0} %", 100.0 * part) }
 }
 
-fn cells(role: &str, row: &Value) -> Vec<String> {
-    let text = |key: &str| row[key].as_str().unwrap_or_default().to_string();
-    let fixed = |value: &Value, n: usize| value.as_f64().map_or(String::from("-"), |v| format!("{v:.n$}"));
-    let rms = row["rms"].as_f64().map_or(String::from("-"), |v| digits(v, 4));
-    let parts = &row["tic_parts"];
-    let part = |key: &str| fixed(&parts[key], 2);
+fn cells(row: &Row<'_>) -> Vec<String> {
+    let fixed = |value: Option<f64>, n: usize| {
+        value.filter(|v| v.is_finite()).map_or(String::from("-"), |v| format!("{v:.n$}"))
+    };
+    let rms = row.rms.filter(|v| v.is_finite()).map_or(String::from("-"), |v| digits(v, 4));
+    let part = |of: fn(TicParts) -> f64| fixed(row.parts.map(of), 2);
     vec![
-        role.into(),
-        text("run"),
-        text("name"),
+        row.role.into(),
+        row.run.into(),
+        row.name.into(),
         rms,
-        fixed(&row["r2"], 4),
-        fixed(&row["tic"], 4),
-        part("bias"),
-        part("variance"),
-        part("covariance"),
-        colour(&row["whiteness"]),
+        fixed(row.r2, 4),
+        fixed(row.tic, 4),
+        part(|p| p.bias),
+        part(|p| p.variance),
+        part(|p| p.covariance),
+        colour(row.white),
     ]
 }
 
 /// What the portmanteau test says.
-fn colour(whiteness: &Value) -> String {
-    match whiteness["p_value"].as_f64() {
+fn colour(white: Option<&Whiteness>) -> String {
+    match white.map(|w| w.p_value).filter(|p| p.is_finite()) {
         None => "not tested".into(),
         Some(p) if p < SIGNIFICANT => format!("coloured (p {p:.0e})"),
         Some(p) => format!("white (p {p:.2})"),
     }
 }
 
-/// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](crate::quality::Whiteness::is_white).
+/// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](fdm_estimate::residuals::Whiteness::is_white).
 const SIGNIFICANT: f64 = 0.01;
 
 #[cfg(test)]
@@ -101,14 +127,18 @@ mod tests {
 
     #[test]
     fn validated_and_fitted_runs_stand_below_each_other() {
-        let row = |run: &str, p: f64| {
-            json!({ "run": run, "name": "y", "rms": 0.5, "r2": 0.75, "tic": null,
-                    "tic_parts": { "bias": 0.25, "variance": 0.25, "covariance": 0.5 }, "whiteness": { "p_value": p } })
+        let row = |run: &str, p: f64| -> OutputDocument {
+            let text = format!(
+                r#"{{"name": "y", "run": "{run}", "unit": null, "rms": 0.5, "mean": 0.0, "r2": 0.75, "tic": null, "compared": 9,
+                "tic_parts": {{"bias": 0.25, "variance": 0.25, "covariance": 0.5}}, "whiteness": {{"interval": 1.0, "autocorrelation": [],
+                "bounds": [], "outside": 0, "ljung_box": 1.0, "degrees": 1, "p_value": {p}, "durbin_watson": null, "runs": null}}}}"#
+            );
+            fdm_results::documents::from_text(&text).unwrap()
         };
-        let text = validation_table(&[], &json!([row("a", 0.5), row("b", 1e-9)]));
+        let text = validation_table(&[], &[row("a", 0.5), row("b", 1e-9)]);
         let lines: Vec<&str> = text.lines().map(str::trim).collect();
         assert!(lines[1].starts_with("fitted  a    y") && lines[1].ends_with("white (p 0.50)"), "{text}");
         assert!(lines[2].contains("0.7500") && lines[2].ends_with("coloured (p 1e-9)"), "{text}");
-        assert_eq!(validation_table(&[], &Value::Null).lines().count(), 1);
+        assert_eq!(validation_table(&[], &[]).lines().count(), 1);
     }
 }

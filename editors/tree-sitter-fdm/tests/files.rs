@@ -58,7 +58,7 @@ fn every_file_that_the_compiler_reads_is_read() {
 
 #[test]
 fn the_reference_is_read() {
-    let page = fs::read_to_string(root().join("docs/language.md")).expect("the language reference");
+    let page = fs::read_to_string(root().join("docs/reference/language.md")).expect("the language reference");
     let examples: Vec<&str> = page.split("```fdm\n").skip(1).filter_map(|p| p.split("```").next()).collect();
     assert!(examples.len() >= 4);
     for example in examples {

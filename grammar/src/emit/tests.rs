@@ -1,4 +1,4 @@
-//! What can be seen of generated text without a compiler; `tests/generated_code.rs` compiles it and compares bits.
+//! What can be seen of generated text without a compiler; `tests/language/generated_code.rs` compiles it and compares bits.
 
 use super::identifier::{c_string, comment, distinct, plain};
 use super::notation::CNotation;

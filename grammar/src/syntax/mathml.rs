@@ -137,7 +137,8 @@ impl<'a> Typesetter<'a> {
             Expr::Call(name, arguments) => match (name.text.as_str(), arguments.first().map(|a| self.tree.expr(*a))) {
                 // the dot stands above the letter, not above its indices
                 ("der", Some(Expr::Name(state))) => {
-                    let dotted = |letter: String| format!("<mover accent=\"true\">{letter}<mo>˙</mo></mover>");
+                    let dotted =
+                        |letter: String| format!("<mover accent=\"true\">{letter}<mo class=\"dot\">˙</mo></mover>");
                     out.push_str(&with_indices(state, dotted));
                 }
                 (name, _) => self.call(name, arguments, out, parts),
@@ -214,7 +215,7 @@ impl<'a> Typesetter<'a> {
 
     fn call(&self, name: &str, arguments: &[ExprRef], out: &mut String, parts: &mut Vec<Part>) {
         let (open, between, close) = match (name, arguments.len()) {
-            ("der", 1) => ("<mover accent=\"true\"><mrow>", "", "</mrow><mo>˙</mo></mover>"),
+            ("der", 1) => ("<mover accent=\"true\"><mrow>", "", "</mrow><mo class=\"dot\">˙</mo></mover>"),
             ("sqrt", 1) => ("<msqrt>", "", "</msqrt>"),
             ("abs", 1) => ("<mrow><mo>|</mo>", "", "<mo>|</mo></mrow>"),
             ("exp", 1) => ("<msup><mi>e</mi><mrow>", "", "</mrow></msup>"),
@@ -406,7 +407,8 @@ mod tests {
         let tree = parse(&source).expect("reads");
         let StatementKind::Equation(left, right) = tree.statements[1].kind else { panic!("an equation") };
         let set = Typesetter::new(&tree, &source).equation(left, right);
-        let dotted = "<msub><mover accent=\"true\"><mi>x</mi><mo>˙</mo></mover><mrow><mn>1</mn></mrow></msub>";
+        let dotted =
+            "<msub><mover accent=\"true\"><mi>x</mi><mo class=\"dot\">˙</mo></mover><mrow><mn>1</mn></mrow></msub>";
         assert!(set.contains(dotted) && set.starts_with("<math "), "{set}");
     }
 

@@ -1,29 +1,14 @@
 //! The iteration: from start values to the minimum of the cost.
 //!
-//! **In** a problem and a vector of values. **Out** the values at the minimum, the quadratic there, and how it ended.
-//! **Never** knows models, files or statistics. **Start** at [`correction`].
+//! **In** a problem and a vector of values. **Out** residuals, sensitivities and their sums, as a cost for the one Gauss-Newton
+//! iteration ([`fdm_numeric::least_squares`]). **Never** knows models, files or statistics. **Start** at [`likelihood`].
 
-pub(super) mod affine;
-#[cfg(test)]
-mod approach;
-pub(super) mod bend;
-pub(super) mod cholesky;
-pub(super) mod correction;
 pub(super) mod evaluation;
-pub(super) mod information;
-pub(super) mod normal;
-pub(super) mod plane_products;
+pub(super) mod likelihood;
+pub(super) mod normal_equations;
+pub(super) mod optimizers;
 pub(super) mod priors;
 pub(super) mod products;
-pub(super) mod projection;
-pub(super) mod quadratic;
-pub(super) mod restart;
+pub(super) mod sums;
 #[cfg(test)]
-mod resumption;
-pub(super) mod search;
-pub(super) mod secant;
-pub(super) mod snapshot;
-pub(super) mod stationarity;
-pub(super) mod step;
-pub(super) mod trial;
-pub(super) mod triangle;
+mod tests;

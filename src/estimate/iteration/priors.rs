@@ -1,33 +1,33 @@
 //! What was known about the unknowns before the data: normal distributions, each worth one more measurement.
 
-use crate::estimate::problem::Problem;
-use crate::estimate::unknowns::Unknowns;
+use crate::problem::Problem;
+use crate::unknowns::Unknowns;
 use fdm_grammar::model::Prior;
 
 /// The prior of each unknown that has one; the copies of every run have it each.
 #[derive(Debug, Clone, Default)]
-pub(in crate::estimate) struct Priors {
+pub(crate) struct Priors {
     of: Vec<(usize, Prior)>,
 }
 
 impl Priors {
-    pub(in crate::estimate) fn new(problem: &Problem<'_>, unknowns: &Unknowns) -> Self {
+    pub(crate) fn new(problem: &Problem<'_>, unknowns: &Unknowns) -> Self {
         let prior = |j: usize| problem.params[unknowns.owner(j).1].prior.map(|p| (j, p));
         Self { of: (0..unknowns.len()).filter_map(prior).collect() }
     }
 
     /// Whether there is none.
-    pub(in crate::estimate) fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         self.of.is_empty()
     }
 
     /// Minus the logarithm of their density, without its constant.
-    pub(in crate::estimate) fn cost(&self, values: &[f64]) -> f64 {
+    pub(crate) fn cost(&self, values: &[f64]) -> f64 {
         self.rows(values).map(|row| 0.5 * row.residual * row.residual).sum()
     }
 
     /// The rows that they add to the whitened [J v].
-    pub(in crate::estimate) fn rows(&self, values: &[f64]) -> impl Iterator<Item = PriorRow> {
+    pub(crate) fn rows(&self, values: &[f64]) -> impl Iterator<Item = PriorRow> {
         self.of.iter().map(|(j, prior)| PriorRow {
             unknown: *j,
             weight: 1.0 / prior.deviation,
@@ -38,11 +38,11 @@ impl Priors {
 
 /// One row of [J v]: an unknown is measured by its prior alone.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::estimate) struct PriorRow {
+pub(crate) struct PriorRow {
     /// The only unknown with an entry.
-    pub(in crate::estimate) unknown: usize,
+    pub(crate) unknown: usize,
     /// That entry.
-    pub(in crate::estimate) weight: f64,
+    pub(crate) weight: f64,
     /// The last entry.
-    pub(in crate::estimate) residual: f64,
+    pub(crate) residual: f64,
 }

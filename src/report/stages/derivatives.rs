@@ -1,9 +1,9 @@
 //! Every partial that is not zero, as an expression.
 
 use super::Shown;
-use crate::Model;
 use fdm_grammar::derive::{Jacobian, Partials, differentiate};
 use fdm_grammar::graph::{Leaf, Names, show};
+use fdm_system::Model;
 use serde_json::json;
 
 /// A kind of leaf with its number.

@@ -1,9 +1,9 @@
 //! The nodes that a model's equations are made of; what is used several times stands once.
 
 use super::Shown;
-use crate::Model;
 use fdm_grammar::graph::{Leaf, Names, Node};
 use fdm_grammar::op::{ExprId, Form};
+use fdm_system::Model;
 use serde_json::json;
 
 /// The equations: name and root.

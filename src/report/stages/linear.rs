@@ -1,12 +1,12 @@
 //! The linear model at the trim: A, B, C, D and what multiplies delayed signals, as numbers and as expressions.
 
 use super::Shown;
-use crate::Model;
-use crate::linear::{LinearModel, Values};
-use crate::report::modes::trim_sentence;
-use crate::report::table::{aligned_right, digits, plain, trimmed};
+use crate::table::{aligned_right, plain, trimmed};
 use fdm_grammar::derive::{Jacobian, Partials, differentiate};
 use fdm_grammar::graph::{Leaf, Names, show};
+use fdm_results::documents::{digits, trim_sentence};
+use fdm_system::Model;
+use fdm_system::linear::{LinearModel, Values};
 use serde_json::{Value, json};
 
 /// Wider matrices are listed entry by entry only.

@@ -11,7 +11,7 @@ mod names;
 mod schedule;
 mod syntax;
 
-use crate::Model;
+use fdm_system::Model;
 use serde_json::Value;
 
 /// The road from text to numbers.

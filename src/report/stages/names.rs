@@ -1,11 +1,11 @@
 //! What every name of a model is, and its equations after everything was put in its place.
 
 use super::Shown;
-use crate::Model;
-use crate::report::table::{aligned_right, plain, trimmed};
+use crate::table::{aligned_right, plain, trimmed};
 use fdm_grammar::graph::{Leaf, Names, Signal, show};
 use fdm_grammar::model::{Input, Origin, Param, Quantity};
 use fdm_grammar::syntax::{Printer, Role, StatementKind, parse_recovering};
+use fdm_system::Model;
 use serde_json::{Value, json};
 
 /// What is said of a declaration.

@@ -1,11 +1,11 @@
 //! The straight-line programs, operation by operation, in the names of the model.
 
 use super::Shown;
-use crate::Model;
 use fdm_grammar::emit::{Notation, statements};
 use fdm_grammar::graph::{Leaf, Names};
 use fdm_grammar::schedule::Operand;
 use fdm_grammar::{Layout, Pattern, Program};
+use fdm_system::Model;
 use serde_json::json;
 
 /// The language's own notation.

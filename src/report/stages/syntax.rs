@@ -1,8 +1,8 @@
 //! The tree of a text, written back in normal form.
 
 use super::Shown;
-use crate::Model;
 use fdm_grammar::syntax::{Printer, parse_recovering};
+use fdm_system::Model;
 use serde_json::json;
 
 pub(super) fn syntax(model: &Model) -> Shown {

@@ -1,0 +1,94 @@
+//! `--checkpoint`: the state of long work is kept, so that it can be interrupted.
+
+use crate::failure::{Failure, OrFailure, remark};
+use crate::methods::given;
+use clap::Args;
+use fdm_estimate::Keeper;
+use fdm_results::store::{Checkpoint, Identity};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Where the state of long work is kept.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Interruption")]
+pub(crate) struct Checkpoints {
+    /// Keep a checkpoint in a folder: the same command resumes where it was interrupted, and ends with the same numbers
+    #[arg(long, value_name = "DIR")]
+    checkpoint: Option<PathBuf>,
+}
+
+/// An open checkpoint, or none.
+pub(crate) struct OpenCheckpoint(Option<Watched>);
+
+/// A checkpoint that says once when it can no longer be written.
+struct Watched {
+    checkpoint: Checkpoint,
+    failed: AtomicBool,
+}
+
+impl Checkpoints {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        given(&[("--checkpoint", self.checkpoint.is_some())])
+    }
+
+    /// The folder.
+    pub(crate) fn folder(&self) -> Option<&Path> {
+        self.checkpoint.as_deref()
+    }
+
+    /// Opens the folder before any work is done.
+    pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
+        self.checkpoint.as_deref().map_or(Ok(OpenCheckpoint(None)), |folder| open(folder, identity, quiet))
+    }
+
+    /// Opens a folder in it: one of several that one command needs.
+    pub(crate) fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
+        let folder = self.checkpoint.as_ref().map(|folder| folder.join(name));
+        folder.map_or(Ok(OpenCheckpoint(None)), |folder| open(&folder, identity, quiet))
+    }
+}
+
+fn open(folder: &Path, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
+    let checkpoint = Checkpoint::open(folder, identity).or_failure()?;
+    if checkpoint.resumed() && !quiet {
+        remark(format_args!("note: resuming from the checkpoint in {}", folder.display()));
+    }
+    Ok(OpenCheckpoint(Some(Watched { checkpoint, failed: AtomicBool::new(false) })))
+}
+
+impl OpenCheckpoint {
+    pub(crate) fn keeper(&self) -> Option<&dyn Keeper> {
+        self.0.as_ref().map(|k| k as &dyn Keeper)
+    }
+
+    /// Says at the end what was damaged and what could not be kept; whether the last state was kept.
+    pub(crate) fn close(self) -> bool {
+        let Some(Watched { checkpoint, .. }) = self.0 else { return true };
+        checkpoint.notes().iter().for_each(|n| remark(format_args!("note: {n}")));
+        let Some(failure) = checkpoint.failure() else { return true };
+        remark(format_args!(
+            "warning: the checkpoint could not be written up to the end ({failure}); the result is complete, but the same \
+             command would not resume from its end"
+        ));
+        false
+    }
+}
+
+impl Keeper for Watched {
+    fn keep(&self, name: &str, state: &[u8]) -> Result<(), String> {
+        let kept = self.checkpoint.keep(name, state);
+        match &kept {
+            Ok(()) => self.failed.store(false, Ordering::Relaxed),
+            Err(failure) if !self.failed.swap(true, Ordering::Relaxed) => {
+                remark(format_args!("warning: the checkpoint cannot be written ({failure}); the work goes on"));
+            }
+            Err(_) => {}
+        }
+        kept
+    }
+
+    fn find(&self, name: &str) -> Result<Option<Vec<u8>>, String> {
+        self.checkpoint.find(name)
+    }
+}

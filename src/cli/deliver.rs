@@ -1,0 +1,323 @@
+//! Where a result goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
+
+use crate::failure::{Failure, OrFailure, as_json, at, print, remark};
+use crate::load::Records;
+use crate::modes::of_result;
+use crate::progress::Progress;
+use crate::progress_file::{Course, CourseWriter};
+use clap::Args;
+use fdm_discover::Overlay;
+use fdm_estimate::{Fit, Noise};
+use fdm_report::page::{Subject, page};
+use fdm_report::{TimeHistory, svg};
+use fdm_results::documents::{OutputDocument, ResultDocument};
+use fdm_results::store::{Contents, Destination, Identity, Manifest};
+use fdm_system::Model;
+use fdm_system::record::{Column, Dialect, Run, write_to};
+use serde::Serialize;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A file: its name and its contents.
+pub(crate) type NamedFile = (String, Vec<u8>);
+
+/// What is printed.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Result")]
+pub(crate) struct Output {
+    /// Print JSON instead of tables
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Say nothing while working
+    #[arg(short, long)]
+    pub(crate) quiet: bool,
+}
+
+impl Output {
+    /// Prints the text, or a document as JSON when that is wanted; says whether all was printed.
+    pub(crate) fn print<D: Serialize>(
+        &self,
+        text: impl FnOnce() -> String,
+        document: impl FnOnce() -> D,
+    ) -> Result<bool, Failure> {
+        Ok(print(&if self.json { as_json(&document())? } else { text() }))
+    }
+}
+
+/// Places of a whole result.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Result")]
+pub(crate) struct Places {
+    /// Write everything to a folder: model, options, fingerprints of the data, result, tables, pictures
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+}
+
+/// What is printed and written of a fit.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Result")]
+pub(crate) struct Delivery {
+    #[command(flatten)]
+    pub(crate) output: Output,
+    /// Draw measurement, model and residual over time to an SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) plot: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) places: Places,
+}
+
+/// A result and what is said about it.
+pub(crate) struct Outcome<'a> {
+    pub(crate) model: &'a Model,
+    /// The fit in the time domain, whose histories are drawn and written.
+    pub(crate) fit: Option<&'a Fit>,
+    pub(crate) runs: &'a [Run],
+    /// Spectra to be drawn in front of the histories.
+    pub(crate) spectra: Vec<TimeHistory<'a>>,
+    /// Tables to be written besides.
+    pub(crate) tables: Vec<NamedFile>,
+    /// Tables and sentences.
+    pub(crate) text: String,
+    /// The same for programs.
+    pub(crate) json: ResultDocument,
+    /// What goes to standard error behind it.
+    pub(crate) remarks: Vec<String>,
+    pub(crate) manifest: Manifest,
+}
+
+/// Places that were looked at before the work.
+pub(crate) struct Prepared<'a> {
+    output: &'a Output,
+    plot: Option<&'a Path>,
+    places: &'a Places,
+    destination: Option<Destination>,
+}
+
+impl Delivery {
+    /// Looks at the places before any work is done in vain.
+    pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
+        prepare(&self.output, self.plot.as_deref(), &self.places)
+    }
+}
+
+impl Places {
+    /// Whether it will be asked what the result was made from.
+    pub(crate) fn any(&self) -> bool {
+        self.out.is_some() || self.report.is_some()
+    }
+}
+
+/// Looks at the places before any work is done in vain.
+pub(crate) fn prepare<'a>(
+    output: &'a Output,
+    plot: Option<&'a Path>,
+    places: &'a Places,
+) -> Result<Prepared<'a>, Failure> {
+    for path in plot.into_iter().chain(places.report.as_deref()) {
+        admits(path).map_err(|e| Failure::at(path, &e))?;
+    }
+    let destination = places.out.as_deref().map(Destination::prepare).transpose().or_failure()?;
+    Ok(Prepared { output, plot, places, destination })
+}
+
+/// Whether a file can be written, as far as can be told without writing it.
+fn admits(path: &Path) -> io::Result<()> {
+    if path.exists() {
+        return File::options().append(true).open(path).map(drop);
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::tempfile_in(folder).map(drop)
+}
+
+impl Prepared<'_> {
+    /// Writes down how far the work is, beside the folder that is to hold its result and beside its checkpoint.
+    pub(crate) fn follow(
+        &self,
+        model: &Model,
+        checkpoint: Option<&Path>,
+        progress: &mut Progress,
+    ) -> (CourseWriter, Course) {
+        let folders = self.destination.iter().map(Destination::folder).chain(checkpoint);
+        progress.follow(folders.map(Path::to_path_buf).collect(), model)
+    }
+
+    /// What a result was made from: this model, these runs, these options, this command.
+    pub(crate) fn manifest(
+        &self,
+        model: &Model,
+        identity: Identity,
+        noise: Noise,
+        (records, runs): (&Records, &[Run]),
+    ) -> Manifest {
+        let mut manifest = Manifest::new(model, identity, noise);
+        manifest.command = std::env::args().collect();
+        if self.places.any() {
+            records.describe(runs, &mut manifest);
+        }
+        manifest
+    }
+
+    /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
+    pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
+        if self.output.json || self.places.any() {
+            let runs: Vec<String> = outcome.runs.iter().map(|run| run.name.clone()).collect();
+            let modes = of_result(outcome.model, &outcome.json, &runs);
+            outcome.json.set_modes(modes);
+        }
+        let printed = match self.output.json {
+            true => outcome.json.text().map_err(|e| remark(format_args!("error: {e}"))).is_ok_and(|json| print(&json)),
+            false => print(&outcome.text),
+        };
+        outcome.remarks.iter().for_each(|r| remark(format_args!("{r}")));
+        let plot = self.plot.map_or(Ok(()), |path| write(path, picture(&outcome)));
+        let failed = [plot.err(), self.keep(outcome).err()];
+        let say = |e: &String| remark(format_args!("error: {e}; the result is what is printed"));
+        failed.iter().flatten().for_each(say);
+        printed && failed.iter().all(Option::is_none)
+    }
+
+    /// Writes folder and page, where they are wanted, from the same files.
+    fn keep(&self, outcome: Outcome<'_>) -> Result<(), String> {
+        if !self.places.any() {
+            return Ok(());
+        }
+        let files = contents(outcome).files().map_err(|e| e.to_string())?;
+        let page = self.places.write_page(&files);
+        let folder = self.destination.as_ref().map_or(Ok(()), |place| place.fill(&files));
+        folder.map_err(|e| e.to_string()).and(page)
+    }
+}
+
+impl Places {
+    /// Writes the page, where it is wanted, from the files of a result.
+    pub(crate) fn write_page(&self, files: &[NamedFile]) -> Result<(), String> {
+        let Some(path) = &self.report else { return Ok(()) };
+        write(path, page(&Subject::from_files(files).map_err(|e| e.to_string())?))
+    }
+}
+
+/// Writes a file.
+pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), String> {
+    std::fs::write(path, contents).map_err(|e| at(path, &e))
+}
+
+fn picture(outcome: &Outcome<'_>) -> String {
+    let mut panels = outcome.spectra.clone();
+    panels.extend(outcome.fit.map_or(Vec::new(), |fit| histories(fit, outcome.runs)));
+    svg(&panels)
+}
+
+/// Everything that a folder holds.
+fn contents(outcome: Outcome<'_>) -> Contents {
+    let mut text = outcome.text.clone();
+    outcome.remarks.iter().for_each(|r| text.push_str(&format!("{r}\n")));
+    let mut others = vec![("result.txt".to_string(), text.into_bytes())];
+    if outcome.fit.is_some() || !outcome.spectra.is_empty() {
+        others.push(("plot.svg".into(), picture(&outcome).into_bytes()));
+    }
+    others.extend(outcome.fit.map_or(Vec::new(), |fit| run_tables(fit, outcome.runs)));
+    others.extend(outcome.tables);
+    let mut texts = outcome.model.source().texts().iter().map(|t| t.text().to_string());
+    let model = texts.next().unwrap_or_default();
+    let used = texts.collect();
+    let judged = outcome.fit.map_or(&[][..], |fit| &fit.quality);
+    let quality = OutputDocument::of_quality(outcome.model, judged);
+    Contents { manifest: outcome.manifest, model, used, result: outcome.json, quality, others }
+}
+
+/// Name and meaning of a model.
+pub(crate) fn title(model: &Model) -> String {
+    let (name, doc) = (model.name(), &model.definition().doc);
+    if doc.is_empty() { name.to_string() } else { format!("{name}: {doc}") }
+}
+
+/// Every output of every run over time: measurement beside response.
+pub(crate) fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> {
+    let definition = fit.model.definition();
+    let q = definition.outputs.len();
+    let mut histories = Vec::new();
+    for (run, result) in runs.iter().zip(&fit.estimate.runs) {
+        for (o, output) in definition.outputs.iter().enumerate() {
+            let name = &output.quantity.name;
+            let unit = output.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+            let quality = fit.estimate.outputs.iter().find(|f| f.name == *name && f.run == run.name);
+            let rms =
+                quality.and_then(|f| f.rms).map_or(String::new(), |r| format!(", RMS of the residual {r:.4}{unit}"));
+            histories.push(TimeHistory {
+                title: format!("{}: {name} in {}{rms}", fit.model.name(), run.name),
+                time_label: format!("t [{}]", definition.time),
+                value_label: format!("{name} [{}]", unit.trim()),
+                time: &run.time,
+                measured: column(&run.measured, o, q),
+                modelled: column(&result.response, o, q),
+            });
+        }
+    }
+    histories
+}
+
+/// One table for each run: time, inputs, and of every output what was measured, the response and the residual. The name of
+/// a file holds the name of its run as far as file systems allow.
+fn run_tables(fit: &Fit, runs: &[Run]) -> Vec<NamedFile> {
+    let table = |(k, (run, result)): (usize, (&Run, &fdm_estimate::RunFit))| {
+        (run_file(k, &run.name), run_table(fit, run, &result.response, &result.residuals))
+    };
+    runs.iter().zip(&fit.estimate.runs).enumerate().map(table).collect()
+}
+
+fn run_table(fit: &Fit, run: &Run, response: &[f64], residuals: &[f64]) -> Vec<u8> {
+    let definition = fit.model.definition();
+    let (m, q) = (run.held.len(), definition.outputs.len());
+    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time.clone())];
+    for (k, input) in definition.inputs.iter().enumerate().take(m) {
+        let unit = input.quantity.unit.as_ref().map(ToString::to_string);
+        columns.push((input.quantity.name.clone(), unit, column(&run.inputs, k, m)));
+    }
+    for (k, output) in definition.outputs.iter().enumerate() {
+        let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
+        columns.push((name.clone(), unit.clone(), column(&run.measured, k, q)));
+        columns.push((format!("{name}_model"), unit.clone(), column(response, k, q)));
+        columns.push((format!("{name}_residual"), unit, column(residuals, k, q)));
+    }
+    csv(&columns)
+}
+
+/// The table of a run of a diagnosis: time, and of every output what was measured, and the responses before and after.
+pub(crate) fn overlay_table(model: &Model, k: usize, overlay: &Overlay) -> NamedFile {
+    let definition = model.definition();
+    let q = definition.outputs.len();
+    let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), overlay.time.clone())];
+    for (o, output) in definition.outputs.iter().enumerate() {
+        let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
+        columns.push((name.clone(), unit.clone(), column(&overlay.measured, o, q)));
+        columns.push((format!("{name}_before"), unit.clone(), column(&overlay.before, o, q)));
+        columns.push((format!("{name}_after"), unit, column(&overlay.after, o, q)));
+    }
+    (run_file(k, &overlay.run), csv(&columns))
+}
+
+/// Columns (name, unit, values) as a file.
+pub(crate) fn csv(columns: &[(String, Option<String>, Vec<f64>)]) -> Vec<u8> {
+    let columns: Vec<Column<'_>> =
+        columns.iter().map(|(name, unit, values)| Column { name, unit: unit.as_deref(), values }).collect();
+    let mut text = Vec::new();
+    // memory takes everything that is written to it
+    let _ = write_to(&mut text, Dialect::default(), &columns);
+    text
+}
+
+/// The k-th of `width` values of every row.
+pub(crate) fn column(rows: &[f64], k: usize, width: usize) -> Vec<f64> {
+    rows.iter().skip(k).step_by(width).copied().collect()
+}
+
+fn run_file(k: usize, run: &str) -> String {
+    const LONGEST: usize = 60;
+    let kept = |c: char| if c.is_alphanumeric() || "-_.#".contains(c) { c } else { '_' };
+    let plain: String = run.chars().take(LONGEST).map(kept).collect();
+    format!("run_{}_{plain}.csv", k + 1)
+}

@@ -1,0 +1,157 @@
+//! The command line. A command loads (`load`, `options`, `methods`), works, and delivers (`deliver`, `failure`); one file a
+//! command says only what is particular to it.
+//!
+//! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
+
+mod check;
+mod checkpoint;
+mod codegen;
+mod compare;
+mod deliver;
+mod design;
+mod diagnose;
+mod effects;
+mod failure;
+mod fit;
+mod fmt;
+mod help;
+pub mod language_server;
+mod load;
+mod methods;
+mod modes;
+mod new;
+mod options;
+mod page;
+mod profile;
+mod progress;
+mod progress_file;
+mod regress;
+mod reproduce;
+mod show;
+mod simulate;
+mod spectra;
+mod study;
+mod validate;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use std::process::ExitCode;
+
+/// Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
+#[derive(Debug, Parser)]
+#[command(name = "fdm", bin_name = "fdm", version, max_term_width = 110)]
+struct Arguments {
+    #[command(subcommand)]
+    verb: Verb,
+    /// Number of threads; results do not depend on it [default: all cores]
+    #[arg(long, global = true, value_name = "N", display_order = 1000, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Check a model: every mistake in its text, then every derivative against a complex step
+    Check(check::Arguments),
+    /// Optimal input design: the manoeuvres of the next runs that reduce the standard errors most
+    Design(design::Arguments),
+    /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
+    Diagnose(Box<diagnose::Arguments>),
+    /// List candidate effects for a model: the catalogue, and where each effect fits
+    Effects(effects::Arguments),
+    /// Write effects into a model's own text, and print what changes
+    Extend(effects::Extend),
+    /// Simulate a model over recorded inputs
+    Simulate(simulate::Arguments),
+    /// Estimate the parameters of a model from one or several runs
+    Fit(Box<fit::Arguments>),
+    /// Format models: indents, spaces and columns; nothing else changes
+    Fmt(fmt::Arguments),
+    /// Language server for editors, on standard input and output (Language Server Protocol)
+    Lsp(language_server::Arguments),
+    /// Profile-likelihood confidence intervals
+    Profile(Box<profile::Arguments>),
+    /// Monte Carlo study: bias, scatter, interval coverage
+    Study(Box<study::Arguments>),
+    /// Eigenvalues of a model, linear or linearised at its trim, with the dominant states of each
+    Modes(modes::Arguments),
+    /// Equation error: regression of measured rates, for every equation that is linear in its parameters
+    Regress(regress::Arguments),
+    /// Draw one figure of a result as SVG or PNG, or list the figures
+    Plot(page::Plot),
+    /// Show a result in a browser on this machine, also while a fit or a study works on it
+    Serve(page::Serve),
+    /// Write a result as one page for a browser: text, equations, tables, figures; it needs no network
+    Report(page::Report),
+    /// Simulate the reference systems, fit them, and compare with the published figures
+    Reproduce(reproduce::Arguments),
+    /// Frequency responses of the records, with coherence and random error
+    Spectra(spectra::Arguments),
+    /// Show the stages of a model: syntax, model, graph, derivatives, schedule, code, linear
+    Show(show::Arguments),
+    /// Explain the code of a message: what it means, an example, and the example corrected
+    Explain(help::Explain),
+    /// Write a first model with comments and a record, ready to be checked, simulated and fitted
+    New(new::Arguments),
+    /// Write a model as stand-alone C or Rust: rates, outputs, their derivatives and sensitivities, equal to the bit
+    Codegen(codegen::Arguments),
+    /// Print the completion script of a shell
+    Completions(help::Completions),
+    /// Print the manual, or write one page for every command
+    Man(help::Manual),
+    /// Compare results: criteria, parameters, tests of nested models, predictions of validation data
+    Compare(compare::Arguments),
+    /// Validate a result with runs that it was not fitted to; only per-run parameters are estimated again
+    Validate(validate::Arguments),
+}
+
+/// All verbs and options, as clap knows them: to check what is quoted elsewhere, or to write a manual.
+pub fn command() -> clap::Command {
+    Arguments::command()
+}
+
+/// Does what the command line asks for.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if let Some(threads) = arguments.threads {
+        // the pool can be set once only; nothing has used it yet
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
+    let result = match &arguments.verb {
+        Verb::Check(a) => check::run(a),
+        Verb::Design(a) => design::run(a),
+        Verb::Diagnose(a) => diagnose::run(a),
+        Verb::Effects(a) => effects::run(a),
+        Verb::Extend(a) => effects::extend(a),
+        Verb::Simulate(a) => simulate::run(a),
+        Verb::Fit(a) => fit::run(a),
+        Verb::Fmt(a) => fmt::run(a),
+        Verb::Lsp(a) => language_server::run(a),
+        Verb::Modes(a) => modes::run(a),
+        Verb::Regress(a) => regress::run(a),
+        Verb::Plot(a) => page::plot(a),
+        Verb::Serve(a) => page::serve(a),
+        Verb::Report(a) => page::report(a),
+        Verb::Reproduce(a) => reproduce::run(a),
+        Verb::Spectra(a) => spectra::run(a),
+        Verb::Show(a) => show::run(a),
+        Verb::Explain(a) => help::explain(a),
+        Verb::New(a) => new::run(a),
+        Verb::Codegen(a) => codegen::run(a),
+        Verb::Completions(a) => help::completions(a, Arguments::command()),
+        Verb::Man(a) => help::manual(a, Arguments::command()),
+        Verb::Compare(a) => compare::run(a),
+        Verb::Profile(a) => profile::run(a),
+        Verb::Study(a) => study::run(a),
+        Verb::Validate(a) => validate::run(a),
+    };
+    result.unwrap_or_else(|failure| failure.report())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+}

@@ -1,0 +1,344 @@
+//! What a command works on: a model and the changes of its parameters, recorded runs, measurement noise, or a result that was
+//! written before.
+
+use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
+use clap::Args;
+use fdm_estimate::{Changes, Noise};
+use fdm_results::store::{DataFile, Manifest, ResultFolder, differences};
+use fdm_system::Model;
+use fdm_system::record::{ReadOptions, Run, Summary, channels, read};
+use std::path::{Path, PathBuf};
+
+/// A model file and the changes of its parameters.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Parameters")]
+pub(crate) struct ModelFile {
+    /// Model file (.fdm)
+    #[arg(value_name = "MODEL", help_heading = None)]
+    pub(crate) model: PathBuf,
+    /// Other start value of a parameter (free initial values are called `x(0)`)
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    set: Vec<(String, f64)>,
+    /// Switch off the tie of a parameter, so that it is estimated by itself; `all` for every tie
+    #[arg(long, value_name = "NAME,...|all", value_delimiter = ',')]
+    untie: Vec<String>,
+}
+
+/// Which parameters are estimated, where that differs from the model's text.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Parameters")]
+pub(crate) struct Estimated {
+    /// Keep a parameter at its start value
+    #[arg(long, value_name = "NAME")]
+    fix: Vec<String>,
+    /// Estimate a parameter that the model declares `fixed`
+    #[arg(long, value_name = "NAME")]
+    free: Vec<String>,
+}
+
+impl ModelFile {
+    /// Reads and compiles the model; warnings go to standard error.
+    pub(crate) fn load(&self) -> Result<Model, Failure> {
+        load_model(&self.model)?.untied(&self.untie).or_failure()
+    }
+
+    /// The model with the values that were typed.
+    pub(crate) fn load_changed(&self, estimated: &Estimated) -> Result<Model, Failure> {
+        with_changes(&self.load()?, &self.changes(estimated))
+    }
+
+    /// The changes of start values, together with names to fix and to free.
+    pub(crate) fn changes(&self, estimated: &Estimated) -> Changes {
+        Changes { set: self.set.clone(), fix: estimated.fix.clone(), free: estimated.free.clone() }
+    }
+}
+
+/// A model, or a result that holds one with its estimates.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Parameters")]
+pub(crate) struct ModelOrResult {
+    /// Model file (.fdm); a result holds its own, and this must be the same
+    #[arg(value_name = "MODEL", required_unless_present = "from_result", help_heading = None)]
+    model: Option<PathBuf>,
+    /// Other value of a parameter (free initial values are called `x(0)`)
+    #[arg(long = "set", value_name = "NAME=VALUE", value_parser = assignment)]
+    pub(crate) set: Vec<(String, f64)>,
+    /// Take model and parameters from a result folder that `fdm fit --out` wrote
+    #[arg(long, value_name = "DIR")]
+    from_result: Option<PathBuf>,
+}
+
+impl ModelOrResult {
+    /// The model, and the result when one was named; values that were typed are not in the model yet.
+    pub(crate) fn load(&self) -> Result<(Model, Option<ResultFolder>), Failure> {
+        match (&self.from_result, &self.model) {
+            (Some(folder), model) => {
+                let (folder, model) = open_result(folder, model.as_deref())?;
+                Ok((model, Some(folder)))
+            }
+            (None, Some(model)) => Ok((load_model(model)?, None)),
+            (None, None) => Err(Failure::input(["a model or a result is needed"])),
+        }
+    }
+
+    /// The model with the values that were typed.
+    pub(crate) fn changed(&self, model: &Model) -> Result<Model, Failure> {
+        with_changes(model, &Changes { set: self.set.clone(), ..Changes::default() })
+    }
+}
+
+/// Reads and compiles a model; warnings go to standard error.
+pub(crate) fn load_model(file: &Path) -> Result<Model, Failure> {
+    let model = Model::from_file(file)?;
+    tell(model.source(), model.warnings());
+    Ok(model)
+}
+
+fn with_changes(model: &Model, changes: &Changes) -> Result<Model, Failure> {
+    let mut params = model.definition().params.clone();
+    changes.apply(&mut params).map_err(Failure::input)?;
+    Ok(model.with_params(params))
+}
+
+/// Opens a result and its model; a model that is given beside it must be the same.
+pub(crate) fn open_result(folder: &Path, beside: Option<&Path>) -> Result<(ResultFolder, Model), Failure> {
+    let folder = ResultFolder::open(folder).or_failure()?;
+    let model = folder.model()?;
+    if let Some(path) = beside {
+        let other = Model::from_file(path)?;
+        let other = other.untied(&model.open_ties()).unwrap_or(other);
+        let differences = differences(&model, &other);
+        if !differences.is_empty() {
+            return Err(Failure::Input(vec![another_model(path, &folder, &differences)]));
+        }
+    }
+    Ok((folder, model))
+}
+
+fn another_model(path: &Path, folder: &ResultFolder, differences: &[String]) -> String {
+    const SHOWN: usize = 8;
+    let place = folder.folder().display();
+    let mut text = format!("{} is not the model of the result in {place}:", path.display());
+    differences.iter().take(SHOWN).for_each(|d| text.push_str(&format!("\n  {d}")));
+    if differences.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", differences.len() - SHOWN));
+    }
+    text
+}
+
+/// The runs that a result was fitted to.
+pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[PathBuf]) -> Vec<String> {
+    let files = runs.iter().zip(files).map(|(run, file)| DataFile::new(&run.name, file));
+    let fitted = |file: &DataFile| folder.manifest().data.iter().any(|own| own.is_same(file));
+    files.filter(fitted).map(|file| file.run).collect()
+}
+
+/// Recorded runs: which files, and how they are read.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Data")]
+pub(crate) struct Records {
+    /// Recorded run (CSV with a header `name [unit], ...`); may be given several times
+    #[arg(long = "data", value_name = "RUN", required = true)]
+    pub(crate) data: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+}
+
+/// What is used of the files, and as what.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Data")]
+pub(crate) struct Selection {
+    /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "data")]
+    map: Vec<(String, String)>,
+    /// Use the record from this time on, in the file's unit
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    from: Option<f64>,
+    /// Use the record up to this time, in the file's unit
+    #[arg(long, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    to: Option<f64>,
+    /// Use every N-th sample
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "data")]
+    every: usize,
+    /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
+    #[arg(long, alias = "hold", value_name = "INPUT", requires = "data")]
+    zoh: Vec<String>,
+}
+
+impl Records {
+    /// Reads all runs, with all their outputs.
+    pub(crate) fn runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
+        read_runs(&self.data, &self.selection.options(true), model, quiet)
+    }
+
+    /// Writes into a result what it was made from.
+    pub(crate) fn describe(&self, runs: &[Run], manifest: &mut Manifest) {
+        manifest.data = runs.iter().zip(&self.data).map(|(run, file)| DataFile::new(&run.name, file)).collect();
+        manifest.reading = self.selection.options(true);
+    }
+}
+
+impl Selection {
+    /// How files are read; with `require_outputs` each must hold every output of the model.
+    pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
+        ReadOptions {
+            map: self.map.clone(),
+            from: self.from,
+            to: self.to,
+            every: self.every,
+            hold: self.zoh.clone(),
+            require_outputs,
+        }
+    }
+}
+
+/// Reads runs and says what a careful reader would mention about them.
+pub(crate) fn read_runs(
+    files: &[PathBuf],
+    options: &ReadOptions,
+    model: &Model,
+    quiet: bool,
+) -> Result<Vec<Run>, Failure> {
+    let records = read_records(files, options, model)?;
+    if !quiet {
+        say_notes(&records);
+    }
+    Ok(records.into_iter().map(|(run, _)| run).collect())
+}
+
+/// Reads runs; the problems of all files are reported together. Runs are named after their files.
+pub(crate) fn read_records(
+    files: &[PathBuf],
+    options: &ReadOptions,
+    model: &Model,
+) -> Result<Vec<(Run, Summary)>, Failure> {
+    let channels = channels(model.definition());
+    let (mut runs, mut errors) = (Vec::new(), Vec::new());
+    for path in files {
+        match read(path, &channels, options) {
+            Ok(run) => runs.push(run),
+            Err(e) => errors.push(e),
+        }
+    }
+    if !errors.is_empty() {
+        return Err(Failure::Records(errors));
+    }
+    number_equal_names(&mut runs);
+    Ok(runs)
+}
+
+/// Runs whose files share a name are numbered.
+fn number_equal_names(runs: &mut [(Run, Summary)]) {
+    let names: Vec<String> = runs.iter().map(|(run, _)| run.name.clone()).collect();
+    for (k, (run, _)) in runs.iter_mut().enumerate() {
+        if names.iter().filter(|n| **n == names[k]).count() > 1 {
+            run.name = format!("{}#{}", names[k], 1 + names[..k].iter().filter(|n| **n == names[k]).count());
+        }
+    }
+}
+
+/// Says what a careful reader would mention about the records.
+pub(crate) fn say_notes(records: &[(Run, Summary)]) {
+    for (run, summary) in records {
+        for note in &summary.notes {
+            remark(format_args!("note: {}: {note}", run.name));
+        }
+        let missing: Vec<String> = summary
+            .sources
+            .iter()
+            .filter(|s| s.gaps > 0 && s.column.is_some())
+            .map(|s| format!("{} of `{}`", s.gaps, s.channel))
+            .collect();
+        if !missing.is_empty() {
+            remark(format_args!("note: {}: missing values: {}", run.name, missing.join(", ")));
+        }
+    }
+}
+
+/// Measurement noise as it is typed.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Estimation")]
+pub(crate) struct MeasurementNoise {
+    /// Measurement noise: `diagonal` (one variance for each output, estimated), `full` (their covariance, estimated), or the known
+    /// standard deviation of an output [default: as the model declares; the rest is estimated]
+    #[arg(long = "noise", value_name = "diagonal|full|OUTPUT=DEVIATION")]
+    words: Vec<String>,
+}
+
+impl MeasurementNoise {
+    /// Whether anything was typed.
+    pub(crate) fn is_given(&self) -> bool {
+        !self.words.is_empty()
+    }
+
+    /// What was typed, and what the model declares.
+    pub(crate) fn of(&self, model: &Model) -> Result<Noise, Failure> {
+        noise(&self.words, model)
+    }
+}
+
+/// What the words of `--noise` say; each is `diagonal`, `full` or `OUTPUT=DEVIATION`.
+pub(crate) fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
+    let outputs = &model.definition().outputs;
+    let (mut given, mut kind) = (vec![None; outputs.len()], None);
+    let mut wrong = Vec::new();
+    for word in words {
+        match word.as_str() {
+            "diagonal" | "full" => {
+                let wanted = if word == "full" { Noise::Full } else { Noise::Diagonal };
+                if kind.replace(wanted.clone()).is_some_and(|other| other != wanted) {
+                    wrong.push("--noise diagonal and --noise full exclude each other".into());
+                }
+            }
+            _ => match assignment(word) {
+                Ok((name, deviation)) => match outputs.iter().position(|o| o.quantity.name == name) {
+                    Some(k) => given[k] = Some(deviation),
+                    None => {
+                        let hint = did_you_mean(&name, outputs.iter().map(|o| o.quantity.name.as_str()));
+                        wrong.push(format!("--noise {word}: the model has no output `{name}`{hint}"));
+                    }
+                },
+                Err(e) => wrong.push(format!("--noise {word}: {e}, `diagonal` or `full`")),
+            },
+        }
+    }
+    let any = given.iter().any(Option::is_some);
+    let declared = outputs.iter().any(|o| o.noise.is_some());
+    if any && kind == Some(Noise::Full) {
+        wrong.push("--noise full estimates the whole covariance: deviations cannot be given beside it".into());
+    }
+    if !wrong.is_empty() {
+        return Err(Failure::Input(wrong));
+    }
+    if kind.is_none() {
+        given.iter_mut().zip(outputs).for_each(|(given, output)| *given = given.or(output.noise));
+    }
+    Ok(match kind {
+        Some(Noise::Full) => Noise::Full,
+        _ if any || declared => Noise::Given(given),
+        _ => Noise::Diagonal,
+    })
+}
+
+/// `NAME=VALUE`
+pub(crate) fn assignment(text: &str) -> Result<(String, f64), String> {
+    let (name, value) = text.rsplit_once('=').ok_or("expected NAME=VALUE")?;
+    Ok((name.trim().to_string(), number(value)?))
+}
+
+/// `LO:HI`
+pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
+    let (low, high) = text.split_once(':').ok_or("expected LO:HI, such as 0.1:3")?;
+    Ok((number(low)?, number(high)?))
+}
+
+/// A number as it is typed.
+pub(crate) fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().map_err(|_| format!("`{text}` is not a number"))
+}
+
+/// `CHANNEL=COLUMN`
+fn pair(text: &str) -> Result<(String, String), String> {
+    let (channel, column) = text.split_once('=').ok_or("expected CHANNEL=COLUMN")?;
+    Ok((channel.trim().to_string(), column.trim().to_string()))
+}

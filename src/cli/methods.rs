@@ -1,0 +1,481 @@
+//! How model and records are compared: method, domain, optimizer; and the one table of what can be combined.
+
+use crate::failure::Failure;
+use clap::{Args, ValueEnum};
+use fdm_estimate::{self as estimate, Noise, Options};
+
+/// What is minimised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Method {
+    OutputError,
+    FilterError,
+    EquationError,
+    FrequencyResponse,
+}
+
+/// Where model and records are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Domain {
+    /// Samples in time
+    Time,
+    /// Spectra of the records, at their frequency bins
+    Frequency,
+}
+
+/// How the minimum is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Optimizer {
+    /// Damped Gauss-Newton steps
+    GaussNewton,
+    /// The Nelder-Mead simplex, without derivatives; Gauss-Newton steps finish
+    NelderMead,
+    /// Limited-memory BFGS; Gauss-Newton steps finish
+    Lbfgs,
+}
+
+/// Where the iteration begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StartValues {
+    /// At the values of the model, and of `--set`
+    Model,
+    /// At equation-error estimates: in the time domain, of all iterates of recursive least squares the one that simulates best
+    EquationError,
+}
+
+/// Methods as they are typed; the spellings before version 0.2 stay valid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MethodWord {
+    /// Maximum likelihood for measurement noise: simulated outputs against measured ones
+    OutputError,
+    /// Maximum likelihood for process noise too (turbulence), by a Kalman filter; declare it with `noise der(x) = q;`
+    FilterError,
+    /// Linear regression of measured rates; `fdm regress` has all of its options
+    EquationError,
+    /// Least squares of magnitudes and phases of frequency responses, weighted by coherence
+    FrequencyResponse,
+    #[value(hide = true)]
+    Correction,
+    #[value(hide = true)]
+    NelderMead,
+    #[value(hide = true)]
+    Lbfgs,
+    #[value(hide = true)]
+    Fd,
+    #[value(hide = true)]
+    Fr,
+    #[value(hide = true)]
+    Fe,
+    #[value(hide = true)]
+    Rls,
+}
+
+/// What a word means, as far as it decides anything.
+#[derive(Debug, Clone, Copy)]
+struct Meaning {
+    method: Method,
+    domain: Option<Domain>,
+    optimizer: Option<Optimizer>,
+    start: Option<StartValues>,
+}
+
+impl MethodWord {
+    fn meaning(self) -> Meaning {
+        use Method::{EquationError, FilterError, FrequencyResponse, OutputError};
+        let (method, domain, optimizer, start) = match self {
+            Self::OutputError | Self::Correction => (OutputError, None, None, None),
+            Self::FilterError | Self::Fe => (FilterError, None, None, None),
+            Self::EquationError => (EquationError, None, None, None),
+            Self::FrequencyResponse | Self::Fr => (FrequencyResponse, None, None, None),
+            Self::NelderMead => (OutputError, None, Some(Optimizer::NelderMead), None),
+            Self::Lbfgs => (OutputError, None, Some(Optimizer::Lbfgs), None),
+            Self::Fd => (OutputError, Some(Domain::Frequency), None, None),
+            Self::Rls => (OutputError, Some(Domain::Time), None, Some(StartValues::EquationError)),
+        };
+        Meaning { method, domain, optimizer, start }
+    }
+}
+
+/// Method, domain, optimizer, and the limits of the iteration.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Estimation")]
+pub(crate) struct Methods {
+    /// What is minimised
+    #[arg(long, value_name = "METHOD", value_enum, default_value_t = MethodWord::OutputError)]
+    method: MethodWord,
+    /// Where model and records are compared [default: time; frequency for frequency responses]
+    #[arg(long, value_name = "DOMAIN", value_enum)]
+    domain: Option<Domain>,
+    /// How the minimum is found [default: gauss-newton]
+    #[arg(long, value_name = "OPTIMIZER", value_enum)]
+    optimizer: Option<Optimizer>,
+    #[command(flatten)]
+    start: Start,
+    /// Most iterations
+    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true)]
+    iterations: usize,
+    /// Converged when every relative step is smaller than this
+    #[arg(long, value_name = "T", default_value = "1e-9", allow_negative_numbers = true)]
+    tolerance: f64,
+    /// Factor on every step, above 0, at most 1; steps that are too long are damped anyway
+    #[arg(long, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
+    gain: f64,
+}
+
+/// Where the iteration begins.
+#[derive(Debug, Args)]
+pub(crate) struct Start {
+    /// Where the iteration begins [default: model; in the frequency domain equation-error]
+    #[arg(long, value_name = "START", value_enum)]
+    start_values: Option<StartValues>,
+    #[arg(long, hide = true, conflicts_with = "start_values")]
+    own_values: bool,
+}
+
+impl Start {
+    /// What was typed, in either spelling.
+    pub(crate) fn typed(&self) -> Option<StartValues> {
+        self.start_values.or(self.own_values.then_some(StartValues::Model))
+    }
+
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        given(&[("--start-values", self.start_values.is_some()), ("--own-values", self.own_values)])
+    }
+}
+
+/// The names of those options that were given.
+pub(crate) fn given(options: &[(&'static str, bool)]) -> Vec<&'static str> {
+    options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect()
+}
+
+/// One cell of the table: what is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Question {
+    pub(crate) method: Method,
+    pub(crate) domain: Domain,
+    pub(crate) optimizer: Optimizer,
+}
+
+impl Methods {
+    /// What is asked for, unless it cannot be combined with itself or with the other options that were given.
+    pub(crate) fn question(&self, others: &[&'static str]) -> Result<Question, Failure> {
+        let meaning = self.method.meaning();
+        let (method, implied) = (meaning.method, (meaning.domain, meaning.optimizer));
+        let usual = if method == Method::FrequencyResponse { Domain::Frequency } else { Domain::Time };
+        let question = Question {
+            method,
+            domain: self.domain.or(implied.0).unwrap_or(usual),
+            optimizer: self.optimizer.or(implied.1).unwrap_or(Optimizer::GaussNewton),
+        };
+        let word = value_name(self.method);
+        let typed =
+            Typed { word: (value_name_of_method(method) != word).then_some(word), domain: self.domain.is_some() };
+        if let (Some(word), true) = (&typed.word, self.contradicts(implied, meaning.start)) {
+            return Err(Failure::input([format!(
+                "--method {word} stands for {}; leave out what contradicts it",
+                spelled(method, implied, meaning.start)
+            )]));
+        }
+        let mut options = self.start.given();
+        let iteration = [("--iterations", self.iterations != 100), ("--tolerance", self.tolerance != 1e-9)];
+        options.extend(given(&iteration));
+        options.extend(given(&[("--gain", self.gain != 1.0)]));
+        options.extend(others);
+        let refusals = question.refusals(&options);
+        if refusals.is_empty() { Ok(question) } else { Err(Failure::input(refusals.iter().map(|r| r.said(&typed)))) }
+    }
+
+    fn contradicts(
+        &self,
+        (domain, optimizer): (Option<Domain>, Option<Optimizer>),
+        start: Option<StartValues>,
+    ) -> bool {
+        fn differ<T: PartialEq>(typed: Option<T>, implied: Option<T>) -> bool {
+            typed.is_some() && implied.is_some() && typed != implied
+        }
+        differ(self.domain, domain) || differ(self.optimizer, optimizer) || differ(self.start.typed(), start)
+    }
+
+    /// Where the iteration begins, when that was said.
+    pub(crate) fn start(&self) -> Option<StartValues> {
+        self.start.typed().or(self.method.meaning().start)
+    }
+
+    /// The options of an estimation with this noise.
+    pub(crate) fn options(&self, question: Question, noise: Noise) -> Options {
+        let optimizer = match question.optimizer {
+            Optimizer::GaussNewton => estimate::Optimizer::GaussNewton,
+            Optimizer::NelderMead => estimate::Optimizer::NelderMead,
+            Optimizer::Lbfgs => estimate::Optimizer::Lbfgs,
+        };
+        let (iterations, tolerance, gain) = (self.iterations, self.tolerance, self.gain);
+        Options { noise, iterations, tolerance, gain, optimizer, ..Options::default() }
+    }
+}
+
+/// Methods in their domains; the columns of [`OPTIONS`].
+const RUNS: [(Method, Domain); 6] = [
+    (Method::OutputError, Domain::Time),
+    (Method::OutputError, Domain::Frequency),
+    (Method::FilterError, Domain::Time),
+    (Method::EquationError, Domain::Time),
+    (Method::EquationError, Domain::Frequency),
+    (Method::FrequencyResponse, Domain::Frequency),
+];
+
+const Y: bool = true;
+const N: bool = false;
+
+/// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
+/// time and frequency, frequency responses. Optimizers are rows as well.
+const OPTIONS: [(&str, [bool; 6]); 34] = [
+    ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
+    ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
+    ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
+    ("--start-values", [Y, Y, Y, N, N, N]),
+    ("--own-values", [N, Y, N, N, N, N]),
+    ("--noise", [Y, Y, Y, N, N, N]),
+    ("--iterations", [Y, Y, Y, N, N, Y]),
+    ("--tolerance", [Y, Y, Y, N, N, Y]),
+    ("--gain", [Y, Y, N, N, N, Y]),
+    ("--starts", [Y, N, N, N, N, N]),
+    ("--continuation", [Y, N, N, N, N, N]),
+    ("--substitute", [Y, N, N, N, N, N]),
+    ("--shooting", [Y, N, N, N, N, N]),
+    ("--confidence", [Y, N, N, N, N, N]),
+    ("--weights", [Y, N, N, N, N, N]),
+    ("--checkpoint", [Y, N, N, N, N, N]),
+    ("--steps", [Y, N, Y, N, N, N]),
+    ("--integrator runge-kutta", [Y, N, Y, N, N, N]),
+    ("--integrator radau", [Y, N, N, N, N, N]),
+    ("--band", [N, Y, N, N, Y, Y]),
+    ("--df", [N, Y, N, N, Y, Y]),
+    ("--end-points", [N, Y, N, N, N, N]),
+    ("--nonlinear", [N, Y, N, N, N, N]),
+    ("--input-noise", [N, Y, N, N, N, N]),
+    ("--validation", [N, Y, N, N, N, Y]),
+    ("--segments", [N, N, N, N, N, Y]),
+    ("--pair", [N, N, N, N, N, Y]),
+    ("--coherence", [N, N, N, N, N, Y]),
+    ("--intervals", [Y, Y, Y, N, N, Y]),
+    ("--history", [Y, Y, Y, N, N, Y]),
+    ("--watch", [Y, Y, Y, N, N, Y]),
+    ("--plot", [Y, Y, Y, N, N, Y]),
+    ("--out", [Y, Y, Y, Y, Y, Y]),
+    ("--report", [Y, Y, Y, Y, Y, Y]),
+];
+
+/// Something that cannot be combined, and the nearest question that it can be combined with.
+#[derive(Debug, PartialEq, Eq)]
+struct Refusal {
+    asked: Question,
+    /// An option; none where the question itself is refused.
+    option: Option<&'static str>,
+    nearest: Question,
+}
+
+/// What the user typed of the question.
+struct Typed {
+    /// An old spelling of the method.
+    word: Option<String>,
+    /// The domain was typed.
+    domain: bool,
+}
+
+impl Question {
+    /// All questions that can be asked, the usual ones first.
+    fn all() -> impl Iterator<Item = Self> {
+        let optimizers = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
+        RUNS.into_iter()
+            .flat_map(move |(method, domain)| optimizers.map(|optimizer| Self { method, domain, optimizer }))
+            .filter(|q| q.takes(optimizer_name(q.optimizer)))
+    }
+
+    /// Whether an option has a part in this question.
+    fn takes(self, option: &str) -> bool {
+        let column = RUNS.iter().position(|run| *run == (self.method, self.domain));
+        let row = OPTIONS.iter().find(|(name, _)| *name == option);
+        column.is_some_and(|k| row.is_none_or(|(_, runs)| runs[k]))
+    }
+
+    /// How much a user has to change to ask another question: the method counts more than the rest.
+    fn distance(self, other: Self) -> usize {
+        3 * usize::from(self.method != other.method)
+            + usize::from(self.domain != other.domain)
+            + usize::from(self.optimizer != other.optimizer)
+    }
+
+    fn nearest(self, option: Option<&str>) -> Option<Self> {
+        Self::all().filter(|q| option.is_none_or(|o| q.takes(o))).min_by_key(|q| self.distance(*q))
+    }
+
+    /// What cannot be combined: the question with itself, or else options with the question.
+    fn refusals(self, options: &[&'static str]) -> Vec<Refusal> {
+        if !Self::all().any(|q| q == self) {
+            let nearest = self.nearest(None);
+            return nearest.map(|nearest| Refusal { asked: self, option: None, nearest }).into_iter().collect();
+        }
+        let refused = options.iter().filter(|option| !self.takes(option));
+        refused
+            .filter_map(|option| {
+                self.nearest(Some(option)).map(|nearest| Refusal { asked: self, option: Some(option), nearest })
+            })
+            .collect()
+    }
+}
+
+impl Refusal {
+    fn said(&self, typed: &Typed) -> String {
+        let (from, to) = (self.asked, self.nearest);
+        let single = |method| RUNS.iter().filter(|(m, _)| *m == method).count() == 1;
+        let (method, domain) = (from.method != to.method, from.domain != to.domain);
+        // the method alone says where frequency responses and filters work
+        let domain = domain && (!method || typed.domain || !single(to.method));
+        let describe = |q: Question, whole: bool| {
+            let mut words = Vec::new();
+            if method || whole {
+                words.push(format!("--method {}", value_name_of_method(q.method)));
+            }
+            if domain || whole {
+                words.push(format!("--domain {}", value_name(q.domain)));
+            }
+            if from.optimizer != to.optimizer {
+                words.push(optimizer_name(q.optimizer).to_string());
+            }
+            words.join(" ")
+        };
+        let old = typed.word.as_ref().filter(|_| method || domain);
+        let against = old.map_or_else(|| describe(from, false), |word| format!("--method {word}"));
+        let use_ = describe(to, old.is_some() && self.option.is_some());
+        match self.option {
+            Some(option) => {
+                // results of every method are validated by a command of its own
+                let validate = match option {
+                    "--validation" => " (or `fdm validate` with the result that `--out` writes)",
+                    _ => "",
+                };
+                format!("{option} cannot be combined with {against}: leave it out, or use {use_}{validate}")
+            }
+            None => {
+                let (method, given) = (value_name_of_method(from.method), against);
+                format!("{given} cannot be combined with --method {method}: use {use_}")
+            }
+        }
+    }
+}
+
+fn optimizer_name(optimizer: Optimizer) -> &'static str {
+    match optimizer {
+        Optimizer::GaussNewton => "--optimizer gauss-newton",
+        Optimizer::NelderMead => "--optimizer nelder-mead",
+        Optimizer::Lbfgs => "--optimizer lbfgs",
+    }
+}
+
+/// The word of a value on the command line.
+fn value_name(value: impl ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_string())
+}
+
+fn value_name_of_method(method: Method) -> String {
+    value_name(match method {
+        Method::OutputError => MethodWord::OutputError,
+        Method::FilterError => MethodWord::FilterError,
+        Method::EquationError => MethodWord::EquationError,
+        Method::FrequencyResponse => MethodWord::FrequencyResponse,
+    })
+}
+
+/// An old spelling in today's words.
+fn spelled(
+    method: Method,
+    (domain, optimizer): (Option<Domain>, Option<Optimizer>),
+    start: Option<StartValues>,
+) -> String {
+    let mut words = vec![format!("--method {}", value_name_of_method(method))];
+    words.extend(domain.map(|d| format!("--domain {}", value_name(d))));
+    words.extend(optimizer.map(|o| optimizer_name(o).to_string()));
+    words.extend(start.map(|s| format!("--start-values {}", value_name(s))));
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const METHODS: [Method; 4] =
+        [Method::OutputError, Method::FilterError, Method::EquationError, Method::FrequencyResponse];
+    const DOMAINS: [Domain; 2] = [Domain::Time, Domain::Frequency];
+    const OPTIMIZERS: [Optimizer; 3] = [Optimizer::GaussNewton, Optimizer::NelderMead, Optimizer::Lbfgs];
+
+    fn questions() -> impl Iterator<Item = Question> {
+        METHODS.into_iter().flat_map(|method| {
+            DOMAINS.into_iter().flat_map(move |domain| {
+                OPTIMIZERS.into_iter().map(move |optimizer| Question { method, domain, optimizer })
+            })
+        })
+    }
+
+    #[test]
+    fn every_cell_runs_or_names_the_nearest_choice() {
+        let typed = Typed { word: None, domain: true };
+        let (mut run, mut refused) = (0, 0);
+        for question in questions() {
+            for option in OPTIONS.iter().map(|(name, _)| *name).filter(|name| !name.starts_with("--optimizer")) {
+                match &question.refusals(&[option])[..] {
+                    [] => {
+                        assert!(question.takes(option), "{question:?} {option}");
+                        run += 1;
+                    }
+                    [refusal] => {
+                        let (near, text) = (refusal.nearest, refusal.said(&typed));
+                        // what is proposed runs, and names what it replaces
+                        assert!(near.refusals(refusal.option.as_slice()).is_empty(), "{text}");
+                        assert!(text.contains("cannot be combined with --") && text.contains("use --"), "{text}");
+                        let whole = format!(
+                            "--method {} --domain {} {}",
+                            value_name_of_method(near.method),
+                            value_name(near.domain),
+                            optimizer_name(near.optimizer)
+                        );
+                        let proposed = text.split("use ").nth(1).unwrap();
+                        let words = proposed.split(" (").next().unwrap().split(" --");
+                        for word in words.map(|w| w.trim_start_matches("--")) {
+                            assert!(whole.contains(word), "{text} / {whole}");
+                        }
+                        refused += 1;
+                    }
+                    more => panic!("{question:?} {option}: {more:?}"),
+                }
+            }
+        }
+        assert_eq!(run + refused, 24 * (OPTIONS.len() - 3));
+        assert_eq!(Question::all().count(), 12);
+    }
+
+    #[test]
+    fn refusals_read_well() {
+        let said = |method, domain, optimizer, option: &'static str| {
+            let question = Question { method, domain, optimizer };
+            let typed = Typed { word: None, domain: false };
+            question.refusals(&[option]).first().map_or(String::new(), |r| r.said(&typed))
+        };
+        use {Domain::*, Method::*, Optimizer::*};
+        let all = [
+            said(OutputError, Time, GaussNewton, "--coherence"),
+            said(OutputError, Frequency, GaussNewton, "--shooting"),
+            said(FilterError, Frequency, GaussNewton, "--steps"),
+            said(FilterError, Time, Lbfgs, "--steps"),
+            said(OutputError, Time, GaussNewton, "--validation"),
+        ];
+        let expected = [
+            "--coherence cannot be combined with --method output-error: leave it out, or use --method frequency-response",
+            "--shooting cannot be combined with --domain frequency: leave it out, or use --domain time",
+            "--domain frequency cannot be combined with --method filter-error: use --domain time",
+            "--optimizer lbfgs cannot be combined with --method filter-error: use --optimizer gauss-newton",
+            "--validation cannot be combined with --domain time: leave it out, or use --domain frequency \
+             (or `fdm validate` with the result that `--out` writes)",
+        ];
+        assert_eq!(all, expected);
+    }
+}

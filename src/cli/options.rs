@@ -1,0 +1,355 @@
+//! Groups of options that several commands share: integration, fallback strategies, the frequency domain, Monte Carlo repeats.
+
+use crate::checkpoint::Checkpoints;
+use crate::load::{band, number};
+use crate::methods::{Start, StartValues, given};
+use clap::{Args, ValueEnum};
+use fdm_estimate::{Changes, Continuation, FitOptions, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions};
+use fdm_lab::study::Colour;
+use fdm_system::frequency::EndTerms;
+use fdm_system::simulate::{Accuracy, Scheme};
+use fdm_system::spectrum::Frequencies;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// How a run is integrated.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Integration")]
+pub(crate) struct Integration {
+    /// Equal integration steps between samples [default: as many as accuracy needs]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    steps: Option<NonZeroUsize>,
+    /// Integration scheme: `auto` takes Radau for stiff models
+    #[arg(long, value_name = "SCHEME", value_enum, default_value_t)]
+    integrator: Integrator,
+}
+
+/// What `--integrator` takes.
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum Integrator {
+    /// The one that reaches the accuracy with less work
+    #[default]
+    Auto,
+    /// Classical Runge-Kutta, explicit
+    RungeKutta,
+    /// Radau IIA of order 5, implicit, for stiff models
+    Radau,
+}
+
+impl Integration {
+    /// The scheme that was asked for.
+    pub(crate) fn scheme(&self) -> Option<Scheme> {
+        match self.integrator {
+            Integrator::Auto => None,
+            Integrator::RungeKutta => Some(Scheme::RungeKutta),
+            Integrator::Radau => Some(Scheme::Radau),
+        }
+    }
+
+    /// The number of steps between samples that was asked for.
+    pub(crate) fn per_interval(&self) -> Option<usize> {
+        self.steps.map(NonZeroUsize::get)
+    }
+
+    /// The options of a fit with these among them.
+    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
+        FitOptions { per_interval: self.per_interval(), scheme: self.scheme(), ..options }
+    }
+
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        given(&[
+            ("--steps", self.steps.is_some()),
+            ("--integrator runge-kutta", self.scheme() == Some(Scheme::RungeKutta)),
+            ("--integrator radau", self.scheme() == Some(Scheme::Radau)),
+        ])
+    }
+
+    /// Scheme, steps and integration error of a run, in words; a stiff model is called so where the scheme was chosen for it.
+    pub(crate) fn said(&self, accuracy: &Accuracy) -> String {
+        integration(accuracy, self.steps.is_none() && self.scheme().is_none())
+    }
+}
+
+/// Scheme, steps and integration error of a run, in words; `chosen` when the user did not ask for the scheme.
+pub(crate) fn integration(accuracy: &Accuracy, chosen: bool) -> String {
+    let stiff = if chosen && accuracy.steps.scheme() == Scheme::Radau { " (stiff)" } else { "" };
+    let error = match accuracy.error {
+        // exact discretisation has none
+        error if error.is_nan() || error == 0.0 => String::new(),
+        error if error.is_infinite() => ", integration error not finite".into(),
+        error => format!(", integration error {error:.0e} of the range"),
+    };
+    format!("{}{stiff}{error}", accuracy.steps)
+}
+
+/// Fallback strategies for fits that go astray, and checks of their estimates.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Strategy")]
+pub(crate) struct Strategies {
+    /// Record-length continuation, short records first: `auto` (when the plain fit fails), `never`, a number of equal lengths, or
+    /// rising times
+    #[arg(long, value_name = "auto|never|N|T1,T2,..", default_value = "auto", allow_hyphen_values = true)]
+    continuation: Continuation,
+    /// Fit first with these states replaced by their measured records
+    #[arg(long, value_name = "STATE,..|all", value_delimiter = ',')]
+    substitute: Vec<String>,
+    /// Multiple shooting, for unstable models: cut each record into N segments with initial states of their own
+    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    shooting: Option<u32>,
+    /// Fit shorter records too, and list the parameters in order of confidence
+    #[arg(long)]
+    confidence: bool,
+    /// Fit with other weights of the outputs too, and show how far each parameter moves
+    #[arg(long)]
+    weights: bool,
+}
+
+impl Strategies {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        given(&[
+            ("--continuation", self.continuation != Continuation::default()),
+            ("--substitute", !self.substitute.is_empty()),
+            ("--shooting", self.shooting.is_some()),
+            ("--confidence", self.confidence),
+            ("--weights", self.weights),
+        ])
+    }
+
+    /// The options of a fit with these among them.
+    pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
+        FitOptions {
+            continuation: self.continuation.clone(),
+            substitute: self.substitute.clone(),
+            shooting: self.shooting.map(|n| Shooting::Segments(n as usize)),
+            confidence: self.confidence,
+            reweight: self.weights,
+            ..options
+        }
+    }
+}
+
+/// Frequency bins, and how spectra are fitted.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Frequency domain")]
+pub(crate) struct Spectra {
+    /// Frequency band from LO to HI, in cycles per unit of time (Hz if that is the second) [default: where the inputs excite the
+    /// model]
+    #[arg(long, value_name = "LO:HI", value_parser = band)]
+    band: Option<(f64, f64)>,
+    /// Frequency spacing, by zoom (chirp-z) transform [default: each record's own bins, i/T]
+    #[arg(long, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
+    df: Option<f64>,
+    /// End-point (leakage) corrections [default: free]
+    #[arg(long, alias = "ends", value_name = "HOW", value_enum)]
+    end_points: Option<EndPoints>,
+    /// Nonlinear terms of a model in the frequency domain [default: auto]
+    #[arg(long, value_name = "HOW", value_enum)]
+    nonlinear: Option<NonlinearTerms>,
+}
+
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum EndPoints {
+    /// From the record, where outputs show the states
+    Known,
+    /// Estimated in every run
+    #[default]
+    Free,
+    /// Left out: for records that begin and end at rest
+    None,
+}
+
+#[derive(Debug, Clone, Copy, Default, ValueEnum)]
+enum NonlinearTerms {
+    /// Measured regressors where the records allow it, else linearised
+    #[default]
+    Auto,
+    /// As measured regressors (pseudo-inputs) computed from the records
+    #[value(alias = "carry")]
+    MeasuredRegressors,
+    /// Linearised at the trim
+    Linearise,
+}
+
+impl Spectra {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        given(&[
+            ("--band", self.band.is_some()),
+            ("--df", self.df.is_some()),
+            ("--end-points", self.end_points.is_some()),
+            ("--nonlinear", self.nonlinear.is_some()),
+        ])
+    }
+
+    /// The frequencies at which records and model are compared.
+    pub(crate) fn frequencies(&self) -> Frequencies {
+        match (self.band, self.df) {
+            (Some((lowest, highest)), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
+            (Some((low, high)), None) => Frequencies::Grid { lowest: Some(low), highest: Some(high) },
+            (None, _) => Frequencies::Grid { lowest: None, highest: None },
+        }
+    }
+
+    /// The options of a fit of spectra with these changes.
+    pub(crate) fn options(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
+        SpectralOptions {
+            changes,
+            options,
+            frequencies: self.frequencies(),
+            ends: match self.end_points.unwrap_or_default() {
+                EndPoints::Known => EndTerms::Known,
+                EndPoints::Free => EndTerms::Unknown,
+                EndPoints::None => EndTerms::Omitted,
+            },
+            nonlinear: match self.nonlinear.unwrap_or_default() {
+                NonlinearTerms::Auto => Nonlinear::Auto,
+                NonlinearTerms::MeasuredRegressors => Nonlinear::MeasuredRegressors,
+                NonlinearTerms::Linearise => Nonlinear::Linearised,
+            },
+            input_noise: Vec::new(),
+            regressed: start != Some(StartValues::Model),
+            finish: true,
+        }
+    }
+}
+
+/// The frequency domain of `fdm diagnose`: spectra, and where their fits begin.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Frequency domain")]
+pub(crate) struct DiagnosedSpectra {
+    #[command(flatten)]
+    spectra: Spectra,
+    #[command(flatten)]
+    start: Start,
+}
+
+impl DiagnosedSpectra {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        self.spectra.given().into_iter().chain(self.start.given()).collect()
+    }
+
+    /// The options of the fits.
+    pub(crate) fn options(&self) -> SpectralOptions {
+        self.spectra.options(Changes::default(), Options::default(), self.start.typed())
+    }
+}
+
+/// Everything that is particular to fits in the frequency domain.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Frequency domain")]
+pub(crate) struct FrequencyDomain {
+    #[command(flatten)]
+    pub(crate) spectra: Spectra,
+    /// Known noise of a measured input, which biases estimates (errors in variables): the bias is removed, and standard errors
+    /// include it; may be given several times
+    #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation)]
+    input_noise: Vec<(String, f64)>,
+    /// Validation data: a run that is not fitted but predicted with the result; may be given several times
+    #[arg(long, alias = "holdout", value_name = "RUN")]
+    pub(crate) validation: Vec<PathBuf>,
+    /// Frequency responses: lengths of the averaged segments, in the model's time [default: two, the second half as long as the
+    /// first]
+    #[arg(long, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
+    segments: Vec<f64>,
+    /// Frequency responses: a pair that is compared; may be given several times [default: all that the model connects]
+    #[arg(long = "pair", value_name = "OUTPUT/INPUT", value_parser = pair)]
+    pairs: Vec<(String, String)>,
+    /// Frequency responses: least coherence of a frequency that counts [default: 0.6]
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    coherence: Option<f64>,
+}
+
+impl FrequencyDomain {
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let own = given(&[
+            ("--input-noise", !self.input_noise.is_empty()),
+            ("--validation", !self.validation.is_empty()),
+            ("--segments", !self.segments.is_empty()),
+            ("--pair", !self.pairs.is_empty()),
+            ("--coherence", self.coherence.is_some()),
+        ]);
+        self.spectra.given().into_iter().chain(own).collect()
+    }
+
+    /// The options of a fit of spectra.
+    pub(crate) fn of_spectra(&self, changes: Changes, options: Options, start: Option<StartValues>) -> SpectralOptions {
+        let input_noise = self.input_noise.clone();
+        SpectralOptions { input_noise, ..self.spectra.options(changes, options, start) }
+    }
+
+    /// The options of a fit of frequency responses.
+    pub(crate) fn of_responses(&self, changes: Changes, options: Options) -> ResponseOptions {
+        ResponseOptions {
+            changes,
+            options,
+            frequencies: self.spectra.frequencies(),
+            segments: self.segments.clone(),
+            pairs: self.pairs.clone(),
+            coherence: self.coherence.unwrap_or(ResponseOptions::default().coherence),
+            finish: true,
+        }
+    }
+}
+
+/// `INPUT=DEVIATION`
+fn deviation(text: &str) -> Result<(String, f64), String> {
+    let (input, deviation) = text.split_once('=').ok_or("expected INPUT=DEVIATION, such as p=0.002")?;
+    Ok((input.trim().to_string(), number(deviation)?))
+}
+
+/// `OUTPUT/INPUT`
+fn pair(text: &str) -> Result<(String, String), String> {
+    let (output, input) = text.split_once('/').ok_or("expected OUTPUT/INPUT")?;
+    Ok((output.trim().to_string(), input.trim().to_string()))
+}
+
+/// The noise of a Monte Carlo study, and where its repeats are kept.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Repeats")]
+pub(crate) struct Repeats {
+    /// Seed of the noise; the same seed gives the same repeats
+    #[arg(long, value_name = "S", default_value_t = 0, allow_negative_numbers = true)]
+    pub(crate) seed: u64,
+    /// Colour of the noise in the repeats [default: white; for experiments as they describe it]
+    #[arg(long, value_name = "COLOUR", value_enum, value_delimiter = ',')]
+    noise_colour: Vec<NoiseColour>,
+    #[command(flatten)]
+    pub(crate) checkpoints: Checkpoints,
+}
+
+/// Colours as they are typed.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum NoiseColour {
+    /// White noise
+    White,
+    /// As in the residuals: the autoregressive model that corrects the standard errors
+    Fitted,
+    /// AR(1) noise, rho = 0.9
+    #[value(alias = "lag")]
+    Ar1,
+    /// Pink noise: power falls as one over the frequency
+    Pink,
+}
+
+impl Repeats {
+    /// The colours that were asked for.
+    pub(crate) fn colours(&self) -> Vec<Colour> {
+        let colour = |tint: &NoiseColour| match tint {
+            NoiseColour::White => Colour::White,
+            NoiseColour::Fitted => Colour::Fitted,
+            NoiseColour::Ar1 => Colour::Lag,
+            NoiseColour::Pink => Colour::Pink,
+        };
+        self.noise_colour.iter().map(colour).collect()
+    }
+
+    /// The options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        let own = given(&[("--seed", self.seed != 0), ("--noise-colour", !self.noise_colour.is_empty())]);
+        [own, self.checkpoints.given()].concat()
+    }
+}

@@ -1,0 +1,234 @@
+//! Samples to bins: the orthonormal cosine transform of every output of every run.
+//!
+//! The DCT-II sees no jump between the ends of a record, so that noise of long memory does not leak, and its bins are
+//! nearly independent with the variance of the noise's spectrum at k / (2 N dt) (Ahmed, Natarajan & Rao 1974).
+//!
+//! Where an output was not measured its samples are closed up, in the residual and in all signals alike: every bin then
+//! stands for one measured sample. An output that is measured at every fourth sample only is transformed at its own rate.
+//!
+//! Signals with their quadratures: what a gain and a phase make of a signal, in cosine bins.
+
+use fdm_numeric::fourier::{ComplexFft, CosineTransform};
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex;
+use rayon::prelude::*;
+
+/// Bins that are left out at the low end: the mean, and the slowest drift of noise with a long memory.
+pub(super) const DROPPED: usize = 4;
+
+/// Signals at the samples of one run, N by q row-major.
+pub type Signals = Vec<f64>;
+
+/// One run as screening sees it. All signals are N by q.
+#[derive(Debug, Clone)]
+pub struct Record {
+    /// Time between samples.
+    pub interval: f64,
+    /// Measured minus model; NaN where nothing was measured.
+    pub residual: Signals,
+    /// Derivatives of the response by everything that was fitted; `None` for what belongs to other runs.
+    pub fitted: Vec<Option<Signals>>,
+    /// What each direction adds to the response, in the order of the directions.
+    pub directions: Vec<Signals>,
+}
+
+impl Record {
+    /// Samples N.
+    pub(super) fn samples(&self, channels: usize) -> usize {
+        self.residual.len() / channels.max(1)
+    }
+
+    /// Samples at which an output was measured.
+    pub(super) fn measured(&self, channels: usize, channel: usize) -> Vec<usize> {
+        (0..self.samples(channels)).filter(|k| !self.residual[k * channels + channel].is_nan()).collect()
+    }
+}
+
+/// One output of one run as bins, without the first ones.
+#[derive(Debug, Clone)]
+pub(super) struct OutputBins {
+    /// The run.
+    pub(super) run: usize,
+    /// The output.
+    pub(super) channel: usize,
+    /// Samples that were transformed (or bins that were given), by their places in the run.
+    pub(super) samples: Vec<usize>,
+    /// Whether the bins are a cosine transform of samples, which they can be turned back into.
+    pub(super) sampled: bool,
+    /// Frequencies, in cycles per unit of time.
+    pub(super) frequency: Vec<f64>,
+    /// Fitted sensitivities, then directions, by columns.
+    pub(super) columns: DMatrix<f64>,
+    /// The residual.
+    pub(super) residual: DVector<f64>,
+}
+
+/// A run, an output, its measured samples, and their transform.
+type Planned = (usize, usize, Vec<usize>, CosineTransform);
+
+impl OutputBins {
+    /// Transforms every output with at least `least` measured samples; the first `dropped` bins (the mean and the slowest
+    /// drift) are left out.
+    pub(super) fn of(records: &[Record], channels: usize, dropped: usize, least: usize) -> Vec<Self> {
+        let mut planned: Vec<Planned> = Vec::new();
+        for (run, record) in records.iter().enumerate() {
+            for channel in 0..channels {
+                let samples = record.measured(channels, channel);
+                if samples.len() >= least {
+                    let dct = CosineTransform::new(samples.len());
+                    planned.push((run, channel, samples, dct));
+                }
+            }
+        }
+        let transformed = |(run, channel, samples, dct): Planned| {
+            Self::one(&records[run], (run, channel, channels), samples, dropped, dct)
+        };
+        planned.into_par_iter().map(transformed).collect()
+    }
+
+    /// Takes signals that are bins already, with the frequency of every row of each run; outputs with at least `least` of
+    /// them.
+    pub(super) fn given(records: &[Record], frequencies: &[Vec<f64>], channels: usize, least: usize) -> Vec<Self> {
+        let place = |run: usize| (0..channels).map(move |channel| (run, channel));
+        let one = |(run, channel): (usize, usize)| {
+            let (record, own) = (&records[run], &frequencies[run]);
+            let samples = record.measured(channels, channel);
+            let pick = |signal: &Signals| {
+                DVector::from_iterator(samples.len(), samples.iter().map(|k| signal[k * channels + channel]))
+            };
+            let fitted = record.fitted.iter().map(Option::as_ref);
+            let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
+            let mut columns = DMatrix::zeros(samples.len(), signals.len());
+            for (k, signal) in signals.iter().enumerate() {
+                signal.iter().for_each(|signal| columns.set_column(k, &pick(signal)));
+            }
+            let (residual, frequency) = (pick(&record.residual), samples.iter().map(|k| own[*k]).collect());
+            Self { run, channel, samples, sampled: false, frequency, columns, residual }
+        };
+        let bins: Vec<Self> = (0..records.len()).flat_map(place).collect::<Vec<_>>().into_par_iter().map(one).collect();
+        bins.into_iter().filter(|l| l.samples.len() >= least).collect()
+    }
+
+    fn one(
+        record: &Record,
+        (run, channel, channels): (usize, usize, usize),
+        samples: Vec<usize>,
+        dropped: usize,
+        mut dct: CosineTransform,
+    ) -> Self {
+        let n = samples.len();
+        let scale = (2.0 / n as f64).sqrt();
+        let mut buffer = vec![0.0; n];
+        let mut transform = |signal: &Signals, bins: &mut [f64]| {
+            for (value, k) in buffer.iter_mut().zip(&samples) {
+                *value = signal[k * channels + channel];
+            }
+            dct.forward(&mut buffer);
+            for (bin, value) in bins.iter_mut().zip(&buffer[dropped..]) {
+                *bin = value * scale;
+            }
+        };
+        let fitted = record.fitted.iter().map(Option::as_ref);
+        let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
+        let mut columns = DMatrix::zeros(n - dropped, signals.len());
+        for (mut column, signal) in columns.column_iter_mut().zip(signals) {
+            if let Some(signal) = signal {
+                transform(signal, column.as_mut_slice());
+            }
+        }
+        let mut residual = DVector::zeros(n - dropped);
+        transform(&record.residual, residual.as_mut_slice());
+        let interval = record.interval * spacing(&samples);
+        let frequency = (dropped..n).map(|k| k as f64 / (2.0 * n as f64 * interval)).collect();
+        Self { run, channel, samples, sampled: true, frequency, columns, residual }
+    }
+}
+
+/// The usual distance between samples that follow each other.
+pub(super) fn spacing(samples: &[usize]) -> f64 {
+    let mut steps: Vec<usize> = samples.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).map_or(1.0, |step| *step as f64)
+}
+
+/// Cosine transform of one length, without its first bins.
+pub(super) struct Cosines {
+    transform: CosineTransform,
+    buffer: Vec<f64>,
+}
+
+impl Cosines {
+    pub(super) fn new(samples: usize) -> Self {
+        Self { transform: CosineTransform::new(samples), buffer: vec![0.0; samples] }
+    }
+
+    /// The first bins behind those that are dropped, of values that are zero where nothing was measured.
+    pub(super) fn bins(&mut self, values: impl Iterator<Item = f64>, into: &mut [f64]) {
+        let n = self.buffer.len();
+        self.buffer.iter_mut().zip(values).for_each(|(b, v)| *b = v);
+        self.transform.forward(&mut self.buffer);
+        let scale = (2.0 / n as f64).sqrt();
+        into.iter_mut().zip(&self.buffer[DROPPED..]).for_each(|(bin, value)| *bin = value * scale);
+    }
+}
+
+/// Orthonormal cosine bins of a signal.
+pub(super) fn cosine_lines(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut bins: Vec<f64> = values.collect();
+    let n = bins.len();
+    CosineTransform::new(n).forward(&mut bins);
+    let scale = (2.0 / n.max(1) as f64).sqrt();
+    bins.iter_mut().for_each(|l| *l *= scale);
+    if let Some(first) = bins.first_mut() {
+        *first *= 0.5_f64.sqrt();
+    }
+    bins
+}
+
+/// Hilbert's transform of one length.
+pub(super) struct Quadrature {
+    fft: ComplexFft,
+    samples: usize,
+}
+
+impl Quadrature {
+    pub(super) fn new(samples: usize) -> Self {
+        // twice as long, so that the ends do not meet
+        Self { fft: ComplexFft::new(2 * samples), samples }
+    }
+
+    /// The signal a quarter of a period late, at every frequency.
+    fn of(&mut self, signal: &[f64]) -> Vec<f64> {
+        let long = 2 * self.samples;
+        // continued by its mirror image, so that it does not jump
+        let mirrored = signal.iter().chain(signal.iter().rev());
+        let mut bins: Vec<Complex<f64>> = mirrored.map(|v| Complex::new(*v, 0.0)).collect();
+        self.fft.forward(&mut bins);
+        for (k, bin) in bins.iter_mut().enumerate() {
+            *bin = match k {
+                0 => Complex::default(),
+                k if k < self.samples => *bin * Complex::new(0.0, -1.0),
+                k if k > self.samples => *bin * Complex::new(0.0, 1.0),
+                _ => Complex::default(),
+            };
+        }
+        self.fft.backward(&mut bins);
+        bins[..self.samples].iter().map(|c| c.re / long as f64).collect()
+    }
+
+    /// Bins of a signal (without its mean) and of its quadrature (L by 2).
+    pub(super) fn bins(&mut self, cosines: &mut Cosines, signal: &[f64]) -> DMatrix<f64> {
+        let mean = signal.iter().sum::<f64>() / signal.len().max(1) as f64;
+        let centred: Vec<f64> = signal.iter().map(|v| v - mean).collect();
+        let late = self.of(&centred);
+        let mut bins = DMatrix::zeros(self.samples - DROPPED, 2);
+        cosines.bins(centred.into_iter(), bins.column_mut(0).as_mut_slice());
+        cosines.bins(late.into_iter(), bins.column_mut(1).as_mut_slice());
+        bins
+    }
+}
+
+/// A signal a quarter of a period late, at every frequency.
+pub(super) fn late(signal: &[f64]) -> Vec<f64> {
+    Quadrature::new(signal.len()).of(signal)
+}

@@ -1,0 +1,323 @@
+//! What a diagnosis came to: the verdict, the causes with their alternatives, what was rejected, what would have been seen.
+
+use crate::disturbance::{Attribution, Localisation, Suggestions};
+use crate::lack_of_fit::LackOfFit;
+use serde::{Deserialize, Serialize};
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// An effect of the catalogue explains it.
+    EffectFound,
+    /// A disturbance that no effect makes enters the model: gusts, waves.
+    Disturbance,
+    /// Something is wrong that no effect of the catalogue explains.
+    UnknownCause,
+    /// The records say nothing against the model.
+    NoEffectFound,
+}
+
+/// An effect at its place.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Deserialize, Serialize)]
+pub struct EffectAt {
+    /// Its name in the catalogue.
+    pub effect: String,
+    /// The names that it is attached to.
+    pub targets: Vec<String>,
+}
+
+impl std::fmt::Display for EffectAt {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}({})", self.effect, self.targets.join(", "))
+    }
+}
+
+/// A parameter that an effect brought.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct NewValue {
+    /// Its name in the extended model.
+    pub name: String,
+    /// What it is.
+    pub doc: String,
+    /// Its estimate.
+    pub value: f64,
+    /// Its standard error, under the colour of the noise; none at a bound, or where it is not estimated.
+    pub standard_error: Option<f64>,
+    /// Its unit, where the model has units.
+    pub unit: Option<String>,
+    /// The value at which the effect vanishes; none for a nuisance.
+    pub null: Option<f64>,
+}
+
+/// An alternative that these data cannot tell from the best effect.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Alternative {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// Gain in log-likelihood on the runs that were fitted.
+    #[serde(rename = "gain_train")]
+    pub gain_training: f64,
+    /// Gain on the runs that were for validation.
+    #[serde(rename = "gain_holdout")]
+    pub gain_validation: Option<f64>,
+    /// Gains less the penalty of its parameters.
+    pub score: f64,
+    /// Cosine of the angle between what both add, beside what is fitted.
+    pub cosine: f64,
+}
+
+/// A cause that was found, and what it explains.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Cause {
+    /// Which effect, where.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// In words.
+    pub doc: String,
+    /// Its parameters.
+    pub parameters: Vec<NewValue>,
+    /// Gain in log-likelihood on the runs that were fitted, by the noise of the better model.
+    #[serde(rename = "gain_train")]
+    pub gain_training: f64,
+    /// Gain on the runs that were for validation, where only what belongs to a run is estimated; none without such runs.
+    #[serde(rename = "gain_holdout")]
+    pub gain_validation: Option<f64>,
+    /// What screening had predicted.
+    pub gain_predicted: f64,
+    /// Gains less 3 for each parameter.
+    pub score: f64,
+    /// The chance that noise alone makes any effect look as good as the best one.
+    pub p: f64,
+    /// The effects that these data cannot tell from this one, itself included.
+    pub group: Vec<Alternative>,
+    /// The experiment that would.
+    pub separating_experiment: Option<String>,
+}
+
+/// An effect that was fitted and not accepted, or accepted and taken out again.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Rejected {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// The search, from 1, in which that was.
+    #[serde(rename = "round")]
+    pub step: usize,
+    /// Gain in log-likelihood on the runs that were fitted.
+    #[serde(rename = "gain_train")]
+    pub gain_training: f64,
+    /// Gain on the runs that were for validation.
+    #[serde(rename = "gain_holdout")]
+    pub gain_validation: Option<f64>,
+    /// Why.
+    pub reason: String,
+}
+
+/// A candidate that could not be tried.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct LeftOut {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// Why.
+    pub reason: String,
+}
+
+/// What screening says of a candidate.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Screened {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// Its predicted gain in log-likelihood.
+    pub gain: f64,
+    /// The chance that noise gives this candidate as much.
+    pub chance: f64,
+    /// What is left of it beside the fitted parameters, as a share.
+    pub distinct: f64,
+    /// The size that predicts it, of the parameter `parameter`; none where the fitted parameters make up for all of it.
+    pub size: Option<f64>,
+    /// The parameter.
+    pub parameter: String,
+}
+
+/// One search for one more effect.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct SelectionStep {
+    /// The chance that noise alone makes any candidate look as good as the best one.
+    pub family_wise_p: f64,
+    /// Candidates by rank, the likeliest first.
+    pub ranking: Vec<Screened>,
+    /// The effect that was accepted.
+    pub accepted: Option<EffectAt>,
+}
+
+/// How small an effect would have been seen.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Detectable {
+    /// Which.
+    #[serde(flatten)]
+    pub place: EffectAt,
+    /// The parameter that is its size.
+    pub parameter: String,
+    /// The value that would be seen in four of five records like these; none where the fitted parameters make up for it.
+    pub smallest: Option<f64>,
+    /// Its unit, where the model has units.
+    pub unit: Option<String>,
+    /// What is left of it beside the fitted parameters, as a share.
+    pub distinct: f64,
+}
+
+/// A parameter that the missing effect had moved.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Biased {
+    /// Its name.
+    pub name: String,
+    /// Its run, where it belongs to one.
+    pub run: Option<String>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The estimate without the effects, with its standard error.
+    pub before: f64,
+    /// See `before`.
+    pub before_error: Option<f64>,
+    /// The estimate with them.
+    pub after: f64,
+    /// See `after`.
+    pub after_error: Option<f64>,
+    /// How far it moved, in standard errors that the fit without the effects claims.
+    pub moved: Option<f64>,
+}
+
+/// How an output of a run is matched before and after.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct OutputGain {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    #[serde(rename = "held_out")]
+    pub validation: bool,
+    /// The output.
+    pub output: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Root mean square of the residual without the effects.
+    pub rms_before: Option<f64>,
+    /// And with them.
+    pub rms_after: Option<f64>,
+    /// What noise leaves, by the spectrum that was found.
+    pub noise_floor: f64,
+    /// Theil's inequality coefficient, before.
+    pub tic_before: Option<f64>,
+    /// And after.
+    pub tic_after: Option<f64>,
+    /// Share of the measured variance that is explained, before.
+    pub r2_before: Option<f64>,
+    /// And after.
+    pub r2_after: Option<f64>,
+}
+
+/// The gain of all accepted effects on one run, by the last noise.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct RunGain {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    #[serde(rename = "held_out")]
+    pub validation: bool,
+    /// Gain in log-likelihood.
+    pub gain: f64,
+    /// Deviation of that gain, from how unevenly it is spread over the bins of the spectrum.
+    pub deviation: f64,
+}
+
+/// The responses of a run before and after, where models were compared in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Overlay {
+    /// The run.
+    pub run: String,
+    /// Whether it took part in the fit.
+    pub validation: bool,
+    /// Time of each sample (N), on an even grid.
+    pub time: Vec<f64>,
+    /// Measured outputs, N by q row-major; NaN where there is none.
+    pub measured: Vec<f64>,
+    /// Outputs of the model as it was given, fitted to the runs that take part.
+    pub before: Vec<f64>,
+    /// Outputs with the accepted effects; the same where there are none.
+    pub after: Vec<f64>,
+}
+
+/// How models were compared with records in the frequency domain.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct FrequencyDomain {
+    /// Lowest and highest frequency, in cycles per unit of time.
+    pub band: (f64, f64),
+    /// What was not asked, or not as in the time domain, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// Inputs that are correlated with the states by feedback of the model, and what these records hide for it.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Feedback {
+    /// Which, and how closely.
+    pub inputs: Vec<CorrelatedInput>,
+    /// Effects that the fitted parameters make up for, in part or altogether: they may be there, and nobody would see them.
+    pub hidden: Vec<EffectAt>,
+}
+
+/// An input that follows the states, as under a controller or a pilot.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct CorrelatedInput {
+    /// Its name.
+    pub input: String,
+    /// The part of its variance that a linear function of the states explains.
+    pub explained: f64,
+}
+
+/// What a diagnosis came to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// In one word.
+    pub verdict: Verdict,
+    /// The chance that noise alone makes any effect look as good as the best one, for the model as it was given.
+    pub family_wise_p: f64,
+    /// In the order in which they were accepted.
+    pub causes: Vec<Cause>,
+    /// What was fitted and not accepted.
+    pub rejected: Vec<Rejected>,
+    /// Each search.
+    pub steps: Vec<SelectionStep>,
+    /// How small each effect could have been in the last search.
+    pub detectable: Vec<Detectable>,
+    /// Candidates that could not be tried in the first search.
+    pub left_out: Vec<LeftOut>,
+    /// Parameters that moved.
+    pub biased: Vec<Biased>,
+    /// How outputs are matched.
+    pub outputs: Vec<OutputGain>,
+    /// What each run gains.
+    pub gains: Vec<RunGain>,
+    /// Responses before and after, run by run; empty in the frequency domain.
+    pub overlays: Vec<Overlay>,
+    /// Number of hat functions of each output's noise spectrum; 1 is white.
+    pub noise_knots: Vec<usize>,
+    /// The user's text with the accepted effects; none when there are none.
+    pub extended: Option<String>,
+    /// Why the search ended, in a sentence.
+    pub ended: String,
+    /// What is wrong with every output of the model as it was given.
+    pub lack_of_fit: Vec<LackOfFit>,
+    /// Effect, disturbance or unknown cause, weighed against each other; none where that could not be asked.
+    pub attribution: Option<Attribution>,
+    /// Where a disturbance would enter the model as it was given.
+    pub places: Option<Localisation>,
+    /// What an unknown cause looks like, where the verdict is that.
+    pub suggestions: Option<Suggestions>,
+    /// Inputs that follow states; none where every input is its own.
+    pub feedback: Option<Feedback>,
+    /// Of a diagnosis in the frequency domain.
+    pub spectral: Option<FrequencyDomain>,
+}

@@ -1,0 +1,94 @@
+//! Causes that no catalogue has: nonlinearities that repeat, and modes narrower than any band.
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+
+fn attributed(case: &Case) -> (ResidualEvidence, Attribution) {
+    let heard = residual_evidence(&case.model, &case.fitted_runs()).unwrap();
+    let attribution = attribute(&case.model, &heard, None);
+    (heard, attribution)
+}
+
+#[test]
+fn what_repeats_is_a_law_in_its_equation() {
+    let case = Case::new(&FAMILIES[0], Hidden::Strange, false, 0.02, 0.0, SHORT, 11);
+    let (ResidualEvidence { places, nonlinearities, .. }, found) = attributed(&case);
+    assert!(
+        nonlinearities.evidence() > 3.0 && nonlinearities.evidence() > places.evidence(),
+        "{nonlinearities:?} {:?}",
+        places.disturbances
+    );
+    assert_eq!(found.verdict, Origin::UnknownCause);
+    assert!(
+        found.sites[..2].iter().any(|s| s.place.kind == PlaceKind::Equation && s.place.name == "q"),
+        "{:?}",
+        found.sites
+    );
+}
+
+#[test]
+fn what_does_not_repeat_is_a_disturbance_in_its_equation() {
+    // a disturbance on de is nearly one in the equation of q: the equation is told first
+    let case = Case::new(&FAMILIES[0], Hidden::Gust(1), true, 0.01, 0.1, SHORT, 7);
+    let (ResidualEvidence { places, nonlinearities, .. }, found) = attributed(&case);
+    assert!(places.evidence() > nonlinearities.evidence() + 3.0, "{nonlinearities:?} {:?}", places.disturbances);
+    assert_eq!((found.verdict, found.sites[0].place.name.as_str()), (Origin::Disturbance, "q"));
+}
+
+#[test]
+fn a_narrow_mode_in_a_sensor_is_seen_there() {
+    let case = Case::new(&FAMILIES[0], Hidden::Mode, false, 0.02, 0.0, 2 * SHORT, 5);
+    let (ResidualEvidence { residual_analysis, .. }, found) = attributed(&case);
+    assert!(residual_analysis.repeatable < 0.001, "{residual_analysis:?}");
+    assert!(
+        residual_analysis.coherences[0].output == "qm" && residual_analysis.coherences[0].partner.input() == "de",
+        "{residual_analysis:?}"
+    );
+    assert_eq!(found.verdict, Origin::UnknownCause);
+    assert!(
+        found.sites[..2].iter().any(|s| s.place.kind == PlaceKind::Output && s.place.name == "qm"),
+        "{:?}",
+        found.sites
+    );
+}
+
+#[test]
+fn noise_is_neither() {
+    let case = Case::new(&FAMILIES[0], Hidden::Nothing, true, 0.03, 0.0, SHORT, 3);
+    let (_, found) = attributed(&case);
+    assert!(found.warnings.is_empty() && found.sites.is_empty(), "{found:?}");
+    assert_eq!(found.verdict, Origin::Nothing);
+}
+
+#[test]
+fn an_equation_stands_before_an_input_that_moves_it() {
+    let case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.05, 0.0, SHORT, 3);
+    let all = places(&case.model);
+    let ranked = |evidence: [f64; 3]| {
+        let mut list: Vec<(Place, f64)> = all.iter().cloned().zip(evidence).collect();
+        place::rank(&case.model, &mut list, |l| (&l.0, l.1));
+        list.into_iter().map(|l| l.0.name).collect::<Vec<_>>()
+    };
+    // de, al, q: within odds of 20 to 1 the first equation behind the input goes before it
+    assert_eq!(ranked([10.0, 1.0, 9.0]), ["q", "de", "al"]);
+    assert_eq!(ranked([10.0, 1.0, 2.0]), ["de", "q", "al"]);
+    assert_eq!(ranked([5.0, 6.0, 4.0]), ["al", "q", "de"]);
+}
+
+#[test]
+fn noise_that_sensors_share_is_no_force() {
+    let mut case = Case::new(&FAMILIES[0], Hidden::Nothing, false, 0.03, 0.0, SHORT, 9);
+    let (mut normal, q) = (Normal(Stream::seeded(77)), 3);
+    for run in &mut case.runs {
+        let rms = |c: usize| (run.measured.iter().skip(c).step_by(q).map(|v| v * v).sum::<f64>() / SHORT as f64).sqrt();
+        let sizes: Vec<f64> = (0..q).map(rms).collect();
+        for row in run.measured.chunks_exact_mut(q) {
+            let shared = normal.next();
+            row.iter_mut().zip(&sizes).for_each(|(z, size)| *z += 0.05 * size * shared);
+        }
+    }
+    let case = Case::fitted(&case.model, case.runs);
+    let (ResidualEvidence { places, nonlinearities, .. }, found) = attributed(&case);
+    assert!(places.evidence() < 3.0 && nonlinearities.evidence() < 3.0, "{:?} {nonlinearities:?}", places.disturbances);
+    assert_eq!((found.verdict, found.warnings.len()), (Origin::Nothing, 0));
+}

@@ -1,0 +1,518 @@
+//! The noise of one output as a smooth logarithm of its spectrum, from cells of which a part has been fitted away.
+//!
+//! log S(f) is piecewise linear in log f between many knots, held by a prior: second differences are normal with a
+//! deviation that the bins choose, so that without curvature the spectrum is a power of the frequency (white and 1/f
+//! alike). What a projection of leverage h leaves of n bins has the mean S (n - h): the likelihood is that of gamma variates
+//! (Whittle), solved by reweighted least squares; how smooth the spectrum is, is averaged over by Laplace's marginal
+//! likelihood. What the bins do not tell (a band that was fitted away, whether a slope goes on) stays uncertain that way,
+//! where a choice of the number of knots would call it known.
+//!
+//! Symmetric matrices with two diagonals beside the main one: second differences of values side by side.
+//!
+//! The noise of one output as a smooth logarithm of its spectrum with as few hat functions as its likelihood is content with.
+//!
+//! A disturbance is weighed against noise of any smooth spectrum; each hat function has a penalty, so that both pay for what they
+//! are free to do. log S is a sum of hats over log f; what is left of n bins beside a leverage h has the mean S (n - h): gamma
+//! variates (Whittle), solved by reweighted least squares.
+
+use fdm_numeric::dense::{Factor, Pentadiagonal};
+use fdm_numeric::random::Stream;
+use nalgebra::{DMatrix, DVector};
+
+/// Distance of knots in log f.
+const SPACING: f64 = 0.14;
+/// Most knots.
+const MOST: usize = 72;
+/// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other; a resonance of quality 3 has
+/// the last.
+const CURVATURES: [f64; 4] = [0.04, 0.18, 0.8, 3.2];
+/// A resonance has at least half as many periods in a record (bin k has k / 2): below, where a bin or two tell all there is to
+/// tell, the curvature is this at most.
+const PERIODS: f64 = 10.0;
+const GENTLE: f64 = 0.2;
+/// How much less likely than the likeliest so far a curvature is, in log-likelihood, beyond which rougher ones are not tried.
+const HOPELESS: f64 = 4.0;
+/// Deviation of the slope d log S / d log f.
+const SLOPE: f64 = 1.0;
+/// Deviation of the level: any.
+const LEVEL: f64 = 1e3;
+/// How much wider than the normal approximation spectra are drawn: where few bins tell, what is said of a spectrum was
+/// measured to be too small by this much (lowest band beside a resonance).
+const EXCESS: f64 = 1.2;
+/// Knots over which the slope at the low end is taken, and the most by which S rises with falling frequency.
+const NEAR: usize = 4;
+const STEEPEST: f64 = 2.0;
+const ROUNDS: usize = 40;
+/// Change of the log-spectrum below which the iteration ends: the next would be about its square.
+const SETTLED: f64 = 1e-3;
+/// Least curvature of a cell's loss that is believed, as a share of what it is on average.
+const LEAST_CURVATURE: f64 = 0.3;
+/// The least density, as a part of its mean over the knots: forty decibels below it a record holds what its filters and its ends leave,
+/// which no model is asked about, and a likelihood by such numbers would hear nothing else.
+const DYNAMIC: f64 = 1e-4;
+/// Variance of log S below which S is known well enough, and the most that is allowed for.
+const KNOWN: f64 = 1.0;
+const DOUBT: f64 = 12.0;
+/// Bins without which not even a level is known.
+const LEAST: f64 = 2.0;
+
+/// What is left of the bins of a cell.
+#[derive(Debug, Clone, Copy)]
+pub struct ResidualPower {
+    /// log f
+    pub log_frequency: f64,
+    /// Mean square of what is left: its sum over `freedom`.
+    pub power: f64,
+    /// Bins less leverage, n - h.
+    pub freedom: f64,
+}
+
+/// The spectrum of one output's noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogSpectrum {
+    /// Logarithms of frequencies, evenly spaced.
+    knots: Vec<f64>,
+    /// log S at the knots.
+    values: DVector<f64>,
+    /// What it is made of.
+    parts: Vec<Smooth>,
+    /// Marginal log-likelihood of what was left.
+    evidence: f64,
+}
+
+/// The spectrum of one smoothness.
+#[derive(Debug, Clone, PartialEq)]
+struct Smooth {
+    weight: f64,
+    values: DVector<f64>,
+    /// L of the precision L L' of `values`.
+    precision: Factor,
+}
+
+impl LogSpectrum {
+    /// Fits what is left of one output; `level` is taken where nothing is.
+    pub fn fit(left: &[ResidualPower], level: f64) -> Self {
+        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+        let power = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
+        if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
+            return Self::flat(level);
+        }
+        let knots = knots(left);
+        let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
+        let mut values = None;
+        let mut parts = Vec::new();
+        let mut best = f64::NEG_INFINITY;
+        for curvature in &CURVATURES {
+            let prior = prior(&knots, *curvature);
+            let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
+            let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
+            values = Some(part.values.clone());
+            parts.push((likelihood, part));
+            best = best.max(likelihood);
+            if likelihood < best - HOPELESS {
+                break;
+            }
+        }
+        let total: f64 = parts.iter().map(|p| (p.0 - best).exp()).sum();
+        let parts: Vec<Smooth> = parts
+            .into_iter()
+            .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
+            .collect();
+        let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
+        let evidence = best + (total / CURVATURES.len() as f64).ln();
+        Self { knots, values, parts, evidence }.raised()
+    }
+
+    /// Without what lies too far below the rest.
+    fn raised(mut self) -> Self {
+        let mean = self.values.map(f64::exp).mean();
+        let least = (DYNAMIC * mean).ln();
+        let raise = |values: &mut DVector<f64>| values.apply(|v| *v = v.max(least));
+        raise(&mut self.values);
+        self.parts.iter_mut().for_each(|part| raise(&mut part.values));
+        self
+    }
+
+    /// The same everywhere, and known.
+    pub fn flat(level: f64) -> Self {
+        Self {
+            knots: vec![0.0],
+            values: DVector::from_element(1, level.max(1e-200).ln()),
+            parts: Vec::new(),
+            evidence: 0.0,
+        }
+    }
+
+    /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on as it rose there, if it did.
+    pub fn at(&self, log_frequency: f64) -> f64 {
+        let known = Hat::at(&self.knots, log_frequency).of(&self.values);
+        let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
+        if below == 0.0 || near == 0 {
+            return known.exp();
+        }
+        let rise = (self.values[0] - self.values[near]) / (self.knots[near] - self.knots[0]);
+        (known + rise.clamp(0.0, STEEPEST) * below).exp()
+    }
+
+    /// S by which a bin is weighed: higher where the bins tell so little of S that its logarithm may be off by much. Otherwise bins
+    /// whose noise was fitted away, and seems small for that, would speak the loudest.
+    pub fn inflated(&self, log_frequency: f64) -> f64 {
+        let doubt = self.uncertainty(&[(log_frequency, 1.0)]).powi(2);
+        self.at(log_frequency) * (doubt - KNOWN).clamp(0.0, DOUBT).exp()
+    }
+
+    /// Where it stands out most, as the logarithm of a frequency: by so much in log S of what lies on either side.
+    pub(super) fn peak(&self, prominence: f64) -> Option<f64> {
+        let largest = |range: std::ops::Range<usize>| range.max_by(|a, b| self.values[*a].total_cmp(&self.values[*b]));
+        let least = |range: std::ops::Range<usize>| range.map(|k| self.values[k]).fold(f64::INFINITY, f64::min);
+        let size = self.size();
+        // 1/f noise is higher still at its low end
+        let valley = (0..size).min_by(|a, b| {
+            let height = |k: usize| self.values[k] - largest(k..size).map_or(0.0, |top| self.values[top]);
+            height(*a).total_cmp(&height(*b))
+        })?;
+        let top = largest(valley..size)?;
+        let stands = |beside: f64| self.values[top] - beside > prominence;
+        (stands(self.values[valley]) && stands(least(top..size))).then(|| self.knots[top])
+    }
+
+    /// How likely what was left is, whatever the spectrum: the logarithm, without constants that all that is left of as many bins shares.
+    pub fn evidence(&self) -> f64 {
+        self.evidence
+    }
+
+    /// Number of knots.
+    pub fn size(&self) -> usize {
+        self.knots.len()
+    }
+
+    /// Deviation of log S from what it would be, averaged over cells with these weights.
+    pub(super) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
+        let of = |part: &Smooth| {
+            let mut mean = DVector::zeros(self.size());
+            for (log_frequency, weight) in weights {
+                Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
+            }
+            let shift = mean.dot(&(&part.values - &self.values));
+            part.precision.solve_lower(&mut mean);
+            part.weight * (mean.norm_squared() + shift * shift)
+        };
+        self.parts.iter().map(of).sum::<f64>().sqrt()
+    }
+
+    /// A spectrum as likely as this one.
+    pub(super) fn drawn(&self, normal: &mut Stream) -> Self {
+        let mut place = normal.uniform();
+        let chosen = self.parts.iter().find(|part| {
+            place -= part.weight;
+            place < 0.0
+        });
+        let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
+        let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.normal_of_pair());
+        part.precision.solve_upper(&mut change);
+        Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new(), evidence: 0.0 }
+    }
+}
+
+/// Evenly from the lowest to the highest cell.
+fn knots(left: &[ResidualPower]) -> Vec<f64> {
+    let logs = || left.iter().map(|l| l.log_frequency);
+    let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
+    if high - low < SPACING {
+        return vec![low];
+    }
+    let count = (((high - low) / SPACING).round() as usize + 1).clamp(2, MOST);
+    (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect()
+}
+
+/// Precision of the values at the knots before any bin is seen.
+fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
+    let size = knots.len();
+    let mut precision = Pentadiagonal::diagonal(size, LEVEL.powi(-2));
+    if size < 2 {
+        return precision;
+    }
+    let (step, middle) = (knots[1] - knots[0], (size - 1) / 2);
+    precision.add_square(&[(middle, -1.0), (middle + 1, 1.0)], (SLOPE * step).powi(-2));
+    for k in 1..size - 1 {
+        let own = if knots[k] < knots[0] + PERIODS.ln() { curvature.min(GENTLE) } else { curvature };
+        // a walk of the slope: its deviation grows with the root of the distance
+        let deviation = own * (step / 0.3).powf(1.5);
+        precision.add_square(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation.powi(-2));
+    }
+    precision
+}
+
+/// Where the iteration begins: least squares through the logarithms.
+fn start(left: &[ResidualPower], hats: &[Hat], prior: &Pentadiagonal, power: f64, size: usize) -> DVector<f64> {
+    let (mut information, mut gradient) = (prior.clone(), DVector::zeros(size));
+    for (cell, hat) in left.iter().zip(hats) {
+        let weight = cell.freedom / 2.0;
+        hat.add(weight, weight * cell.power.max(1e-6 * power).ln(), &mut information, &mut gradient);
+    }
+    match information.factor() {
+        Some(factor) => {
+            factor.solve(&mut gradient);
+            gradient
+        }
+        None => DVector::from_element(size, power.ln()),
+    }
+}
+
+impl Smooth {
+    /// Marginal log-likelihood and what is likeliest under a prior.
+    fn fit(
+        left: &[ResidualPower],
+        hats: &[Hat],
+        prior: &Pentadiagonal,
+        mut values: DVector<f64>,
+    ) -> Option<(f64, Self)> {
+        let mut information = prior.clone();
+        for _ in 0..ROUNDS {
+            information.clone_from(prior);
+            let mut change = -prior.times(&values);
+            for (cell, hat) in left.iter().zip(hats) {
+                let weight = cell.freedom / 2.0;
+                let ratio = cell.power * (-hat.of(&values)).exp();
+                // Newton's step, but not where S is far too high and the curvature tells nothing
+                hat.add(weight * ratio.max(LEAST_CURVATURE), weight * (ratio - 1.0), &mut information, &mut change);
+            }
+            information.factor()?.solve(&mut change);
+            // a knot that starts far too low overshoots: at most this step in the logarithm at once
+            let largest = change.amax();
+            if largest > 2.0 {
+                change *= 2.0 / largest;
+            }
+            values += &change;
+            if largest < SETTLED {
+                break;
+            }
+        }
+        information.clone_from(prior);
+        left.iter().zip(hats).for_each(|(cell, hat)| hat.add_weight(cell.freedom / 2.0, &mut information));
+        let loss = |(cell, hat): (&ResidualPower, &Hat)| {
+            let log = hat.of(&values);
+            cell.freedom / 2.0 * (log + cell.power * (-log).exp())
+        };
+        let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
+        let precision = information.factor()?;
+        let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
+        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, precision }))
+    }
+}
+
+/// L of a correlation L L' of outputs; correlations are made smaller until there is one.
+pub(super) fn correlation_factor(mut correlation: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = correlation.nrows();
+    for _ in 0..100 {
+        if (&correlation - DMatrix::identity(size, size) * 0.01).cholesky().is_some() {
+            break;
+        }
+        correlation *= 0.95;
+        correlation.fill_diagonal(1.0);
+    }
+    correlation.cholesky().map(|c| c.unpack())
+}
+
+/// The two hat functions that are not zero at a frequency.
+#[derive(Debug, Clone, Copy)]
+struct Hat {
+    below: usize,
+    /// Weight of the knot above; 0 where there is none.
+    above: f64,
+}
+
+impl Hat {
+    fn at(knots: &[f64], log_frequency: f64) -> Self {
+        let last = knots.len() - 1;
+        if last == 0 {
+            return Self { below: 0, above: 0.0 };
+        }
+        let place = ((log_frequency - knots[0]) / (knots[1] - knots[0])).clamp(0.0, last as f64);
+        let below = (place as usize).min(last - 1);
+        Self { below, above: place - below as f64 }
+    }
+
+    fn parts(self) -> impl Iterator<Item = (usize, f64)> {
+        let parts = [(self.below, 1.0 - self.above), (self.below + 1, self.above)];
+        parts.into_iter().filter(|(_, part)| *part > 0.0)
+    }
+
+    fn of(self, values: &DVector<f64>) -> f64 {
+        self.parts().map(|(k, part)| part * values[k]).sum()
+    }
+
+    fn add(self, weight: f64, score: f64, information: &mut Pentadiagonal, gradient: &mut DVector<f64>) {
+        self.parts().for_each(|(k, part)| gradient[k] += part * score);
+        self.add_weight(weight, information);
+    }
+
+    fn add_weight(self, weight: f64, information: &mut Pentadiagonal) {
+        self.parts().for_each(|(k, part)| information.add(k, k, weight * part * part));
+        if self.above > 0.0 {
+            information.add(self.below + 1, self.below, weight * self.above * (1.0 - self.above));
+        }
+    }
+}
+
+/// Numbers of hat functions that are tried.
+const SIZES: [usize; 6] = [1, 2, 3, 5, 8, 12];
+/// What a hat function costs in log-likelihood.
+pub(super) const PENALTY: f64 = 1.5;
+const PASSES: usize = 60;
+/// Change of the log-spectrum below which the iteration ends.
+const CONVERGED: f64 = 1e-9;
+
+/// A smooth spectrum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SmoothSpectrum {
+    /// Logarithms of frequencies, evenly spaced; one for white noise.
+    knots: Vec<f64>,
+    /// log S at the knots.
+    values: Vec<f64>,
+}
+
+impl SmoothSpectrum {
+    /// The spectrum of the least penalty and loss.
+    pub(super) fn fit(left: &[ResidualPower]) -> Self {
+        let tried = SIZES.iter().filter_map(|size| Self::of_size(left, *size));
+        let penalised = tried.map(|s| (s.twice_loss(left) + 2.0 * PENALTY * s.size() as f64, s));
+        let best = penalised.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or_else(|| Self::level(left), |(_, spectrum)| spectrum)
+    }
+
+    /// White noise of a given density.
+    pub(super) fn white(density: f64) -> Self {
+        Self { knots: vec![0.0], values: vec![density.max(f64::MIN_POSITIVE).ln()] }
+    }
+
+    /// White noise as strong as what is left.
+    pub(super) fn level(left: &[ResidualPower]) -> Self {
+        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+        Self::white(left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom.max(f64::MIN_POSITIVE))
+    }
+
+    /// The spectrum with so many hat functions; none where the bins do not determine it.
+    fn of_size(left: &[ResidualPower], size: usize) -> Option<Self> {
+        let logs = || left.iter().map(|l| l.log_frequency);
+        let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
+        let step = if size > 1 { (high - low) / (size - 1) as f64 } else { 0.0 };
+        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+        let mean = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
+        let told = left.len() >= 2 * size && freedom >= 8.0 * size as f64 && (size == 1 || step > 0.0);
+        if !told || mean <= 0.0 || !mean.is_finite() {
+            return None;
+        }
+        let knots: Vec<f64> = (0..size).map(|k| low + k as f64 * step).collect();
+        let hats = DMatrix::from_fn(left.len(), size, |i, k| tent(&knots, left[i].log_frequency, k));
+        let mut values = DVector::from_element(size, mean.ln());
+        for _ in 0..PASSES {
+            let logs = &hats * &values;
+            let weighed = DMatrix::from_fn(left.len(), size, |i, k| left[i].freedom * hats[(i, k)]);
+            let excess = DVector::from_fn(left.len(), |i, _| left[i].power * (-logs[i]).exp() - 1.0);
+            let mut change = weighed.tr_mul(&hats).cholesky()?.solve(&weighed.tr_mul(&excess));
+            // a knot that starts far too high overshoots: at most one step in the logarithm at once
+            let largest = change.amax();
+            if largest > 1.0 {
+                change /= largest;
+            }
+            values += &change;
+            if largest < CONVERGED {
+                break;
+            }
+        }
+        Some(Self { knots, values: values.as_slice().to_vec() })
+    }
+
+    /// S at a frequency given by its logarithm.
+    pub fn at(&self, log_frequency: f64) -> f64 {
+        let hats = self.values.iter().enumerate().map(|(k, v)| v * tent(&self.knots, log_frequency, k));
+        hats.sum::<f64>().exp()
+    }
+
+    /// Number of hat functions; 1 is white.
+    pub fn size(&self) -> usize {
+        self.knots.len()
+    }
+
+    /// Minus twice the logarithm of the likelihood of what is left.
+    pub(super) fn twice_loss(&self, left: &[ResidualPower]) -> f64 {
+        let loss = |l: &ResidualPower| {
+            let density = self.at(l.log_frequency);
+            l.freedom * (density.ln() + l.power / density)
+        };
+        left.iter().map(loss).sum()
+    }
+}
+
+/// The k-th hat function, constant beyond the outer knots.
+fn tent(knots: &[f64], log_frequency: f64, k: usize) -> f64 {
+    let last = knots.len() - 1;
+    if last == 0 {
+        return 1.0;
+    }
+    let place = ((log_frequency - knots[0]) / (knots[1] - knots[0])).clamp(0.0, last as f64);
+    (1.0 - (place - k as f64).abs()).max(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(density: impl Fn(f64) -> f64) -> LogSpectrum {
+        let left = |k: usize| {
+            let log_frequency = k as f64 * 0.2;
+            ResidualPower { log_frequency, power: density(log_frequency.exp()), freedom: 20.0 }
+        };
+        LogSpectrum::fit(&(0..25).map(left).collect::<Vec<_>>(), 1.0)
+    }
+
+    #[test]
+    fn only_a_resonance_stands_out() {
+        assert_eq!(of(|_| 3.0).peak(1.5), None);
+        assert_eq!(of(|f| 1.0 / f).peak(1.5), None);
+        assert_eq!(of(|f| f).peak(1.5), None);
+        let resonance = |f: f64| 1.0 / ((1.0 - f * f / 400.0).powi(2) + 0.04);
+        assert!((of(resonance).peak(1.5).unwrap() - 20.0_f64.ln()).abs() < 0.3);
+        // beside 1/f noise
+        assert!(of(|f| resonance(f) + 20.0 / f).peak(1.0).is_some());
+    }
+
+    #[test]
+    fn below_its_lines_a_spectrum_goes_on_as_it_rises() {
+        let pink = of(|f| 5.0 / f);
+        assert!((pink.at(-2.0) / (5.0 * 2.0_f64.exp()) - 1.0).abs() < 0.05);
+        assert!((of(|f| f).at(-2.0) / of(|f| f).at(0.0) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_drift_is_unlikely_as_noise_of_a_smooth_spectrum() {
+        // the cosine transform of a drift is in every other bin, falling with the square of the frequency
+        let likelihood = |drift: f64| -> f64 {
+            let bin = |k: usize| {
+                let f = k as f64;
+                let own = if k % 2 == 1 { drift / f.powi(4) } else { 0.0 };
+                ResidualPower { log_frequency: f.ln(), power: 1.0 / f + own, freedom: 2.0 }
+            };
+            LogSpectrum::fit(&(1..300).map(bin).collect::<Vec<_>>(), 1.0).evidence()
+        };
+        let nats = likelihood(0.0) - likelihood(600.0);
+        // a known spectrum would make it 300; one that may be anything, but smooth, a few for each bin in which the drift stands out
+        assert!((8.0..60.0).contains(&nats), "{nats}");
+        // what a smooth spectrum takes in is no less likely for its size
+        assert!((likelihood(0.0) - likelihood(0.1)).abs() < 1.0);
+    }
+
+    #[test]
+    fn what_no_line_tells_is_uncertain() {
+        let left = |k: usize| ResidualPower {
+            log_frequency: k as f64 * 0.2,
+            power: 1.0,
+            freedom: if k < 6 { 0.0 } else { 20.0 },
+        };
+        let spectrum = LogSpectrum::fit(&(0..25).map(left).collect::<Vec<_>>(), 1.0);
+        let uncertainty = |log: f64| spectrum.uncertainty(&[(log, 1.0)]);
+        assert!((spectrum.at(0.0) - 1.0).abs() < 0.05);
+        assert!(uncertainty(0.0) > 1.5 * uncertainty(1.2) && uncertainty(1.2) > uncertainty(3.0));
+    }
+}

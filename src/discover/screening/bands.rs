@@ -1,0 +1,144 @@
+//! Bins gathered into bands, one for each output and narrow band: inside a band the noise has the level of the band and a
+//! shape that is known, so that every weighting by a spectrum is a sum over bands, and no bin is needed again.
+
+use super::basis::{Basis, OutputPart, gram};
+use crate::noise::LogSpectrum;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Ratio of the frequencies at which neighbouring bands begin.
+const WIDTH: f64 = 1.12;
+/// Fewest bins of a band, of the longest run; the lowest ones stand alone, since under noise of long memory each has its level.
+const FEWEST: usize = 4;
+/// What is left of a band's products when they are factored, in units of the noise: shared columns have about unit energy in
+/// all bands together.
+const NEGLIGIBLE: f64 = 1e-7;
+
+/// One output in one band.
+#[derive(Debug, Clone)]
+pub(super) struct Band {
+    /// The output.
+    pub(super) channel: usize,
+    /// Of differences between runs that repeat each other.
+    pub(super) reference: bool,
+    /// Mean logarithm of the frequencies.
+    pub(super) log_frequency: f64,
+    /// Number of bins.
+    pub(super) count: usize,
+    /// R with R'R the products of the shared columns (rank by r).
+    pub(super) factor: DMatrix<f64>,
+    /// Products of the shared columns with the residual (r).
+    pub(super) products: DVector<f64>,
+    /// Sum of squares of the residual.
+    pub(super) residual: f64,
+    /// Parts and bins.
+    rows: Vec<(usize, Range<usize>)>,
+}
+
+/// All bands of all runs.
+#[derive(Debug, Clone)]
+pub(super) struct Bands {
+    /// Outputs outermost, bands rising.
+    pub(super) list: Vec<Band>,
+    /// Outputs q.
+    pub(super) channels: usize,
+}
+
+impl Bands {
+    /// Gathers bins; `shape` are spectra by which the level changes inside a band.
+    pub(super) fn new(shared: &Basis, shape: &[LogSpectrum]) -> Self {
+        let edges = edges(&shared.parts);
+        let places: Vec<(usize, usize, bool)> = (0..shared.channels)
+            .flat_map(|c| (0..edges.len()).flat_map(move |band| [(c, band, false), (c, band, true)]))
+            .collect();
+        let one = |(channel, band, reference): (usize, usize, bool)| {
+            let high = edges.get(band + 1).copied().unwrap_or(f64::INFINITY);
+            Band::of(shared, (channel, reference), edges[band]..high, &shape[channel])
+        };
+        let list = places.into_par_iter().filter_map(one).collect();
+        Self { list, channels: shared.channels }
+    }
+}
+
+impl Band {
+    fn of(shared: &Basis, (channel, reference): (usize, bool), band: Range<f64>, shape: &LogSpectrum) -> Option<Self> {
+        let within = |(k, part): (usize, &OutputPart)| {
+            let first = part.frequency.partition_point(|f| *f < band.start);
+            let rows = first..part.frequency.partition_point(|f| *f < band.end);
+            (part.channel == channel && part.reference == reference && !rows.is_empty()).then_some((k, rows))
+        };
+        let rows: Vec<_> = shared.parts.iter().enumerate().filter_map(within).collect();
+        let count: usize = rows.iter().map(|(_, rows)| rows.len()).sum();
+        let logs = rows.iter().flat_map(|(k, rows)| &shared.parts[*k].frequency[rows.clone()]).map(|f| f.ln());
+        let log_frequency = logs.sum::<f64>() / count as f64;
+        let (factor, products) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+        let mut band = Self { channel, reference, log_frequency, count, factor, products, residual: 0.0, rows };
+        if count == 0 {
+            return None;
+        }
+        let (columns, residual) = band.gather(shared, shape);
+        (band.products, band.residual) = (columns.tr_mul(&residual), residual.norm_squared());
+        band.factor = factored(gram(&columns), count, NEGLIGIBLE * shape.at(band.log_frequency));
+        Some(band)
+    }
+
+    /// Basis columns and residual, brought to the band's level.
+    fn gather(&self, shared: &Basis, shape: &LogSpectrum) -> (DMatrix<f64>, DVector<f64>) {
+        let (mut columns, mut residual) = (DMatrix::zeros(self.count, shared.width()), DVector::zeros(self.count));
+        let level = shape.at(self.log_frequency);
+        let mut row = 0;
+        for (k, rows) in &self.rows {
+            let part = &shared.parts[*k];
+            let factors: Vec<f64> =
+                part.frequency[rows.clone()].iter().map(|f| (level / shape.at(f.ln())).sqrt()).collect();
+            let take = |from: &[f64], to: &mut [f64]| {
+                let pairs = from[rows.clone()].iter().zip(&factors);
+                to[row..row + rows.len()].iter_mut().zip(pairs).for_each(|(to, (from, factor))| *to = from * factor);
+            };
+            let (bins, size) = (part.basis.nrows(), self.count);
+            let from = part.basis.as_slice().chunks_exact(bins);
+            from.zip(columns.as_mut_slice().chunks_exact_mut(size)).for_each(|(from, to)| take(from, to));
+            take(part.residual.as_slice(), residual.as_mut_slice());
+            row += rows.len();
+        }
+        (columns, residual)
+    }
+}
+
+/// Where bands begin: every band holds bins enough of the longest run.
+fn edges(parts: &[OutputPart]) -> Vec<f64> {
+    let Some(longest) = parts.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
+    let mut edges = vec![0.0];
+    let mut first = 0;
+    for (k, f) in longest.frequency.iter().enumerate() {
+        let far = *f >= longest.frequency[first] * WIDTH && k - first >= FEWEST.min(1 + first / FEWEST);
+        if far && longest.frequency.len() - k >= FEWEST {
+            edges.push(*f);
+            first = k;
+        }
+    }
+    edges
+}
+
+/// R of as few rows as carry the products R'R of so many bins (Cholesky with pivots, ended where no more than this is left).
+fn factored(products: DMatrix<f64>, bins: usize, negligible: f64) -> DMatrix<f64> {
+    let size = products.nrows();
+    let mut left: Vec<f64> = products.diagonal().iter().copied().collect();
+    let mut rows: Vec<DVector<f64>> = Vec::new();
+    while rows.len() < size.min(bins) {
+        let Some(pivot) = (0..size).max_by(|a, b| left[*a].total_cmp(&left[*b])) else { break };
+        if left[pivot].is_nan() || left[pivot] <= negligible {
+            break;
+        }
+        let mut row = products.column(pivot).into_owned();
+        rows.iter().for_each(|known| row.axpy(-known[pivot], known, 1.0));
+        row /= left[pivot].sqrt();
+        left.iter_mut().zip(row.iter()).for_each(|(left, value)| *left = (*left - value * value).max(0.0));
+        left[pivot] = 0.0;
+        rows.push(row);
+    }
+    let mut all = DMatrix::zeros(rows.len(), size);
+    all.row_iter_mut().zip(&rows).for_each(|(mut own, row)| own.tr_copy_from(row));
+    all
+}

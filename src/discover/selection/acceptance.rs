@@ -1,0 +1,221 @@
+//! Which effect is named: scores, the group that cannot be told apart, and what makes an effect acceptable.
+//!
+//! The experiment that would tell two effects apart.
+//!
+//! Modes that repeat the motion that a model has anyway.
+//!
+//! In a free motion every signal has the motion's own frequency. A second oscillator there is no other degree of freedom: it
+//! bends the envelope and the phase of the first one, as damping and stiffness that change with the amplitude do.
+
+use super::candidate_model::CandidateModel;
+use super::comparison::Comparison;
+use super::extended_model::place;
+use super::forward_step::{ForwardStep, PENALTY};
+use super::projection::cosine;
+use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
+use fdm_estimate::ParameterEstimate;
+use fdm_grammar::effect::NewParam;
+use fdm_system::linear::{LinearModel, Modes, Values};
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+
+/// Scores that differ by less cannot be told apart: odds of 100 : 1, as a cause is believed at a chance of 0.01.
+pub(super) const LEAD: f64 = 4.6;
+/// Least score of an effect that is named.
+const LEAST: f64 = 3.0;
+/// Least gain on the training runs: that of a size of two standard errors. (Wald's size itself says little where an
+/// effect has parameters of its own that correlate with it.)
+const SIZE: f64 = 2.0;
+/// Loss on validation runs below which they say nothing.
+const UNINFORMATIVE: f64 = 0.5;
+
+/// Why a candidate model is not accepted; none when it is.
+pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<String> {
+    if candidate.score() < LEAST {
+        return Some(format!(
+            "the gain of {:.1} is below the penalty for {} (3 each)",
+            candidate.score() + PENALTY * candidate.cost as f64,
+            if candidate.cost == 1 { "its parameter".into() } else { format!("its {} parameters", candidate.cost) }
+        ));
+    }
+    if let Some((gain, _)) = &candidate.validation
+        && *gain <= 0.0
+    {
+        return Some(match *gain > -UNINFORMATIVE {
+            true => "the validation runs are matched as well without it; a run that excites it would decide".into(),
+            false => format!("on the validation runs it loses {:.1} in log-likelihood", -gain),
+        });
+    }
+    if let Some(frequency) = repeated(step, candidate) {
+        return Some(format!(
+            "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
+             stands for damping or stiffness that changes with the amplitude"
+        ));
+    }
+    (candidate.gain < SIZE).then(|| {
+        format!("it gains {:.1} on the training runs, below the gain of two standard errors ({SIZE})", candidate.gain)
+    })
+}
+
+/// The candidate model as a cause, accepted at a chance, with the group of those that score about as much.
+pub(super) fn cause(step: &ForwardStep<'_>, comparison: &Comparison, (chosen, p): (usize, f64)) -> Cause {
+    let candidate = &comparison.models[chosen];
+    let attached = &step.simulated[candidate.candidate].attached;
+    let least = candidate.score() - LEAD;
+    let others = comparison.models.iter().enumerate();
+    let close = others.filter(|(k, c)| *k == chosen || c.score() > least.max(0.0));
+    let alternative = |(_, c): (usize, &CandidateModel)| Alternative {
+        place: place(&step.simulated[c.candidate].attached.candidate),
+        gain_training: c.gain,
+        gain_validation: c.validation.as_ref().map(|(gain, _)| *gain),
+        score: c.score(),
+        cosine: cosine(&c.direction, &candidate.direction).abs(),
+    };
+    let mut group: Vec<Alternative> = close.map(alternative).collect();
+    let own = place(&attached.candidate);
+    group.sort_by_key(|r| r.place != own);
+    let separating_experiment = group.get(1).map(|other| separating(&own, &other.place));
+    Cause {
+        place: own,
+        doc: attached.candidate.doc(),
+        parameters: attached.params().iter().filter_map(|p| new_value(p, candidate)).collect(),
+        gain_training: candidate.gain,
+        gain_validation: candidate.validation.as_ref().map(|(gain, _)| *gain),
+        gain_predicted: candidate.predicted,
+        score: candidate.score(),
+        p,
+        group,
+        separating_experiment,
+    }
+}
+
+fn new_value(param: &NewParam, candidate: &CandidateModel) -> Option<NewValue> {
+    if param.begins_as.is_some() {
+        return None;
+    }
+    let estimate = candidate.fitting.shared(&param.name)?;
+    Some(value_of(param, estimate))
+}
+
+/// A new parameter with its estimate.
+pub(super) fn value_of(param: &NewParam, estimate: &ParameterEstimate) -> NewValue {
+    NewValue {
+        name: param.name.clone(),
+        doc: param.doc.clone(),
+        value: estimate.value,
+        standard_error: estimate.error(),
+        unit: param.unit.as_ref().map(|u| u.text().to_string()),
+        null: (!param.nuisance).then_some(param.null),
+    }
+}
+
+/// A candidate model that was not taken.
+pub(super) fn rejected(step: &ForwardStep<'_>, number: usize, candidate: &CandidateModel, reason: String) -> Rejected {
+    Rejected {
+        place: place(&step.simulated[candidate.candidate].attached.candidate),
+        step: number,
+        gain_training: candidate.gain,
+        gain_validation: candidate.validation.as_ref().map(|(gain, _)| *gain),
+        reason,
+    }
+}
+
+/// Effects that act late, and those that act on size, by name.
+const LATE: &[&str] = &["input_delay", "actuator_lag", "output_delay", "sensor_lag", "lag_in_coupling"];
+const BY_AMPLITUDE: &[&str] = &[
+    "input_dead_zone",
+    "input_saturation",
+    "input_curvature",
+    "input_scale_asymmetry",
+    "rate_limit",
+    "backlash",
+    "quadratic_damping",
+    "cubic_stiffness",
+    "quadratic_term",
+    "coulomb_friction",
+    "product_term",
+    "state_saturation",
+];
+const SLOW: &[&str] = &["output_bias_drift", "time_varying_parameter", "slow_mode", "constant_force"];
+
+/// What to measure so that two effects part.
+pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
+    let (a, b) = if a.effect <= b.effect { (a, b) } else { (b, a) };
+    let either = |name: &str| a.effect == name || b.effect == name;
+    let both = |list: &[&str]| list.contains(&a.effect.as_str()) && list.contains(&b.effect.as_str());
+    let pair = format!("{a} and {b}");
+    if either("coulomb_friction") && either("quadratic_damping") {
+        return format!(
+            "{pair}: free motions from several amplitudes; friction wins at small rates, drag at large ones"
+        );
+    }
+    if either("rate_limit") {
+        return format!("{pair}: the same manoeuvre at half and at twice the rate of change of the input");
+    }
+    if either("time_varying_parameter") || either("output_bias_drift") {
+        return format!("{pair}: repeat the runs in reverse order, or begin with the end of the manoeuvre");
+    }
+    if either("output_scale") || either("output_delay") || either("sensor_lag") || either("sensor_position") {
+        return format!("{pair}: a second sensor of the same quantity, or a manoeuvre through another input");
+    }
+    if both(LATE) {
+        return format!(
+            "{pair}: an input with energy at and above one over the time constant (quick doublets, a sweep to high frequency)"
+        );
+    }
+    if both(BY_AMPLITUDE) {
+        return format!("{pair}: the manoeuvre at two amplitudes, one a third of the other");
+    }
+    if both(SLOW) {
+        return format!("{pair}: a longer record with rests at its beginning and end");
+    }
+    if a.effect == b.effect {
+        return format!("{pair}: a manoeuvre that moves {} and {} independently of each other", of(a), of(b));
+    }
+    format!("{pair}: a second manoeuvre of other shape and amplitude, and energy where the two differ most")
+}
+
+fn of(place: &EffectAt) -> String {
+    place.targets.join(", ")
+}
+
+/// Ratio of frequencies below which two oscillations are one.
+const NEAR: f64 = 1.5;
+
+/// The frequency of an oscillation that a candidate model adds beside one of the model's own, where nothing but the motion itself
+/// drives it; none where there is none, or where the models cannot be linearised.
+pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<f64> {
+    let grows = candidate.model.layout().states > step.current.model.layout().states;
+    if !grows || step.runs.train().iter().any(is_driven) {
+        return None;
+    }
+    let own = frequencies(&step.current.model, step.current.theta.first()?)?;
+    let mut others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
+    for frequency in &own {
+        // each of the model's own oscillations is the nearest of the extended model's
+        let distance = |f: &f64| (f / frequency).ln().abs();
+        let nearest = (0..others.len()).min_by(|a, b| distance(&others[*a]).total_cmp(&distance(&others[*b])))?;
+        others.swap_remove(nearest);
+    }
+    let near = |f: &f64| own.iter().any(|o| (f / o).ln().abs() < NEAR.ln());
+    others.into_iter().find(near)
+}
+
+/// Whether an input moves.
+fn is_driven(run: &Run) -> bool {
+    let m = run.held.len();
+    run.inputs.chunks_exact(m.max(1)).any(|row| row != &run.inputs[..m])
+}
+
+/// Frequencies of the oscillations at the trim, in rad per unit of time, with the values of a fit.
+fn frequencies(model: &Model, theta: &[f64]) -> Option<Vec<f64>> {
+    let mut params = model.definition().params.clone();
+    // what belongs to a run is where it began, not the trim
+    params.iter_mut().zip(theta).filter(|(p, _)| !p.per_run).for_each(|(p, value)| p.value = *value);
+    let model = model.with_params(params);
+    let mut linear = LinearModel::new(&model).ok()?;
+    let mut values = Values::default();
+    linear.evaluate(&model.definition().start(), &mut values).ok()?;
+    let modes = Modes::new(linear.structure(), &values).ok()?;
+    Some(modes.modes.iter().map(|m| m.s.im).filter(|w| *w > 0.0).collect())
+}

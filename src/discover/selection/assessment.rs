@@ -1,0 +1,263 @@
+//! What speaks for a disturbance or an unknown cause, beside the effects that were accepted.
+//!
+//! What the accepted effects gain, run by run and output by output, by one noise.
+//!
+//! Inputs that are correlated with the states by feedback, as under a controller or a pilot, and what that hides.
+//!
+//! Under feedback an input is a function of what it moves. What an effect adds is then hard to tell from what the fitted parameters add,
+//! however long the record: an effect of which little is left beside them could be there, and nobody would see it.
+
+use super::error::DiagnosisError;
+use super::extended_model::states_and_outputs;
+use super::fitted_model::{FittedModel, records};
+use super::predictor::Predictor;
+use super::runs::{Runs, interval};
+use super::whitening::CommonNoise;
+use crate::bins::{Record, Signals};
+use crate::diagnosis::{Biased, CorrelatedInput, Detectable, Feedback, OutputGain, Overlay, RunGain};
+use crate::disturbance::{
+    Attribution, Explained, FittedRun, ResidualEvidence, Suggestions, attribute, residual_evidence, suggestions,
+};
+use crate::lack_of_fit::{BinnedResidual, LackOfFit, RunResidual, lack_of_fit, lack_of_fit_of_bins};
+use fdm_estimate::{OutputFit, ParameterEstimate};
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use nalgebra::{DMatrix, DVector};
+
+/// A model at its fit with the records of its runs.
+pub(super) struct ResidualRecords<'a> {
+    current: &'a FittedModel,
+    runs: Runs<'a>,
+    theta: &'a [Vec<f64>],
+    records: Vec<Record>,
+}
+
+impl<'a> ResidualRecords<'a> {
+    /// All runs at these values: what is left is asked of validation runs as well, the fitted parameters free in all of them.
+    pub(super) fn new(current: &'a FittedModel, runs: Runs<'a>, theta: &'a [Vec<f64>]) -> Result<Self, DiagnosisError> {
+        let records = records(&current.model, runs.all, &current.predictors, theta)?;
+        Ok(Self { current, runs, theta, records })
+    }
+
+    fn passages<'b>(&'b self) -> Vec<FittedRun<'b>> {
+        let parts = self.runs.all.iter().zip(&self.current.predictors).zip(self.theta.iter().zip(&self.records));
+        let of = |((run, predictor), (theta, record)): ((_, &'b Predictor), (&'b Vec<f64>, _))| {
+            Some(FittedRun { run, steps: predictor.steps()?, theta, record })
+        };
+        parts.filter_map(of).collect()
+    }
+
+    /// What is wrong, in every output, on the training runs.
+    pub(super) fn lack_of_fit(&self) -> Vec<LackOfFit> {
+        let predictors = self.current.predictors.iter().zip(&self.records).take(self.runs.train);
+        let bins: Vec<BinnedResidual> =
+            predictors.filter_map(|(predictor, record)| predictor.passage(record)).collect();
+        if !bins.is_empty() {
+            return lack_of_fit_of_bins(&self.current.model, &bins);
+        }
+        let mut left = Vec::new();
+        for (run, record) in self.runs.all.iter().zip(&self.records).take(self.runs.train) {
+            left.push(RunResidual { run, residual: &record.residual, interval: record.interval });
+        }
+        lack_of_fit(&self.current.model, &left)
+    }
+
+    /// Where a disturbance would enter, and whether residuals are noise; none where that cannot be asked.
+    pub(super) fn evidence(&self) -> Option<ResidualEvidence> {
+        residual_evidence(&self.current.model, &self.passages()).ok()
+    }
+
+    /// Functions of states and inputs that the residuals look like.
+    pub(super) fn suggestions(&self) -> Option<Suggestions> {
+        suggestions(&self.current.model, &self.passages()).ok()
+    }
+}
+
+/// Weighs what was accepted, with so many parameters, against a disturbance and the unknown.
+pub(super) fn against(
+    model: &Model,
+    base: &ResidualEvidence,
+    accepted: Option<(&ResidualEvidence, usize)>,
+) -> Attribution {
+    attribute(model, base, accepted.map(|(evidence, params)| Explained { evidence, params }))
+}
+
+/// The gain in log-likelihood of each run from one response to another.
+pub(super) fn run_gains(
+    runs: &[Run],
+    train: usize,
+    predictors: &[Predictor],
+    (before, after): (&[Signals], &[Signals]),
+    noise: &CommonNoise,
+) -> Vec<RunGain> {
+    let of = |(r, run): (usize, &Run)| {
+        let outputs = run.measured.len() / run.len().max(1);
+        let noise = if r < train { noise } else { noise.for_validation() };
+        let (mut whitener, measured) = (predictors[r].whitener(run, outputs, noise), predictors[r].measured(run));
+        let mut bins = |response: &[f64]| {
+            let residual: Vec<f64> = measured.iter().zip(response).map(|(z, y)| z - y).collect();
+            whitener.whitened(&residual)
+        };
+        let (a, b) = (bins(&before[r]), bins(&after[r]));
+        let parts: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a * a - b * b)).collect();
+        let gain: f64 = parts.iter().sum();
+        let mean = gain / parts.len().max(1) as f64;
+        let spread: f64 = parts.iter().map(|p| (p - mean) * (p - mean)).sum();
+        RunGain { run: run.name.clone(), validation: r >= train, gain, deviation: spread.sqrt() }
+    };
+    runs.iter().enumerate().map(of).collect()
+}
+
+/// How each output of each run is matched by two responses.
+pub(super) fn output_gains(
+    model: &Model,
+    runs: &[Run],
+    train: usize,
+    predictors: &[Predictor],
+    (before, after): (&[Signals], &[Signals]),
+    noise: &CommonNoise,
+) -> Vec<OutputGain> {
+    let outputs = &model.definition().outputs;
+    let q = outputs.len();
+    let mut found = Vec::with_capacity(runs.len() * q);
+    for (r, run) in runs.iter().enumerate() {
+        let (measured, frequencies) = (predictors[r].measured(run), predictors[r].frequencies());
+        let noise = if r < train { noise } else { noise.for_validation() };
+        // bins of a band: what they have together is spread over all samples
+        let spread = frequencies.as_ref().map_or(1.0, |f| (f.len() as f64 / run.len() as f64).sqrt());
+        for (o, output) in outputs.iter().enumerate() {
+            let name = &output.quantity.name;
+            let fit = |response: &[f64]| OutputFit::new(name, &run.name, &measured, response, o, q);
+            let (a, b) = (fit(&before[r]), fit(&after[r]));
+            found.push(OutputGain {
+                run: run.name.clone(),
+                validation: r >= train,
+                output: name.clone(),
+                unit: output.quantity.unit.as_ref().map(ToString::to_string),
+                rms_before: a.rms.map(|rms| spread * rms),
+                rms_after: b.rms.map(|rms| spread * rms),
+                noise_floor: match &frequencies {
+                    Some(own) => spread * noise.floor_of(o, own),
+                    None => noise.floor(o, run.len(), interval(run)),
+                },
+                tic_before: a.tic,
+                tic_after: b.tic,
+                r2_before: a.r2,
+                r2_after: b.r2,
+            });
+        }
+    }
+    found
+}
+
+/// Both responses of every run over time; none in the frequency domain.
+pub(super) fn overlays(
+    runs: &[Run],
+    train: usize,
+    predictors: &[Predictor],
+    (before, after): (&[Signals], &[Signals]),
+) -> Vec<Overlay> {
+    let in_time = runs.iter().enumerate().filter(|(r, _)| predictors[*r].frequencies().is_none());
+    let of = |(r, run): (usize, &Run)| Overlay {
+        run: run.name.clone(),
+        validation: r >= train,
+        time: run.time.clone(),
+        measured: run.measured.clone(),
+        before: before[r].clone(),
+        after: after[r].clone(),
+    };
+    in_time.map(of).collect()
+}
+
+/// Parameters of the base model before and after.
+pub(super) fn biased(before: &[ParameterEstimate], after: &[ParameterEstimate]) -> Vec<Biased> {
+    let of = |b: &ParameterEstimate| {
+        let a = after.iter().find(|a| a.name == b.name && a.run == b.run)?;
+        b.start?;
+        Some(Biased {
+            name: b.name.clone(),
+            run: b.run.clone(),
+            unit: b.unit.clone(),
+            before: b.value,
+            before_error: b.error(),
+            after: a.value,
+            after_error: a.error(),
+            moved: b.error().filter(|e| *e > 0.0).map(|e| (a.value - b.value) / e),
+        })
+    };
+    before.iter().filter_map(of).collect()
+}
+
+/// Part of an input's variance that its states explain, from which it is said to follow them.
+const FOLLOWS: f64 = 0.7;
+/// Part of an effect that is left beside the fitted parameters, below which it is called hidden.
+const HIDDEN: f64 = 0.03;
+/// Singular values below this part of the largest are none.
+const RANK: f64 = 1e-8;
+
+/// What follows what on the training runs; none where every input is its own.
+pub(super) fn feedback(current: &FittedModel, runs: Runs<'_>, detectable: &[Detectable]) -> Option<Feedback> {
+    let definition = current.model.definition();
+    let (n, m) = (definition.states.len(), definition.inputs.len());
+    let (states, _) = states_and_outputs(current, runs.all);
+    let of = |k: usize| -> Option<CorrelatedInput> {
+        let (mut rows, mut own) = (Vec::new(), Vec::new());
+        for (run, states) in runs.train().iter().zip(&states) {
+            let input: Vec<f64> = run.inputs.iter().skip(k).step_by(m).copied().collect();
+            let columns: Vec<Vec<f64>> = (0..n).map(|s| states.iter().skip(s).step_by(n).copied().collect()).collect();
+            rows.push(columns.iter().map(|column| about_mean(column)).collect::<Vec<_>>());
+            own.extend(about_mean(&input));
+        }
+        let share = explained(&rows, &own)?;
+        let input = definition.inputs[k].quantity.name.clone();
+        (share >= FOLLOWS).then_some(CorrelatedInput { input, explained: share })
+    };
+    let inputs: Vec<CorrelatedInput> = (0..m).filter_map(of).collect();
+    let hidden = detectable.iter().filter(|d| d.smallest.is_none() || d.distinct < HIDDEN);
+    let hidden = hidden.map(|d| d.place.clone()).collect();
+    (!inputs.is_empty()).then_some(Feedback { inputs, hidden })
+}
+
+fn about_mean(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    values.iter().map(|v| v - mean).collect()
+}
+
+/// The part of a signal's variance that columns (of each run) explain by least squares; none where nothing moves.
+fn explained(runs: &[Vec<Vec<f64>>], signal: &[f64]) -> Option<f64> {
+    let whole: f64 = signal.iter().map(|v| v * v).sum();
+    let width = runs.first()?.len();
+    let mut columns: Vec<Vec<f64>> = (0..width).map(|c| runs.iter().flat_map(|run| run[c].clone()).collect()).collect();
+    columns.retain(|column| column.iter().all(|v| v.is_finite()) && column.iter().any(|v| *v != 0.0));
+    // columns of one size, so that small singular values speak of likeness and not of units
+    for column in &mut columns {
+        let size = column.iter().map(|v| v * v).sum::<f64>().sqrt();
+        column.iter_mut().for_each(|v| *v /= size);
+    }
+    if columns.is_empty() || whole <= 0.0 || !whole.is_finite() || signal.len() <= 2 * columns.len() {
+        return None;
+    }
+    let design = DMatrix::from_fn(signal.len(), columns.len(), |row, column| columns[column][row]);
+    let target = DVector::from_column_slice(signal);
+    let (gram, right) = (design.tr_mul(&design), design.tr_mul(&target));
+    let solved = gram.svd(true, true).solve(&right, RANK).ok()?;
+    let left = (&target - &design * solved).norm_squared();
+    Some((1.0 - left / whole).clamp(0.0, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_is_explained_by_what_it_is_made_of() {
+        let wave = |w: f64| (0..200).map(|k| (w * f64::from(k)).sin()).collect::<Vec<f64>>();
+        let (a, b) = (wave(0.11), wave(0.27));
+        let sum: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 3.0 * a - 1e3 * b).collect();
+        let all = explained(&[vec![a.clone(), b.clone(), a.clone()]], &sum).unwrap_or(0.0);
+        assert!(all > 1.0 - 1e-9, "{all}");
+        let part = explained(&[vec![a.clone()]], &b).unwrap_or(1.0);
+        assert!(part < 0.1 && explained(&[vec![vec![0.0; 200]]], &b).is_none(), "{part}");
+        assert!(explained(&[vec![a]], &[0.0; 200]).is_none());
+    }
+}

@@ -1,0 +1,340 @@
+//! An effect fitted jointly with the model: from where such a fit begins, and what it comes to.
+
+use super::extended_model::new_values;
+use super::fitted_model::shared_from;
+use super::fitting::{FitProblem, Fitting};
+use super::forward_step::{ForwardStep, PENALTY};
+use super::predictor::Predictor;
+use super::projection::{Projected, Projection};
+use super::whitening::CommonNoise;
+use crate::screening::Shape;
+use fdm_system::model::Model;
+use fdm_system::simulate::{choose_steps_within, integration_error};
+
+/// Points whose responses are looked at before a fit begins at any.
+const LOOKED_AT: usize = 12;
+/// The best of them that are corrected.
+const FOLLOWED: usize = 3;
+/// Part of the smallest trial at which an effect is hardly there.
+const FAINT: f64 = 0.1;
+/// Part of a predicted size that is tried where all of it is worse than nothing, and how often it is.
+const PART: f64 = 0.3;
+const NEARER: usize = 4;
+/// Integration error, as a part of an output's range, from which steps are too coarse for a fit; that which others shall have, and
+/// how many of them an interval may take on average.
+const COARSE: f64 = 3e-3;
+const ACCURATE: f64 = 1e-4;
+const MOST_STEPS: usize = 40;
+/// Of the others, those that are kept for a candidate model that comes near the best.
+const SPARE: usize = 5;
+/// Iterations of a first look, and what one of them must predicted gain.
+const LOOK: usize = 3;
+const ROUGH: f64 = 0.5;
+/// The same where a candidate is only glanced at, and the points that it is glanced at.
+const GLANCE: usize = 2;
+const GLANCED_AT: usize = 2;
+/// Iterations of a fit, and what one of them must predicted gain.
+const WHOLE: usize = 25;
+const FINE: f64 = 0.01;
+
+/// An effect that was fitted jointly with the model.
+pub(super) struct CandidateModel {
+    /// Its trace.
+    pub(super) candidate: usize,
+    /// The extended model under the base model's text.
+    pub(super) model: Model,
+    /// How it answers all runs.
+    pub(super) predictors: Vec<Predictor>,
+    pub(super) fitting: Fitting,
+    /// Gain in log-likelihood on the training runs.
+    pub(super) gain: f64,
+    /// And on those that are for validation, with what was fitted there.
+    pub(super) validation: Option<(f64, Fitting)>,
+    /// What screening predicted.
+    pub(super) predicted: f64,
+    /// What it adds beside what is fitted, in the metric.
+    pub(super) direction: Vec<f64>,
+    /// Parameters that it costs.
+    pub(super) cost: usize,
+    /// Starts that were not followed, the best first.
+    others: Vec<Vec<Vec<f64>>>,
+}
+
+/// How much is done for a first fit.
+#[derive(Clone, Copy)]
+struct Effort {
+    /// Points that are looked at.
+    looked_at: usize,
+    /// Those of them that are corrected.
+    followed: usize,
+    /// How often.
+    iterations: usize,
+}
+
+/// A start and its cost.
+struct Look {
+    cost: f64,
+    /// Which predicted gain, and whether the effect is hardly there.
+    point: (usize, bool),
+    starts: Vec<Vec<f64>>,
+}
+
+/// A point from which a fit may begin.
+pub(super) struct Prediction {
+    /// The gain that it predicts.
+    pub(super) gain: f64,
+    /// The direction, by index, and the multiple of it that does.
+    pub(super) direction: usize,
+    pub(super) amount: f64,
+    /// Which point.
+    point: usize,
+    pub(super) added: Projected,
+}
+
+impl CandidateModel {
+    /// Gains less the penalty of the parameters.
+    pub(super) fn score(&self) -> f64 {
+        self.whole_gain() - PENALTY * self.cost as f64
+    }
+
+    /// The gain on all runs.
+    pub(super) fn whole_gain(&self) -> f64 {
+        self.gain + self.validation.as_ref().map_or(0.0, |(gain, _)| *gain)
+    }
+
+    /// The model over the training runs.
+    pub(super) fn posed<'c>(&'c self, step: &ForwardStep<'c>, noise: &'c CommonNoise) -> FitProblem<'c> {
+        FitProblem {
+            params: self.model.definition().params.clone(),
+            dynamics: self.model.dynamics(),
+            runs: step.runs.train(),
+            predictors: &self.predictors[..step.runs.train],
+            noise,
+        }
+    }
+
+    /// Fits to the end by a noise, from where it is.
+    pub(super) fn finish(&mut self, step: &ForwardStep<'_>, noise: &CommonNoise, base: &Fitting) {
+        if let Some(fitting) =
+            self.posed(step, noise).prepared().and_then(|mut b| b.fit(&self.fitting.theta, WHOLE, FINE))
+        {
+            self.fitting = fitting;
+        }
+        self.gain = base.cost - self.fitting.cost;
+    }
+
+    /// Fits from starts that were not followed too, where there are such; true when one of them ends better.
+    pub(super) fn again(&mut self, step: &ForwardStep<'_>, noise: &CommonNoise, base: &Fitting) -> bool {
+        let others = std::mem::take(&mut self.others);
+        let before = self.fitting.cost;
+        let Some(mut prepared) = self.posed(step, noise).prepared() else { return false };
+        let ends = others.iter().filter_map(|starts| prepared.fit(starts, WHOLE, FINE));
+        let best = ends.min_by(|a, b| a.cost.total_cmp(&b.cost)).filter(|f| f.cost < before - FINE);
+        drop(prepared);
+        let Some(fitting) = best else { return false };
+        self.fitting = fitting;
+        self.gain = base.cost - self.fitting.cost;
+        true
+    }
+
+    /// Compares with the base model on the validation runs.
+    pub(super) fn compare(&mut self, step: &ForwardStep<'_>, noise: &CommonNoise, base: Option<&Fitting>) {
+        let (params, runs, noise) =
+            (self.model.definition().params.clone(), step.runs.validation(), noise.for_validation());
+        let Some(base) = base.filter(|_| !runs.is_empty()) else { return };
+        let attached = &step.simulated[self.candidate].attached;
+        let values = new_values(attached, &self.fitting.theta[0]);
+        let train = step.runs.train;
+        let own = (train..step.runs.all.len()).map(|r| attached.theta(&step.current, r, &values));
+        let starts = shared_from(&params, &self.fitting.theta[0], &own.collect::<Vec<_>>());
+        let posed =
+            FitProblem { params, dynamics: self.model.dynamics(), runs, predictors: &self.predictors[train..], noise };
+        // a model that cannot follow a validation run at all gains less than nothing there
+        self.validation = Some(match posed.validation().fit(&starts, WHOLE) {
+            Some(fitting) => (base.cost - fitting.cost, fitting),
+            None => (f64::NEG_INFINITY, Fitting { cost: f64::INFINITY, theta: starts, estimates: Vec::new() }),
+        });
+    }
+}
+
+impl ForwardStep<'_> {
+    /// A candidate after a few iterations from the points that do best.
+    pub(super) fn candidate(
+        &self,
+        t: usize,
+        projection: &Projection,
+        noise: &CommonNoise,
+        base: &Fitting,
+    ) -> Option<CandidateModel> {
+        self.followed(
+            t,
+            (projection, noise, base),
+            Effort { looked_at: LOOKED_AT, followed: FOLLOWED, iterations: LOOK },
+        )
+    }
+
+    /// What a candidate gains by a iteration or two from the point that does best.
+    pub(super) fn glance(&self, t: usize, projection: &Projection, noise: &CommonNoise, base: &Fitting) -> Option<f64> {
+        let effort = Effort { looked_at: GLANCED_AT, followed: 1, iterations: GLANCE };
+        self.followed(t, (projection, noise, base), effort).map(|candidate| candidate.gain)
+    }
+
+    fn followed(
+        &self,
+        t: usize,
+        (projection, noise, base): (&Projection, &CommonNoise, &Fitting),
+        effort: Effort,
+    ) -> Option<CandidateModel> {
+        let trace = &self.simulated[t];
+        let attached = &trace.attached;
+        let mut predictions = self.predictions(t, projection);
+        let predicted = predictions.first()?.gain;
+        predictions.truncate(effort.looked_at);
+        let mut definition = attached.definition.clone();
+        definition.params = attached.fitted_params(&self.current);
+        let model = self.current.model.altered(definition);
+        let predictors = self.predictors(t, &model, &predictions[0], base);
+        let posed = FitProblem {
+            params: model.definition().params.clone(),
+            dynamics: model.dynamics(),
+            runs: self.runs.train(),
+            predictors: &predictors[..self.runs.train],
+            noise,
+        };
+        let mut prepared = posed.prepared()?;
+        let mut looks: Vec<Look> = Vec::new();
+        // true when it is better than without the effect
+        let mut look = |point: (usize, bool), starts: Vec<Vec<f64>>| {
+            let cost = prepared.look(&starts);
+            looks.extend(cost.map(|cost| Look { cost, point, starts }));
+            cost.is_some_and(|cost| cost < base.cost)
+        };
+        for (k, prediction) in predictions.iter().enumerate() {
+            let point = &trace.points[prediction.point];
+            let values = point.at(prediction.amount, attached.params());
+            // with what the fitted parameters had made up for, and without: a large effect is not linear
+            let mut gains = false;
+            for share in [prediction.amount, 0.0] {
+                gains |=
+                    look((k, false), self.starts(attached, base, &values, (&prediction.added.compensation, share)));
+            }
+            // a derivative that says so much is believed less far: a model without the effect is never better than the best with it
+            let mut amount = prediction.amount;
+            for _ in 0..if point.is_linear() && !gains { NEARER } else { 0 } {
+                amount *= PART;
+                let values = point.at(amount, attached.params());
+                if look((k, false), self.starts(attached, base, &values, (&prediction.added.compensation, amount))) {
+                    break;
+                }
+            }
+            // where it was simulated: a finite effect is not proportional, and less of a limit is not a limit that is further away
+            if !point.is_linear() {
+                for share in [1.0, 0.0] {
+                    look(
+                        (k, false),
+                        self.starts(attached, base, &point.values, (&prediction.added.compensation, share)),
+                    );
+                }
+            }
+            // hardly there: no worse than the base model
+            if point.shape == Shape::Smallest {
+                let values = point.at(FAINT, attached.params());
+                look((k, true), self.starts(attached, base, &values, (&prediction.added.compensation, 0.0)));
+            }
+        }
+        looks.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        let mut begun: Vec<(usize, bool)> = Vec::new();
+        let mut best: Option<(Fitting, usize)> = None;
+        let mut others = Vec::new();
+        for Look { point, starts, .. } in looks {
+            if begun.contains(&point) {
+                continue;
+            }
+            begun.push(point);
+            if begun.len() > effort.followed {
+                others.push(starts);
+                continue;
+            }
+            if let Some(fitting) = prepared.fit(&starts, effort.iterations, ROUGH)
+                && best.as_ref().is_none_or(|(b, _)| fitting.cost < b.cost)
+            {
+                best = Some((fitting, point.0));
+            }
+        }
+        others.truncate(SPARE);
+        drop(prepared);
+        let (fitting, k) = best?;
+        let direction = predictions.swap_remove(k).added.direction;
+        let (gain, cost) = (base.cost - fitting.cost, attached.cost());
+        Some(CandidateModel {
+            candidate: t,
+            model,
+            predictors,
+            fitting,
+            gain,
+            validation: None,
+            predicted,
+            direction,
+            cost,
+            others,
+        })
+    }
+
+    /// Ways for the fits of a candidate: those of its directions made finer, unless they are too coarse where the fit begins. A
+    /// direction is a derivative, and says little of how stiff the effect itself is.
+    fn predictors(&self, t: usize, model: &Model, prediction: &Prediction, base: &Fitting) -> Vec<Predictor> {
+        let (trace, runs) = (&self.simulated[t], self.runs);
+        let predictors: Vec<Predictor> = trace.predictors.iter().map(Predictor::finer).collect();
+        let Some(steps) = predictors[0].steps() else { return predictors };
+        let values = trace.points[prediction.point].at(prediction.amount, trace.attached.params());
+        let compensation = (&prediction.added.compensation[..], prediction.amount);
+        let starts = self.starts(&trace.attached, base, &values, compensation);
+        let error = integration_error(model.dynamics(), &runs.all[0], &starts[0], steps.clone());
+        if error.is_ok_and(|error| error < COARSE) {
+            return predictors;
+        }
+        let own = |r: usize| {
+            let theta = starts.get(r).cloned().unwrap_or_else(|| trace.attached.theta(&self.current, r, &values));
+            let chosen = choose_steps_within(model.dynamics(), &runs.all[r], &theta, ACCURATE).ok()?;
+            let most = MOST_STEPS * runs.all[r].len();
+            (chosen.error < COARSE && chosen.steps.total(runs.all[r].len()) <= most).then_some(chosen.steps)
+        };
+        (0..runs.all.len()).map(|r| own(r).map_or_else(|| predictors[r].clone(), Predictor::Steps)).collect()
+    }
+
+    /// What a candidate's points predicted gain, the best first.
+    pub(super) fn predictions(&self, t: usize, projection: &Projection) -> Vec<Prediction> {
+        let own = (0..self.owner.len()).filter(|d| self.owner[*d].0 == t);
+        let of = |d: usize| {
+            let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
+            let (added, point) = (projection.added(&parts), self.owner[d].1);
+            let (twice, amount) = projection.predicted_gain(&added.direction, &self.simulated[t].points[point]);
+            Prediction { gain: 0.5 * twice, direction: d, amount, point, added }
+        };
+        let mut predictions: Vec<Prediction> = own.map(of).collect();
+        predictions.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        predictions
+    }
+
+    /// Parameters of each run with these values of the new ones, the others as the base model has them less a share of what
+    /// they make up for.
+    fn starts(
+        &self,
+        attached: &super::extended_model::AttachedEffect,
+        base: &Fitting,
+        values: &[f64],
+        (compensation, share): (&[f64], f64),
+    ) -> Vec<Vec<f64>> {
+        let (shared, own) = &self.free;
+        let of = |r: usize| {
+            let mut theta = base.theta[r].clone();
+            shared.iter().enumerate().for_each(|(c, k)| theta[*k] -= share * compensation[c]);
+            let first = shared.len() + r * own.len();
+            // what belongs to the run and is no parameter is found anew for every start
+            let params = own.iter().enumerate().filter(|(_, k)| **k < self.current.params().len());
+            params.for_each(|(c, k)| theta[*k] -= share * compensation[first + c]);
+            attached.theta_from(&theta, r, values)
+        };
+        (0..self.runs.train).map(of).collect()
+    }
+}

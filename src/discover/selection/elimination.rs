@@ -1,0 +1,247 @@
+//! Accepted effects, and the last look at each of them beside all others: what the joint fit does not need is taken out.
+//!
+//! Another look at each of several accepted effects beside the others: what came near it when it was chosen may do better now.
+//!
+//! Several effects that add terms in one place: what they may be together.
+//!
+//! A nonlinearity that the catalogue does not have (hysteresis, a friction that falls with the speed, a product of three) is nearly the sum of two or
+//! three that it has, so nearly that nothing is left which would tell of it. That they meet in one place is what can be told.
+
+use super::acceptance::{LEAD, separating, value_of};
+use super::error::DiagnosisError;
+use super::extended_model::{AttachedEffect, SignalScales, grown, place, written};
+use super::fitted_model::{FittedModel, split_fit};
+use super::fitting::Fitting;
+use super::forward_step::PENALTY;
+use super::runs::Runs;
+use super::whitening::CommonNoise;
+use crate::diagnosis::{Alternative, Cause, EffectAt, Rejected};
+use fdm_grammar::effect::{Candidate, Choice, NewParam};
+use fdm_system::model::Model;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// An effect that is in the model.
+pub(super) struct Accepted {
+    pub(super) cause: Cause,
+    pub(super) candidate: Candidate,
+    /// Its parameters in the extended model.
+    pub(super) params: Vec<NewParam>,
+    /// Their values in the text.
+    pub(super) choice: Choice,
+    /// What came near it when it was chosen, with the values that were fitted.
+    pub(super) near: Vec<(Candidate, Choice)>,
+}
+
+impl Accepted {
+    pub(super) fn new(
+        attached: &AttachedEffect,
+        fitting: &Fitting,
+        cause: Cause,
+        near: Vec<(Candidate, Choice)>,
+    ) -> Self {
+        let choice = fitting.theta.first().map_or_else(Choice::new, |theta| written(attached, theta));
+        Self { cause, candidate: attached.candidate.clone(), params: attached.params().to_vec(), choice, near }
+    }
+
+    pub(super) fn written(&self) -> (Candidate, Choice) {
+        (self.candidate.clone(), self.choice.clone())
+    }
+
+    /// Parameters that it costs.
+    pub(super) fn cost(&self) -> usize {
+        cost(&self.params)
+    }
+
+    /// Takes its values from the last fit.
+    pub(super) fn renew(&mut self, fitting: &Fitting) {
+        let news = self.params.iter().filter(|p| p.begins_as.is_none());
+        self.cause.parameters =
+            news.filter_map(|p| fitting.shared(&p.name).map(|estimate| value_of(p, estimate))).collect();
+    }
+}
+
+/// Takes out, one by one, what the joint fit of several does not need: an effect whose absence costs less in log-likelihood, on all
+/// runs, than its parameters; the current model that stays, and what was taken out.
+pub(super) fn eliminate(
+    mut current: Arc<FittedModel>,
+    first: &FittedModel,
+    runs: Runs<'_>,
+    noise: &CommonNoise,
+    accepted: &mut Vec<Accepted>,
+) -> Result<(Arc<FittedModel>, Vec<Rejected>), DiagnosisError> {
+    let mut dropped = Vec::new();
+    while accepted.len() > 1 {
+        let fit = split_fit(&current, runs, noise)?;
+        let without = |k: usize| {
+            let others = accepted.iter().enumerate().filter(|(other, _)| *other != k);
+            let effects: Vec<_> = others.map(|(_, a)| a.written()).collect();
+            let (smaller, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
+            let lost = split_fit(&smaller, runs, noise).ok()?.cost() - fit.cost();
+            Some((k, lost, smaller, params))
+        };
+        let tried: Vec<_> = (0..accepted.len()).into_par_iter().filter_map(without).collect();
+        let left = |(k, lost): (usize, f64)| lost - PENALTY * accepted[k].cost() as f64;
+        let weakest = tried.into_iter().min_by(|a, b| left((a.0, a.1)).total_cmp(&left((b.0, b.1))));
+        let Some((k, lost, smaller, params)) = weakest.filter(|w| left((w.0, w.1)) < 0.0) else { break };
+        let gone = accepted.remove(k);
+        accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
+        current = Arc::new(smaller);
+        let reason = format!("beside the others it gains {lost:.1}, below its penalty (3 for each parameter)");
+        let (gain_training, gain_validation) = (gone.cause.gain_training, gone.cause.gain_validation);
+        dropped.push(Rejected { place: gone.cause.place, step: k + 1, gain_training, gain_validation, reason });
+    }
+    Ok((current, dropped))
+}
+
+/// What an effect with these parameters costs.
+pub(super) fn cost(params: &[NewParam]) -> usize {
+    params.iter().filter(|p| !p.fixed && p.begins_as.is_none()).count()
+}
+
+/// The first model with these effects, at the values of a larger or of a like one; the new parameters of each.
+pub(super) fn rebuilt(
+    first: &FittedModel,
+    like: &FittedModel,
+    theta: &[Vec<f64>],
+    runs: Runs<'_>,
+    effects: &[(Candidate, Choice)],
+) -> Result<(FittedModel, Vec<Vec<NewParam>>), DiagnosisError> {
+    let mut at: Option<FittedModel> = None;
+    let mut params = Vec::new();
+    for (candidate, choice) in effects {
+        let current = at.as_ref().unwrap_or(first);
+        let scales = SignalScales::new(current, runs);
+        let text = AttachedEffect::new(candidate, current, &scales, choice).map_err(DiagnosisError::NoFit)?;
+        let model: Model = grown(&current.model, &text, current)?;
+        let names: Vec<(String, f64)> =
+            model.definition().params.iter().map(|p| (p.quantity.name.clone(), p.value)).collect();
+        let own = |name: &String| text.params().iter().any(|p| p.name == *name && p.begins_as.is_none());
+        let known = |run: &Vec<f64>| {
+            let of = |(name, value): &(String, f64)| match like.model.definition().param(name) {
+                // the values that an effect was fitted with are in its text
+                Some(k) if !own(name) => run[k],
+                _ => *value,
+            };
+            names.iter().map(of).collect()
+        };
+        params.push(text.params().to_vec());
+        at = Some(FittedModel::new(model, runs, theta.iter().map(known).collect())?);
+    }
+    Ok((at.ok_or_else(|| DiagnosisError::NoFit("no effect is left".into()))?, params))
+}
+
+/// Looks again at each of several effects beside the others: what came near it when it was chosen may do better now. Groups are
+/// those of the joint fits.
+pub(super) fn revise(
+    mut current: Arc<FittedModel>,
+    first: &FittedModel,
+    runs: Runs<'_>,
+    noise: &CommonNoise,
+    accepted: &mut [Accepted],
+) -> Result<Arc<FittedModel>, DiagnosisError> {
+    if accepted.len() < 2 {
+        return Ok(current);
+    }
+    // the last one was chosen beside all others
+    for k in 0..accepted.len() - 1 {
+        let fit = split_fit(&current, runs, noise)?;
+        let penalty = |params: &[NewParam]| PENALTY * cost(params) as f64;
+        let own = -fit.cost() - penalty(&accepted[k].params);
+        let try_instead = |(candidate, choice): &(Candidate, Choice)| -> Option<Tried> {
+            let mut effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
+            effects[k] = (candidate.clone(), choice.clone());
+            let (current, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
+            let fit = split_fit(&current, runs, noise).ok()?;
+            let score = -fit.cost() - penalty(&params[k]);
+            Some(Tried {
+                candidate: candidate.clone(),
+                current,
+                params,
+                score,
+                gain: -fit.fitting.cost,
+                choice: choice.clone(),
+            })
+        };
+        let mut tried: Vec<Tried> = accepted[k].near.par_iter().filter_map(try_instead).collect();
+        tried.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let best = tried.first().map_or(own, |t| t.score.max(own));
+        let alternative = |place: EffectAt, score: f64, gain: f64| {
+            let cause = &accepted[k].cause;
+            let before = cause.group.iter().find(|r| r.place == place);
+            Alternative {
+                gain_training: cause.gain_training + gain + fit.fitting.cost,
+                gain_validation: before.and_then(|r| r.gain_validation),
+                score: cause.score + score - own,
+                cosine: before.map_or(0.0, |r| r.cosine),
+                place,
+            }
+        };
+        let mut group: Vec<Alternative> = Vec::new();
+        if own > best - LEAD {
+            group.push(alternative(accepted[k].cause.place.clone(), own, -fit.fitting.cost));
+        }
+        let close = tried.iter().filter(|t| t.score > best - LEAD);
+        group.extend(close.map(|t| alternative(place(&t.candidate), t.score, t.gain)));
+        group.sort_by(|a, b| b.score.total_cmp(&a.score));
+        if group.is_empty() {
+            continue;
+        }
+        let separating_experiment = group.get(1).map(|other| separating(&group[0].place, &other.place));
+        let change = accepted[k].cause.place != group[0].place;
+        let cause = &mut accepted[k].cause;
+        (cause.gain_training, cause.score) = (group[0].gain_training, group[0].score);
+        (cause.group, cause.separating_experiment) = (group, separating_experiment);
+        if change && let Some(Tried { candidate, current: other, params, choice, .. }) = tried.into_iter().next() {
+            (cause.place, cause.doc) = (place(&candidate), candidate.doc());
+            (accepted[k].candidate, accepted[k].choice) = (candidate, choice);
+            accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
+            current = Arc::new(other);
+        }
+    }
+    Ok(current)
+}
+
+/// Another effect in the place of one.
+struct Tried {
+    candidate: Candidate,
+    choice: Choice,
+    current: FittedModel,
+    params: Vec<Vec<NewParam>>,
+    score: f64,
+    gain: f64,
+}
+
+/// A sentence for each equation or output to which more than one accepted effect adds a term.
+pub(super) fn one_law(accepted: &[Accepted]) -> Vec<String> {
+    let terms: Vec<(String, String)> =
+        accepted.iter().filter_map(|a| Some((a.candidate.adds_to()?, a.cause.place.to_string()))).collect();
+    said(&terms)
+}
+
+/// The same of places and what is added there.
+fn said(terms: &[(String, String)]) -> Vec<String> {
+    let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    terms.iter().for_each(|(place, effect)| places.entry(place).or_default().push(effect));
+    let sentence = |(place, here): (&str, Vec<&str>)| {
+        let here = here.join(" and ");
+        format!("{here} add to {place}: together they may stand for one nonlinearity that the catalogue does not have")
+    };
+    places.into_iter().filter(|(_, here)| here.len() > 1).map(sentence).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::said;
+
+    #[test]
+    fn effects_that_meet_are_told() {
+        let term = |place: &str, effect: &str| (place.to_string(), effect.to_string());
+        let mut terms = vec![term("der(v)", "drag"), term("der(u)", "friction"), term("y", "drift")];
+        assert_eq!(said(&terms), Vec::<String>::new());
+        terms.push(term("der(u)", "stiffness"));
+        let told = said(&terms);
+        assert!(told.len() == 1 && told[0].starts_with("friction and stiffness add to der(u)"), "{told:?}");
+    }
+}

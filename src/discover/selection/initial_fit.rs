@@ -1,0 +1,151 @@
+//! The model as it stands at its fit: where a search begins.
+
+use super::error::DiagnosisError;
+use super::fitted_model::FittedModel;
+use super::runs::{DiagnosisOptions, Domain, Runs};
+use fdm_estimate::{
+    Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, fit, fit_spectra, starts,
+};
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+
+/// Parts of the record that are fitted first where the start values lead nowhere.
+const SHARES: [f64; 2] = [0.25, 0.5];
+/// By how much less likely a minimum is that is another one.
+const ANOTHER: f64 = 1.0;
+/// Mean R^2 of outputs below which other minima are looked for.
+const MATCH: f64 = 0.5;
+
+/// The model at its fit: the likeliest, then other minima that were found on the way.
+pub(super) fn initial_fits(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &DiagnosisOptions,
+) -> Result<Vec<FittedModel>, DiagnosisError> {
+    match runs.domain {
+        Domain::Time => first_in_time(model, runs, options),
+        Domain::Frequency(spectral) => Ok(vec![first_in_lines(model, runs, options, spectral)?]),
+    }
+}
+
+/// The model at its fit to spectra. Held-out runs have values of their own only where these show them, and are fitted with their own
+/// noise.
+fn first_in_lines(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &DiagnosisOptions,
+    spectral: &SpectralOptions,
+) -> Result<FittedModel, DiagnosisError> {
+    let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
+    let start = starts(model, runs.all, &changes);
+    let how = SpectralOptions { changes, options: how, ..spectral.clone() };
+    let fitted = fit_spectra(model, runs.train(), &how, &mut ())?;
+    if let Some(why) = &fitted.unanswered {
+        return Err(DiagnosisError::NoFit(why.to_string()));
+    }
+    let model = fitted.model.clone();
+    let of = |(run, start): (&Run, &Vec<f64>)| {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            fitted.estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let theta = runs.all.iter().zip(&start).map(of).collect();
+    FittedModel::new(model, runs, theta)
+}
+
+/// The model at its fits by plain output error.
+fn first_in_time(
+    model: &Model,
+    runs: Runs<'_>,
+    options: &DiagnosisOptions,
+) -> Result<Vec<FittedModel>, DiagnosisError> {
+    let mut how = options.fit.clone();
+    how.options.colour = false;
+    let fits = plainly(model, runs.train(), &how)?;
+    if fits[0].estimate.runs.is_empty() {
+        return Err(DiagnosisError::NoFit(fits[0].estimate.termination.to_string()));
+    }
+    let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, &how));
+    let likeliest = stages.next().into_iter().collect::<Result<Vec<FittedModel>, _>>()?;
+    Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
+}
+
+/// A fit to the training runs, with what belongs to each of the validation ones fitted there.
+fn with_validation_runs(fitted: &Fit, runs: Runs<'_>, how: &FitOptions) -> Result<FittedModel, DiagnosisError> {
+    let model = fitted.model.clone();
+    let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
+        let each = model.definition().params.iter().zip(start);
+        each.map(|(p, start)| {
+            let owner = p.per_run.then_some(run.name.as_str());
+            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+    };
+    let start = starts(&model, runs.all, &how.changes);
+    let mut theta: Vec<Vec<f64>> =
+        runs.train().iter().zip(&start).map(|(run, start)| reached(run, start, &fitted.estimate)).collect();
+    if !runs.validation().is_empty() {
+        let shared: Vec<(String, f64)> = model
+            .definition()
+            .params
+            .iter()
+            .zip(&theta[0])
+            .filter(|(p, _)| !p.per_run && !p.is_recorded())
+            .map(|(p, v)| (p.quantity.name.clone(), v.max(p.lower).min(p.upper)))
+            .collect();
+        let names = shared.iter().map(|(name, _)| name.clone()).collect();
+        let changes = Changes { set: shared, fix: names, free: Vec::new() };
+        let validation = plainly(&model, runs.validation(), &FitOptions { changes, ..how.clone() })?.swap_remove(0);
+        for (run, start) in runs.validation().iter().zip(&start[runs.train..]) {
+            let mut own = reached(run, start, &validation.estimate);
+            let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
+            each.filter(|(p, _)| !p.per_run).for_each(|(_, (own, shared))| *own = *shared);
+            theta.push(own);
+        }
+    }
+    FittedModel::new(model, runs, theta)
+}
+
+/// Fits from the start values alone, where that ends at a minimum that is a match at all; else along a growing part of the record too,
+/// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
+/// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
+/// the first, and minima that are less likely follow.
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Vec<Fit>, FitError> {
+    if how.continuation != Continuation::Auto {
+        return Ok(vec![fit(model, runs, how, &mut ())?]);
+    }
+    let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
+    let sound = |fit: &Fit| fit.estimate.termination.is_good();
+    let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
+    // of a minimum where no step helps (two roots that meet) and one that is a poor match, the likelier is nearer to the truth
+    let sort = |fits: &mut Vec<Fit>| fits.sort_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let mut fits: Vec<Fit> = Vec::new();
+    for predictor in [Continuation::Never, Continuation::Shares(SHARES.to_vec())] {
+        fits.extend(by(predictor).ok().filter(|fit| cost(fit).is_finite()));
+        sort(&mut fits);
+        if fits.first().is_some_and(|best| sound(best) && is_match(&best.estimate)) {
+            fits.truncate(1);
+            return Ok(fits);
+        }
+    }
+    match fit(model, runs, how, &mut ()) {
+        Ok(rescued) if fits.is_empty() || cost(&rescued).is_finite() => fits.push(rescued),
+        Err(why) if fits.is_empty() => return Err(why),
+        _ => (),
+    }
+    sort(&mut fits);
+    let others = fits.split_off(1);
+    let another = |fit: &Fit| sound(fit) && cost(fit) > cost(&fits[0]) + ANOTHER;
+    let others: Vec<Fit> = others.into_iter().filter(another).collect();
+    fits.extend(others);
+    Ok(fits)
+}
+
+/// Whether most of what was measured is explained.
+fn is_match(estimate: &Estimate) -> bool {
+    let told: Vec<f64> = estimate.outputs.iter().filter_map(|o| o.r2).map(|r2| r2.max(-1.0)).collect();
+    told.is_empty() || told.iter().sum::<f64>() / told.len() as f64 > MATCH
+}

@@ -1,0 +1,37 @@
+//! Forward selection of what is missing from a model: candidates are simulated, screened, fitted jointly, compared, and written into
+//! the text.
+//!
+//! **In** a model, training and validation runs, a catalogue of effects. **Out** a [`Diagnosis`](crate::Diagnosis). **Never**
+//! compares models each by a noise of its own, and never names a cause by screening alone. **Start** at [`diagnose`]. Its order is
+//! `runs` (samples on a grid) -> `initial_fit` -> `fitted_model` (responses by a `predictor`, in time or in frequency bins) ->
+//! `extended_model` (an effect in the text) -> `directions` (what it adds to the responses) -> `forward_step` (all of them
+//! screened) -> `shortlist` -> `candidate_model` (fitted jointly by one noise: `whitening`, `projection`, `fitting`, `newton`) ->
+//! `comparison` -> `significance` -> `acceptance` -> `look_ahead` (with which to go on) -> `elimination` -> `assessment`.
+
+mod acceptance;
+mod assessment;
+mod candidate_model;
+mod comparison;
+mod directions;
+mod elimination;
+mod error;
+mod extended_model;
+mod fitted_model;
+mod fitting;
+mod forward_selection;
+mod forward_step;
+mod initial_fit;
+mod look_ahead;
+mod newton;
+mod predictor;
+mod projection;
+mod runs;
+mod shortlist;
+mod significance;
+#[cfg(test)]
+mod tests;
+mod whitening;
+
+pub use error::DiagnosisError;
+pub use forward_selection::diagnose;
+pub use runs::{DiagnosisOptions, Domain, Progress};

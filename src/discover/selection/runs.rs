@@ -1,0 +1,238 @@
+//! Runs on even grids: what noise has a spectrum for. Missing samples become empty ones.
+//!
+//! Where models are compared with records: sample by sample in time, or bin by bin of their spectra.
+
+use super::error::DiagnosisError;
+use crate::screening::ScreeningOptions;
+use fdm_estimate::{FitOptions, Nonlinear, SpectralBins, SpectralError, SpectralOptions};
+use fdm_system::model::Model;
+use fdm_system::record::even_grid::{EvenGrid, LONGEST_GAP};
+use fdm_system::record::{Run, bridge};
+use fdm_system::spectrum::Frequencies;
+use serde::Serialize;
+
+/// Fewest samples of which a spectrum can be had.
+const LEAST: usize = 32;
+/// Part of the interval by which times may leave the grid over a whole record before its gaps are not believed.
+const DRIFT: f64 = 0.05;
+
+/// The run on an even grid.
+///
+/// # Errors
+/// [`DiagnosisError::TooShort`], [`DiagnosisError::Uneven`], [`DiagnosisError::LongGap`].
+pub(super) fn evenly(run: &Run) -> Result<Run, DiagnosisError> {
+    let name = || run.name.clone();
+    if run.len() < LEAST {
+        return Err(DiagnosisError::TooShort { run: name(), samples: run.len(), least: LEAST });
+    }
+    let grid = EvenGrid::of(&run.time).map_err(|_| DiagnosisError::Uneven { run: name() })?;
+    let length = grid.length();
+    if length == run.len() {
+        return Ok(run.clone());
+    }
+    let longest = grid.place.windows(2).map(|w| w[1] - w[0]).max().unwrap_or(1);
+    let last = run.time.last().copied().unwrap_or_default();
+    let drift = (grid.interval * (length - 1) as f64 - last).abs() / (grid.interval * length as f64);
+    if longest >= LONGEST_GAP || drift > DRIFT {
+        return Err(DiagnosisError::LongGap { run: name(), intervals: longest });
+    }
+    Ok(spread(run, &grid))
+}
+
+/// Samples at their places; inputs are bridged, outputs stay empty.
+fn spread(run: &Run, grid: &EvenGrid) -> Run {
+    let (n, m) = (grid.length(), run.held.len());
+    let q = run.output_gaps.len();
+    let mut wide = Run {
+        time: (0..n).map(|k| k as f64 * grid.interval).collect(),
+        inputs: vec![f64::NAN; n * m],
+        measured: vec![f64::NAN; n * q],
+        ..run.clone()
+    };
+    for (k, place) in grid.place.iter().enumerate() {
+        wide.inputs[place * m..][..m].copy_from_slice(&run.inputs[k * m..][..m]);
+        wide.measured[place * q..][..q].copy_from_slice(&run.measured[k * q..][..q]);
+    }
+    for k in 0..m {
+        bridge(&wide.time, &mut wide.inputs, m, k, run.held[k]);
+    }
+    wide
+}
+
+/// Time between samples.
+pub(super) fn interval(run: &Run) -> f64 {
+    let (first, last) = (run.time.first().copied().unwrap_or(0.0), run.time.last().copied().unwrap_or(1.0));
+    (last - first) / (run.len().max(2) - 1) as f64
+}
+
+/// A validation run must not be one of those that the model is learned from.
+///
+/// # Errors
+/// [`DiagnosisError::HeldOutTwice`]
+pub(super) fn apart(runs: &[Run], validation: &[Run]) -> Result<(), DiagnosisError> {
+    let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|v| v.to_bits()).collect() };
+    for other in validation {
+        let same =
+            |run: &&Run| bits(&run.measured) == bits(&other.measured) && bits(&run.inputs) == bits(&other.inputs);
+        if let Some(run) = runs.iter().find(same) {
+            return Err(DiagnosisError::ValidationTwice { validation: other.name.clone(), run: run.name.clone() });
+        }
+    }
+    Ok(())
+}
+
+/// Part of the sampling frequency up to which bins are taken, where the inputs move less.
+const UPPER: f64 = 0.45;
+/// Fewest bins of a run by which noise is told from an effect.
+const LEAST_BINS: usize = 32;
+
+/// Where models are compared with records.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub enum Domain {
+    /// Responses are integrated.
+    #[default]
+    Time,
+    /// Responses of linear models at the frequencies of the records.
+    Frequency(Box<SpectralOptions>),
+}
+
+impl Domain {
+    /// The same with everything chosen that was left open; `runs` are the training runs.
+    ///
+    /// # Errors
+    /// [`DiagnosisError`]: models without a linear response, bands without bins.
+    pub(super) fn settled(&self, model: &Model, runs: &[Run]) -> Result<Self, DiagnosisError> {
+        let Self::Frequency(options) = self else { return Ok(Self::Time) };
+        let mut options = options.clone();
+        options.finish = false;
+        options.nonlinear = nonlinear(model, options.nonlinear)?;
+        let bins = SpectralBins::new(model, runs, &options)?;
+        if let Frequencies::Grid { lowest: None, highest: None } = options.frequencies {
+            let rates = runs.iter().map(|run| 1.0 / interval(run));
+            let highest = rates.map(|rate| UPPER * rate).fold(f64::INFINITY, f64::min).max(bins.band().1);
+            options.frequencies = Frequencies::Grid { lowest: None, highest: Some(highest) };
+        }
+        if let Frequencies::Band { spacing: Some(spacing), .. } = options.frequencies {
+            let apart = |run: &&Run| spacing * interval(run) * (run.len() as f64) < 1.0 - 1e-9;
+            if let Some(run) = runs.iter().find(apart) {
+                let least = 1.0 / (interval(run) * run.len() as f64);
+                return Err(DiagnosisError::TooClose { run: run.name.clone(), spacing, least });
+            }
+        }
+        let bins = SpectralBins::new(model, runs, &options)?;
+        for (k, run) in runs.iter().enumerate() {
+            let count = bins.frequencies(k).len();
+            if count < LEAST_BINS {
+                let (low, high) = bins.band();
+                return Err(DiagnosisError::FewLines {
+                    run: run.name.clone(),
+                    bins: count,
+                    least: LEAST_BINS,
+                    low,
+                    high,
+                });
+            }
+        }
+        Ok(Self::Frequency(options))
+    }
+}
+
+/// What is done about nonlinear terms: those of candidates must be known from records as those of the model are.
+fn nonlinear(model: &Model, asked: Nonlinear) -> Result<Nonlinear, DiagnosisError> {
+    match asked {
+        Nonlinear::Linearised if !SpectralBins::is_linear(model) => Ok(Nonlinear::Linearised),
+        _ => match model.definition().carried() {
+            Ok(_) => Ok(Nonlinear::MeasuredRegressors),
+            Err(reason) => Err(DiagnosisError::NotLinear(SpectralError::NotCarried(reason).to_string())),
+        },
+    }
+}
+
+/// The runs of a diagnosis: the training runs, then those that are for validation.
+#[derive(Clone, Copy)]
+pub(super) struct Runs<'a> {
+    /// All of them.
+    pub(super) all: &'a [Run],
+    /// How many are learned from.
+    pub(super) train: usize,
+    /// Where they are compared with models.
+    pub(super) domain: &'a Domain,
+}
+
+impl<'a> Runs<'a> {
+    pub(super) fn train(&self) -> &'a [Run] {
+        &self.all[..self.train]
+    }
+
+    pub(super) fn validation(&self) -> &'a [Run] {
+        &self.all[self.train..]
+    }
+}
+
+/// How to search.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DiagnosisOptions {
+    /// An effect is looked for as long as the chance that noise makes the best one is below this.
+    pub alpha: f64,
+    /// Most effects that are accepted.
+    pub most: usize,
+    /// How the model as it stands is fitted.
+    pub fit: FitOptions,
+    /// How candidates are screened.
+    pub screening: ScreeningOptions,
+    /// Where models are compared with records.
+    pub domain: Domain,
+}
+
+impl Default for DiagnosisOptions {
+    fn default() -> Self {
+        Self {
+            alpha: 0.01,
+            most: 4,
+            fit: FitOptions::default(),
+            screening: ScreeningOptions::default(),
+            domain: Domain::Time,
+        }
+    }
+}
+
+/// Hears what is being done.
+pub type Progress<'w> = dyn Fn(&str) + Sync + 'w;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(time: Vec<f64>) -> Run {
+        let n = time.len();
+        Run {
+            name: "r".into(),
+            inputs: time.iter().map(|t| 2.0 * t).collect(),
+            measured: (0..n).map(|k| k as f64).collect(),
+            time,
+            held: vec![false],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+        }
+    }
+
+    #[test]
+    fn missing_samples_become_empty_ones_and_inputs_are_bridged() {
+        let time: Vec<f64> = (0..50).filter(|k| !(10..13).contains(k)).map(|k| 0.5 * f64::from(k)).collect();
+        let even = evenly(&run(time)).expect("even with a gap");
+        assert_eq!((even.len(), even.time[11]), (50, 5.5));
+        assert!((even.inputs[11] - 11.0).abs() < 1e-12 && even.measured[11].is_nan() && even.measured[13] == 10.0);
+    }
+
+    #[test]
+    fn what_has_no_spectrum_is_refused() {
+        let short = evenly(&run((0..20).map(f64::from).collect()));
+        assert!(matches!(short, Err(DiagnosisError::TooShort { samples: 20, .. })));
+        let uneven = evenly(&run((0..60).map(|k| f64::from(k * k)).collect()));
+        assert!(matches!(uneven, Err(DiagnosisError::Uneven { .. })));
+        let torn = (0..60).map(|k| f64::from(if k < 30 { k } else { k + 5000 })).collect();
+        assert!(matches!(evenly(&run(torn)), Err(DiagnosisError::LongGap { .. })));
+        let one = run((0..40).map(f64::from).collect());
+        assert!(apart(std::slice::from_ref(&one), std::slice::from_ref(&one)).is_err());
+    }
+}

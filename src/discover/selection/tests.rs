@@ -1,0 +1,163 @@
+//! Whether effects that are hidden in simulated runs are found, and nothing where there is none.
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::diagnosis::{Diagnosis, Verdict};
+use fdm_grammar::Source;
+use fdm_grammar::effect::Catalogue;
+use fdm_numeric::random::Stream;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::Simulator;
+
+/// A ship's roll that is let go; the truth has the eddies of the bilge keels.
+const ROLL: &str = "model roll { state phi = free; state p = 0; param w2 = 5 in [0, 100], d = 0.1; \
+                    der(phi) = p; der(p) = -w2*phi - d*p DRAG; output roll = phi; }";
+/// A motor with a delay before it.
+const MOTOR: &str =
+    "model motor { input u; state v = 0; param a = 1, b = 2; der(v) = b*INPUT - a*v; output speed = v; }";
+/// Four effects, so that tests are quick.
+const SOME: &str = "
+effect quadratic_damping(x: state) unless known(der(x)) \"drag\" { param drag = 0; add der(x) += -drag*x*abs(x); }
+effect cubic_stiffness(x: state, z: state) unless known(der(x)) \"cube\" { param k = 0; add der(x) += -k*z^3; }
+effect input_delay(i: input) \"delay\" { param tau = 0 in [-duration/20, duration/4] try -2*step, -step/2, step/2, 2*step, 5*step, 12*step; replace i with delay(i, tau); }
+effect output_scale(y: output) \"scale\" { param k = 0; replace y with(1 + k)*y; }
+effect constant_force(x: state) unless known(der(x)) \"force\" { param force = 0; add der(x) += force; }
+";
+
+fn catalogue() -> Catalogue {
+    let (catalogue, findings) = Catalogue::read(&Source::new("some.fdm", SOME));
+    assert!(findings.is_empty(), "{findings:?}");
+    catalogue
+}
+
+/// A run of a model with white noise; values of parameters by name.
+fn run(text: &str, name: &str, input: impl Fn(f64) -> f64, values: &[(&str, f64)], noise: f64) -> Run {
+    let model = Model::from_text("truth.fdm", text).unwrap();
+    let (n, dt, m) = (300, 0.05, model.layout().inputs);
+    let time: Vec<f64> = (0..n).map(|k| k as f64 * dt).collect();
+    let inputs = if m > 0 { time.iter().map(|t| input(*t)).collect() } else { Vec::new() };
+    let mut run = Run {
+        name: name.into(),
+        inputs,
+        held: vec![false; m],
+        measured: vec![0.0; n],
+        time,
+        input_gaps: vec![0; m],
+        output_gaps: vec![0],
+    };
+    let mut theta = model.definition().start();
+    for (name, value) in values {
+        theta[model.definition().param(name).unwrap()] = *value;
+    }
+    let mut y = vec![0.0; n];
+    Simulator::new(model.dynamics(), &run, 4).unwrap().simulate(&theta, &mut y).unwrap();
+    let mut random = Stream::seeded(name.bytes().map(u64::from).sum());
+    let mut normal = || (0..12).map(|_| random.uniform()).sum::<f64>() - 6.0;
+    run.measured = y.iter().map(|y| y + noise * normal()).collect();
+    run
+}
+
+fn roll(drag: f64, begin: f64, name: &str) -> Run {
+    let text = ROLL.replace("DRAG", &format!("- {drag}*p*abs(p)"));
+    run(&text, name, |_| 0.0, &[("phi(0)", begin)], 0.004)
+}
+
+fn diagnosed(text: &str, runs: &[Run], held: &[Run]) -> Diagnosis {
+    let model = Model::from_text("model.fdm", text).unwrap();
+    diagnose(&model, runs, held, &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap()
+}
+
+#[test]
+fn hidden_drag_is_found_written_and_gains_on_a_held_out_run() {
+    let runs = [roll(0.4, 0.5, "a"), roll(0.4, 0.3, "b")];
+    let found = diagnosed(&ROLL.replace("DRAG", ""), &runs, &[roll(0.4, 0.4, "c")]);
+    assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
+    let cause = &found.causes[0];
+    assert_eq!(cause.place.to_string(), "quadratic_damping(p)");
+    assert!((cause.parameters[0].value - 0.4).abs() < 0.05, "{cause:?}");
+    assert!(cause.gain_validation.is_some_and(|g| g > 10.0) && found.causes.len() == 1, "{found:#?}");
+    let text = found.extended.as_ref().unwrap();
+    assert!(text.contains("param drag_p = 0.") && text.contains("drag_p*p*abs(p)"), "{text}");
+    let damping = found.biased.iter().find(|b| b.name == "d").unwrap();
+    assert!(damping.moved.is_some_and(|m| m < -3.0) && (damping.after - 0.1).abs() < 0.05, "{damping:?}");
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_hidden() {
+    let found = diagnosed(&ROLL.replace("DRAG", ""), &[roll(0.0, 0.5, "a"), roll(0.0, 0.3, "b")], &[]);
+    assert_eq!(found.verdict, Verdict::NoEffectFound, "{found:#?}");
+    assert!(found.causes.is_empty() && found.extended.is_none() && found.family_wise_p > 0.01);
+    let drag = found.detectable.iter().find(|d| d.place.effect == "quadratic_damping").unwrap();
+    assert!(drag.smallest.is_some_and(|v| v > 0.002 && v < 0.2), "{drag:?}");
+}
+
+#[test]
+fn a_hidden_delay_is_found_and_threads_change_nothing() {
+    let late = MOTOR.replace("INPUT", "delay(u, 0.17)");
+    let steps = |t: f64| if (t / 1.3).floor() % 2.0 < 1.0 { 1.0 } else { -0.6 } * if t > 0.5 { 1.0 } else { 0.0 };
+    let runs = [run(&late, "a", steps, &[], 0.02)];
+    let text = MOTOR.replace("INPUT", "u");
+    let found = diagnosed(&text, &runs, &[]);
+    assert_eq!(found.causes[0].place.to_string(), "input_delay(u)", "{found:#?}");
+    assert!((found.causes[0].parameters[0].value - 0.17).abs() < 0.02, "{:?}", found.causes);
+    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    assert_eq!(one.install(|| diagnosed(&text, &runs, &[])), found);
+}
+
+/// What the input moves is then ahead of the record by less than any value that is tried.
+#[test]
+fn an_input_that_is_recorded_a_fraction_of_a_sample_late_is_found() {
+    let waves = |t: f64| 0.8 * (0.7 * t).sin() + 0.6 * (2.9 * t + 1.0).sin();
+    let text = MOTOR.replace("INPUT", "u");
+    let late = |name: &str, shift: f64| {
+        let mut run = run(&text, name, |t| waves(t + shift), &[], 0.001);
+        run.inputs = run.time.iter().map(|t| waves(t + shift - 0.01)).collect();
+        run
+    };
+    let found = diagnosed(&text, &[late("a", 0.0), late("b", 3.0)], &[late("c", 8.0)]);
+    assert_eq!(found.causes.first().map(|c| c.place.to_string()).as_deref(), Some("input_delay(u)"), "{found:#?}");
+    assert!((found.causes[0].parameters[0].value + 0.01).abs() < 0.003, "{:?}", found.causes);
+}
+
+/// The second effect is small beside the first, and each would be taken for something else alone.
+#[test]
+fn two_hidden_effects_are_both_found_and_nothing_else() {
+    let text = MOTOR.replace("b*INPUT - a*v", "b*delay(u, 0.17) - a*v - 0.5*v*abs(v)");
+    let steps = |t: f64| if (t / 1.3).floor() % 2.0 < 1.0 { 1.0 } else { -0.6 } * if t > 0.5 { 1.0 } else { 0.0 };
+    let waves = |t: f64| 0.8 * (0.7 * t).sin() + 0.6 * (2.9 * t + 1.0).sin();
+    let runs = [run(&text, "a", steps, &[], 0.01), run(&text, "b", waves, &[], 0.01)];
+    let found = diagnosed(&MOTOR.replace("INPUT", "u"), &runs, &[run(&text, "c", |t| steps(1.5 * t), &[], 0.01)]);
+    let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
+    named.sort();
+    assert_eq!(named, ["input_delay(u)", "quadratic_damping(v)"], "{found:#?}");
+    let value = |k: usize| found.causes.iter().find(|c| c.place.to_string() == named[k]).unwrap().parameters[0].value;
+    assert!((value(0) - 0.17).abs() < 0.02 && (value(1) - 0.5).abs() < 0.1, "{:?}", found.causes);
+}
+
+#[test]
+fn what_cannot_be_judged_is_said() {
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
+    let runs = [roll(0.1, 0.5, "a")];
+    let asked = |runs: &[Run], held: &[Run]| {
+        diagnose(&model, runs, held, &catalogue(), &DiagnosisOptions::default(), &|_| ()).unwrap_err().to_string()
+    };
+    let mut twin = runs[0].clone();
+    twin.name = "twin".into();
+    assert!(asked(&runs, &[twin]).contains("has the samples of the training run `a`"));
+    assert!(asked(&[runs[0].part(0..20)], &[]).contains("20 samples"));
+}
+
+#[test]
+fn a_mode_that_repeats_a_free_motion_is_no_mode() {
+    const MODE: &str = "effect mode(y: output) \"a mode\" { param c = 0; nuisance omega in [1.5, 3] try 1.8, 2.1, 2.5; \
+                        nuisance zeta in [0.01, 0.5] try 0.05; state m, v; der(m) = v; \
+                        der(v) = omega^2*(y - m) - 2*zeta*omega*v; add y += c*v/omega; }";
+    let (catalogue, findings) = Catalogue::read(&Source::new("mode.fdm", MODE));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
+    let runs = [roll(0.8, 0.7, "a"), roll(0.8, 0.4, "b")];
+    let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    assert!(found.causes.is_empty(), "{:?}", found.causes);
+    assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
+}

@@ -1,0 +1,234 @@
+//! Rates and regressors of a run: its measured states, their rates and the columns of every equation, as rows at samples or at frequencies.
+
+use super::differentiation::{Smoothed, derivatives, smooth};
+use super::error::RegressionError;
+use super::options::{Domain, RegressionOptions, Smoothing};
+use super::preprocessing::detrend;
+use fdm_grammar::Model;
+use fdm_grammar::graph::{Graph, Leaf, Signal};
+use fdm_grammar::model::reading::Reading;
+use fdm_grammar::op::ExprId;
+use fdm_system::code::Expressions;
+use fdm_system::dynamics::Point;
+use fdm_system::record::even_grid::EvenGrid;
+use fdm_system::record::{Place, Run};
+use fdm_system::spectrum::{Frequencies, Spectrum, SpectrumOptions};
+use num_complex::Complex64;
+
+/// One run, with the states that are measured.
+#[derive(Debug, Clone)]
+pub(super) struct Signals<'a> {
+    pub(super) run: &'a Run,
+    /// Values of the states that are shown by an output, NaN in gaps (n).
+    pub(super) states: Vec<Option<Vec<f64>>>,
+    /// Their rates; none in the frequency domain.
+    pub(super) rates: Vec<Option<Vec<f64>>>,
+    /// What the smoothing found about each state.
+    pub(super) smoothed: Vec<Option<(f64, f64)>>,
+}
+
+impl<'a> Signals<'a> {
+    /// Reads the states and differentiates them as the options say.
+    pub(super) fn new(
+        model: &Model,
+        graph: &Graph,
+        readings: &[Option<Reading>],
+        run: &'a Run,
+        options: &RegressionOptions,
+    ) -> Result<Self, RegressionError> {
+        let q = model.outputs.len();
+        let value = |e: ExprId| {
+            graph.evaluate(e, |leaf| match leaf {
+                Leaf::Param(k) => model.params[k as usize].value,
+                _ => f64::NAN,
+            })
+        };
+        let read = |r: &Reading| {
+            let (slope, offset) = (value(r.slope), value(r.offset));
+            run.measured.iter().skip(r.output).step_by(q).map(|z| (z - offset) / slope).collect::<Vec<f64>>()
+        };
+        let states: Vec<Option<Vec<f64>>> = readings.iter().map(|r| r.as_ref().map(read)).collect();
+        let none = vec![None; states.len()];
+        let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states };
+        if options.domain == Domain::Time {
+            signals.differentiate(options.smoothing)?;
+        }
+        Ok(signals)
+    }
+
+    fn differentiate(&mut self, smoothing: Smoothing) -> Result<(), RegressionError> {
+        let cutoff = match smoothing {
+            Smoothing::Local { points } => {
+                let rates = self.states.iter().map(|s| s.as_ref().map(|s| derivatives(&self.run.time, s, points)));
+                self.rates = rates.collect();
+                return Ok(());
+            }
+            Smoothing::Fixed { cutoff } => Some(cutoff),
+            Smoothing::Optimal => None,
+        };
+        let uneven = || RegressionError::Uneven { run: self.run.name.clone() };
+        let grid = EvenGrid::of(&self.run.time).map_err(|_| uneven())?;
+        if grid.place.last().is_none_or(|last| last + 1 != self.run.len()) {
+            return Err(uneven());
+        }
+        for k in 0..self.states.len() {
+            let Some(values) = &self.states[k] else { continue };
+            let bridged = bridged(&self.run.time, values);
+            if bridged.iter().any(|v| v.is_nan()) {
+                continue;
+            }
+            let Smoothed { values, derivatives, noise, cutoff } = smooth(&bridged, grid.interval, cutoff);
+            self.rates[k] = Some(derivatives);
+            self.states[k] = Some(values);
+            self.smoothed[k] = Some((noise, cutoff));
+        }
+        Ok(())
+    }
+
+    /// Expressions at every sample, one series each; NaN where a state that they need has a gap.
+    pub(super) fn evaluate(&self, model: &Model, graph: &Graph, roots: &[ExprId]) -> Vec<Vec<f64>> {
+        self.evaluate_at(model, graph, roots, false)
+    }
+
+    /// The same; `ending` at the end of the interval before each sample, where inputs that are held have the values of the sample before.
+    pub(super) fn evaluate_at(&self, model: &Model, graph: &Graph, roots: &[ExprId], ending: bool) -> Vec<Vec<f64>> {
+        let (n, m) = (self.states.len(), self.run.held.len());
+        let theta = model.start();
+        let tau = |e: ExprId| graph.evaluate(e, |l| if let Leaf::Param(k) = l { theta[k as usize] } else { f64::NAN });
+        let delayed: Vec<(Signal, f64)> = graph.delayed().iter().map(|d| (d.signal, tau(d.tau))).collect();
+        let past: Vec<Option<Vec<f64>>> = match delayed.iter().any(|(s, _)| matches!(s, Signal::State(_))) {
+            true => self.states.iter().map(|s| s.as_ref().map(|s| bridged(&self.run.time, s))).collect(),
+            false => Vec::new(),
+        };
+        let mut code = Expressions::new(graph, roots, n, m);
+        let (mut x, mut drive) = (vec![f64::NAN; n], vec![0.0; m + delayed.len()]);
+        let mut row = vec![0.0; roots.len()];
+        let mut series = vec![Vec::with_capacity(self.run.len()); roots.len()];
+        for (sample, t) in self.run.time.iter().enumerate() {
+            for (x, state) in x.iter_mut().zip(&self.states) {
+                *x = state.as_ref().map_or(f64::NAN, |s| s[sample]);
+            }
+            drive[..m].copy_from_slice(&self.run.inputs[sample * m..][..m]);
+            for k in (0..m).filter(|k| ending && sample > 0 && self.run.held[*k]) {
+                drive[k] = self.run.inputs[(sample - 1) * m + k];
+            }
+            // where rates are differences over both sides, so are the derivatives of inputs
+            model.vanishing().for_each(|k| drive[k as usize] = self.run.slope_at(k as usize, sample));
+            for (place, (signal, tau)) in drive[m..].iter_mut().zip(&delayed) {
+                let at = Place::new(&self.run.time, t - tau);
+                *place = match signal {
+                    Signal::Input(k) => self.run.input(*k as usize, at).0,
+                    Signal::State(k) => past[*k as usize].as_ref().map_or(f64::NAN, |s| between(s, at)),
+                };
+            }
+            code.evaluate(Point { t: *t, x: &x, drive: &drive, known: &theta }, &mut row);
+            series.iter_mut().zip(&row).for_each(|(series, v)| series.push(*v));
+        }
+        series
+    }
+}
+
+fn between(values: &[f64], at: Place) -> f64 {
+    let left = values[at.left];
+    if at.rate == 0.0 { left } else { left + at.part * (values[at.left + 1] - left) }
+}
+
+/// Gaps filled linearly.
+fn bridged(time: &[f64], values: &[f64]) -> Vec<f64> {
+    let mut filled = values.to_vec();
+    fdm_system::record::bridge(time, &mut filled, 1, 0, false);
+    filled
+}
+
+/// One equation in one run. At frequencies every coefficient is two rows, all real parts in front.
+#[derive(Debug, Clone)]
+pub(super) struct Rows {
+    /// Measured rate less what is known of it.
+    pub(super) left: Vec<f64>,
+    /// The measured rate.
+    pub(super) rate: Vec<f64>,
+    pub(super) columns: Vec<Vec<f64>>,
+    /// Part of the rows that are independent: frequencies nearer than one over the record's length repeat each other.
+    pub(super) independent: f64,
+}
+
+/// Series over the samples of a run that make an equation.
+pub(super) struct Series<'a> {
+    pub(super) state: &'a [f64],
+    /// Its rate; not read in the frequency domain.
+    pub(super) rate: &'a [f64],
+    pub(super) known: &'a [f64],
+    pub(super) columns: &'a [Vec<f64>],
+}
+
+/// Makes the rows as the options say.
+pub(super) fn rows(run: &Run, series: &Series<'_>, options: &RegressionOptions) -> Result<Rows, RegressionError> {
+    match &options.domain {
+        Domain::Time => Ok(at_samples(run, series, options)),
+        Domain::Frequency(choice) => at_frequencies(run, series, choice),
+    }
+}
+
+fn at_samples(run: &Run, series: &Series<'_>, options: &RegressionOptions) -> Rows {
+    let whole = |k: &usize| {
+        let own = [series.rate[*k], series.known[*k]];
+        own.iter().all(|v| !v.is_nan()) && series.columns.iter().all(|c| !c[*k].is_nan())
+    };
+    let used: Vec<usize> = (0..run.len()).filter(whole).collect();
+    let time: Vec<f64> = used.iter().map(|k| run.time[*k]).collect();
+    let pick = |value: &dyn Fn(usize) -> f64| {
+        let mut values: Vec<f64> = used.iter().map(|k| value(*k)).collect();
+        detrend(&time, &mut values, options.detrend);
+        values
+    };
+    Rows {
+        left: pick(&|k| series.rate[k] - series.known[k]),
+        rate: pick(&|k| series.rate[k]),
+        columns: series.columns.iter().map(|c| pick(&|k| c[k])).collect(),
+        independent: 1.0,
+    }
+}
+
+fn at_frequencies(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Result<Rows, RegressionError> {
+    let spectrum = transformed(run, series, choice)?;
+    let count = spectrum.omega.len();
+    let channel = |k: usize| &spectrum.outputs[k * count..(k + 1) * count];
+    // x'(w) = j w x(w) + e1 x(T - dt/2) - e0 x(-dt/2)
+    let ends = [spectrum.output_ends[0][0], spectrum.output_ends[1][0]];
+    let rate: Vec<Complex64> = (0..count)
+        .map(|k| {
+            let [before, behind] = spectrum.end_factors(k);
+            Complex64::new(0.0, spectrum.omega[k]) * channel(0)[k] + behind * ends[1] - before * ends[0]
+        })
+        .collect();
+    let left: Vec<Complex64> = rate.iter().zip(channel(1)).map(|(rate, known)| rate - known).collect();
+    let stacked = |c: &[Complex64]| c.iter().map(|c| c.re).chain(c.iter().map(|c| c.im)).collect::<Vec<f64>>();
+    Ok(Rows {
+        left: stacked(&left),
+        rate: stacked(&rate),
+        columns: (0..series.columns.len()).map(|c| stacked(channel(c + 2))).collect(),
+        independent: spectrum.independent() / count.max(1) as f64,
+    })
+}
+
+/// State, known part and columns as channels of one spectrum.
+fn transformed(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Result<Spectrum, RegressionError> {
+    let width = 2 + series.columns.len();
+    let mut measured = Vec::with_capacity(run.len() * width);
+    for k in 0..run.len() {
+        measured.extend([series.state[k], series.known[k]]);
+        measured.extend(series.columns.iter().map(|c| c[k]));
+    }
+    let channels = Run {
+        name: run.name.clone(),
+        time: run.time.clone(),
+        inputs: Vec::new(),
+        held: Vec::new(),
+        measured,
+        input_gaps: Vec::new(),
+        output_gaps: vec![0; width],
+    };
+    let options = SpectrumOptions::default();
+    Spectrum::of(&channels, choice, &options)
+        .map_err(|error| RegressionError::Spectrum { run: run.name.clone(), error })
+}

@@ -1,0 +1,221 @@
+//! The likelihood of the outputs as a cost for Gauss-Newton: residuals and sensitivities of all runs, noise, priors.
+
+use super::evaluation::{Evaluator, RunFailure, Want};
+use super::priors::{PriorRow, Priors};
+use super::sums::Sums;
+use crate::noise::{Likelihood, Weights};
+use crate::observer::Observer;
+use crate::unknowns::Unknowns;
+use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Problem};
+use fdm_numeric::quadratic::Quadratic;
+use std::ops::ControlFlow;
+
+/// Gauss-Newton steps for a likelihood.
+pub(crate) type LikelihoodSteps<'c, 'e, 'a> = GaussNewton<'e, LikelihoodCost<'c, 'e, 'a>>;
+
+/// Minus the logarithm of the likelihood of the measured outputs, priors included.
+pub(crate) struct LikelihoodCost<'c, 'e, 'a> {
+    pub(crate) evaluator: Evaluator<'e, 'a>,
+    pub(crate) unknowns: &'e Unknowns,
+    pub(crate) likelihood: &'c Likelihood,
+    pub(crate) priors: &'c Priors,
+}
+
+impl LikelihoodCost<'_, '_, '_> {
+    /// Cost and weights of the last evaluation, which was at `values`.
+    fn weigh(&self, values: &[f64]) -> Weights {
+        let mut weights = self.likelihood.weights(&self.evaluator.moments);
+        let prior = self.priors.cost(values);
+        weights.cost += prior;
+        weights.rounding += 4.0 * f64::EPSILON * prior;
+        weights
+    }
+
+    /// The quadratic of the last linearisation with a factor for each group of sums.
+    pub(crate) fn gather_with(
+        &self,
+        factors: &[f64],
+        priors: impl Iterator<Item = PriorRow>,
+        quadratic: &mut Quadratic,
+    ) {
+        gather(quadratic, self.unknowns, self.evaluator.sums(), factors, priors);
+    }
+}
+
+impl Problem for LikelihoodCost<'_, '_, '_> {
+    type Failure = RunFailure;
+    type Weights = Weights;
+
+    fn cost(&self, weights: &Weights) -> f64 {
+        weights.cost
+    }
+
+    fn rounding(&self, weights: &Weights) -> f64 {
+        weights.rounding
+    }
+
+    fn scatter(&self, weights: &Weights) -> f64 {
+        weights.scatter
+    }
+
+    fn relative_noise(&self, weights: &Weights) -> f64 {
+        self.likelihood.relative_noise(weights)
+    }
+
+    fn evaluate(&mut self, values: &[f64]) -> Result<Weights, RunFailure> {
+        self.evaluator.evaluate(values, Want::Response)?;
+        Ok(self.weigh(values))
+    }
+
+    fn linearise(&mut self, values: &[f64], known: Option<Weights>) -> Result<Weights, RunFailure> {
+        if values.is_empty() {
+            return self.evaluate(values);
+        }
+        if !self.likelihood.is_full() {
+            self.evaluator.evaluate(values, Want::Sensitivities(None))?;
+            return Ok(self.weigh(values));
+        }
+        // outputs are mixed by a covariance that only the residuals of all runs tell
+        let weights = match known {
+            Some(weights) => weights,
+            None => self.evaluate(values)?,
+        };
+        self.evaluator.evaluate(values, Want::Sensitivities(Some(&weights.whitener)))?;
+        Ok(weights)
+    }
+
+    fn gather(&mut self, values: &[f64], weights: &Weights, quadratic: &mut Quadratic) {
+        self.gather_with(&self.likelihood.factors(weights), self.priors.rows(values), quadratic);
+    }
+
+    fn keep(&mut self) {
+        self.evaluator.keep();
+    }
+
+    fn is_weighed_first(&self) -> bool {
+        self.likelihood.is_full()
+    }
+
+    fn make_precise(&mut self) -> bool {
+        self.evaluator.make_precise();
+        true
+    }
+
+    fn second_derivative(
+        &mut self,
+        values: &[f64],
+        ahead: &[f64],
+        step: &[f64],
+        weights: &Weights,
+        slope: &mut [f64],
+    ) -> Option<bool> {
+        Some(self.evaluator.bend(values, ahead, step, &weights.inverse(), slope).is_ok())
+    }
+
+    fn evaluations(&self) -> (usize, usize) {
+        (self.evaluator.evaluations, self.evaluator.simulations)
+    }
+
+    fn set_evaluations(&mut self, evaluations: (usize, usize)) {
+        (self.evaluator.evaluations, self.evaluator.simulations) = evaluations;
+    }
+}
+
+/// An [`Observer`] as the monitor of an iteration.
+pub(crate) struct Observed<'o>(pub(crate) &'o mut dyn Observer);
+
+impl Monitor for Observed<'_> {
+    fn iteration(
+        &mut self,
+        iteration: &Iteration,
+        values: &[f64],
+        state: Option<&dyn Fn() -> Vec<u8>>,
+    ) -> ControlFlow<()> {
+        if let Some(state) = state {
+            self.0.state(state);
+        }
+        self.0.values(values);
+        self.0.iteration(iteration)
+    }
+}
+
+/// Gathers the sums of all runs, in their order, each group times its factor, and what was known before.
+fn gather<'s>(
+    quadratic: &mut Quadratic,
+    unknowns: &Unknowns,
+    runs: impl Iterator<Item = &'s Sums>,
+    factors: &[f64],
+    priors: impl Iterator<Item = PriorRow>,
+) {
+    quadratic.begin(unknowns.len());
+    let (mut rows, mut work) = (Vec::new(), Vec::new());
+    for (run, sums) in runs.enumerate() {
+        for (group, factor) in factors.iter().copied().enumerate() {
+            let values = sums.group(group);
+            if sums.precise {
+                spread(unknowns, run, sums, (values, factor), quadratic.width(), &mut rows);
+                quadratic.add_rows(&mut rows, &mut work);
+            } else {
+                match sums.columns_of(group) {
+                    Some(columns) => add_some(quadratic, unknowns, run, sums, (values, columns), factor * factor),
+                    None => add_products(quadratic, unknowns, run, sums, values, factor * factor),
+                }
+            }
+        }
+    }
+    for PriorRow { unknown, weight, residual } in priors {
+        quadratic.add_row_of(unknown, weight, residual, &mut rows, &mut work);
+    }
+    quadratic.end();
+}
+
+/// Adds one group of products; with rising columns the unknowns rise too, so the upper triangle stays one.
+fn add_products(quadratic: &mut Quadratic, unknowns: &Unknowns, run: usize, sums: &Sums, values: &[f64], weight: f64) {
+    let (size, (hessian, rhs)) = (unknowns.len(), quadratic.products());
+    for i in 0..sums.columns {
+        let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
+        for (j, value) in row[..sums.columns].iter().enumerate().skip(i) {
+            hessian[at * size + unknowns.position(run, j)] += weight * value;
+        }
+        rhs[at] += weight * row[sums.columns];
+    }
+}
+
+/// The same where all but some columns are zero.
+fn add_some(
+    quadratic: &mut Quadratic,
+    unknowns: &Unknowns,
+    run: usize,
+    sums: &Sums,
+    (values, columns): (&[f64], &[u32]),
+    weight: f64,
+) {
+    let (size, (hessian, rhs)) = (unknowns.len(), quadratic.products());
+    for (k, i) in columns.iter().map(|c| *c as usize).enumerate() {
+        let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
+        let hessian = &mut hessian[at * size..][..size];
+        for j in columns[k..].iter().map(|c| *c as usize) {
+            hessian[unknowns.position(run, j)] += weight * row[j];
+        }
+        rhs[at] += weight * row[sums.columns];
+    }
+}
+
+/// The rows of one run's triangle times a factor, in the columns of all unknowns.
+fn spread(
+    unknowns: &Unknowns,
+    run: usize,
+    sums: &Sums,
+    (values, factor): (&[f64], f64),
+    width: usize,
+    rows: &mut Vec<f64>,
+) {
+    rows.clear();
+    rows.resize((sums.columns + 1) * width, 0.0);
+    for i in 0..=sums.columns {
+        for j in i..=sums.columns {
+            let at = if j < sums.columns { unknowns.position(run, j) } else { width - 1 };
+            rows[i * width + at] = factor * values[i * sums.width + j];
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Estimation: the parameters with which a model matches measured runs best, and how well they are known.
+//!
+//! **In** a model and runs, or a [`Problem`]: parameters, runs with their [`Response`] and measurement. **Out** an [`Estimate`]:
+//! values, standard errors, noise covariance, residuals, and how the iteration ended. **Never** reads files or prints.
+//! **Start** at [`identify()`], one entry for every method and domain; [`fit()`] is output error in the time domain.
+//!
+//! Each layer knows those before it only: problem data (`problem`, `unknowns`, `noise`) -> `iteration` (residuals and sensitivities
+//! as a cost for the bounded Gauss-Newton of `fdm_numeric`) -> `uncertainty` (errors, what is not determined) -> `solve` (a
+//! problem's [`Estimate`]) -> `output_error` (one fit from given start values), `filter_error`, `equation_error`, `spectra`,
+//! `frequency_responses` -> `recovery` (continuation, substitution, shooting, many starts) -> `time_domain` -> `identify`.
+
+mod affine;
+mod best_iterate;
+mod changes;
+mod derived;
+pub mod equation_error;
+#[expect(clippy::module_inception, reason = "the result is called what the room makes")]
+mod estimate;
+mod filter_error;
+mod frequency_responses;
+mod identify;
+mod information;
+mod initial;
+mod iteration;
+mod method;
+mod noise;
+mod observer;
+mod output_error;
+mod problem;
+mod recovery;
+pub mod residuals;
+mod solve;
+#[cfg(test)]
+mod specimen;
+mod spectra;
+mod termination;
+#[cfg(test)]
+mod tests;
+mod time_domain;
+mod uncertainty;
+mod unknowns;
+
+pub use crate::residuals::OutputFit;
+pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
+pub use changes::{ChangeError, Changes};
+pub use derived::{DerivedName, DerivedQuantities};
+pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use fdm_numeric::least_squares::Fallback as Aid;
+pub use filter_error::{FilterError, FilterFit, fit_filter};
+pub use frequency_responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
+pub use identify::{Identified, IdentifyError, identify};
+pub use information::{Information, Silence};
+pub use initial::initial_guess;
+pub use iteration::normal_equations::{NormalEquations, NotFinite};
+pub use method::{Domain, Method, Optimizer};
+pub use noise::Noise;
+pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, UnknownName};
+pub use output_error::defect::FitDefect;
+pub use output_error::error::{FitError, StrategyError};
+pub use output_error::fit::{
+    Continuity, Fit, LengthFit, Recovery, RecoveryStrategy, RecoveryStrategy as Remedy, Reweighting, Variation, Weight,
+};
+pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
+pub use output_error::single::{changed, starts};
+pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
+pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
+pub use recovery::fallback::attempt;
+pub use solve::{estimate, estimate_from};
+pub use spectra::{
+    BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
+    Unanswered, UnobservableMode, fit_spectra,
+};
+pub use termination::{Reason, Termination};
+pub use time_domain::{examined, fit, fit_kept};
+pub use uncertainty::identifiability::Direction;
+pub use uncertainty::parameters::quantile;
+pub use uncertainty::sandwich::{NoiseColour, Uncorrected};

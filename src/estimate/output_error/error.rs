@@ -1,0 +1,97 @@
+//! Why nothing was estimated.
+
+use crate::changes::ChangeError;
+use crate::method::{Domain, Method};
+use crate::problem::ProblemError;
+use fdm_system::record::Run;
+use fdm_system::simulate::Unsuited;
+use std::fmt;
+
+/// Why nothing was estimated: every reason that was found.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FitError {
+    /// Changes that cannot be made.
+    Changes(Vec<ChangeError>),
+    /// A run that cannot be simulated with exact derivatives.
+    Unsuited {
+        /// Name of the run.
+        run: String,
+        /// Why.
+        reason: Unsuited,
+    },
+    /// A problem that cannot be solved.
+    Problem(Vec<ProblemError>),
+    /// A strategy that was asked for and cannot be followed.
+    Strategy(StrategyError),
+    /// Options of another method or domain, which [`identify`](crate::identify()) is for.
+    Method {
+        /// The method.
+        method: Method,
+        /// The domain.
+        domain: Domain,
+    },
+}
+
+impl FitError {
+    pub(crate) fn unsuited(run: &Run, reason: Unsuited) -> Self {
+        Self::Unsuited { run: run.name.clone(), reason }
+    }
+}
+
+impl fmt::Display for FitError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lines = |reasons: Vec<String>| reasons.join("\n");
+        match self {
+            Self::Changes(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
+            Self::Unsuited { run, reason } => write!(f, "run `{run}`: {reason}"),
+            Self::Problem(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
+            Self::Strategy(e) => write!(f, "{e}"),
+            Self::Method { method, domain } => {
+                write!(f, "`fit` estimates by output error in the time domain, not by {method} in the {domain} domain")
+            }
+        }
+    }
+}
+
+impl std::error::Error for FitError {}
+
+/// Why a strategy that was asked for cannot be followed.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "the message below each variant says what its fields are")]
+pub enum StrategyError {
+    UnknownState { name: String, nearest: Option<String> },
+    NothingMeasured,
+    NotMeasured { reason: String },
+    NotASegmentLength { length: f64 },
+    NoStates,
+    Delays,
+    TooManySegments { cells: usize, most: usize },
+}
+
+impl fmt::Display for StrategyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownState { name, nearest: Some(hint) } => {
+                write!(f, "the model has no state `{name}` to substitute; did you mean `{hint}`?")
+            }
+            Self::UnknownState { name, nearest: None } => write!(f, "the model has no state `{name}` to substitute"),
+            Self::NothingMeasured => write!(f, "no output shows a state: there is no record to substitute for one"),
+            Self::NotMeasured { reason } => write!(f, "{reason}"),
+            Self::NotASegmentLength { length } => {
+                write!(f, "segments of length {length} are not possible; a length is a number above 0")
+            }
+            Self::NoStates => write!(f, "the model has no states, so that there is nothing to shoot from"),
+            Self::Delays => write!(
+                f,
+                "multiple shooting is not possible with delays: a segment would begin with a past that it does not know; \
+                 lengthen the record instead (--continuation)"
+            ),
+            Self::TooManySegments { cells, most } => write!(
+                f,
+                "so many segments want a table of {cells} sensitivities, more than {most}; take fewer or longer ones"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for StrategyError {}

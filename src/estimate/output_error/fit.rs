@@ -1,0 +1,194 @@
+//! The result of an output-error fit: estimates, and all that is known about how they were reached.
+
+use crate::estimate::{Estimate, ParameterEstimate, Status};
+use crate::observer::StartSummary;
+use crate::output_error::defect::FitDefect;
+use crate::residuals::OutputQuality;
+use crate::termination::Termination;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::Accuracy;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Estimates, and how they were reached.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The model with the changes that were asked for.
+    pub model: Model,
+    /// The estimates.
+    pub estimate: Estimate,
+    /// Steps and integration error of each run at the estimates.
+    pub integration: Vec<Accuracy>,
+    /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
+    /// was not asked for.
+    pub quality: Vec<OutputQuality>,
+    /// What was done about start values that could not be used, and why; none when they could.
+    pub rescue: Option<Recovery>,
+    /// Estimates by length of the record, the whole record's last; empty when only that was fitted.
+    pub by_length: Vec<LengthFit>,
+    /// Estimates with other weights of the outputs; none when that was not asked for, or there was no noise to weigh.
+    pub reweighting: Option<Reweighting>,
+    /// States whose measured records took their place in a first fit, because that was asked for.
+    pub substituted: Vec<String>,
+    /// How continuous the result of multiple shooting is; none when there was none.
+    pub shooting: Option<Continuity>,
+    /// What came out of each start; empty when there was only one. Those that an interruption prevented are missing.
+    pub starts: Vec<StartSummary>,
+}
+
+impl Fit {
+    /// A plain fit, without a rescue and without anything said about confidence.
+    pub(crate) fn new(model: Model, estimate: Estimate, integration: Vec<Accuracy>) -> Self {
+        Self {
+            model,
+            estimate,
+            integration,
+            quality: Vec::new(),
+            rescue: None,
+            by_length: Vec::new(),
+            reweighting: None,
+            substituted: Vec::new(),
+            shooting: None,
+            starts: Vec::new(),
+        }
+    }
+}
+
+/// A way out.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecoveryStrategy {
+    /// The record was by_continuation step by step.
+    Continuation,
+    /// Measured records first took the place of these states in the equations.
+    Substitution {
+        /// The states.
+        states: Vec<String>,
+    },
+    /// The record was cut into so many segments for each run.
+    Shooting {
+        /// Segments of the longest run.
+        segments: usize,
+    },
+}
+
+/// What was done to reach an estimate that the start values alone would not have given, and why.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Recovery {
+    /// What was wrong with the fit from the start values.
+    pub trouble: FitDefect,
+    /// What was tried, in this order, without a better result.
+    pub failed: Vec<RecoveryStrategy>,
+    /// What gave the result; none when nothing did better than the fit from the start values.
+    pub by: Option<RecoveryStrategy>,
+}
+
+impl fmt::Display for RecoveryStrategy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Continuation => write!(f, "fitting a short record first and lengthening it"),
+            Self::Substitution { states } => {
+                write!(f, "fitting first with the measured {} in the equations", states.join(", "))
+            }
+            Self::Shooting { segments } => write!(f, "multiple shooting with {segments} segments"),
+        }
+    }
+}
+
+impl fmt::Display for Recovery {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the fit from the start values failed ({}); ", self.trouble)?;
+        let failed: Vec<String> = self.failed.iter().map(ToString::to_string).collect();
+        match &self.by {
+            Some(remedy) => write!(f, "reached by {remedy}")?,
+            None if failed.is_empty() => write!(f, "there was nothing else to try")?,
+            None => write!(f, "no better: {}", failed.join("; "))?,
+        }
+        if self.by.is_some() && !failed.is_empty() {
+            write!(f, ", after these had failed: {}", failed.join("; "))?;
+        }
+        Ok(())
+    }
+}
+
+/// Estimates from records of one length.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct LengthFit {
+    /// Time that the longest run lasts, in the model's time unit.
+    pub length: f64,
+    /// Samples of all runs.
+    pub samples: usize,
+    /// How the iteration ended.
+    pub termination: Termination,
+    /// The parameters as in [`Estimate::parameters`](crate::Estimate::parameters), those that are not estimated left out.
+    pub parameters: Vec<ParameterEstimate>,
+}
+
+impl LengthFit {
+    pub(crate) fn new(runs: &[Run], fit: &Fit) -> Self {
+        let ends = runs.iter().filter_map(|r| r.time.last());
+        let open = |p: &&ParameterEstimate| !matches!(p.status, Status::Fixed | Status::Derived | Status::Tied);
+        Self {
+            length: ends.copied().fold(0.0, f64::max),
+            samples: runs.iter().map(Run::len).sum(),
+            termination: fit.estimate.termination.clone(),
+            parameters: fit.estimate.parameters.iter().filter(open).cloned().collect(),
+        }
+    }
+}
+
+/// What was different about the weight of an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Weight {
+    /// Its noise was taken as half of what it is.
+    NoiseHalved,
+    /// Its noise was taken as twice what it is.
+    NoiseDoubled,
+    /// It was not compared.
+    LeftOut,
+}
+
+/// One fit with other weights.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Variation {
+    /// The output whose weight was changed.
+    pub output: String,
+    /// What was different about it.
+    pub weight: Weight,
+    /// How the iteration ended.
+    pub termination: Termination,
+    /// Change of each parameter in its standard errors, in the order of [`Reweighting::parameters`]; none where the
+    /// parameter is not determined with these weights.
+    pub changes: Vec<Option<f64>>,
+}
+
+/// Estimates under other weights of the outputs.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Reweighting {
+    /// The estimated parameters, with the noise of each output held at what was estimated.
+    pub parameters: Vec<ParameterEstimate>,
+    /// The variations, output by output.
+    pub variations: Vec<Variation>,
+}
+
+impl Reweighting {
+    /// Largest change of a parameter (by its place in `parameters`) in its standard errors; infinite when some variation
+    /// leaves it undetermined.
+    pub fn largest(&self, parameter: usize) -> f64 {
+        let sizes = self.variations.iter().map(|v| v.changes[parameter].map_or(f64::INFINITY, f64::abs));
+        sizes.fold(0.0, f64::max)
+    }
+}
+
+/// How continuous a result of multiple shooting is.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Continuity {
+    /// Segments of the run that has most.
+    pub segments: usize,
+    /// Largest gap at a cut, relative to the size of its state there.
+    pub largest_gap: f64,
+    /// Whether a fit of the uncut model followed, so that there are no cuts in the result.
+    pub polished: bool,
+}

@@ -1,0 +1,9 @@
+//! Output error in the time domain from one vector of start values.
+//!
+//! **In** a model, runs, start values, options. **Out** a [`fit::Fit`]. **Start** at [`single`].
+
+pub(super) mod defect;
+pub(super) mod error;
+pub(super) mod fit;
+pub(super) mod options;
+pub(super) mod single;

@@ -1,0 +1,175 @@
+//! One output-error fit from one vector of start values: steps chosen, Gauss-Newton iteration, and a second look at the steps.
+//!
+//! Start values are all parameters of each run, from the model, the data, or an estimate before.
+
+use crate::changes::Changes;
+use crate::derived::DerivedQuantities;
+use crate::estimate::{Estimate, RunFit};
+use crate::initial::initial_guess;
+use crate::observer::Observer;
+use crate::output_error::error::FitError;
+use crate::output_error::fit::Fit;
+use crate::output_error::options::FitOptions;
+use crate::problem::{Options, Problem, ProblemRun};
+use crate::solve::estimate;
+use crate::termination::Termination;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, error_of, integration_error};
+
+/// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
+pub fn starts(model: &Model, runs: &[Run], changes: &Changes) -> Vec<Vec<f64>> {
+    runs.iter().map(|run| start(model, run, changes)).collect()
+}
+
+fn start(model: &Model, run: &Run, changes: &Changes) -> Vec<f64> {
+    let mut theta = initial_guess(&model.definition().params, model.dynamics(), run);
+    for (k, param) in model.definition().params.iter().enumerate() {
+        if changes.set.iter().any(|(name, _)| *name == param.quantity.name) {
+            theta[k] = param.value;
+        }
+    }
+    theta
+}
+
+/// The estimates as start values; `starts` where nothing was estimated.
+pub(crate) fn after(model: &Model, runs: &[Run], estimate: &Estimate, starts: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    runs.iter().zip(starts).map(|(run, start)| at(model, estimate, &run.name, start)).collect()
+}
+
+/// All parameters of a run at the estimates.
+fn at(model: &Model, estimate: &Estimate, run: &str, start: &[f64]) -> Vec<f64> {
+    let params = model.definition().params.iter().zip(start);
+    params
+        .map(|(p, start)| {
+            let owner = p.per_run.then_some(run);
+            estimate.parameter(&p.quantity.name, owner).map_or(*start, |e| e.value)
+        })
+        .collect()
+}
+
+/// The model with the changes that were asked for.
+///
+/// # Errors
+/// [`FitError::Changes`] with all that cannot be made.
+pub fn changed(model: &Model, changes: &Changes) -> Result<Model, FitError> {
+    let mut params = model.definition().params.clone();
+    changes.apply(&mut params).map_err(FitError::Changes)?;
+    Ok(model.with_params(params))
+}
+
+const MOST_ROUNDS: usize = 3;
+
+/// Estimates from `starts` (all parameters of each run). Steps are chosen at the start values and then kept, so that the
+/// derivatives are exact; when they turn out too coarse at the estimates, the fit goes on from there with finer ones.
+///
+/// # Errors
+/// [`FitError`] as for [`fit`](super::fit()).
+pub(crate) fn single_fit(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let mut starts = starts.to_vec();
+    let mut steps = match options.per_interval {
+        Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
+        None => match options.shared_steps.steps(model, runs, &starts) {
+            Some(steps) => steps,
+            None => chosen_steps(model, runs, &starts, options.scheme)?.into_iter().map(|a| a.steps).collect(),
+        },
+    };
+    let (mut round, coarse) = (1, options.shared_steps.coarse());
+    loop {
+        let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
+        let reached = after(model, runs, &estimate, &starts);
+        if options.bare && options.per_interval.is_some() {
+            let unjudged = steps.into_iter().map(|steps| Accuracy { steps, error: f64::NAN }).collect();
+            return Ok(Fit::new(model.clone(), estimate, unjudged));
+        }
+        let integration = accuracy(model, runs, &reached, &steps, &estimate.runs)?;
+        // a start of many that led nowhere is not worth finer steps
+        let lost = options.shared_steps.is_provisional() && !estimate.termination.is_good();
+        let fine = lost || integration.iter().all(|a| a.error <= coarse);
+        let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
+        let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
+        let finer = if last {
+            steps.clone()
+        } else {
+            finer(&steps, &integration, chosen_steps(model, runs, &reached, options.scheme)?, coarse)
+        };
+        // where halving does not help there are kinks, or a response on the edge of divergence
+        if finer == steps {
+            return Ok(Fit::new(model.clone(), estimate, integration));
+        }
+        (starts, steps) = (reached, finer);
+        round += 1;
+    }
+}
+
+/// Steps that were too coarse give way to better ones.
+fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coarse: f64) -> Vec<Steps> {
+    let better = |((steps, was), chosen): ((&Steps, &Accuracy), Accuracy)| {
+        if was.error > coarse && chosen.error < was.error { chosen.steps } else { steps.clone() }
+    };
+    steps.iter().zip(integration).zip(chosen).map(better).collect()
+}
+
+/// Method and steps of each run for these values.
+pub(crate) fn chosen_steps(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    scheme: Option<Scheme>,
+) -> Result<Vec<Accuracy>, FitError> {
+    let steps = |(run, theta): (&Run, &Vec<f64>)| {
+        choose_steps_by(model.dynamics(), run, theta, scheme).map_err(|e| FitError::unsuited(run, e))
+    };
+    runs.iter().zip(starts).map(steps).collect()
+}
+
+/// Runs the iteration once.
+fn correct(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    steps: &[Steps],
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> Result<Estimate, FitError> {
+    let mut prepared = Vec::with_capacity(runs.len());
+    for ((run, theta), steps) in runs.iter().zip(starts).zip(steps) {
+        let simulator = Simulator::new(model.dynamics(), run, steps.clone());
+        let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
+        simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
+        let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
+        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+    }
+    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
+    let mut problem = Problem::new(model.definition(), prepared, derived);
+    if let Some(first) = starts.first() {
+        // shared parameters go on from where a round before left them
+        problem.params.iter_mut().zip(first).filter(|(p, _)| !p.per_run).for_each(|(p, v)| p.value = *v);
+    }
+    estimate(&mut problem, options, observer).map_err(FitError::Problem)
+}
+
+/// Steps in use and their error at the estimates, whose responses are known.
+fn accuracy(
+    model: &Model,
+    runs: &[Run],
+    reached: &[Vec<f64>],
+    steps: &[Steps],
+    fits: &[RunFit],
+) -> Result<Vec<Accuracy>, FitError> {
+    let one = |(r, ((run, theta), steps)): (usize, ((&Run, &Vec<f64>), &Steps))| {
+        let error = match fits.get(r) {
+            Some(fit) => error_of(model.dynamics(), run, theta, steps, &fit.response),
+            None => integration_error(model.dynamics(), run, theta, steps.clone()),
+        };
+        let error = error.map_err(|e| FitError::unsuited(run, e))?;
+        Ok(Accuracy { steps: steps.clone(), error })
+    };
+    runs.iter().zip(reached).zip(steps).enumerate().map(one).collect()
+}

@@ -1,0 +1,191 @@
+//! Record-length continuation (Goodman and Sargent 1971, section III): a short record first, then longer ones, each from
+//! the result of the one before.
+//!
+//! What a short record does not determine is pulled weakly towards the start values, so that it does not fly away
+//! before the record is long enough; the whole record is fitted without that.
+
+use crate::observer::Observer;
+use crate::output_error::defect::trouble;
+use crate::output_error::error::FitError;
+use crate::output_error::fit::{Fit, LengthFit};
+use crate::output_error::options::{Continuation, FitOptions};
+use crate::output_error::single::{after, single_fit};
+use crate::problem::Options;
+use crate::termination::Termination;
+use fdm_grammar::model::{Origin, Prior};
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+
+/// How much of every run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Length {
+    /// This part of each.
+    Share(f64),
+    /// Up to this time since each began.
+    Time(f64),
+}
+
+impl Length {
+    /// The runs up to this length, two samples at least.
+    pub(crate) fn cut(self, runs: &[Run]) -> Vec<Run> {
+        let one = |run: &Run| {
+            let end = match self {
+                Self::Share(share) => share * run.time.last().copied().unwrap_or(0.0),
+                Self::Time(time) => time,
+            };
+            // a sample that stands at the end but for rounding belongs to it
+            let samples = run.time.partition_point(|t| *t <= end * (1.0 + 1e-12));
+            run.part(0..samples.max(2).min(run.len()))
+        };
+        runs.iter().map(one).collect()
+    }
+}
+
+impl Continuation {
+    /// The lengths that were asked for, the whole record not among them; none when they are to be found or not wanted.
+    pub(crate) fn lengths(&self) -> Option<Vec<Length>> {
+        match self {
+            Self::Auto | Self::Never => None,
+            Self::Shares(shares) => Some(shares.iter().filter(|s| **s < 1.0).map(|s| Length::Share(*s)).collect()),
+            Self::Times(times) => Some(times.iter().map(|t| Length::Time(*t)).collect()),
+        }
+    }
+}
+
+/// Factor from one length to the next as long as all goes well.
+const GROWTH: f64 = 1.6;
+/// Growth below which lengthening has failed.
+const STANDSTILL: f64 = 1.05;
+/// Compared cells for each unknown that the shortest record should have.
+const CELLS: usize = 3;
+/// Iterations of a record that is not the whole one, and their tolerance: its result is only a start.
+const ITERATIONS: usize = 40;
+const TOLERANCE: f64 = 1e-4;
+
+/// Fits lengthening records.
+pub(crate) struct LengthContinuation<'a> {
+    pub(crate) model: &'a Model,
+    pub(crate) runs: &'a [Run],
+    pub(crate) options: &'a FitOptions,
+    /// What was fitted so far.
+    pub(crate) stages: Vec<LengthFit>,
+}
+
+impl LengthContinuation<'_> {
+    /// Fits the given lengths one after the other, then the whole record, whatever becomes of each.
+    pub(crate) fn along(
+        &mut self,
+        lengths: &[Length],
+        starts: &[Vec<f64>],
+        observer: &mut dyn Observer,
+    ) -> Result<Fit, FitError> {
+        let mut starts = starts.to_vec();
+        for length in lengths {
+            let short = length.cut(self.runs);
+            if short.iter().zip(self.runs).all(|(a, b)| a.len() == b.len()) {
+                break;
+            }
+            let fit = self.short(&short, &starts, observer)?;
+            if fit.estimate.termination == Termination::Interrupted {
+                return Ok(self.finish(fit));
+            }
+            starts = after(self.model, self.runs, &fit.estimate, &starts);
+        }
+        self.whole(&starts, observer)
+    }
+
+    /// Finds the lengths: begins with the shortest record that determines anything, goes on by a factor that shrinks when
+    /// the next record is too long for the values of the one before. None when there is no way on.
+    pub(crate) fn adaptive(
+        &mut self,
+        starts: &[Vec<f64>],
+        observer: &mut dyn Observer,
+    ) -> Result<Option<Fit>, FitError> {
+        let (mut starts, mut growth, mut matched) = (starts.to_vec(), GROWTH, false);
+        let (mut reached, mut next) = (0.0, self.shortest());
+        if next <= 0.0 {
+            // nothing is free: no length helps, and nothing times a growth stays nothing
+            return Ok(None);
+        }
+        while next < 1.0 {
+            let fit = self.short(&Length::Share(next).cut(self.runs), &starts, observer)?;
+            if fit.estimate.termination == Termination::Interrupted {
+                return Ok(Some(self.finish(fit)));
+            }
+            let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
+            // a very short record may be noise only, which no model matches; one that was matched once stays so
+            if fit.estimate.cost.is_some() && !(poor && matched) {
+                starts = after(self.model, self.runs, &fit.estimate, &starts);
+                (reached, growth, matched) = (next, growth.max(GROWTH.sqrt()), matched || !poor);
+            } else if reached > 0.0 {
+                growth = growth.sqrt();
+            } else if self.is_shortest(next) {
+                return Ok(None);
+            } else {
+                next *= 0.5;
+                continue;
+            }
+            if growth < STANDSTILL {
+                return Ok(None);
+            }
+            next = reached * growth;
+        }
+        self.whole(&starts, observer).map(Some)
+    }
+
+    /// The share of the record that has some cells for each unknown, and two samples at least.
+    fn shortest(&self) -> f64 {
+        let unknowns = |runs: usize| {
+            let params = self.model.definition().params.iter().filter(|p| !p.fixed);
+            params.map(|p| if p.per_run { runs } else { 1 }).sum::<usize>()
+        };
+        let cells: usize = self.runs.iter().flat_map(|r| &r.measured).filter(|z| !z.is_nan()).count();
+        let longest = self.runs.iter().map(Run::len).max().unwrap_or(0);
+        let enough = (CELLS * unknowns(self.runs.len())) as f64 / cells.max(1) as f64;
+        enough.max(2.0 / longest.max(2) as f64)
+    }
+
+    /// Whether nothing shorter than this share is left.
+    fn is_shortest(&self, share: f64) -> bool {
+        Length::Share(share).cut(self.runs).iter().all(|run| run.len() <= 2)
+    }
+
+    /// Fits a record that is not the whole one, weakly pulled towards its start values.
+    fn short(&mut self, runs: &[Run], starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
+        let model = pulled(self.model, starts);
+        let given = &self.options.options;
+        let options = Options {
+            tolerance: TOLERANCE.max(given.tolerance),
+            iterations: ITERATIONS.min(given.iterations),
+            colour: false,
+            ..given.clone()
+        };
+        let options = FitOptions { options, ..self.options.clone() };
+        let fit = single_fit(&model, runs, starts, &options, observer)?;
+        self.stages.push(LengthFit::new(runs, &fit));
+        Ok(fit)
+    }
+
+    fn whole(&mut self, starts: &[Vec<f64>], observer: &mut dyn Observer) -> Result<Fit, FitError> {
+        let fit = single_fit(self.model, self.runs, starts, self.options, observer)?;
+        self.stages.push(LengthFit::new(self.runs, &fit));
+        Ok(self.finish(fit))
+    }
+
+    fn finish(&mut self, fit: Fit) -> Fit {
+        Fit { by_length: std::mem::take(&mut self.stages), ..fit }
+    }
+}
+
+/// The model with every shared free parameter expected within its own size of its start value, unless more is known.
+fn pulled(model: &Model, starts: &[Vec<f64>]) -> Model {
+    let mut params = model.definition().params.clone();
+    let Some(first) = starts.first() else { return model.clone() };
+    for (param, start) in params.iter_mut().zip(first) {
+        let open = !param.fixed && !param.per_run && param.prior.is_none() && param.origin == Origin::Declared;
+        if open && start.is_finite() && *start != 0.0 {
+            param.prior = Some(Prior { mean: *start, deviation: start.abs() });
+        }
+    }
+    model.with_params(params)
+}

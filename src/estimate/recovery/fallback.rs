@@ -1,0 +1,214 @@
+//! Fallback strategies: what is done, in order, when the fit from the start values fails or is doubtful, and what decides that.
+//!
+//! The strategies are record-length continuation, substitution of measured states, and multiple shooting; one that was asked
+//! for is followed without being judged.
+
+use crate::observer::Observer;
+use crate::output_error::defect::{FitDefect, trouble};
+use crate::output_error::error::FitError;
+use crate::output_error::fit::{Fit, Recovery, RecoveryStrategy};
+use crate::output_error::options::{Continuation, FitOptions, Shooting};
+use crate::output_error::single::single_fit;
+use crate::recovery::continuation::{Length, LengthContinuation};
+use crate::recovery::shooting::shoot;
+use crate::recovery::substitution::Substitution;
+use crate::termination::Termination;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+
+/// Estimates from `starts` (all parameters of each run, see [`starts`](crate::starts)); `model` has the changes in
+/// `options` already.
+///
+/// # Errors
+/// [`FitError`]; an attempt that ran and went wrong is a [`Fit`] whose estimate says so.
+pub fn attempt(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let fit = as_asked(model, runs, starts, options, observer)?;
+    match trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto) {
+        Some(trouble) => rescue(model, runs, starts, options, (fit, trouble), observer),
+        None => Ok(fit),
+    }
+}
+
+/// By the strategies that were asked for, plainly when there are none.
+fn as_asked(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    if options.substitute.is_empty() {
+        return from_here(model, runs, starts, options, observer);
+    }
+    let substitution = Substitution::new(model, runs, &options.substitute).map_err(FitError::Strategy)?;
+    let (first, starts) = substitution.first_fit(starts, options, observer)?;
+    let fit = match first.estimate.termination {
+        Termination::Interrupted => Fit { model: model.clone(), ..first },
+        _ => from_here(model, runs, &starts, options, observer)?,
+    };
+    Ok(Fit { substituted: substitution.states, ..fit })
+}
+
+/// The full model by shooting, by lengthening the record, or plainly.
+fn from_here(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    if let Some(shooting) = options.shooting {
+        return shoot(model, runs, starts, (shooting, options), observer);
+    }
+    match options.continuation.lengths() {
+        Some(lengths) => {
+            LengthContinuation { model, runs, options, stages: Vec::new() }.along(&lengths, starts, observer)
+        }
+        None => single_fit(model, runs, starts, options, observer),
+    }
+}
+
+/// The model of a finished fit once more, to other runs or with other weights, from values near its estimates: in segments
+/// when there was no other way, else plainly.
+pub(crate) fn refit(
+    fit: &Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    match &fit.shooting {
+        Some(cut) if !cut.polished => {
+            shoot(&fit.model, runs, starts, (Shooting::Segments(cut.segments), options), observer)
+        }
+        _ => single_fit(&fit.model, runs, starts, options, observer),
+    }
+}
+
+/// Shares of the record that are fitted first for a second opinion.
+const OPINION: [f64; 2] = [0.25, 0.5];
+/// Costs that differ by less are those of one minimum.
+const SAME: f64 = 0.01;
+
+/// Tries one way out after the other until one gives a sound estimate; else the best that was seen.
+///
+/// Smooth residuals alone are no proof of a wrong minimum, slow noise leaves them too: a minimum to which a second way from
+/// the same start leads as well is taken for the right one.
+pub(crate) fn rescue(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    (plain, found): (Fit, FitDefect),
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let doubtful = matches!(found, FitDefect::SmoothResiduals { .. });
+    let (mut best, mut by, mut tried) = (plain, None, Vec::new());
+    // a second opinion is cheaper than a rescue
+    let ways: &[Try] = &[by_second_opinion, by_continuation, by_substitution, by_shooting];
+    for way in &ways[usize::from(!doubtful)..] {
+        let Some((remedy, fit)) = way(model, runs, starts, options, observer)? else { continue };
+        let left = trouble(&fit.estimate);
+        let confirmed = matches!(left, Some(FitDefect::SmoothResiduals { .. })) && agree(&fit, &best);
+        if confirmed && doubtful && by.is_none() {
+            return Ok(best);
+        }
+        if better(&fit, &best) {
+            (best, by) = (fit, Some(remedy.clone()));
+        }
+        if !tried.contains(&remedy) {
+            tried.push(remedy);
+        }
+        if confirmed || left.is_none() {
+            break;
+        }
+    }
+    let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
+    Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by }), ..best })
+}
+
+/// Whether a fit is worth more than another: it has a cost at all, and by more than rounding a lower one.
+fn better(fit: &Fit, than: &Fit) -> bool {
+    match (fit.estimate.cost, than.estimate.cost) {
+        (Some(a), Some(b)) => a < b - 1e-9 * b.abs().max(1.0) || (!than.estimate.termination.is_good() && a <= b),
+        (a, _) => a.is_some(),
+    }
+}
+
+/// Whether two fits ended at the same minimum.
+fn agree(a: &Fit, b: &Fit) -> bool {
+    let (Some(x), Some(y)) = (a.estimate.cost, b.estimate.cost) else { return false };
+    b.estimate.termination.is_good() && (x - y).abs() <= SAME.max(1e-9 * y.abs())
+}
+
+type Way = Option<(RecoveryStrategy, Fit)>;
+type Try = fn(&Model, &[Run], &[Vec<f64>], &FitOptions, &mut dyn Observer) -> Result<Way, FitError>;
+
+fn by_second_opinion(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
+    let fit = lengthening.along(&OPINION.map(Length::Share), starts, observer)?;
+    Ok(Some((RecoveryStrategy::Continuation, fit)))
+}
+
+fn by_continuation(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let mut lengthening = LengthContinuation { model, runs, options, stages: Vec::new() };
+    Ok(lengthening.adaptive(starts, observer)?.map(|fit| (RecoveryStrategy::Continuation, fit)))
+}
+
+fn by_substitution(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let Some(substitution) = Substitution::all(model, runs) else { return Ok(None) };
+    let (first, starts) = substitution.first_fit(starts, options, observer)?;
+    let fit = match first.estimate.termination {
+        Termination::Interrupted => Fit { model: model.clone(), ..first },
+        _ => single_fit(model, runs, &starts, options, observer)?,
+    };
+    Ok(Some((RecoveryStrategy::Substitution { states: substitution.states }, fit)))
+}
+
+fn by_shooting(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Way, FitError> {
+    let Some(segments) = fitting(model, runs) else { return Ok(None) };
+    let fit = shoot(model, runs, starts, (Shooting::Segments(segments), options), observer)?;
+    let segments = fit.shooting.as_ref().map_or(segments, |s| s.segments);
+    Ok(Some((RecoveryStrategy::Shooting { segments }, fit)))
+}
+
+/// Segments with a few cells for each state in them, but not too many; none when the model cannot be cut.
+fn fitting(model: &Model, runs: &[Run]) -> Option<usize> {
+    const CELLS: usize = 4;
+    const MOST: usize = 20;
+    let layout = model.layout();
+    let cells = |run: &Run| run.measured.iter().filter(|z| !z.is_nan()).count();
+    let least = runs.iter().map(cells).min()?;
+    let segments = (least / (CELLS * layout.states.max(1))).min(MOST);
+    (segments > 1 && layout.states > 0 && layout.delayed.is_empty()).then_some(segments)
+}

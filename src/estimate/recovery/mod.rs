@@ -1,0 +1,13 @@
+//! Ways to the estimates when a fit from the given start values fails, and ways to see how far they can be trusted.
+//!
+//! **In** a model, runs, and where a single fit ended. **Out** better ends, estimates by length and by weights.
+//! **Never** hides what was tried. **Start** at [`fallback`].
+
+pub(super) mod checkpoint;
+pub(super) mod confidence;
+pub(super) mod continuation;
+pub(super) mod fallback;
+pub(super) mod multi_start;
+mod segmented_response;
+mod shooting;
+mod substitution;

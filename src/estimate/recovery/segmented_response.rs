@@ -1,0 +1,280 @@
+//! A run cut into segments with initial states of their own, as one response: behind the model's outputs stand the gaps
+//! at the cuts, one for each state, which are to be zero.
+
+use crate::problem::Response;
+use fdm_grammar::graph::Leaf;
+use fdm_grammar::model::{Origin, Output, Param, Quantity};
+use fdm_system::model::Model;
+use fdm_system::simulate::{Block, Divergence, RowLayout, Simulator, Sink};
+
+/// Models of the segments: the first begins as the model does, the others with initial states that are parameters
+/// behind the model's own; both show all states behind the outputs.
+pub(crate) struct SegmentModels {
+    pub(crate) first: Model,
+    pub(crate) later: Model,
+}
+
+impl SegmentModels {
+    pub(crate) fn new(model: &Model) -> Self {
+        let mut shown = model.definition().clone();
+        for j in 0..shown.states.len() {
+            let (quantity, expr) = (shown.states[j].quantity.clone(), shown.graph.leaf(Leaf::State(j as u32)));
+            shown.outputs.push(Output { quantity, expr, noise: None });
+        }
+        let mut freed = shown.clone();
+        for j in 0..freed.states.len() {
+            let place = freed.params.len() as u32;
+            freed.params.push(initial_state(&freed.states[j].quantity, j, 0));
+            freed.states[j].initial = freed.graph.leaf(Leaf::Param(place));
+        }
+        Self { first: model.altered(shown), later: model.altered(freed) }
+    }
+
+    /// The model of a segment by its number.
+    pub(crate) fn of(&self, segment: usize) -> &Model {
+        if segment == 0 { &self.first } else { &self.later }
+    }
+}
+
+/// The initial state behind a cut as a parameter of each run; NaN until it is guessed.
+pub(crate) fn initial_state(state: &Quantity, index: usize, cut: usize) -> Param {
+    let quantity = Quantity { name: format!("{} behind cut {}", state.name, cut + 1), ..state.clone() };
+    Param {
+        quantity,
+        origin: Origin::FreeInitial(index as u32),
+        value: f64::NAN,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: false,
+        per_run: true,
+        prior: None,
+    }
+}
+
+/// One segment of a run.
+pub(crate) struct Segment<'a> {
+    pub(crate) simulator: Simulator<'a>,
+    /// Its first sample in the run.
+    pub(crate) begin: usize,
+}
+
+/// Sizes of the model that was cut.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sizes {
+    pub(crate) params: usize,
+    pub(crate) states: usize,
+    pub(crate) outputs: usize,
+}
+
+/// The response of a run by its segments. Parameters are the model's, then the initial states behind each cut.
+pub(crate) struct SegmentedResponse<'a> {
+    segments: Vec<Segment<'a>>,
+    sizes: Sizes,
+    samples: usize,
+    theta: Vec<f64>,
+    y: Vec<f64>,
+    jacobian: Vec<f64>,
+    /// Outputs and rows of the whole run.
+    whole: (Vec<f64>, Vec<f64>),
+}
+
+impl<'a> SegmentedResponse<'a> {
+    /// `samples` of the whole run.
+    pub(crate) fn new(segments: Vec<Segment<'a>>, sizes: Sizes, samples: usize) -> Self {
+        let longest = segments.iter().map(|s| s.simulator.samples()).max().unwrap_or(0);
+        let y = vec![0.0; longest * (sizes.outputs + sizes.states)];
+        Self {
+            segments,
+            sizes,
+            samples,
+            theta: vec![0.0; sizes.params + sizes.states],
+            y,
+            jacobian: Vec::new(),
+            whole: Default::default(),
+        }
+    }
+
+    /// Where the initial states of a segment (not the first) stand in the parameters.
+    fn own(&self, segment: usize) -> usize {
+        self.sizes.params + (segment - 1) * self.sizes.states
+    }
+
+    /// Writes the parameters of a segment and says how many there are.
+    fn assemble(&mut self, segment: usize, theta: &[f64]) -> usize {
+        let Sizes { params, states, .. } = self.sizes;
+        self.theta[..params].copy_from_slice(&theta[..params]);
+        if segment == 0 {
+            return params;
+        }
+        let own = self.own(segment);
+        self.theta[params..].copy_from_slice(&theta[own..own + states]);
+        params + states
+    }
+
+    /// Copies a segment's outputs to their rows; the sample at its end is the next one's first, and shows the gap there.
+    fn place(&self, segment: usize, theta: &[f64], y: &mut [f64]) {
+        let Sizes { states, outputs: q, .. } = self.sizes;
+        let width = q + states;
+        let Segment { simulator, begin } = &self.segments[segment];
+        let rows = simulator.samples();
+        let last = segment + 1 == self.segments.len();
+        for row in 0..if last { rows } else { rows - 1 } {
+            y[(begin + row) * width..][..q].copy_from_slice(&self.y[row * width..][..q]);
+        }
+        if !last {
+            let (end, next) = ((rows - 1) * width + q, self.own(segment + 1));
+            for j in 0..states {
+                y[(begin + rows - 1) * width + q + j] = self.y[end + j] - theta[next + j];
+            }
+        }
+    }
+
+    fn blame(&self, segment: usize, d: Divergence) -> Divergence {
+        Divergence { sample: d.sample + self.segments[segment].begin, ..d }
+    }
+}
+
+impl Response for SegmentedResponse<'_> {
+    fn samples(&self) -> usize {
+        self.samples
+    }
+
+    fn outputs(&self) -> usize {
+        self.sizes.outputs + self.sizes.states
+    }
+
+    fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
+        y.fill(0.0);
+        for k in 0..self.segments.len() {
+            let count = self.assemble(k, theta);
+            let result = self.segments[k].simulator.simulate(&self.theta[..count], &mut self.y);
+            result.map_err(|d| self.blame(k, d))?;
+            self.place(k, theta, y);
+        }
+        Ok(())
+    }
+
+    fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        let (mut y, mut jacobian) = (std::mem::take(&mut self.whole.0), std::mem::take(&mut self.whole.1));
+        let layout = RowLayout::full(self.outputs(), columns.len());
+        y.resize(self.samples * self.outputs(), 0.0);
+        jacobian.resize(self.samples * layout.length, 0.0);
+        let stride = layout.length / self.outputs();
+        let result = self.linearise(theta, columns, &mut y, (&mut jacobian, stride));
+        if result.is_ok() {
+            sink(Block { first: 0, y: &y, rows: &mut jacobian, layout: &layout });
+        }
+        self.whole = (y, jacobian);
+        result
+    }
+}
+
+impl SegmentedResponse<'_> {
+    /// Outputs and their partials by the columns, N by (q + n) rows of `stride`.
+    fn linearise(
+        &mut self,
+        theta: &[f64],
+        columns: &[usize],
+        y: &mut [f64],
+        (jacobian, stride): (&mut [f64], usize),
+    ) -> Result<(), Divergence> {
+        y.fill(0.0);
+        jacobian.fill(0.0);
+        let Sizes { params, states, outputs: q } = self.sizes;
+        let width = q + states;
+        for k in 0..self.segments.len() {
+            let count = self.assemble(k, theta);
+            let own = if k == 0 { params..params } else { self.own(k)..self.own(k) + states };
+            // position among the columns, and the parameter that it is to the segment
+            let local = columns.iter().enumerate().filter_map(|(place, c)| match *c {
+                c if c < params => Some((place, c)),
+                c if own.contains(&c) => Some((place, params + c - own.start)),
+                _ => None,
+            });
+            let (places, wanted): (Vec<usize>, Vec<usize>) = local.unzip();
+            let narrow = wanted.len().next_multiple_of(8);
+            let rows = self.segments[k].simulator.samples();
+            self.jacobian.resize(rows * width * narrow, 0.0);
+            let part = &mut self.jacobian[..rows * width * narrow];
+            let simulator = &mut self.segments[k].simulator;
+            let result = simulator.sensitivities(&self.theta[..count], &wanted, &mut self.y[..rows * width], part);
+            result.map_err(|d| self.blame(k, d))?;
+            self.place(k, theta, y);
+            let begin = self.segments[k].begin;
+            let mut copy = |from: usize, to: usize| {
+                let (from, to) = (&self.jacobian[from * narrow..][..narrow], &mut jacobian[to * stride..][..stride]);
+                places.iter().zip(from).for_each(|(place, v)| to[*place] = *v);
+            };
+            let last = k + 1 == self.segments.len();
+            for row in 0..if last { rows } else { rows - 1 } {
+                (0..q).for_each(|o| copy(row * width + o, (begin + row) * width + o));
+            }
+            if !last {
+                let (from, to) = ((rows - 1) * width + q, (begin + rows - 1) * width + q);
+                (0..states).for_each(|j| copy(from + j, to + j));
+                let next = self.own(k + 1);
+                for (place, c) in columns.iter().enumerate().filter(|(_, c)| (next..next + states).contains(*c)) {
+                    jacobian[(to + c - next) * stride + place] = -1.0;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fdm_system::record::Run;
+
+    #[test]
+    fn sensitivities_are_those_of_the_outputs_and_of_the_gaps() {
+        let text = "model m { input u; state x = x0, v; param k = 3, c = 0.2, x0 = 0.5;
+            der(x) = v; der(v) = u - k*x - c*v*abs(v) - 0.1*k*x^3; output y = x + 0.1*u*v; }";
+        let model = Model::from_text("m.fdm", text).expect("a model");
+        let run = Run {
+            name: "run".into(),
+            time: (0..13).map(|k| 0.2 * f64::from(k)).collect(),
+            inputs: (0..13).map(|k| f64::from(k).cos()).collect(),
+            held: vec![false],
+            measured: vec![f64::NAN; 13],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+        };
+        let models = SegmentModels::new(&model);
+        let ranges = [0..5, 4..9, 8..13];
+        let pieces: Vec<Run> = ranges.iter().map(|r| run.part(r.clone())).collect();
+        let sizes = Sizes { params: 3, states: 2, outputs: 1 };
+        let segment = |(k, piece): (usize, _)| Segment {
+            simulator: Simulator::new(models.of(k).dynamics(), piece, 4).expect("suited"),
+            begin: 4 * k,
+        };
+        let mut response = SegmentedResponse::new(pieces.iter().enumerate().map(segment).collect(), sizes, 13);
+        let theta = [3.0, 0.2, 0.5, 0.3, -0.4, -0.2, 0.6];
+        // not every parameter, and not in order
+        let columns = [6, 0, 3, 2, 4];
+        let (mut y, mut jacobian) = (vec![0.0; 39], vec![f64::NAN; 39 * 8]);
+        response
+            .sensitivities(&theta, &columns, &mut |block: Block<'_>| block.copy_to(&mut y, &mut jacobian, 8))
+            .expect("finite");
+        let mut again = vec![f64::NAN; 39];
+        response.simulate(&theta, &mut again).expect("finite");
+        assert_eq!(y, again);
+        assert!(y[4 * 3 + 1] != 0.0 && y[4 * 3 + 2] != 0.0 && y[5 * 3 + 1] == 0.0, "gaps stand at the cuts only");
+        for (place, column) in columns.iter().enumerate() {
+            let moved = |step: f64| {
+                let (mut theta, mut y) = (theta, vec![0.0; 39]);
+                theta[*column] += step;
+                let mut response = SegmentedResponse::new(pieces.iter().enumerate().map(segment).collect(), sizes, 13);
+                response.simulate(&theta, &mut y).expect("finite");
+                y
+            };
+            let (up, down) = (moved(1e-5), moved(-1e-5));
+            for row in 0..39 {
+                let difference = (up[row] - down[row]) / 2e-5;
+                assert!((jacobian[row * 8 + place] - difference).abs() < 1e-8, "row {row}, parameter {column}");
+            }
+        }
+        assert!(jacobian.chunks(8).all(|lanes| lanes[5..].iter().all(|v| *v == 0.0)));
+    }
+}

@@ -1,0 +1,166 @@
+//! Sums of lagged products: the autocovariances of a series with gaps, and of one series with another.
+
+/// Products of a series with itself, lag by lag, over the pairs that are present.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Lagged {
+    /// Sum of `v(i) v(i+k)` for k = 0, 1, ...
+    pub(crate) sums: Vec<f64>,
+    /// Pairs in each sum.
+    pub(crate) pairs: Vec<usize>,
+}
+
+impl Lagged {
+    /// No pair yet, for lags 0 to `most`.
+    pub(crate) fn none(most: usize) -> Self {
+        Self { sums: vec![0.0; most + 1], pairs: vec![0; most + 1] }
+    }
+
+    /// Adds a series; NaN where there is no value.
+    pub(crate) fn add(&mut self, series: &[f64]) {
+        let present: Vec<bool> = series.iter().map(|v| !v.is_nan()).collect();
+        let filled: Vec<f64> = series.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect();
+        let whole = present.iter().all(|p| *p);
+        add_lagged_products(&filled, &filled, 1, &mut self.sums);
+        for k in 0..self.sums.len().min(series.len()) {
+            self.pairs[k] += match whole {
+                true => series.len() - k,
+                false => present.iter().zip(&present[k..]).filter(|(a, b)| **a && **b).count(),
+            };
+        }
+    }
+
+    /// The sums of one series.
+    pub(crate) fn of(series: &[f64], most: usize) -> Self {
+        let mut lagged = Self::none(most.min(series.len().saturating_sub(1)));
+        lagged.add(series);
+        lagged
+    }
+
+    /// Mean products for lags 0, 1, ...; zero where there is no pair.
+    pub(crate) fn means(&self) -> impl Iterator<Item = f64> {
+        self.sums.iter().zip(&self.pairs).map(|(sum, pairs)| sum / (*pairs).max(1) as f64)
+    }
+
+    /// Autocorrelations for lags 1, 2, ...: sums relative to that of lag 0.
+    pub(crate) fn correlations(&self) -> impl Iterator<Item = f64> {
+        self.sums[1..].iter().map(|s| s / self.sums[0])
+    }
+}
+
+/// The values without their mean; NaN stays.
+pub(crate) fn centred(mut series: Vec<f64>) -> Vec<f64> {
+    let present = || series.iter().filter(|v| !v.is_nan());
+    let mean = present().sum::<f64>() / present().count().max(1) as f64;
+    series.iter_mut().for_each(|v| *v -= mean);
+    series
+}
+
+use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
+
+/// Lags that are summed side by side.
+const LAGS: usize = 4;
+/// Numbers of a series that stay in the nearest cache while all lags are taken.
+const BLOCK: usize = 512;
+
+/// Adds to `sums[k]` the sum over i of `early[i] late[i + k step]`, as far as both reach. The order of the sums depends on the
+/// lengths alone, not on the processor.
+pub(crate) fn add_lagged_products(early: &[f64], late: &[f64], step: usize, sums: &mut [f64]) {
+    dispatch(Lags { early, late, step, sums });
+}
+
+struct Lags<'a> {
+    early: &'a [f64],
+    late: &'a [f64],
+    step: usize,
+    sums: &'a mut [f64],
+}
+
+impl WithSimd for Lags<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        for (block, early) in self.early.chunks(BLOCK).enumerate() {
+            for (group, sums) in self.sums.chunks_mut(LAGS).enumerate() {
+                let first = block * BLOCK + group * LAGS * self.step;
+                let late = self.late.get(first..).unwrap_or_default();
+                if sums.len() == LAGS && late.len() >= (LAGS - 1) * self.step + early.len() {
+                    several::<S, LAGS>(simd, early, late, self.step, sums);
+                    continue;
+                }
+                for (l, sum) in sums.iter_mut().enumerate() {
+                    let late = late.get(l * self.step..).unwrap_or_default();
+                    let early = &early[..early.len().min(late.len())];
+                    several::<S, 1>(simd, early, late, 0, std::slice::from_mut(sum));
+                }
+            }
+        }
+    }
+}
+
+/// `L` lags, each over all of `early`, in eight sums side by side.
+#[inline(always)]
+fn several<S: Simd, const L: usize>(simd: S, early: &[f64], late: &[f64], step: usize, sums: &mut [f64]) {
+    let mut total = [[0.0; 8]; L];
+    let (whole, rest) = early.as_chunks::<8>();
+    let mut late_of = [late; L];
+    for (l, of) in late_of.iter_mut().enumerate() {
+        *of = &late[l * step..][..early.len()];
+    }
+    // of the eight sums as many at a time as a register holds
+    for part in (0..8).step_by(S::F64_LANES) {
+        let mut sums = [simd.splat_f64s(0.0); L];
+        for (i, a) in whole.iter().enumerate() {
+            let a = S::as_simd_f64s(&a[part..]).0[0];
+            for l in 0..L {
+                let b = S::as_simd_f64s(&late_of[l][8 * i + part..]).0[0];
+                sums[l] = simd.mul_add_f64s(a, b, sums[l]);
+            }
+        }
+        for l in 0..L {
+            S::as_mut_simd_f64s(&mut total[l][part..]).0[0] = sums[l];
+        }
+    }
+    let done = 8 * whole.len();
+    for (l, sum) in sums.iter_mut().enumerate().take(L) {
+        for (k, a) in rest.iter().enumerate() {
+            total[l][k] = a.mul_add(late_of[l][done + k], total[l][k]);
+        }
+        let [a, b, c, d, e, f, g, h] = total[l];
+        *sum += ((a + e) + (c + g)) + ((b + f) + (d + h));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_across_a_gap_count_and_missing_values_do_not() {
+        let lagged = Lagged::of(&[1.0, 2.0, f64::NAN, 3.0], 5);
+        assert_eq!(lagged, Lagged { sums: vec![14.0, 2.0, 6.0, 3.0], pairs: vec![3, 1, 1, 1] });
+        assert_eq!(centred(vec![1.0, f64::NAN, 3.0])[2], 1.0);
+    }
+}
+
+#[cfg(test)]
+mod product_tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_the_definition_for_every_length_and_step() {
+        for (n, m, step, lags) in
+            [(1300, 1300, 1, 61), (1300, 900, 16, 61), (7, 5, 3, 9), (0, 4, 1, 3), (40, 2000, 8, 12)]
+        {
+            let series = |n: usize, f: f64| (0..n).map(|k| (k as f64 * f).sin()).collect::<Vec<_>>();
+            let (early, late) = (series(n, 0.7), series(m, 1.1));
+            let mut sums = vec![1.0; lags];
+            add_lagged_products(&early, &late, step, &mut sums);
+            for (k, sum) in sums.iter().enumerate() {
+                let pairs = early.iter().zip(late.iter().skip(k * step));
+                let want = 1.0 + pairs.map(|(a, b)| a * b).sum::<f64>();
+                assert!((sum - want).abs() < 1e-10, "{n} {m} {step} lag {k}: {sum} {want}");
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Which of two responses is nearer to the same measurement, and whether that could be chance.
+//!
+//! Diebold and Mariano (Journal of Business & Economic Statistics 13 (1995) 253): the difference of the squared residuals is a
+//! series whose mean would be zero. Neighbours resemble each other, so the error of the mean is that of coloured noise, by a few cosines
+//! over the record (Lazarus, Lewis, Stock and Watson, the same journal 36 (2018) 541): with so many degrees of freedom as there are cosines,
+//! chance is called significant as often as it should be. An autoregression's spectrum at zero, which has no such number, was too small
+//! for that (10 % where 5 % were asked, 400 samples with a memory of 0.8).
+
+use super::autoregression::of_series;
+use fdm_numeric::statistics::Student;
+use serde::{Deserialize, Serialize};
+
+/// Cosines below which nothing is said.
+const FEWEST: usize = 2;
+/// Cosines beyond which more would add nothing.
+const MOST: usize = 200;
+
+/// By how much one response is nearer than another.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+pub struct Advantage {
+    /// Part of the other's mean square that this one does not leave: 0.5 for half of it, below zero when this one is worse.
+    pub reduction: f64,
+    /// Standard error of that.
+    pub error: f64,
+    /// Effective number of independent differences.
+    pub independent: f64,
+    /// Probability of a mean as far from zero, were both as near.
+    pub p_value: f64,
+}
+
+/// The advantage of residuals over others at the same samples, run by run; NaN where there is none. None where they are the same, or
+/// where too little is independent.
+pub fn advantage(runs: &[(Vec<f64>, Vec<f64>)]) -> Option<Advantage> {
+    let (mut sum, mut others, mut count) = (0.0, 0.0, 0.0);
+    let differences: Vec<Vec<f64>> =
+        runs.iter().map(|(own, other)| own.iter().zip(other).map(|(v, w)| w * w - v * v).collect()).collect();
+    for ((_, other), difference) in runs.iter().zip(&differences) {
+        for (w, d) in other.iter().zip(difference).filter(|(_, d)| !d.is_nan()) {
+            (sum, others, count) = (sum + d, others + w * w, count + 1.0);
+        }
+    }
+    let mean = sum / count;
+    let (mut variance, mut spread, mut degrees) = (0.0, 0.0, 0);
+    for difference in &differences {
+        let centred: Vec<f64> = difference.iter().map(|d| d - mean).collect();
+        let (long_run, cosines) = long_run_variance(&centred)?;
+        let present = centred.iter().filter(|d| !d.is_nan());
+        variance += present.clone().count() as f64 * long_run;
+        spread += present.map(|d| d * d).sum::<f64>();
+        degrees += cosines;
+    }
+    if !(variance > 0.0 && spread.is_finite()) || degrees < FEWEST {
+        return None;
+    }
+    let error = variance.sqrt() / count;
+    let p_value = 2.0 * Student::new(degrees as f64)?.tail((mean / error).abs());
+    let (square, independent) = (others / count, count * spread / variance);
+    Some(Advantage { reduction: mean / square, error: error / square, independent, p_value })
+}
+
+/// n times the variance of the mean of n values, from the first cosines over the record, and how many of them. Their number grows with the
+/// effective number of independent values, so that it is the same however densely the record was sampled.
+fn long_run_variance(series: &[f64]) -> Option<(f64, usize)> {
+    let present = series.iter().filter(|v| !v.is_nan());
+    let n = present.clone().count() as f64;
+    let colour = of_series(series);
+    let independent = n * (present.map(|v| v * v).sum::<f64>() / n) / colour.long_run_variance();
+    if !(independent > 0.0 && independent.is_finite()) {
+        return None;
+    }
+    let cosines = ((0.41 * independent.min(n).powf(2.0 / 3.0)) as usize).clamp(1, MOST);
+    let length = series.len() as f64;
+    let square = |j: usize| {
+        let wave = |t: usize| (std::f64::consts::PI * j as f64 * (t as f64 + 0.5) / length).cos();
+        let all = series.iter().enumerate().filter(|(_, v)| !v.is_nan());
+        all.map(|(t, v)| v * wave(t)).sum::<f64>().powi(2) * 2.0 / n
+    };
+    Some(((1..=cosines).map(square).sum::<f64>() / cosines as f64, cosines))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fdm_numeric::random::Stream;
+
+    /// Unit noise; each value keeps `memory` of the one before.
+    fn noise(seed: u64, n: usize, memory: f64) -> Vec<f64> {
+        let mut chance = Stream::seeded(seed);
+        let mut last = 0.0;
+        let mut next = || {
+            let fresh: f64 = (0..12).map(|_| chance.uniform()).sum::<f64>() - 6.0;
+            last = memory * last + (1.0 - memory * memory).sqrt() * fresh;
+            last
+        };
+        (0..n).map(|_| next()).collect()
+    }
+
+    #[test]
+    fn a_nearer_response_is_told_and_by_how_much() {
+        let (own, extra) = (noise(1, 2000, 0.0), noise(2, 2000, 0.0));
+        let other: Vec<f64> = own.iter().zip(&extra).map(|(a, b)| a + b).collect();
+        let found = advantage(&[(own.clone(), other.clone())]).expect("much is independent");
+        assert!((found.reduction - 0.5).abs() < 3.0 * found.error && found.error < 0.05, "{found:?}");
+        assert!(found.p_value < 1e-6, "{found:?}");
+        let back = advantage(&[(other, own.clone())]).expect("much is independent");
+        assert!(back.reduction < -0.5 && back.p_value == found.p_value, "{back:?}");
+        assert_eq!(advantage(&[(own.clone(), own)]), None, "the same residuals");
+        assert_eq!(advantage(&[(vec![f64::NAN; 9], vec![1.0; 9])]), None);
+    }
+
+    #[test]
+    fn chance_alone_is_significant_as_often_as_it_says() {
+        let mut significant = 0;
+        const REPEATS: u64 = 400;
+        for k in 0..REPEATS {
+            let runs = [0, 1].map(|run| (noise(4 * k + run, 400, 0.8), noise(4 * k + run + 2, 400, 0.8)));
+            significant += usize::from(advantage(&runs).is_some_and(|a| a.p_value < 0.05));
+        }
+        // 20 are to be expected; 4 standard deviations of a count are 17
+        assert!((5..=38).contains(&significant), "{significant} of {REPEATS}");
+    }
+}

@@ -1,0 +1,130 @@
+//! Output error in the time domain, whole: start values, one fit or many, fallback strategies, then what was asked about the
+//! confidence in the result; and what a result predicts of other runs.
+
+use crate::changes::Changes;
+use crate::estimate::RunFit;
+use crate::method::{Domain, Method};
+use crate::observer::{CheckpointStore, Observer};
+use crate::output_error::error::FitError;
+use crate::output_error::fit::Fit;
+use crate::output_error::options::{FitOptions, SharedSteps};
+use crate::output_error::single::{changed, chosen_steps, starts};
+use crate::problem::Options;
+use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
+use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
+use crate::recovery::fallback::attempt;
+use crate::recovery::multi_start::many_starts;
+use crate::residuals::run_quality;
+use fdm_grammar::model::Origin;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+
+/// Fits a model to runs: all that `fdm fit` does, but reading and printing.
+///
+/// # Errors
+/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](crate::Termination).
+pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    fit_kept(model, runs, options, None, observer)
+}
+
+/// As [`fit()`], keeping its state with `keeper` while it works: the same fit with what was kept goes on where it was
+/// interrupted and ends with the same bits. A keeper that fails does not stop the fit.
+///
+/// # Errors
+/// As [`fit()`].
+pub fn fit_kept(
+    model: &Model,
+    runs: &[Run],
+    options: &FitOptions,
+    keeper: Option<&dyn CheckpointStore>,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    if (options.method, options.domain) != (Method::OutputError, Domain::Time) {
+        return Err(FitError::Method { method: options.method, domain: options.domain });
+    }
+    let model = without_noise(&changed(model, &options.changes)?);
+    let mut options = options.clone().with_declared_noise(&model);
+    let mut start = starts(&model, runs, &options.changes);
+    let ledger = CheckpointWriter::new(keeper);
+    let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
+    if options.starts.count > 1 {
+        options.shared_steps = shared_steps(&model, runs, &start, &options)?;
+        let many = many_starts(&model, runs, &start, &options, &ledger, observer)?;
+        name = format!("fit-{}", many.number);
+        (summaries, start, states) = (many.summaries, many.start, many.states);
+    }
+    // of two lists of states of one attempt the longer one is further on
+    let kept = ledger.find(&name).states;
+    states = if kept.len() > states.len() { kept } else { states };
+    let mut stages = CheckpointObserver::new(observer, &ledger, name, states);
+    let found = attempt(&model, runs, &start, &options, &mut stages)
+        .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
+    ledger.flush();
+    Ok(Fit { starts: summaries, ..found? })
+}
+
+/// The steps that all starts have in common.
+fn shared_steps(
+    model: &Model,
+    runs: &[Run],
+    given: &[Vec<f64>],
+    options: &FitOptions,
+) -> Result<SharedSteps, FitError> {
+    match options.per_interval {
+        Some(_) => Ok(SharedSteps::default()),
+        None => chosen_steps(model, runs, given, options.scheme).map(SharedSteps::of),
+    }
+}
+
+/// Adds what was asked about the confidence in a fit (estimates by length, and by other weights), and judges its residuals.
+///
+/// # Errors
+/// As for [`fit()`].
+pub fn examined(
+    mut fit: Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    if !options.bare {
+        let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
+        fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
+    }
+    let sound = fit.estimate.termination.is_good();
+    if options.confidence && sound {
+        fit.by_length = fit_shorter_records(&fit, runs, starts, options, observer)?;
+    }
+    if options.reweight && sound {
+        fit.reweighting = refit_with_weights(&fit, runs, starts, options, observer)?;
+    }
+    Ok(fit)
+}
+
+/// The model with the intensities of noises held: they move no response, so that output error says nothing of them.
+fn without_noise(model: &Model) -> Model {
+    let only = model.definition().only_in_noise();
+    if !only.contains(&true) {
+        return model.clone();
+    }
+    let mut params = model.definition().params.clone();
+    params.iter_mut().zip(only).filter(|(_, only)| *only).for_each(|(p, _)| p.fixed = true);
+    model.with_params(params)
+}
+
+impl Fit {
+    /// What the estimates predict of runs that took no part: what all runs share is held, initial states and biases are
+    /// each run's own.
+    ///
+    /// # Errors
+    /// [`FitError`], as any fit.
+    pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
+        let params = self.model.definition().params.iter();
+        let shared = params.filter(|p| !p.per_run && !p.fixed && p.origin == Origin::Declared);
+        let names: Vec<String> = shared.map(|p| p.quantity.name.clone()).collect();
+        let value = |name: &String| Some((name.clone(), self.estimate.parameter(name, None)?.value));
+        let changes = Changes { set: names.iter().filter_map(value).collect(), fix: names, ..Changes::default() };
+        let options = Options { colour: false, ..Options::default() };
+        fit(&self.model, runs, &FitOptions { changes, options, ..FitOptions::default() }, observer)
+    }
+}

@@ -1,0 +1,384 @@
+//! Errors of the estimates corrected for the colour of the residuals (Morelli and Klein 1997):
+//! `D [sum_i S_i' R^-1 sum_j Rvv(i - j) R^-1 S_j] D`, Rvv an autoregression for each output whose innovations correlate.
+//!
+//! Fitting takes from the residuals what the parameters can imitate, so that their autocovariance is too small. The autoregression is the one that,
+//! fitted, would leave the autocovariances that were found: the leverage correction is computed exactly and added until nothing changes.
+//!
+//! A corrected variance stands on estimated autoregressions. With b what each innovation does to an estimate, `V = s^2 sum_t b(t)^2`; the coefficients a have
+//! the covariance `s^2/N G^-1` (G the autocovariances of the noise), `dV/da(m) = 2 s^2 sum_t b(t) u(t + m)`, u being b filtered once more. The variance of V
+//! gives the degrees of freedom of the interval (Satterthwaite 1946).
+//!
+//! So for runs that are long and evenly sampled; the others are in [`super::model_averaged`].
+
+use super::cramer_rao::CramerRao;
+use super::model_averaged::ShortRuns;
+use super::sandwich::{Corrected, NoiseColour, Sandwich, Uncorrected};
+use super::sensitivity_rows::{Colour, Filtered, SensitivityRows, sampling};
+use crate::iteration::priors::PriorRow;
+use crate::problem::{Problem, ProblemRun};
+use crate::residuals::autocovariance::Lagged;
+use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
+use crate::unknowns::Unknowns;
+use fdm_system::record::even_grid::EvenGrid;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Rounds until the autoregression reproduces what was found.
+const ROUNDS: usize = 12;
+/// Rounds in which the orders may change.
+const SETTLING: usize = 6;
+/// Change of the autocovariances, relative to the variance, that ends the rounds.
+const SETTLED: f64 = 1e-3;
+/// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
+const MOST_NUMBERS: usize = 20_000_000;
+
+/// Corrects the covariance of a bound at `values`.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(crate) fn corrected(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    bound: &CramerRao,
+    priors: impl Iterator<Item = PriorRow>,
+) -> Result<Corrected, Uncorrected> {
+    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if bound.inverse.chosen.is_empty() {
+        // all at their bounds, or without any effect
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    let sandwich = Sandwich { unknowns, bound };
+    let runs = rows(problem, &sandwich, values)?;
+    let inverse_noise = noise.inverse();
+    let prior = sandwich.prior(priors);
+    let short = ShortRuns::of(&runs, &sandwich, noise, &prior)?;
+    let mut long: Vec<LongRun> =
+        (0..runs.len()).filter(|r| runs[*r].is_long()).map(|r| LongRun::new(r, &runs)).collect();
+    for round in 0.. {
+        let filtered: Vec<Filtered> = long.par_iter().map(|l| runs[l.run].filter(&l.colour, &inverse_noise)).collect();
+        let mut middles: Vec<Vec<f64>> = runs.iter().map(|r| vec![0.0; r.width * r.width]).collect();
+        long.iter().zip(&filtered).for_each(|(l, f)| middles[l.run].clone_from(&f.middle));
+        let others = sandwich.gather(&middles, &prior);
+        let mut middle = others.clone();
+        if let Some(short) = &short {
+            middle.iter_mut().zip(&short.middle).for_each(|(m, own)| *m += own);
+        }
+        let mut covariance = sandwich.around(&middle);
+        if !covariance.iter().all(|v| v.is_finite()) {
+            return Err(Uncorrected::NotFinite);
+        }
+        let change = if round + 1 < ROUNDS {
+            let improve = |(l, f): (&mut LongRun, &Filtered)| {
+                let rows = &runs[l.run];
+                l.improve(rows, f, &sandwich.of_run(l.run, &covariance, rows.width), round < SETTLING)
+            };
+            long.iter_mut().zip(&filtered).map(improve).fold(0.0, f64::max)
+        } else {
+            0.0
+        };
+        if change < SETTLED {
+            let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
+            let mut colours: Vec<NoiseColour> = long.iter().flat_map(|l| l.report(problem, &runs)).collect();
+            if let Some(short) = &short {
+                short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
+                colours.extend(short.report(problem, &noise.covariance));
+            }
+            return Ok(Corrected { values: covariance, colours, freedom, unbiased: None });
+        }
+    }
+    Err(Uncorrected::NotFinite)
+}
+
+/// How well the corrected variances are known.
+fn known_by(
+    long: &[LongRun],
+    runs: &[SensitivityRows],
+    sandwich: &Sandwich<'_>,
+    inverse_noise: &[f64],
+    covariance: &[f64],
+) -> Vec<f64> {
+    let n = covariance.len().isqrt();
+    let places: Vec<Vec<f64>> = long.iter().map(|l| sandwich.columns(l.run, runs[l.run].width)).collect();
+    let pairs = |l: &LongRun| l.found.iter().map(|f| f.pairs[0] as f64).collect::<Vec<f64>>();
+    let all: f64 = long.iter().flat_map(pairs).sum();
+    // leverage: what fitting takes off the residuals says nothing of the noise
+    let told = (1.0 - n as f64 / all).max(0.0);
+    let mut known = Vec::with_capacity(long.len());
+    for (l, places) in long.iter().zip(&places) {
+        let samples = pairs(l).iter().map(|count| count * told).collect();
+        known.push(EstimatedNoise { rows: &runs[l.run], places, colour: &l.colour, samples });
+    }
+    let variances: Vec<f64> = (0..n).map(|j| covariance[j * n + j]).collect();
+    degrees_of_freedom(&known, inverse_noise, &variances)
+}
+
+/// Sensitivities and residuals of all runs.
+fn rows(
+    problem: &mut Problem<'_>,
+    sandwich: &Sandwich<'_>,
+    values: &[f64],
+) -> Result<Vec<SensitivityRows>, Uncorrected> {
+    let unknowns = sandwich.unknowns;
+    let width = unknowns.columns.len().next_multiple_of(8);
+    let grids: Vec<_> = problem.runs.iter().map(sampling).collect();
+    let length =
+        |(r, g): (&ProblemRun<'_>, &Option<EvenGrid>)| g.as_ref().map_or(r.response.samples(), EvenGrid::length);
+    let samples = problem.runs.iter().zip(&grids).map(|(r, g)| length((r, g)) * r.response.outputs());
+    let numbers = samples.sum::<usize>() * width;
+    if numbers > MOST_NUMBERS {
+        return Err(Uncorrected::TooLarge);
+    }
+    let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, &Option<EvenGrid>))| {
+        let theta = unknowns.assembled(r, values);
+        SensitivityRows::new(run, unknowns, &theta, &sandwich.scale(r), grid.as_ref())
+            .map_err(|_| Uncorrected::NotFinite)
+    };
+    problem.runs.par_iter_mut().zip(&grids).enumerate().map(work).collect()
+}
+
+/// A run that determines the colour of its noise by itself.
+struct LongRun {
+    run: usize,
+    /// Lagged products of the residuals of each output (q).
+    found: Vec<Lagged>,
+    /// Autocovariances of the noise of each output, as far as they are known.
+    autocovariances: Vec<Vec<f64>>,
+    colour: Colour,
+}
+
+impl LongRun {
+    fn new(run: usize, runs: &[SensitivityRows]) -> Self {
+        let rows = &runs[run];
+        let lagged = |v: &Vec<f64>| {
+            let mut lagged = Lagged::none(autoregression::most_order(v.iter().filter(|v| !v.is_nan()).count()));
+            lagged.add(v);
+            lagged
+        };
+        let found: Vec<Lagged> = rows.residuals.iter().map(lagged).collect();
+        // a taper makes the means over fewer pairs those of a stationary process
+        let left = |k: usize| 1.0 - k as f64 / rows.length as f64;
+        let tapered = |l: &Lagged| l.means().enumerate().map(|(k, m)| m * left(k)).collect();
+        let autocovariances = found.iter().map(tapered).collect();
+        let colour = Colour { models: Vec::new(), innovations: Vec::new() };
+        let mut long = Self { run, found, autocovariances, colour };
+        long.choose(rows, true);
+        long
+    }
+
+    /// Chooses the models for the current autocovariances; with their old orders unless `free`.
+    fn choose(&mut self, rows: &SensitivityRows, free: bool) {
+        let choose = |(o, r): (usize, &Vec<f64>)| match self.colour.models.get(o) {
+            Some(old) if !free => {
+                let order = old.coefficients.len().min(r.len() - 1);
+                LevinsonDurbin::of(&r[..=order]).model(order)
+            }
+            _ => autoregression::choose(r, self.found[o].pairs[0]),
+        };
+        self.colour.models = self.autocovariances.iter().enumerate().map(choose).collect();
+        self.colour.innovations = self.innovations(rows);
+    }
+
+    /// Covariance of the innovations: variances from the models, correlations from the whitened residuals.
+    fn innovations(&self, rows: &SensitivityRows) -> Vec<f64> {
+        let (models, q) = (&self.colour.models, self.colour.models.len());
+        let mut sums = vec![0.0; q * q];
+        if q > 1 {
+            let series: Vec<_> = models.iter().zip(&rows.residuals).map(|(m, v)| m.innovations(v)).collect();
+            for i in 0..rows.length {
+                // only samples with all outputs: the correlations then belong together
+                if series.iter().all(|s| !s[i].is_nan()) {
+                    (0..q * q).for_each(|k| sums[k] += series[k / q][i] * series[k % q][i]);
+                }
+            }
+        }
+        let correlation = |a: usize, b: usize| match (sums[a * q + a] * sums[b * q + b]).sqrt() {
+            _ if a == b => 1.0,
+            size if size > 0.0 => sums[a * q + b] / size,
+            _ => 0.0,
+        };
+        let entry = |(a, b): (usize, usize)| correlation(a, b) * (models[a].variance * models[b].variance).sqrt();
+        (0..q * q).map(|k| entry((k / q, k % q))).collect()
+    }
+
+    /// Adds the leverage correction under the current models; returns the largest relative change.
+    fn improve(&mut self, rows: &SensitivityRows, filtered: &Filtered, reduced: &[Vec<f64>; 2], free: bool) -> f64 {
+        let mut change = 0.0_f64;
+        for (o, found) in self.found.iter().enumerate() {
+            let most = found.sums.len() - 1;
+            let image = &filtered.images[o];
+            if rows.bound(o, image, reduced) < SETTLED * found.sums[0] {
+                continue;
+            }
+            let taken = rows.taken(o, image, reduced, most);
+            let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;
+            let next: Vec<f64> = (0..=most).map(restored).collect();
+            if !(next[0] > 0.0 && next.iter().all(|v| v.is_finite())) {
+                continue;
+            }
+            let old = &self.autocovariances[o];
+            let largest = next.iter().zip(old).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            change = change.max(largest / next[0]);
+            self.autocovariances[o] = next;
+        }
+        self.choose(rows, free);
+        change
+    }
+
+    fn report(&self, problem: &Problem<'_>, runs: &[SensitivityRows]) -> Vec<NoiseColour> {
+        let one = |(o, model): (usize, &AutoRegression)| {
+            let names = vec![problem.runs[self.run].name.clone()];
+            NoiseColour::new(problem.outputs[o].clone(), names, runs[self.run].interval, model)
+        };
+        let measured = |(o, _): &(usize, &AutoRegression)| self.found[*o].pairs[0] > 0;
+        self.colour.models.iter().enumerate().filter(measured).map(one).collect()
+    }
+}
+
+/// What is known of the noise of one output, from so many samples.
+struct Contribution {
+    /// By estimate: its share in the variance.
+    size: Vec<f64>,
+    /// By estimate: its derivatives by the coefficients.
+    slopes: Vec<DVector<f64>>,
+}
+
+/// A run whose noise was estimated.
+struct EstimatedNoise<'g> {
+    rows: &'g SensitivityRows,
+    /// The place of every estimate in its columns (width by n, row-major): the columns of the Cramer-Rao covariance.
+    places: &'g [f64],
+    colour: &'g Colour,
+    /// Samples of each output.
+    samples: Vec<f64>,
+}
+
+/// Degrees of freedom of the `n` corrected variances; infinite where nothing is uncertain.
+fn degrees_of_freedom(runs: &[EstimatedNoise<'_>], inverse_noise: &[f64], variances: &[f64]) -> Vec<f64> {
+    let mut spread = vec![0.0; variances.len()];
+    for run in runs {
+        for output in 0..run.colour.models.len() {
+            if run.samples[output] > 0.0 {
+                run.add_spread(output, inverse_noise, &mut spread);
+            }
+        }
+    }
+    spread.iter().zip(variances).map(|(spread, variance)| 2.0 * variance * variance / spread).collect()
+}
+
+impl EstimatedNoise<'_> {
+    /// Adds the variance of what an output contributes to each corrected variance.
+    fn add_spread(&self, output: usize, inverse_noise: &[f64], spread: &mut [f64]) {
+        let model = &self.colour.models[output];
+        let (order, n) = (model.coefficients.len(), spread.len());
+        let mut part = Contribution { size: vec![0.0; n], slopes: vec![DVector::zeros(order); n] };
+        part.add(self.rows, self.places, (self.colour, output), inverse_noise);
+        let samples = self.samples[output];
+        let r = model.autocovariances(order);
+        let law = Cholesky::new(DMatrix::from_fn(order, order, |i, j| r[i.abs_diff(j)]));
+        for (j, total) in spread.iter_mut().enumerate() {
+            *total += 2.0 * part.size[j] * part.size[j] / samples;
+            if let Some(law) = law.as_ref().filter(|_| order > 0) {
+                *total += model.variance / samples * part.slopes[j].dot(&law.solve(&part.slopes[j]));
+            }
+        }
+    }
+}
+
+impl Contribution {
+    fn add(
+        &mut self,
+        rows: &SensitivityRows,
+        places: &[f64],
+        (colour, output): (&Colour, usize),
+        inverse_noise: &[f64],
+    ) {
+        let (q, width, n) = (colour.models.len(), rows.width, self.size.len());
+        let model = &colour.models[output];
+        let memory = model.memory(rows.length);
+        let mut effects = vec![0.0; (memory + rows.length) * width];
+        rows.weigh(&inverse_noise[output * q..(output + 1) * q], &mut effects[memory * width..]);
+        model.backward(&mut effects, width);
+        let mut again = effects.clone();
+        model.backward(&mut again, width);
+        let mut own = [vec![0.0; memory + rows.length], vec![0.0; memory + rows.length]];
+        for j in 0..n {
+            for (series, rows) in own.iter_mut().zip([&effects, &again]) {
+                for (value, row) in series.iter_mut().zip(rows.chunks_exact(width)) {
+                    *value = row.iter().enumerate().map(|(c, v)| v * places[c * n + j]).sum();
+                }
+            }
+            let [b, u] = &own;
+            self.size[j] += model.variance * b.iter().map(|b| b * b).sum::<f64>();
+            for m in 1..=model.coefficients.len() {
+                let product: f64 = b.iter().zip(&u[m.min(u.len())..]).map(|(b, u)| b * u).sum();
+                self.slopes[j][m - 1] += 2.0 * model.variance * product;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows() -> SensitivityRows {
+        let (length, width) = (60, 8);
+        let mut rows = vec![vec![0.0; length * width]; 2];
+        for (o, rows) in rows.iter_mut().enumerate() {
+            for i in 0..length {
+                rows[i * width] = (0.2 * i as f64 + o as f64).sin();
+                rows[i * width + 1] = 1.0 / (1.0 + i as f64);
+            }
+        }
+        SensitivityRows::of(1.0, width, rows, vec![vec![0.5; length]; 2])
+    }
+
+    fn part(rows: &SensitivityRows, model: &AutoRegression) -> Contribution {
+        let order = model.coefficients.len();
+        let colour = Colour { models: vec![AutoRegression::white(1.0), model.clone()], innovations: Vec::new() };
+        let mut places = vec![0.0; rows.width * 2];
+        places[..4].copy_from_slice(&[1.0, 0.3, -0.4, 2.0]);
+        let mut part = Contribution { size: vec![0.0; 2], slopes: vec![DVector::zeros(order); 2] };
+        part.add(rows, &places, (&colour, 1), &[1.0, 0.2, 0.2, 2.0]);
+        part
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_variance() {
+        let rows = rows();
+        let model = LevinsonDurbin::of(&[2.0, 1.4, 0.6, 0.3]).model(3);
+        let found = part(&rows, &model);
+        for m in 0..3 {
+            let at = |step: f64| {
+                let mut moved = model.clone();
+                moved.coefficients[m] += step;
+                part(&rows, &moved).size
+            };
+            let (above, below) = (at(1e-5), at(-1e-5));
+            for (slopes, (above, below)) in found.slopes.iter().zip(above.iter().zip(&below)) {
+                let want = (above - below) / 2e-5;
+                // the filters end where their influence has fallen to a thousandth
+                assert!((slopes[m] / want - 1.0).abs() < 5e-3, "{m}: {} {want}", slopes[m]);
+            }
+        }
+    }
+
+    #[test]
+    fn white_noise_is_known_by_its_samples() {
+        let rows = rows();
+        let colour =
+            Colour { models: vec![AutoRegression::white(1.0), AutoRegression::white(1.0)], innovations: Vec::new() };
+        let mut places = vec![0.0; rows.width];
+        places[0] = 1.0;
+        let run = |samples: Vec<f64>| EstimatedNoise { rows: &rows, places: &places, colour: &colour, samples };
+        // the second output says nothing: its weight is nothing
+        let known = |samples| {
+            let mut size = Contribution { size: vec![0.0], slopes: vec![DVector::zeros(0)] };
+            size.add(&rows, &places, (&colour, 0), &[1.0, 0.0, 0.0, 0.0]);
+            degrees_of_freedom(&[run(samples)], &[1.0, 0.0, 0.0, 0.0], &size.size)[0]
+        };
+        assert!((known(vec![58.0, 58.0]) - 58.0).abs() < 1e-9);
+        assert!((known(vec![58.0, 0.0]) - 58.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,90 @@
+//! The Cramer-Rao bound at the final estimates: inverse of Fisher's information `S' R^-1 S`, its rank, and the noise with a correction for the degrees of
+//! freedom that fitting took (Maine and Iliff, NASA RP-1168, 1986).
+
+use crate::iteration::likelihood::LikelihoodSteps;
+use crate::iteration::priors::PriorRow;
+use crate::noise::Weights;
+use fdm_numeric::least_squares::ACCURATE;
+use fdm_numeric::quadratic::Inverse;
+
+/// The bound, in scaled unknowns.
+#[derive(Debug, Clone)]
+pub(crate) struct CramerRao {
+    /// Column norms of all unknowns; 0 without influence.
+    pub(crate) scale: Vec<f64>,
+    /// Whether each unknown is strictly within its bounds.
+    pub(crate) inside: Vec<bool>,
+    /// Covariance in scaled unknowns, and what is not determined.
+    pub(crate) inverse: Inverse,
+    /// Noise corrected for degrees of freedom; none when there are none left.
+    pub(crate) noise: Option<Weights>,
+    /// For each output its independent compared samples where its noise is estimated; none where it is known.
+    pub(crate) samples: Vec<Option<f64>>,
+    /// Scale and inverse without the priors, when there are any: what the data do not determine by themselves.
+    pub(crate) without_priors: Option<(Vec<f64>, Inverse)>,
+}
+
+/// Information and noise at the final estimates; none when there is nothing to be reported.
+pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<CramerRao> {
+    let values = steps.values.clone();
+    if values.is_empty() {
+        return None;
+    }
+    if !steps.fresh {
+        steps.linearise(&values, Some(steps.weights.clone())).ok()?;
+        steps.settle();
+    }
+    if steps.inverse.condition > ACCURATE || !steps.problem.priors.is_empty() {
+        steps.refine();
+    }
+    steps.gather();
+    if !steps.quadratic.is_finite() {
+        return None;
+    }
+    let unknowns = steps.problem.unknowns;
+    let bounds = unknowns.lower.iter().zip(&unknowns.upper);
+    let inside: Vec<bool> = values.iter().zip(bounds).map(|(v, (lo, hi))| lo < v && v < hi).collect();
+    let chosen: Vec<usize> = (0..values.len()).filter(|j| inside[*j] && steps.quadratic.scale[*j] > 0.0).collect();
+    let moved = chosen.len();
+    let mut inverse = steps.quadratic.invert(chosen, Inverse::default())?;
+    let known = known_before(steps, &inverse);
+    let likelihood = steps.problem.likelihood;
+    let noise = likelihood.corrected(&steps.weights, (moved - inverse.null.len()) as f64 - known);
+    if let Some(noise) = &noise {
+        let factors = if likelihood.is_full() {
+            vec![(steps.weights.covariance[0] / noise.covariance[0]).sqrt()]
+        } else {
+            likelihood.factors(noise)
+        };
+        steps.problem.gather_with(&factors, steps.problem.priors.rows(&values), &mut steps.quadratic);
+        inverse = steps.quadratic.invert(inverse.chosen.clone(), inverse)?;
+    }
+    let scale = steps.quadratic.scale.clone();
+    let without_priors = by_data_alone(steps, &inside);
+    let samples = likelihood.samples_of_outputs();
+    Some(CramerRao { scale, inside, inverse, noise, samples, without_priors })
+}
+
+/// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.
+fn known_before(steps: &LikelihoodSteps<'_, '_, '_>, inverse: &Inverse) -> f64 {
+    let n = inverse.chosen.len();
+    let share = |row: PriorRow| {
+        let k = inverse.chosen.iter().position(|j| *j == row.unknown)?;
+        let scaled = row.weight / steps.quadratic.scale[row.unknown];
+        Some((scaled * scaled * inverse.values[k * n + k]).min(1.0))
+    };
+    steps.problem.priors.rows(&steps.values).filter_map(share).sum()
+}
+
+/// Scale and inverse as they would be without priors; none when there are no priors.
+fn by_data_alone(steps: &mut LikelihoodSteps<'_, '_, '_>, inside: &[bool]) -> Option<(Vec<f64>, Inverse)> {
+    if steps.problem.priors.is_empty() {
+        return None;
+    }
+    let factors = steps.problem.likelihood.factors(&steps.weights);
+    steps.problem.gather_with(&factors, std::iter::empty(), &mut steps.quadratic);
+    let moved = |j: &usize| inside[*j] && steps.quadratic.scale[*j] > 0.0;
+    let chosen: Vec<usize> = (0..inside.len()).filter(moved).collect();
+    let inverse = steps.quadratic.invert(chosen, Inverse::default())?;
+    Some((steps.quadratic.scale.clone(), inverse))
+}

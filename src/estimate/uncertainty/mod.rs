@@ -1,0 +1,23 @@
+//! What is known about the estimates: covariance, standard errors, intervals, and what the data do not determine.
+//!
+//! **In** the quadratic and the residuals at the end of an iteration. **Out** Cramer-Rao bounds ([`cramer_rao`]), directions that are not identifiable
+//! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`]): known beforehand, coloured in long runs ([`coloured`]), averaged
+//! over noise models in short ones ([`model_averaged`]), in spectra ([`spectra`], with noise in measured regressors, whose bias is removed); and the table of
+//! the parameters ([`parameters`]).
+
+pub(super) mod coloured;
+#[cfg(test)]
+mod coloured_tests;
+pub(super) mod cramer_rao;
+mod gauss_markov;
+pub(super) mod identifiability;
+mod measured_regressors;
+mod model_averaged;
+pub(super) mod parameters;
+#[cfg(test)]
+mod prior_tests;
+mod restricted_likelihood;
+pub(super) mod sandwich;
+mod sensitivity_rows;
+pub(super) mod spectra;
+mod spectral_rows;

@@ -1,0 +1,261 @@
+//! The restricted likelihood of the noise of several outputs (Patterson and Thompson 1971): that of what is left of the residuals when the parameters are free,
+//! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
+
+use super::gauss_markov::{Clock, GaussMarkov};
+use super::sensitivity_rows::SensitivityRows;
+use crate::iteration::products::accumulate;
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+/// A run among those that are short or uneven.
+pub(super) struct ShortRun<'r> {
+    pub(super) rows: &'r SensitivityRows,
+    /// The place of each of its columns among the chosen unknowns (n).
+    pub(super) places: Vec<Option<usize>>,
+}
+
+/// Combinations of the outputs whose noises are independent, of deviation 1 where the noise is what the covariance says.
+pub(super) struct Decorrelation {
+    /// `L^-1` (q by q).
+    seen: DMatrix<f64>,
+    /// `L' R^-1` (q by q).
+    acting: DMatrix<f64>,
+}
+
+/// One decorrelated output in one run.
+pub(super) struct Decorrelated {
+    run: usize,
+    /// `L^-1 S` and `L^-1 e`.
+    seen: DecorrelatedRows,
+    /// `L' R^-1 S`.
+    acting: DecorrelatedRows,
+}
+
+/// Rows at the samples at which a decorrelated output is compared.
+struct DecorrelatedRows {
+    /// By clock: time, and number.
+    moments: [Vec<f64>; 2],
+    /// Sensitivities, and the residual behind them (a row for each sample).
+    values: Vec<f64>,
+    wide: usize,
+}
+
+impl Decorrelated {
+    /// Samples at which the decorrelated output is compared.
+    pub(super) fn samples(&self) -> usize {
+        self.seen.moments[0].len()
+    }
+}
+
+impl Decorrelation {
+    /// `inverse_noise` is that of the fit, `covariance` that of the noise (q by q).
+    pub(super) fn new(inverse_noise: &[f64], covariance: &DMatrix<f64>) -> Self {
+        let q = covariance.nrows();
+        // an output that nothing is compared of has no noise
+        let deviations = DMatrix::from_diagonal(&covariance.diagonal().map(|v| v.max(f64::MIN_POSITIVE).sqrt()));
+        let factor = Cholesky::new(covariance.clone()).map_or(deviations, |c| c.l());
+        let seen = factor.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(q, q));
+        Self { seen, acting: factor.transpose() * DMatrix::from_row_slice(q, q, inverse_noise) }
+    }
+
+    /// The k-th decorrelated output in all runs.
+    pub(super) fn outputs(&self, runs: &[ShortRun<'_>], k: usize) -> Vec<Decorrelated> {
+        let of = |(run, m): (usize, &ShortRun<'_>)| {
+            let compared = |o: usize, i: usize| !m.rows.residuals[o][i].is_nan();
+            let weights = |matrix: &DMatrix<f64>| matrix.row(k).iter().copied().collect::<Vec<f64>>();
+            let (seen, acting) = (weights(&self.seen), weights(&self.acting));
+            let any = |i: &usize| (0..acting.len()).any(|o| acting[o] != 0.0 && compared(o, *i));
+            Decorrelated {
+                run,
+                seen: DecorrelatedRows::new(m.rows, &seen, (0..m.rows.length).filter(|i| compared(k, *i)).collect()),
+                acting: DecorrelatedRows::new(m.rows, &acting, (0..m.rows.length).filter(any).collect()),
+            }
+        };
+        runs.iter().enumerate().map(of).collect()
+    }
+}
+
+impl DecorrelatedRows {
+    /// The outputs with these weights at these samples.
+    fn new(rows: &SensitivityRows, weights: &[f64], samples: Vec<usize>) -> Self {
+        let (width, wide) = (rows.width, rows.width + 8);
+        let mut values = vec![0.0; samples.len() * wide];
+        for (i, row) in samples.iter().zip(values.chunks_exact_mut(wide)) {
+            for (o, weight) in weights.iter().enumerate() {
+                let residual = rows.residuals[o][*i];
+                if *weight != 0.0 && !residual.is_nan() {
+                    let from = &rows.rows[o][i * width..][..width];
+                    row.iter_mut().zip(from).for_each(|(to, from)| *to += weight * from);
+                    row[width] += weight * residual;
+                }
+            }
+        }
+        let time = samples.iter().map(|i| rows.moments[*i]).collect();
+        let count = samples.iter().map(|i| *i as f64).collect();
+        Self { moments: [time, count], values, wide }
+    }
+
+    /// Products of all columns (wide by wide, the upper triangle) after `through` has been through the rows.
+    fn squares(&self, model: &GaussMarkov, through: impl FnOnce(&[f64], &mut [f64], usize)) -> Vec<f64> {
+        let mut values = self.values.clone();
+        through(&self.moments[usize::from(model.clock == Clock::Samples)], &mut values, self.wide);
+        let mut sums = vec![0.0; self.wide * self.wide];
+        accumulate(&values, self.wide, values.len() / self.wide, self.wide, self.wide, &mut sums);
+        sums
+    }
+}
+
+/// Normal equations of one decorrelated output under one noise model, and `S' R^-1 L C L' R^-1 S`.
+pub(super) fn normal_equations(
+    parts: &[Decorrelated],
+    runs: &[ShortRun<'_>],
+    model: &GaussMarkov,
+    n: usize,
+) -> (NormalEquations, DMatrix<f64>) {
+    let mut normal =
+        NormalEquations { matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n), square: 0.0, logarithm: 0.0 };
+    let mut middle = DMatrix::zeros(n, n);
+    for part in parts {
+        let wide = part.seen.wide;
+        let columns = runs[part.run].places.iter().enumerate();
+        let places: Vec<(usize, usize)> = columns.filter_map(|(c, p)| p.map(|p| (c, p))).collect();
+        let white = part.seen.squares(model, |moments, rows, wide| {
+            normal.logarithm += model.whiten(moments, rows, wide);
+        });
+        let through = part.acting.squares(model, |moments, rows, wide| model.transpose(moments, rows, wide));
+        for (c, a) in &places {
+            for (d, b) in &places {
+                let upper = c.min(d) * wide + c.max(d);
+                normal.matrix[(*a, *b)] += white[upper];
+                middle[(*a, *b)] += through[upper];
+            }
+            normal.vector[*a] += white[c * wide + wide - 8];
+        }
+        normal.square += white[(wide - 8) * wide + wide - 8];
+    }
+    (normal, middle)
+}
+
+/// Rounds in which the scales of the outputs find each other.
+const ROUNDS: usize = 8;
+/// Degrees of freedom below which an output says nothing of its scale.
+const LEAST_FREEDOM: f64 = 0.5;
+/// Decorrelated of the information that is added so that what is not determined does no harm.
+const RIDGE: f64 = 1e-12;
+
+/// Normal equations of one output under one noise model.
+#[derive(Debug, Clone)]
+pub(super) struct NormalEquations {
+    /// `J' C^-1 J`, p by p.
+    pub(super) matrix: DMatrix<f64>,
+    /// `J' C^-1 e`, p.
+    pub(super) vector: DVector<f64>,
+    /// `e' C^-1 e`.
+    pub(super) square: f64,
+    /// Logarithm of the determinant of C.
+    pub(super) logarithm: f64,
+}
+
+/// Normal equations of all outputs under all noise models.
+pub(super) struct Restricted {
+    /// For each output its samples.
+    pub(super) samples: Vec<f64>,
+    /// For each output its normal equations under each noise model.
+    pub(super) normals: Vec<Vec<NormalEquations>>,
+    /// What else determines the parameters: other runs, priors (p by p).
+    pub(super) others: DMatrix<f64>,
+    /// Its score at the estimates (p).
+    pub(super) pull: DVector<f64>,
+}
+
+/// What is likely under one noise model for each output.
+pub(super) struct Likelihood {
+    /// Logarithm of the restricted likelihood, but for a constant.
+    pub(super) logarithm: f64,
+    /// The scale of each output's noise, as a variance over the one of the fit.
+    pub(super) scales: Vec<f64>,
+    /// The degrees of freedom of each scale.
+    pub(super) freedom: Vec<f64>,
+}
+
+impl Restricted {
+    /// The likelihood where the noise of each output is the model of this number; none where the matrices are not finite.
+    pub(super) fn likely(&self, models: &[usize]) -> Option<Likelihood> {
+        let normals: Vec<&NormalEquations> = self.normals.iter().zip(models).map(|(n, b)| &n[*b]).collect();
+        let mut scales = vec![1.0; normals.len()];
+        let mut freedom = self.samples.clone();
+        let mut logarithm = 0.0;
+        for _ in 0..ROUNDS {
+            let (mut matrix, mut vector) = (self.others.clone(), self.pull.clone());
+            for (n, scale) in normals.iter().zip(&scales) {
+                matrix += &n.matrix / *scale;
+                vector += &n.vector / *scale;
+            }
+            let ridge = RIDGE * matrix.diagonal().amax();
+            (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += ridge);
+            let factor = Cholesky::new(matrix)?;
+            let (moved, inverse) = (factor.solve(&vector), factor.inverse());
+            logarithm = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
+            logarithm += moved.dot(&(&self.others * &moved)) - 2.0 * moved.dot(&self.pull);
+            for (k, n) in normals.iter().enumerate() {
+                let left = n.square - 2.0 * moved.dot(&n.vector) + moved.dot(&(&n.matrix * &moved));
+                logarithm += n.logarithm + self.samples[k] * scales[k].ln() + left / scales[k];
+                freedom[k] = (self.samples[k] - inverse.dot(&n.matrix) / scales[k]).max(LEAST_FREEDOM);
+                scales[k] = (left / freedom[k]).clamp(scales[k] * 1e-3, scales[k] * 1e3).max(f64::MIN_POSITIVE);
+            }
+        }
+        let likely = Likelihood { logarithm: -0.5 * logarithm, scales, freedom };
+        likely.logarithm.is_finite().then_some(likely)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Normal equations of a matrix of sensitivities in white noise.
+    fn normal(j: &DMatrix<f64>, e: &DVector<f64>) -> NormalEquations {
+        NormalEquations { matrix: j.transpose() * j, vector: j.transpose() * e, square: e.dot(e), logarithm: 0.0 }
+    }
+
+    #[test]
+    fn one_output_is_known_in_closed_form() {
+        let j = DMatrix::from_fn(9, 2, |i, k| (i as f64 + 1.0).powi(k as i32));
+        let e = DVector::from_fn(9, |i, _| (1.9 * i as f64).cos());
+        let of = |scale: f64| {
+            let mut n = normal(&j, &e);
+            (n.matrix, n.vector, n.square) = (n.matrix / scale, n.vector / scale, n.square / scale);
+            n.logarithm = 9.0 * scale.ln();
+            n
+        };
+        let restricted = Restricted {
+            samples: vec![9.0],
+            normals: vec![vec![of(1.0), of(7.0)]],
+            others: DMatrix::zeros(2, 2),
+            pull: DVector::zeros(2),
+        };
+        let left = (&e - &j * (j.transpose() * &j).try_inverse().expect("regular") * j.transpose() * &e).norm_squared();
+        let [one, seven] = [0, 1].map(|b| restricted.likely(&[b]).expect("finite"));
+        assert!((one.scales[0] / (left / 7.0) - 1.0).abs() < 1e-9 && (one.freedom[0] - 7.0).abs() < 1e-9);
+        // in units seven times as large the scale is a seventh, and nothing else is said
+        assert!((seven.scales[0] * 7.0 / one.scales[0] - 1.0).abs() < 1e-9);
+        assert!((seven.logarithm - one.logarithm).abs() < 1e-8, "{} {}", seven.logarithm, one.logarithm);
+    }
+
+    #[test]
+    fn two_outputs_find_their_scales() {
+        let j = DMatrix::from_fn(400, 1, |i, _| (0.3 * i as f64).sin());
+        // quiet and loud, and a parameter that both are wrong about by 0.3
+        let noise =
+            |seed: f64| DVector::from_fn(400, |i, _| 2.0_f64.sqrt() * (seed * (i * i) as f64).cos() + 0.3 * j[i]);
+        let (quiet, loud) = (0.1 * noise(1.1), 3.0 * noise(2.3));
+        let restricted = Restricted {
+            samples: vec![400.0, 400.0],
+            normals: vec![vec![normal(&j, &quiet)], vec![normal(&j, &loud)]],
+            others: DMatrix::zeros(1, 1),
+            pull: DVector::zeros(1),
+        };
+        let likely = restricted.likely(&[0, 0]).expect("finite");
+        assert!((likely.scales[0] / 0.01 - 1.0).abs() < 0.2 && (likely.scales[1] / 9.0 - 1.0).abs() < 0.2);
+        assert!(likely.freedom[0] < 399.1 && likely.freedom[1] > 399.9, "{:?}", likely.freedom);
+    }
+}

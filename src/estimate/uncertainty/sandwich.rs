@@ -1,0 +1,261 @@
+//! Covariance of the estimates where the noise is not what the likelihood takes it for: `D M D`, D the Cramer-Rao covariance, `M = S' R^-1 Rvv R^-1 S`
+//! with the autocovariance Rvv that the noise really has (Maine and Iliff, NASA RP-1168, 1986; Morelli and Klein 1997); and M where Rvv is known.
+
+use super::cramer_rao::CramerRao;
+use crate::iteration::priors::PriorRow;
+use crate::problem::{KnownNoise, Problem, ProblemRun};
+use crate::residuals::autoregression::AutoRegression;
+use crate::unknowns::Unknowns;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Where the columns of the runs stand among the unknowns.
+pub(crate) struct Sandwich<'f> {
+    pub(crate) unknowns: &'f Unknowns,
+    pub(crate) bound: &'f CramerRao,
+}
+
+impl Sandwich<'_> {
+    /// The place of each column of a run in the covariance.
+    pub(crate) fn places(&self, run: usize) -> Vec<Option<usize>> {
+        let chosen = &self.bound.inverse.chosen;
+        let columns = 0..self.unknowns.columns.len();
+        columns.map(|c| chosen.binary_search(&self.unknowns.position(run, c)).ok()).collect()
+    }
+
+    /// The norm of each column of a run, 0 for those that are not part of the covariance.
+    pub(crate) fn scale(&self, run: usize) -> Vec<f64> {
+        let norm = |(c, place): (usize, Option<usize>)| {
+            place.map_or(0.0, |_| self.bound.scale[self.unknowns.position(run, c)])
+        };
+        self.places(run).into_iter().enumerate().map(norm).collect()
+    }
+
+    /// Prior information, which the noise does not touch.
+    pub(crate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<(usize, f64)> {
+        let place = |row: PriorRow| {
+            let k = self.bound.inverse.chosen.binary_search(&row.unknown).ok()?;
+            Some((k, (row.weight / self.bound.scale[row.unknown]).powi(2)))
+        };
+        priors.filter_map(place).collect()
+    }
+
+    /// The covariance, chosen by chosen, from the middle of each run (square, its columns first) and the priors.
+    pub(crate) fn covariance(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
+        self.around(&self.gather(middles, prior))
+    }
+
+    /// The middle of all, chosen by chosen, from that of each run (square, its columns first) and the priors.
+    pub(crate) fn gather(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
+        let n = self.bound.inverse.chosen.len();
+        let mut middle = vec![0.0; n * n];
+        for (run, own) in middles.iter().map(AsRef::as_ref).enumerate() {
+            let (places, width) = (self.places(run), own.len().isqrt());
+            for (i, a) in places.iter().enumerate() {
+                for (j, b) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        middle[a * n + b] += own[i * width + j];
+                    }
+                }
+            }
+        }
+        prior.iter().for_each(|(k, information)| middle[k * n + k] += information);
+        middle
+    }
+
+    /// The covariance (n by n) with this middle.
+    pub(crate) fn around(&self, middle: &[f64]) -> Vec<f64> {
+        let n = self.bound.inverse.chosen.len();
+        let inverse = &self.bound.inverse.values;
+        let covariance = product(&product(inverse, middle, n), inverse, n);
+        (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
+    }
+
+    /// Rows of the Cramer-Rao covariance for the columns of one run (width by chosen).
+    pub(crate) fn columns(&self, run: usize, width: usize) -> Vec<f64> {
+        let inverse = &self.bound.inverse;
+        let (n, mut rows) = (inverse.chosen.len(), vec![0.0; width * self.bound.inverse.chosen.len()]);
+        for (place, row) in self.places(run).into_iter().zip(rows.chunks_mut(n.max(1))) {
+            if let Some(k) = place {
+                row.copy_from_slice(&inverse.values[k * n..(k + 1) * n]);
+            }
+        }
+        rows
+    }
+
+    /// Cramer-Rao covariance and corrected covariance of the columns of one run (width by width).
+    pub(crate) fn of_run(&self, run: usize, covariance: &[f64], width: usize) -> [Vec<f64>; 2] {
+        let (n, places) = (self.bound.inverse.chosen.len(), self.places(run));
+        [&self.bound.inverse.values[..], covariance].map(|from| {
+            let mut to = vec![0.0; width * width];
+            for (i, a) in places.iter().enumerate() {
+                for (j, b) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        to[i * width + j] = from[a * n + b];
+                    }
+                }
+            }
+            to
+        })
+    }
+}
+
+fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
+    let mut c = vec![0.0; n * n];
+    let width = n.max(1);
+    for (row, to) in a.chunks(width).zip(c.chunks_mut(width)) {
+        for (factor, b) in row.iter().zip(b.chunks(width)) {
+            to.iter_mut().zip(b).for_each(|(c, b)| *c += factor * b);
+        }
+    }
+    c
+}
+
+/// The corrected covariance.
+pub(crate) struct Corrected {
+    /// In scaled unknowns, chosen by chosen, as that of the bound.
+    pub(crate) values: Vec<f64>,
+    /// What was found.
+    pub(crate) colours: Vec<NoiseColour>,
+    /// Degrees of freedom of each variance; empty where they are not known.
+    pub(crate) freedom: Vec<f64>,
+    /// All unknowns, corrected for the bias by noise of measured regressors; none without such noise.
+    pub(crate) unbiased: Option<Vec<f64>>,
+}
+
+/// The colour of the noise of one output, in the runs that share it.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct NoiseColour {
+    /// Name of the output.
+    pub output: String,
+    /// Names of the runs.
+    pub runs: Vec<String>,
+    /// Time between neighbouring samples; the middle one of all intervals where they differ.
+    pub interval: f64,
+    /// Coefficients of the autoregression `v(i) = sum of a(k) v(i - k) + e(i)`; none for white noise.
+    pub coefficients: Vec<f64>,
+    /// Standard deviation of the noise v.
+    pub deviation: f64,
+    /// Standard deviation of the innovations e.
+    pub innovation: f64,
+    /// Correlation of neighbouring samples.
+    pub neighbours: f64,
+}
+
+impl NoiseColour {
+    pub(crate) fn new(output: String, runs: Vec<String>, interval: f64, model: &AutoRegression) -> Self {
+        let r = model.autocovariances(1);
+        let neighbours = if r[0] > 0.0 { r[1] / r[0] } else { 0.0 };
+        let (coefficients, innovation) = (model.coefficients.clone(), model.variance.sqrt());
+        Self { output, runs, interval, coefficients, deviation: r[0].sqrt(), innovation, neighbours }
+    }
+
+    /// Whether it is white.
+    pub fn is_white(&self) -> bool {
+        self.coefficients.is_empty()
+    }
+}
+
+/// Why errors were not corrected for the colour of the residuals.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Uncorrected {
+    /// As many parameters as data, or nothing estimated.
+    NoDegreesOfFreedom,
+    /// The sensitivities do not fit into memory all at once.
+    TooLarge,
+    /// Numbers left the finite ones.
+    NotFinite,
+    /// It was not asked for.
+    NotAsked,
+    /// The residuals are innovations, white where the noise that the model declares is right.
+    Innovations,
+}
+
+impl fmt::Display for Uncorrected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoDegreesOfFreedom => f.write_str("no more data than parameters"),
+            Self::TooLarge => f.write_str("too many samples times parameters; take every k-th sample"),
+            Self::NotFinite => f.write_str("the colour of the residuals could not be determined"),
+            Self::NotAsked => f.write_str("not asked for"),
+            Self::Innovations => f.write_str("innovations of a filter have none where its noise is right"),
+        }
+    }
+}
+
+/// Corrects the covariance of a bound at `values`; of all runs the noise is known, and all have one output.
+///
+/// # Errors
+/// [`Uncorrected`] when that is not possible.
+pub(crate) fn corrected_known(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    bound: &CramerRao,
+    priors: impl Iterator<Item = PriorRow>,
+) -> Result<Corrected, Uncorrected> {
+    let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
+    if bound.inverse.chosen.is_empty() {
+        return Err(Uncorrected::NoDegreesOfFreedom);
+    }
+    let sandwich = Sandwich { unknowns, bound };
+    let (mut middles, mut sizes) = (Vec::new(), (0.0, 0.0, 0));
+    for (r, run) in problem.runs.iter_mut().enumerate() {
+        let theta = unknowns.assembled(r, values);
+        let weight = |scale: f64| if scale > 0.0 { 1.0 / (scale * noise.covariance[0]) } else { 0.0 };
+        let weights: Vec<f64> = sandwich.scale(r).into_iter().map(weight).collect();
+        middles.push(middle(run, unknowns, &theta, &weights, &mut sizes)?);
+    }
+    let (found, expected, count) = sizes;
+    let freedom = (count as f64 - bound.inverse.chosen.len() as f64).max(1.0) / count as f64;
+    let growth = (found / (expected * freedom)).max(1.0);
+    middles.iter_mut().flatten().for_each(|v| *v *= growth);
+    let covariance = sandwich.covariance(&middles, &sandwich.prior(priors));
+    match covariance.iter().all(|v| v.is_finite()) {
+        true => Ok(Corrected { values: covariance, colours: Vec::new(), freedom: Vec::new(), unbiased: None }),
+        false => Err(Uncorrected::NotFinite),
+    }
+}
+
+/// `sum_ij s_i Rvv(i, j) s_j'` of one run, its columns multiplied by their weights (square). Adds up the squares of residuals and deviations, and
+/// their number.
+fn middle(
+    run: &mut ProblemRun<'_>,
+    unknowns: &Unknowns,
+    theta: &[f64],
+    weights: &[f64],
+    sizes: &mut (f64, f64, usize),
+) -> Result<Vec<f64>, Uncorrected> {
+    let width = weights.len();
+    let mut rows = vec![0.0; run.response.samples() * width];
+    let measured = &run.measured;
+    let streamed = run.response.sensitivities(theta, &unknowns.columns, &mut |block| {
+        for sample in 0..block.samples() {
+            sizes.0 += (measured[block.first + sample] - block.y[sample]).powi(2);
+            let row = &mut rows[(block.first + sample) * width..][..width];
+            for (c, value) in block.layout.outputs[0].columns.iter().zip(block.row(sample, 0)) {
+                row[*c as usize] = value * weights[*c as usize];
+            }
+        }
+    });
+    streamed.map_err(|_| Uncorrected::NotFinite)?;
+    let KnownNoise { deviations, correlations } = run.response.known_noise().ok_or(Uncorrected::NotFinite)?;
+    sizes.1 += deviations.iter().map(|d| d * d).sum::<f64>();
+    sizes.2 += deviations.len();
+    let mut middle = vec![0.0; width * width];
+    let mut add = |i: usize, j: usize, covariance: f64| {
+        let (left, right) = (&rows[i * width..][..width], &rows[j * width..][..width]);
+        for (to, left) in middle.chunks_exact_mut(width).zip(left) {
+            to.iter_mut().zip(right).for_each(|(to, right)| *to += covariance * left * right);
+        }
+    };
+    deviations.iter().enumerate().for_each(|(i, d)| add(i, i, d * d));
+    for (i, j, correlation) in correlations {
+        let (i, j) = (*i as usize, *j as usize);
+        let covariance = correlation * deviations[i] * deviations[j];
+        add(i, j, covariance);
+        add(j, i, covariance);
+    }
+    Ok(middle)
+}

@@ -1,0 +1,80 @@
+//! Designs whose answers are known.
+
+use super::*;
+use fdm_system::Model;
+use fdm_system::record::Run;
+
+const TEXT: &str = "model m { input u, v; state x = 0; param k = 2 in [0, 50] [1/s], g = 3, h = 1, c = 0.5 fixed;
+    der(x) = -k*x + g*u + h*v*c; output y = x; noise y = 0.01; }";
+
+fn question(model: &Model) -> Question<'_> {
+    Question {
+        model,
+        theta: model.definition().start(),
+        deviations: vec![0.01],
+        known: Vec::new(),
+        rest: vec![0.0; 2],
+        heights: vec![Some(1.0), Some(2.0)],
+        duration: 10.0,
+        dt: 0.05,
+        runs: 2,
+    }
+}
+
+#[test]
+fn the_input_that_was_not_moved_is_the_next_one_to_move() {
+    let model = Model::from_text("m.fdm", TEXT).unwrap();
+    let n = 200;
+    let run = Run {
+        name: "one".into(),
+        time: (0..n).map(|k| 0.05 * k as f64).collect(),
+        inputs: (0..n).flat_map(|k| [f64::from(u8::from(k % 40 < 20)), 0.0]).collect(),
+        held: vec![false; 2],
+        measured: vec![0.0; n],
+        input_gaps: vec![0; 2],
+        output_gaps: vec![0],
+    };
+    let asked = question(&model);
+    let known = vec![(run, asked.theta.clone())];
+    let found = design(&Question { known, ..asked }).unwrap();
+    let h = &found.outlook[2];
+    assert_eq!((h.parameter.as_str(), h.now), ("h", None));
+    assert!(found.undetermined_now[0].sentence.contains("`h`"));
+    assert_eq!((found.steps[0].manoeuvre.input.as_str(), found.undetermined_then.len()), ("v", 0));
+    let (best, error) = h.best.unwrap();
+    assert_eq!(found.gains[best].manoeuvre.input, "v");
+    assert!(h.then[0].unwrap() >= error && error < 0.05, "{h:?}");
+    assert!(found.gains.windows(2).all(|pair| pair[0].bits >= pair[1].bits) && found.steps[0].bits > 3.0);
+}
+
+#[test]
+fn what_no_input_moves_stays_unknown_and_is_said() {
+    // only the product of both gains enters
+    let text = "model m { input u; state x = 0; param a = 2, b = 3; der(x) = a*b*u - x; output y = x; }";
+    let model = Model::from_text("m.fdm", text).unwrap();
+    let asked = question(&model);
+    let found = design(&Question { rest: vec![0.0], heights: vec![Some(1.0)], ..asked }).unwrap();
+    assert!(found.undetermined_then[0].sentence.contains("`a`"), "{:?}", found.undetermined_then);
+    assert!(found.outlook.iter().all(|o| o.best.is_none() && o.then == [None, None]));
+}
+
+#[test]
+fn runs_that_leave_all_bounds_are_told_and_left_out() {
+    let text = "model m { input u; state x = 0.1; param k = 1; der(x) = k*x^3 + u^2; output y = x; }";
+    let model = Model::from_text("m.fdm", text).unwrap();
+    let asked = question(&model);
+    let found = design(&Question { rest: vec![0.0], heights: vec![Some(9.0)], duration: 2.0, ..asked }).unwrap();
+    assert!(!found.lost.is_empty() && found.lost[0].1.contains("runs away"), "{:?}", found.lost.first());
+}
+
+#[test]
+fn impossible_questions_are_refused_with_all_reasons() {
+    let model = Model::from_text("m.fdm", TEXT).unwrap();
+    let asked = question(&model);
+    let heights = vec![None, None];
+    let said = design(&Question { heights, dt: 9.0, deviations: vec![f64::NAN], ..asked }).unwrap_err();
+    assert_eq!(said.len(), 3, "{said:?}");
+    assert!(
+        said[0].contains("--amplitude u=VALUE") && said[1].contains("2 samples") && said[2].contains("noise of `y`")
+    );
+}

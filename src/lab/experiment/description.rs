@@ -1,0 +1,275 @@
+//! What the file of an experiment may say.
+
+use super::amount::Tolerance;
+use super::experiment_error::ExperimentError;
+use super::noise::Noise;
+use super::signal::Signal;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// An experiment: records, the steps of their evaluation, what must come out.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// Name of its folder.
+    #[serde(skip)]
+    pub name: String,
+    /// Where its models and records lie.
+    #[serde(skip)]
+    pub folder: PathBuf,
+    /// The system in a few words.
+    pub title: String,
+    /// Who published it, or who measured it.
+    pub source: String,
+    /// Other names of the system.
+    #[serde(default)]
+    pub also: Vec<String>,
+    /// Whether the paper's figure is reproduced, and why not where it is not.
+    #[serde(default)]
+    pub remark: String,
+    /// How records are made or where they are.
+    #[serde(default, rename = "record")]
+    pub records: Vec<Record>,
+    /// Steps of the evaluation.
+    #[serde(default, rename = "step")]
+    pub stages: Vec<Stage>,
+}
+
+/// One record, or several segments of one flight.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Record {
+    /// Its name.
+    pub name: String,
+    /// A measured record beside the experiment's file; everything else belongs to records that are made.
+    pub file: Option<String>,
+    /// The model that makes the record.
+    pub truth: Option<String>,
+    /// Parameters of the truth that differ from its start values.
+    pub values: BTreeMap<String, f64>,
+    /// Time between samples, in the model's unit of time.
+    pub dt: f64,
+    /// Time of the last sample.
+    pub duration: f64,
+    /// Parts of the flight that become records of their own.
+    pub segments: Option<Segments>,
+    /// What moves each input: the sum of these.
+    pub inputs: BTreeMap<String, Vec<Signal>>,
+    /// The controller: a model whose inputs are measured outputs and commands, and whose outputs are inputs of the truth one sample later.
+    pub controller: Option<String>,
+    /// Measurement noise of each output; `all` for those that are not named.
+    pub noise: BTreeMap<String, Noise>,
+    /// Significant digits that are kept.
+    pub digits: Option<usize>,
+    /// Decides noise and random phases.
+    pub seed: u64,
+    /// Noise and gusts are those of this repeat, while random phases stay; none for the record itself.
+    #[serde(skip)]
+    pub repeat: Option<String>,
+    /// So many of them, each with noise and phases of its own.
+    pub copies: Option<u32>,
+    /// Runge-Kutta steps between samples; chosen by accuracy when not given (8 in a closed loop).
+    pub steps: Option<usize>,
+}
+
+/// Parts of one flight.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Segments {
+    /// When each begins.
+    pub begin: Vec<f64>,
+    /// How long each is.
+    pub length: f64,
+}
+
+/// How a step estimates.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Output error in the time domain.
+    #[default]
+    Oe,
+    /// Maximum likelihood in the frequency domain.
+    Fd,
+    /// Frequency responses from sweeps.
+    Fr,
+    /// Filter error.
+    Fe,
+    /// Recursive least squares, and the best of its iterates.
+    Rls,
+    /// Equation error.
+    Regress,
+    /// Nothing is estimated: eigenvalues of the model as it stands.
+    Modes,
+}
+
+/// A step of the evaluation.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// The model that is fitted.
+    pub model: String,
+    /// Records that it is fitted to; all when none is named.
+    pub records: Vec<String>,
+    /// How.
+    pub method: Method,
+    /// All start values are off by this part of the truth, up and down in turn.
+    pub off: f64,
+    /// Other start values.
+    pub set: BTreeMap<String, f64>,
+    /// Parameters that are not estimated.
+    pub fix: Vec<String>,
+    /// Parameters that are estimated although the model declares them `fixed`.
+    pub free: Vec<String>,
+    /// Parameters that keep what an earlier step found: its name, and theirs.
+    pub held: BTreeMap<String, Vec<String>>,
+    /// The step whose result the start values are.
+    pub from: Option<String>,
+    /// Columns of channels whose names differ.
+    pub map: BTreeMap<String, String>,
+    /// Inputs that keep their value until the next sample.
+    pub hold: Vec<String>,
+    /// Every n-th sample only.
+    pub every: Option<usize>,
+    /// First and last time that is used.
+    pub window: Option<[f64; 2]>,
+    /// Whether the full covariance of the noise is estimated.
+    pub full_noise: bool,
+    /// Frequencies in cycles per unit of time, for `fd` and `regress`.
+    pub band: Option<[f64; 2]>,
+    /// Their distance; the record's own when not given.
+    pub df: Option<f64>,
+    /// End terms: `free`, `known` or `none`.
+    pub ends: Option<String>,
+    /// Nonlinear terms: `carry` or `linearise`.
+    pub nonlinear: Option<String>,
+    /// Standard deviations of the noise of recorded inputs, for `fd`.
+    pub input_noise: BTreeMap<String, f64>,
+    /// `fd` begins with the start values, not with those of equation error.
+    pub own_values: bool,
+    /// Principal components of `regress`: `auto`, `level` or a number.
+    pub components: Option<String>,
+    /// Samples in the window by which `regress` takes rates.
+    pub smooth: Option<usize>,
+    /// Weight of a step of `rls` relative to the one behind it.
+    pub forgetting: Option<f64>,
+    /// Cut-off of a low-pass without phase before `rls`, in cycles per unit of time.
+    pub lowpass: Option<f64>,
+    /// Samples of the polynomial that smooths records before `rls`.
+    pub polynomial: Option<usize>,
+    /// Length of the parts that are simulated to find the best iterate of `rls`, each from initial values of its own.
+    pub restart: Option<f64>,
+    /// States whose records take their place in a first fit.
+    pub substitute: Vec<String>,
+    /// Segments of multiple shooting.
+    pub shooting: Option<usize>,
+    /// Starts spread over the bounds.
+    pub starts: Option<usize>,
+    /// Shorter records are fitted too, which orders the parameters by confidence.
+    pub confidence: bool,
+    /// Records that are predicted with what was found.
+    pub predict: Vec<String>,
+    /// How far estimates may be from the truth, where nothing else is said.
+    pub within: Vec<Tolerance>,
+    /// Estimates that are not compared with the truth.
+    pub except: Vec<String>,
+    /// Whether estimates are compared with the parameters of the truth.
+    pub compared: Option<bool>,
+    /// Figures that are expected: parameters, or `rms(y)`, `r2(y)`, `tic(y)`, ...
+    pub expected: BTreeMap<String, Expected>,
+    /// Eigenvalues that are expected: real and imaginary part.
+    pub modes: Vec<[f64; 2]>,
+    /// What the paper has: value, and its error where it is printed.
+    pub paper: BTreeMap<String, Answer>,
+    /// What must be said.
+    pub says: Says,
+    /// Left out when the experiment is thinned.
+    pub long: bool,
+}
+
+/// A figure that is expected.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Expected {
+    /// The figure.
+    pub value: Option<f64>,
+    /// How far it may be off: all of these hold.
+    pub within: Vec<Tolerance>,
+    /// Least admissible.
+    pub least: Option<f64>,
+    /// Greatest admissible.
+    pub most: Option<f64>,
+}
+
+/// A figure of the paper.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Answer {
+    /// A value.
+    Value(f64),
+    /// A value and its error.
+    WithError([f64; 2]),
+}
+
+/// Statements that must come out.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Says {
+    /// Parameters that these data do not determine: a bound only.
+    pub undetermined: Vec<String>,
+    /// Parameters that differ from zero by more than four errors.
+    pub determined: Vec<String>,
+    /// Parameters that are off the truth by more than three errors.
+    pub biased: Vec<String>,
+    /// A combination that cannot be seen: it has these parameters.
+    pub unseen: Vec<Vec<String>>,
+    /// A combination that is known worse than to its own size: these parameters stand in it.
+    pub weak: Vec<Vec<String>>,
+    /// Groups of parameters in the order of confidence.
+    pub order: Vec<Vec<String>>,
+    /// The fit must not come to an end.
+    pub astray: bool,
+}
+
+impl Experiment {
+    /// The name of an experiment's file in its folder.
+    pub const FILE: &'static str = "experiment.toml";
+
+    /// Reads the experiment of a folder.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Unreadable`], [`ExperimentError::Malformed`] with line and sentence, [`ExperimentError::Faults`] for names that nothing has.
+    pub fn read(folder: &Path) -> Result<Self, ExperimentError> {
+        let file = folder.join(Self::FILE);
+        let text = std::fs::read_to_string(&file)
+            .map_err(|e| ExperimentError::Unreadable { file: file.clone(), reason: fdm_results::store::reason(&e) })?;
+        let mut experiment: Self = toml::from_str(&text)
+            .map_err(|e| ExperimentError::Malformed { file: file.clone(), reason: e.to_string().trim_end().into() })?;
+        experiment.name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
+        experiment.folder = folder.into();
+        let faults = experiment.faults();
+        if faults.is_empty() { Ok(experiment) } else { Err(ExperimentError::Faults { file, faults }) }
+    }
+
+    /// The names of all records.
+    pub(super) fn record_names(&self) -> impl Iterator<Item = &str> {
+        self.records.iter().map(|r| r.name.as_str())
+    }
+
+    /// The record of this name.
+    pub fn record(&self, name: &str) -> Option<&Record> {
+        self.records.iter().find(|r| r.name == name)
+    }
+}
+
+impl Stage {
+    /// The records that it needs.
+    pub(super) fn needed<'a>(&'a self, experiment: &'a Experiment) -> Vec<&'a str> {
+        let none = self.method == Method::Modes;
+        let all = experiment.record_names().filter(|_| self.records.is_empty());
+        all.chain(self.records.iter().chain(&self.predict).map(String::as_str)).filter(|_| !none).collect()
+    }
+}

@@ -1,0 +1,107 @@
+//! A description's words as options of the rooms that estimate.
+
+use super::description::Stage;
+use super::experiment_error::Fault;
+use super::setting::Setting;
+use fdm_estimate::equation_error::{
+    Components, Detrend, Domain, Preprocessing, RecursiveOptions, RegressionOptions, Smoothing,
+};
+use fdm_estimate::{
+    BestOptions, FitOptions, MultiStart, Noise, Nonlinear, Options, ResponseOptions, Shooting, SpectralOptions,
+};
+use fdm_system::frequency::EndTerms;
+use fdm_system::spectrum::Frequencies;
+
+impl Stage {
+    fn frequencies(&self) -> Frequencies {
+        match (self.band, self.df) {
+            (Some([lowest, highest]), Some(df)) => Frequencies::Band { lowest, highest, spacing: Some(df) },
+            // from 0 on: from the first that the record has
+            (Some([low, high]), None) => Frequencies::Grid { lowest: (low > 0.0).then_some(low), highest: Some(high) },
+            (None, _) => Frequencies::Grid { lowest: None, highest: None },
+        }
+    }
+
+    fn estimation(&self) -> Options {
+        let noise = if self.full_noise { Noise::Full } else { Noise::default() };
+        Options { noise, ..Options::default() }
+    }
+
+    fn word<T>(&self, word: Option<&str>, wanted: &'static str, known: &[(&str, T)]) -> Result<Option<T>, Fault>
+    where
+        T: Clone,
+    {
+        let Some(word) = word else { return Ok(None) };
+        let found = known.iter().find(|(name, _)| *name == word).map(|(_, value)| value.clone());
+        found.map(Some).ok_or_else(|| Fault::Word { place: format!("step `{}`", self.name), word: word.into(), wanted })
+    }
+
+    /// Options of a fit in the time domain.
+    pub(super) fn in_time(&self, setting: &Setting) -> FitOptions {
+        let starts =
+            self.starts.map_or_else(MultiStart::default, |count| MultiStart { count, ..MultiStart::default() });
+        FitOptions {
+            changes: setting.changes.clone(),
+            options: self.estimation(),
+            substitute: self.substitute.clone(),
+            shooting: self.shooting.map(Shooting::Segments),
+            confidence: self.confidence,
+            starts,
+            ..FitOptions::default()
+        }
+    }
+
+    /// Options of a fit in the frequency domain; with a finish in the time domain where its figures are asked for.
+    pub(super) fn in_frequency(&self, setting: &Setting) -> Result<SpectralOptions, Fault> {
+        let ends = [("free", EndTerms::Unknown), ("known", EndTerms::Known), ("none", EndTerms::Omitted)];
+        let nonlinear = [("carry", Nonlinear::MeasuredRegressors), ("linearise", Nonlinear::Linearised)];
+        let of_time = |name: &String| ["rms(", "r2(", "tic("].iter().any(|kind| name.starts_with(kind));
+        Ok(SpectralOptions {
+            changes: setting.changes.clone(),
+            options: self.estimation(),
+            frequencies: self.frequencies(),
+            ends: self.word(self.ends.as_deref(), "`free`, `known`, `none`", &ends)?.unwrap_or(EndTerms::Unknown),
+            nonlinear: self.word(self.nonlinear.as_deref(), "`carry`, `linearise`", &nonlinear)?.unwrap_or_default(),
+            input_noise: self.input_noise.iter().map(|(name, deviation)| (name.clone(), *deviation)).collect(),
+            regressed: !self.own_values,
+            finish: self.expected.keys().any(of_time),
+        })
+    }
+
+    /// Options of a fit to frequency responses.
+    pub(super) fn of_responses(&self, setting: &Setting) -> ResponseOptions {
+        let (changes, options) = (setting.changes.clone(), self.estimation());
+        ResponseOptions {
+            changes,
+            options,
+            frequencies: self.frequencies(),
+            finish: false,
+            ..ResponseOptions::default()
+        }
+    }
+
+    /// Options of recursive least squares.
+    pub(super) fn recursively(&self) -> BestOptions {
+        let preprocessing = Preprocessing { cutoff: self.lowpass, points: self.polynomial, detrend: Detrend::None };
+        let default = RecursiveOptions::default();
+        let recursion = RecursiveOptions { forgetting: self.forgetting.unwrap_or(default.forgetting), preprocessing };
+        BestOptions { recursion, restart: self.restart, ..BestOptions::default() }
+    }
+
+    /// Options of equation error: at frequencies where a band is given.
+    pub(super) fn by_regression(&self) -> Result<RegressionOptions, Fault> {
+        let components = match self.components.as_deref() {
+            None | Some("auto") => Components::Auto,
+            Some("level") => Components::Levelled,
+            Some(count) => {
+                let wanted = "`auto`, `level`, a number";
+                let place = || format!("step `{}`", self.name);
+                let count = count.parse().map_err(|_| Fault::Word { place: place(), word: count.into(), wanted })?;
+                Components::Count(count)
+            }
+        };
+        let domain = if self.band.is_some() { Domain::Frequency(self.frequencies()) } else { Domain::Time };
+        let smoothing = self.smooth.map_or_else(Smoothing::default, |points| Smoothing::Local { points });
+        Ok(RegressionOptions { domain, smoothing, components, ..RegressionOptions::default() })
+    }
+}

@@ -1,0 +1,136 @@
+//! A fit repeated: its runs as the estimates have them, with noise of the covariance that was estimated, fitted anew from the estimates
+//! (parametric bootstrap). Inputs stay as they were recorded; the mean of a prior counts as one more measurement and is drawn anew.
+
+use super::disturbance::Disturbance;
+use super::series::Watch;
+use super::study_error::StudyError;
+use fdm_estimate::{
+    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Termination, attempt,
+    starts,
+};
+use fdm_numeric::random::Stream;
+use fdm_results::documents::study::{Colour, Repeat, Subject, is_estimated};
+use fdm_system::Model;
+use fdm_system::record::Run;
+use std::ops::ControlFlow;
+
+/// A fit that can be repeated.
+pub struct Bootstrap {
+    model: Model,
+    /// What the estimates say would have been measured without noise.
+    clean: Vec<Run>,
+    starts: Vec<Vec<f64>>,
+    options: FitOptions,
+    noise: Disturbance,
+    subjects: Vec<Subject>,
+    seed: u64,
+}
+
+impl Bootstrap {
+    /// Of a fit of these runs with these options.
+    ///
+    /// # Errors
+    /// [`StudyError`], when the fit has no minimum, nothing estimated, or no noise.
+    pub fn new(
+        fit: &Fit,
+        runs: &[Run],
+        options: &FitOptions,
+        (colour, seed): (Colour, u64),
+    ) -> Result<Self, StudyError> {
+        let estimate = &fit.estimate;
+        if !estimate.termination.is_good() {
+            return Err(StudyError::Astray { reason: estimate.termination.to_string() });
+        }
+        let subjects = subjects(estimate);
+        if subjects.is_empty() {
+            return Err(StudyError::NothingEstimated);
+        }
+        let noise = Disturbance::new(estimate, runs, colour)?;
+        let measured = |run: &Run, response: &[f64]| {
+            let cells = run.measured.iter().zip(response);
+            cells.map(|(z, y)| if z.is_nan() { f64::NAN } else { *y }).collect()
+        };
+        let responses = runs.iter().zip(&estimate.runs);
+        let clean = responses.map(|(run, fit)| Run { measured: measured(run, &fit.response), ..run.clone() }).collect();
+        let cut = fit.shooting.as_ref().is_some_and(|c| !c.polished);
+        let options = FitOptions {
+            changes: Changes::default(),
+            shared_steps: SharedSteps::of(fit.integration.clone()),
+            starts: MultiStart::default(),
+            substitute: Vec::new(),
+            shooting: options.shooting.filter(|_| cut),
+            confidence: false,
+            reweight: false,
+            bare: true,
+            ..options.clone()
+        };
+        let options = options.with_declared_noise(&fit.model);
+        let starts = reached(&fit.model, runs, estimate);
+        Ok(Self { model: fit.model.clone(), clean, starts, options, noise, subjects, seed })
+    }
+
+    /// The parameters that are studied.
+    pub fn subjects(&self) -> &[Subject] {
+        &self.subjects
+    }
+
+    /// The repeat of this number; none when it was interrupted.
+    pub fn once(&self, number: u64, watch: &dyn Watch) -> Option<Repeat> {
+        let runs: Vec<Run> = self.clean.iter().enumerate().map(|(r, run)| self.disturbed(r, run, number)).collect();
+        let model = self.with_priors(number);
+        let mut observer = |_: &Iteration| match watch.goes_on() {
+            true => ControlFlow::Continue(()),
+            false => ControlFlow::Break(()),
+        };
+        match attempt(&model, &runs, &self.starts, &self.options, &mut observer) {
+            Ok(found) if found.estimate.termination == Termination::Interrupted => None,
+            Ok(found) => Some(Repeat::of(&found.estimate, &self.subjects)),
+            Err(e) => Some(Repeat::gone(e, self.subjects.len())),
+        }
+    }
+
+    fn disturbed(&self, r: usize, run: &Run, number: u64) -> Run {
+        let noise = self.noise.drawn(r, run, self.seed, number);
+        Run { measured: run.measured.iter().zip(noise).map(|(y, v)| y + v).collect(), ..run.clone() }
+    }
+
+    /// Means of priors as another measurement would have given them.
+    fn with_priors(&self, number: u64) -> Model {
+        let definition = self.model.definition();
+        if definition.params.iter().all(|p| p.prior.is_none()) {
+            return self.model.clone();
+        }
+        let mut params = definition.params.clone();
+        for (k, param) in params.iter_mut().enumerate() {
+            let Some(prior) = &mut param.prior else { continue };
+            let names = ["study", "prior", &param.quantity.name, &number.to_string()];
+            let centre = self.starts.first().map_or(prior.mean, |theta| theta[k]);
+            prior.mean = centre + prior.deviation * Stream::named(self.seed, &names).normal();
+        }
+        self.model.with_params(params)
+    }
+}
+
+fn subjects(estimate: &Estimate) -> Vec<Subject> {
+    let estimated = estimate.parameters.iter().filter(|p| is_estimated(p));
+    let subject = |p: &ParameterEstimate| Subject {
+        step: String::new(),
+        name: p.name.clone(),
+        run: p.run.clone(),
+        unit: p.unit.clone(),
+        truth: p.value,
+    };
+    estimated.map(subject).collect()
+}
+
+/// All parameters of each run at the estimates.
+pub(super) fn reached(model: &Model, runs: &[Run], estimate: &Estimate) -> Vec<Vec<f64>> {
+    let mut all = starts(model, runs, &Changes::default());
+    for (theta, run) in all.iter_mut().zip(runs) {
+        for (value, param) in theta.iter_mut().zip(&model.definition().params) {
+            let owner = param.per_run.then_some(run.name.as_str());
+            *value = estimate.parameter(&param.quantity.name, owner).map_or(*value, |p| p.value);
+        }
+    }
+    all
+}

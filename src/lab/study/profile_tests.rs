@@ -1,0 +1,82 @@
+//! Whether profiles find what is known: the parabola of a linear model, an interval that is open, a bound, names that nothing has.
+
+use super::*;
+use fdm_estimate::{Fit, FitOptions, Noise, Options, fit};
+use fdm_system::Model;
+use fdm_system::record::Run;
+
+fn fitted(text: &str, u: &[f64], y: impl Fn(f64) -> f64, deviation: f64) -> (Fit, Vec<Run>, FitOptions) {
+    let model = Model::from_text("m.fdm", text).expect("a model");
+    // not random, so that the estimate stays near the truth
+    let shift = |k: usize| 0.5 * deviation * ((k * k * 7) as f64).sin();
+    let run = Run {
+        name: "run".into(),
+        time: (0..u.len()).map(|k| k as f64).collect(),
+        measured: u.iter().enumerate().map(|(k, u)| y(*u) + shift(k)).collect(),
+        inputs: u.to_vec(),
+        held: vec![false],
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+    };
+    let noise = Noise::Given(vec![Some(deviation)]);
+    let options = Options { noise, colour: false, ..Options::default() };
+    let options = FitOptions { options, ..FitOptions::default() };
+    let runs = vec![run];
+    (fit(&model, &runs, &options, &mut ()).expect("a fit"), runs, options)
+}
+
+const ALWAYS: &(dyn Fn() -> bool + Sync) = &|| true;
+
+#[test]
+fn a_linear_model_has_the_interval_of_its_error() {
+    let u: Vec<f64> = (0..40).map(|k| f64::from(k) / 10.0).collect();
+    let text = "model line { input u; param a = 1, b = 0; output y = a*u + b; }";
+    let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u - 1.0, 0.1);
+    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    for name in ["a", "b"] {
+        let p = profiler.of(name).expect("estimated");
+        let half = 1.959_964 * fit.estimate.parameter(name, None).and_then(|p| p.error()).expect("known");
+        assert!((p.reach() / half - 1.0).abs() < 1e-6, "{} {half}", p.reach());
+        let [End::At(low), End::At(high)] = p.ends else { panic!("{:?}", p.ends) };
+        // an end is taken where the root of the rise is right to a hundredth
+        assert!(((p.value - low) / half - 1.0).abs() < 0.011 && ((high - p.value) / half - 1.0).abs() < 0.011, "{p:?}");
+        assert!(p.refits <= 12 && p.points.len() == p.refits + 1, "{}", p.refits);
+        for point in &p.points {
+            let want = p.rise * ((point.value - p.value) / half).powi(2);
+            assert!((point.rise - want).abs() < 1e-6 + 1e-6 * want, "{point:?} {want}");
+            assert_eq!(point.others.len(), 1);
+        }
+        assert!(p.points.is_sorted_by(|a, b| a.value < b.value));
+    }
+}
+
+#[test]
+fn an_interval_that_ends_nowhere_is_open_and_one_at_a_bound_says_so() {
+    let u: Vec<f64> = (1..12).map(f64::from).collect();
+    let text = |most: &str| {
+        format!("model rise {{ input u; param a = 1, k = 2 in [0.01, {most}]; output y = a*(1 - exp(-k*u)); }}")
+    };
+    let profile = |most: &str| {
+        let (fit, runs, options) = fitted(&text(most), &u, |u| 1.0 - (-2.5 * u).exp(), 0.06);
+        Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible").of("k").expect("estimated")
+    };
+    let [low, high] = profile("1e6").ends;
+    assert!(matches!(low, End::At(v) if v > 0.5 && v < 2.0), "{low:?}");
+    assert!(matches!(high, End::Open(v) if v > 20.0), "{high:?}");
+    assert_eq!(profile("8").ends[1], End::Bound(8.0));
+}
+
+#[test]
+fn what_has_no_profile_is_said_and_an_interrupt_ends_it() {
+    let u: Vec<f64> = (0..20).map(f64::from).collect();
+    let text = "model line { input u; param slope = 1, b = 0 fixed; output y = slope*u + b; }";
+    let (fit, runs, options) = fitted(text, &u, |u| 2.0 * u, 0.1);
+    let profiler = Profiler::new(&fit, &runs, &options, ALWAYS).expect("possible");
+    assert!(profiler.of("slpe").expect_err("no such").to_string().contains("did you mean `slope`?"));
+    assert!(profiler.of("b").expect_err("fixed").to_string().contains("not estimated"));
+    assert!(profiler.of("slope").is_ok());
+    let never = || false;
+    let stopped =
+        Profiler::new(&fit, &runs, &options, &never).expect("possible").of("slope").expect("of what is there");
+    assert!(stopped.ends.iter().all(|e| matches!(e, End::Interrupted(_))), "{:?}", stopped.ends);
+}

@@ -1,0 +1,131 @@
+//! All repeats: at work on every core, kept as they end, so that an interruption loses none.
+//!
+//! Every repeat draws from a stream of its own, so that its numbers depend on its place alone: not on threads, on the order in which
+//! repeats end, or on how often the series was interrupted.
+
+use fdm_estimate::Keeper;
+use fdm_results::documents::study::Repeat;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Watches a series; `()` looks away.
+pub trait Watch: Sync {
+    /// So many repeats have ended.
+    fn ended(&self, done: usize);
+
+    /// What came of one of them, by its number.
+    fn came(&self, number: u64, repeat: &Repeat) {
+        let _ = (number, repeat);
+    }
+
+    /// Whether the series is to go on; repeats at work are given up when not.
+    fn goes_on(&self) -> bool;
+}
+
+impl Watch for () {
+    fn ended(&self, _: usize) {}
+
+    fn goes_on(&self) -> bool {
+        true
+    }
+}
+
+/// The name under which repeats are kept.
+const KEPT: &str = "repeats";
+/// Least time between two states that are kept.
+const PAUSE: Duration = Duration::from_secs(1);
+/// How much longer the work is than the keeping of it.
+const SHARE: u32 = 20;
+
+/// Repeats 0 to `count`, by `once` (none when it was interrupted); those that `keeper` has are not made again. What is missing in
+/// the end was interrupted.
+pub fn series(
+    count: usize,
+    keeper: Option<&dyn Keeper>,
+    watch: &dyn Watch,
+    once: &(dyn Fn(u64) -> Option<Repeat> + Sync),
+) -> Vec<Option<Repeat>> {
+    let shelf = Shelf::open(count, keeper);
+    let missing = shelf.missing();
+    shelf.show(watch);
+    watch.ended(count - missing.len());
+    missing.into_iter().par_bridge().for_each(|k| {
+        if watch.goes_on()
+            && let Some(repeat) = once(k)
+        {
+            watch.came(k, &repeat);
+            watch.ended(shelf.put(k, repeat));
+        }
+    });
+    shelf.close()
+}
+
+/// Repeats that have ended.
+struct Shelf<'k> {
+    keeper: Option<&'k dyn Keeper>,
+    state: Mutex<State>,
+    count: usize,
+}
+
+struct State {
+    /// By number; those beyond the count belong to a longer series that was kept before.
+    repeats: BTreeMap<u64, Repeat>,
+    done: usize,
+    fresh: bool,
+    next: Instant,
+}
+
+impl<'k> Shelf<'k> {
+    fn open(count: usize, keeper: Option<&'k dyn Keeper>) -> Self {
+        // what cannot be read is computed anew, and the keeper tells
+        let bytes = keeper.and_then(|k| k.find(KEPT).ok().flatten());
+        let repeats: BTreeMap<u64, Repeat> = bytes.and_then(|b| postcard::from_bytes(&b).ok()).unwrap_or_default();
+        let done = repeats.range(..count as u64).count();
+        let state = Mutex::new(State { repeats, done, fresh: false, next: Instant::now() + PAUSE });
+        Self { keeper, state, count }
+    }
+
+    fn missing(&self) -> Vec<u64> {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        (0..self.count as u64).filter(|k| !state.repeats.contains_key(k)).collect()
+    }
+
+    /// Those that were kept before.
+    fn show(&self, watch: &dyn Watch) {
+        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.repeats.range(..self.count as u64).for_each(|(k, repeat)| watch.came(*k, repeat));
+    }
+
+    /// Keeps a repeat; says how many have ended.
+    fn put(&self, k: u64, repeat: Repeat) -> usize {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.repeats.insert(k, repeat);
+        state.done += 1;
+        state.fresh = true;
+        if Instant::now() >= state.next {
+            self.keep(&mut state);
+        }
+        state.done
+    }
+
+    fn keep(&self, state: &mut State) {
+        let begun = Instant::now();
+        if let Some(keeper) = self.keeper
+            && state.fresh
+            && let Ok(bytes) = postcard::to_allocvec(&state.repeats)
+        {
+            // a keeper that fails tells by itself
+            let _ = keeper.keep(KEPT, &bytes);
+            state.fresh = false;
+        }
+        state.next = begun + PAUSE.max(SHARE * begun.elapsed());
+    }
+
+    fn close(self) -> Vec<Option<Repeat>> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        self.keep(&mut state);
+        (0..self.count as u64).map(|k| state.repeats.remove(&k)).collect()
+    }
+}

@@ -1,0 +1,156 @@
+//! Whether a study finds what is known: the scatter of a linear model, intervals that are too short, repeats that go astray.
+
+use super::*;
+use fdm_estimate::{Fit, FitOptions, Noise, Options, fit};
+use fdm_numeric::random::Stream;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+const LINE: &str = "model line { input u; param a = 1, b = 0; output y = a*u + b; }";
+
+fn run(deviation: f64) -> Run {
+    let (n, mut chance) = (30, Stream::named(5, &["record"]));
+    let u: Vec<f64> = (0..n).map(|k| f64::from(k) / 10.0).collect();
+    Run {
+        name: "run".into(),
+        time: (0..n).map(f64::from).collect(),
+        measured: u.iter().map(|u| 2.0 * u - 1.0 + deviation * chance.normal()).collect(),
+        inputs: u,
+        held: vec![false],
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+    }
+}
+
+fn fitted(noise: Noise) -> (Fit, Vec<Run>, FitOptions) {
+    let model = Model::from_text("line.fdm", LINE).expect("a model");
+    let options = FitOptions { options: Options { noise, ..Options::default() }, ..FitOptions::default() };
+    let runs = vec![run(0.1)];
+    (fit(&model, &runs, &options, &mut ()).expect("a fit"), runs, options)
+}
+
+fn studied(bootstrap: &Bootstrap, count: usize) -> Vec<Option<Repeat>> {
+    series(count, None, &(), &|k| bootstrap.once(k, &()))
+}
+
+#[test]
+fn a_linear_model_has_the_scatter_of_the_textbook_and_its_intervals_hold() {
+    let (fit, runs, options) = fitted(Noise::Given(vec![Some(0.1)]));
+    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::White, 3)).expect("possible");
+    let repeats = studied(&bootstrap, 400);
+    let study = Study::of("line", (Some(Colour::White), 3), bootstrap.subjects(), &repeats);
+    assert_eq!((study.done, study.converged, study.parameters.len()), (400, 400, 2));
+    for p in &study.parameters {
+        let interval = p.interval(Kind::CramerRao).expect("printed");
+        // a scatter of 400 is known to 3.5 %, a coverage to 1.1 %
+        assert!((interval.ratio - 1.0).abs() < 0.12, "{} {}", p.subject.name, interval.ratio);
+        assert!((interval.coverage.share - 0.95).abs() < 0.035, "{} {:?}", p.subject.name, interval.coverage);
+        assert!(p.bias.abs() < 2.0 * p.bias_chance && p.bias_chance < 0.12, "{} {}", p.bias, p.bias_chance);
+        let known = fit.estimate.parameter(&p.subject.name, None).expect("fitted");
+        assert_eq!(p.subject.truth, known.value);
+        assert!((interval.error / known.standard_error.expect("known") - 1.0).abs() < 1e-9);
+    }
+    let pooled = study.pooled.first().expect("all together");
+    assert!((pooled.coverage - 0.95).abs() < 0.03 && pooled.interval[0] < pooled.coverage);
+}
+
+#[test]
+fn errors_that_do_not_know_the_colour_are_found_out() {
+    let (fit, runs, options) = fitted(Noise::Diagonal);
+    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::Lag, 3)).expect("possible");
+    let study = Study::of("line", (Some(Colour::Lag), 3), bootstrap.subjects(), &studied(&bootstrap, 100));
+    let raw = study.parameters[1].interval(Kind::CramerRao).expect("printed");
+    assert!(raw.ratio > 1.5 && raw.coverage.interval[1] < 0.9, "{raw:?}");
+    assert!(study.parameters[1].interval(Kind::Corrected).is_some());
+}
+
+#[test]
+fn repeats_know_nothing_of_threads_and_order_and_go_on_where_they_were() {
+    let (fit, runs, options) = fitted(Noise::Diagonal);
+    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::White, 9)).expect("possible");
+    let whole = studied(&bootstrap, 30);
+    let backwards: Vec<_> = (0..30).rev().map(|k| bootstrap.once(k, &())).collect();
+    assert!(whole.iter().eq(backwards.iter().rev()));
+    assert_ne!(whole[0], whole[1]);
+    let other = Bootstrap::new(&fit, &runs, &options, (Colour::White, 10)).expect("possible");
+    assert_ne!(other.once(0, &()), whole[0]);
+
+    let keeper = Memory::default();
+    let patient = Patience(AtomicUsize::new(7));
+    let first = series(30, Some(&keeper), &patient, &|k| bootstrap.once(k, &patient));
+    let reached = first.iter().flatten().count();
+    assert!(reached < 30, "{reached}");
+    let made = AtomicUsize::new(0);
+    let counting = |k: u64| {
+        made.fetch_add(1, Ordering::Relaxed);
+        bootstrap.once(k, &())
+    };
+    assert_eq!(series(30, Some(&keeper), &(), &counting), whole);
+    assert_eq!(made.load(Ordering::Relaxed), 30 - reached);
+    // a shorter series afterwards makes none, and forgets none
+    assert_eq!(series(4, Some(&keeper), &(), &counting), whole[..4]);
+    assert_eq!(series(30, Some(&keeper), &(), &counting), whole);
+    assert_eq!(made.load(Ordering::Relaxed), 30 - reached);
+}
+
+#[test]
+fn repeats_that_went_astray_are_counted() {
+    let subject = Subject { step: String::new(), name: "a".into(), run: None, unit: None, truth: 1.0 };
+    let figure = |value: f64| Figure { value, errors: [0.1, f64::NAN], factors: [1.96; 2] };
+    let good = |value: f64| Some(Repeat { astray: Vec::new(), figures: vec![figure(value)] });
+    let repeats = [good(1.0), good(1.1), good(0.5), Some(Repeat::gone("lost", 1)), None];
+    let study = Study::of("a", (None, 0), std::slice::from_ref(&subject), &repeats);
+    assert_eq!((study.asked, study.done, study.converged, study.is_whole()), (5, 4, 3, false));
+    assert_eq!(study.astray, [("lost".to_string(), 1)]);
+    let interval = study.parameters[0].interval(Kind::CramerRao).expect("printed");
+    assert_eq!((interval.coverage.hits, interval.coverage.of, interval.of_all.of), (2, 3, 4));
+    assert!(study.parameters[0].interval(Kind::Corrected).is_none());
+    assert_eq!(study.trusted().expect("one kind").of_all, 0.5);
+}
+
+#[test]
+fn what_cannot_be_repeated_is_said() {
+    let (fit, runs, options) = fitted(Noise::Diagonal);
+    let mut astray = fit.clone();
+    astray.estimate.termination = fdm_estimate::Termination::IterationLimit;
+    let refused = |fit: &Fit, colour| Bootstrap::new(fit, &runs, &options, (colour, 0)).err().expect("refused");
+    assert!(refused(&astray, Colour::White).is_of_numbers());
+    let mut silent = fit.clone();
+    silent.estimate.noise = None;
+    assert_eq!(refused(&silent, Colour::White), StudyError::NoNoise);
+    let mut colourless = fit.clone();
+    colourless.estimate.uncorrected = Some(fdm_estimate::Uncorrected::TooLarge);
+    assert!(refused(&colourless, Colour::Fitted).to_string().contains("--noise-colour"));
+    assert!(Bootstrap::new(&fit, &runs, &options, (Colour::Fitted, 0)).is_ok());
+}
+
+/// Keeps in memory.
+#[derive(Default)]
+struct Memory(std::sync::Mutex<Option<Vec<u8>>>);
+
+impl fdm_estimate::Keeper for Memory {
+    fn keep(&self, _: &str, state: &[u8]) -> Result<(), String> {
+        *self.0.lock().expect("not poisoned") = Some(state.to_vec());
+        Ok(())
+    }
+
+    fn find(&self, _: &str) -> Result<Option<Vec<u8>>, String> {
+        Ok(self.0.lock().expect("not poisoned").clone())
+    }
+}
+
+/// Lasts for so many repeats.
+struct Patience(AtomicUsize);
+
+impl Watch for Patience {
+    fn ended(&self, done: usize) {
+        if done >= 7 {
+            self.0.store(0, Ordering::Relaxed);
+        }
+    }
+
+    fn goes_on(&self) -> bool {
+        self.0.load(Ordering::Relaxed) > 0
+    }
+}

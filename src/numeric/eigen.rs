@@ -1,0 +1,102 @@
+//! Eigenvalues of a real matrix with right and left eigenvectors: balancing, Schur form, inverse iteration.
+
+use crate::dense::ShiftedHessenberg;
+use nalgebra::{DMatrix, Schur, linalg::balancing::balance_parlett_reinsch};
+use num_complex::Complex64;
+
+/// A root of a characteristic equation with its vectors: M(s) x = 0, y* M(s) = 0.
+#[derive(Debug, Clone)]
+pub struct Root {
+    /// The root.
+    pub s: Complex64,
+    /// The right vector.
+    pub x: Vec<Complex64>,
+    /// The left vector.
+    pub y: Vec<Complex64>,
+    /// Whether it is apart from all others, so that it has derivatives.
+    pub simple: bool,
+}
+
+/// Steps of the QR algorithm for each row.
+const STEPS: usize = 200;
+
+fn schur(mut a: DMatrix<f64>) -> Option<Schur<f64, nalgebra::Dyn>> {
+    let scale = a.iter().fold(0.0_f64, |s, v| s.max(v.abs()));
+    if !scale.is_finite() {
+        return None;
+    }
+    // entries so small that their products underflow stop the iteration
+    a.iter_mut().filter(|v| v.abs() < scale * 1e-150).for_each(|v| *v = 0.0);
+    let steps = STEPS * a.nrows().max(1);
+    Schur::try_new(a, f64::EPSILON, steps)
+}
+
+/// All eigenvalues.
+pub fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex64>> {
+    let mut balanced = a.clone();
+    balance_parlett_reinsch(&mut balanced);
+    Some(schur(balanced)?.complex_eigenvalues().iter().copied().collect())
+}
+
+/// All eigenvalues in the upper half plane, real ones included, with their vectors.
+pub fn eigen(a: &DMatrix<f64>) -> Option<Vec<Root>> {
+    let n = a.nrows();
+    let mut balanced = a.clone();
+    let scale = balance_parlett_reinsch(&mut balanced);
+    let schur = schur(balanced.clone())?;
+    let values: Vec<Complex64> = schur.complex_eigenvalues().iter().copied().collect();
+    let (q, mut t) = schur.unpack();
+    // what the QR algorithm took for zero
+    (2..n).for_each(|i| (0..i - 1).for_each(|j| t[(i, j)] = 0.0));
+    let size = t.iter().fold(f64::MIN_POSITIVE, |s, v| s.max(v.abs()));
+    let mut roots = Vec::new();
+    for (k, s) in values.iter().enumerate().filter(|(_, s)| s.im >= 0.0) {
+        let nearest = values.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, v)| (v - s).norm());
+        let apart = nearest.fold(f64::INFINITY, f64::min);
+        let factors = ShiftedHessenberg::new(&t, *s, size * f64::EPSILON);
+        let start: Vec<Complex64> = (0..n).map(|k| Complex64::from(1.0 + 0.37 * ((k * 7) % 11) as f64)).collect();
+        let (mut x, mut y) = (start.clone(), start);
+        for _ in 0..3 {
+            factors.solve(&mut x);
+            unit(&mut x);
+            factors.solve_adjoint(&mut y);
+            unit(&mut y);
+        }
+        let back =
+            |v: &[Complex64]| -> Vec<Complex64> { (0..n).map(|i| (0..n).map(|j| v[j] * q[(i, j)]).sum()).collect() };
+        let (x, y) = (back(&x), back(&y));
+        let overlap: Complex64 = x.iter().zip(&y).map(|(x, y)| y.conj() * x).sum();
+        let simple = overlap.norm() > 1e-8 && apart > 1e-9 * size;
+        let s = if simple { quotient(&balanced, &x, &y, overlap, *s, apart) } else { *s };
+        let x = x.iter().enumerate().map(|(i, v)| v * scale[i]).collect();
+        let y = y.iter().enumerate().map(|(i, v)| v / scale[i]).collect();
+        roots.push(Root { s, x, y, simple });
+    }
+    Some(roots)
+}
+
+/// The eigenvalue that two vectors stand for, y*Ax/y*x: a digit or two better than the Schur form's.
+fn quotient(
+    a: &DMatrix<f64>,
+    x: &[Complex64],
+    y: &[Complex64],
+    overlap: Complex64,
+    s: Complex64,
+    apart: f64,
+) -> Complex64 {
+    let n = x.len();
+    let row = |i: usize| (0..n).map(move |j| x[j] * a[(i, j)] - if i == j { x[j] * s } else { Complex64::ZERO });
+    let off: Complex64 = (0..n).map(|i| y[i].conj() * row(i).sum::<Complex64>()).sum::<Complex64>() / overlap;
+    let better = s + if s.im == 0.0 { off.re.into() } else { off };
+    if off.norm() < 1e-3 * apart.min(1.0 + s.norm()) { better } else { s }
+}
+
+fn unit(v: &mut [Complex64]) {
+    // by the largest first: squares of what inverse iteration makes of a singular system may overflow
+    let largest = v.iter().fold(0.0_f64, |a, v| a.max(v.re.abs()).max(v.im.abs()));
+    if largest > 0.0 && largest.is_finite() {
+        v.iter_mut().for_each(|v| *v /= largest);
+        let length = v.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt();
+        v.iter_mut().for_each(|v| *v /= length);
+    }
+}

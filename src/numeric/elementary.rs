@@ -1,0 +1,26 @@
+//! Elementary functions with the same bits on every machine, by the `libm` crate: for numbers that users compare between machines
+//! (drawn noise, windows, records). The language has its own table of operations in `fdm_grammar::math`.
+
+/// `sin x`, x in rad.
+#[inline(never)]
+pub fn sin(x: f64) -> f64 {
+    libm::sin(x)
+}
+
+/// `cos x`, x in rad.
+#[inline(never)]
+pub fn cos(x: f64) -> f64 {
+    libm::cos(x)
+}
+
+/// Exponential.
+#[inline(never)]
+pub fn exp(x: f64) -> f64 {
+    libm::exp(x)
+}
+
+/// Natural logarithm; NaN below zero.
+#[inline(never)]
+pub fn log(x: f64) -> f64 {
+    libm::log(x)
+}

@@ -1,0 +1,168 @@
+//! An estimate as tables that can be read at a glance: parameters, residuals, what should not be overlooked, the iteration.
+
+use super::table::{aligned_right, plain, trimmed};
+use fdm_estimate::residuals::{OutputFit, OutputQuality, Whiteness};
+use fdm_estimate::{Estimate, Fit, Iteration, ParameterEstimate, Status};
+use fdm_results::documents::{Remark, digits, digits_by_error, estimate_remarks, fit_remarks};
+
+/// Standard errors beyond this part of the value are worth a mark.
+const UNCERTAIN: f64 = 0.2;
+
+/// Parameters with standard errors, then the quality of each output, then what should not be overlooked.
+pub fn estimate_table(estimate: &Estimate) -> String {
+    let residuals = if estimate.outputs.is_empty() { String::new() } else { output_table(&estimate.outputs) };
+    join(parameter_table(&estimate.parameters, false), residuals, &estimate_remarks(estimate))
+}
+
+/// The same with what the residuals say; `intervals` adds the interval of 95 %.
+pub fn fit_table(fit: &Fit, intervals: bool) -> String {
+    if fit.quality.is_empty() {
+        return estimate_table(&fit.estimate);
+    }
+    join(parameter_table(&fit.estimate.parameters, intervals), residual_table(&fit.quality), &fit_remarks(fit))
+}
+
+fn join(parameters: String, residuals: String, remarks: &[Remark]) -> String {
+    let mut text = parameters;
+    if !residuals.is_empty() {
+        text.push('\n');
+        text.push_str(&residuals);
+    }
+    remarks.iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    text
+}
+
+/// One row for each parameter, per-run ones once for every run; `intervals` adds the interval that holds the true value in 95 of 100 cases.
+pub(super) fn parameter_table(parameters: &[ParameterEstimate], intervals: bool) -> String {
+    let runs = parameters.iter().any(|p| p.run.is_some());
+    let corrected = parameters.iter().any(|p| p.corrected_error.is_some());
+    let mut columns: Vec<Column> = vec![("parameter", false, |p| p.name.clone())];
+    if runs {
+        columns.push(("run", false, |p| p.run.clone().unwrap_or_default()));
+    }
+    columns.push(("value", true, value));
+    columns.push((if corrected { "Cramer-Rao" } else { "standard error" }, true, |p| error(p.standard_error)));
+    if corrected {
+        columns.push(("corrected", true, |p| error(p.corrected_error)));
+    }
+    columns.push(("%", true, percent));
+    if intervals {
+        columns.push(("95 % interval", false, interval));
+    }
+    columns.push(("unit", false, |p| p.unit.clone().unwrap_or_default()));
+    columns.push(("status", false, status));
+    let mut table = plain(&columns.iter().map(|c| c.0).collect::<Vec<_>>());
+    for p in parameters {
+        table.add_row(columns.iter().map(|(_, _, cell)| cell(p)));
+    }
+    let right = columns.iter().enumerate().filter(|(_, c)| c.1);
+    right.for_each(|(k, _)| aligned_right(&mut table, k));
+    trimmed(&table)
+}
+
+/// Title, whether it is aligned to the right, and the cell of a parameter.
+type Column = (&'static str, bool, fn(&ParameterEstimate) -> String);
+
+fn error(error: Option<f64>) -> String {
+    error.map_or(String::new(), |s| digits(s, 3))
+}
+
+fn value(p: &ParameterEstimate) -> String {
+    digits(p.value, p.error().and_then(|s| digits_by_error(p.value, s, 5)).unwrap_or(5))
+}
+
+/// Of the error to be trusted.
+fn percent(p: &ParameterEstimate) -> String {
+    let Some(error) = p.error().filter(|_| p.value != 0.0) else { return String::new() };
+    let part = error / p.value.abs();
+    let mark = if part > UNCERTAIN { "!" } else { "" };
+    format!("{}{mark}", if part >= 10.0 { String::from(">1000") } else { digits(100.0 * part, 2) })
+}
+
+fn interval(p: &ParameterEstimate) -> String {
+    let (Some(error), Some([low, high])) = (p.error(), p.interval()) else { return String::new() };
+    let shown = |v: f64| digits(v, digits_by_error(v, error, 2).unwrap_or(5));
+    format!("{} to {}", shown(low), shown(high))
+}
+
+fn status(p: &ParameterEstimate) -> String {
+    let bound = |b: Option<f64>| b.map_or(String::new(), |b| digits(b, 4));
+    match p.status {
+        Status::Estimated => String::new(),
+        Status::AtLowerBound => format!("at its lower bound {}", bound(p.lower)),
+        Status::AtUpperBound => format!("at its upper bound {}", bound(p.upper)),
+        Status::NotDetermined => "not determined".into(),
+        Status::Fixed => "fixed".into(),
+        Status::Derived => "derived".into(),
+        Status::Tied => "tied".into(),
+        Status::NotEstimated => "not estimated".into(),
+    }
+}
+
+/// One row for each output of each run: size of the residual, what it consists of, and the p-value of its whiteness.
+///
+/// `bias`, `var` and `cov` are the parts of Theil's coefficient; `white p` is the probability of residuals as correlated as
+/// these, were they white; `D-W` is the statistic of Durbin and Watson.
+pub fn residual_table(quality: &[OutputQuality]) -> String {
+    let rows: Vec<_> = quality.iter().map(|q| (&q.fit, q.whiteness.as_ref())).collect();
+    table(&rows, true)
+}
+
+/// The same without tests.
+pub(super) fn output_table(outputs: &[OutputFit]) -> String {
+    table(&outputs.iter().map(|o| (o, None)).collect::<Vec<_>>(), false)
+}
+
+fn table(rows: &[(&OutputFit, Option<&Whiteness>)], tested: bool) -> String {
+    let mut header = vec!["output", "run", "RMS", "mean", "R^2", "TIC", "bias", "var", "cov"];
+    if tested {
+        header.extend(["white p", "D-W"]);
+    }
+    header.push("compared");
+    let mut table = plain(&header);
+    let number = |v: Option<f64>, n: usize| v.map_or(String::from("-"), |v| digits(v, n));
+    let fixed = |v: Option<f64>, n: usize| v.map_or(String::from("-"), |v| format!("{v:.n$}"));
+    for (o, whiteness) in rows {
+        let mut row = vec![o.name.clone(), o.run.clone(), number(o.rms, 4), number(o.bias, 2)];
+        row.extend([fixed(o.r2, 4), fixed(o.tic, 4)]);
+        row.extend([
+            fixed(o.tic_parts.map(|p| p.bias), 2),
+            fixed(o.tic_parts.map(|p| p.variance), 2),
+            fixed(o.tic_parts.map(|p| p.covariance), 2),
+        ]);
+        if tested {
+            row.extend([probability(whiteness.map(|w| w.p_value)), fixed(whiteness.and_then(|w| w.durbin_watson), 2)]);
+        }
+        row.push(o.compared.to_string());
+        table.add_row(row);
+    }
+    (2..header.len()).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
+
+fn probability(p: Option<f64>) -> String {
+    match p {
+        None => "-".into(),
+        Some(p) if p < 1e-3 => "<0.001".into(),
+        Some(p) => format!("{p:.3}"),
+    }
+}
+
+/// One row for the start and each correction: cost, what it changed, damping, size, and how many were refused before it.
+pub fn history_table(history: &[Iteration]) -> String {
+    let header = ["correction", "cost", "change", "damping", "largest step / error", "refused"];
+    let mut table = plain(&header);
+    for i in history {
+        let moved = |text: String| if i.number == 0 { String::new() } else { text };
+        table.add_row([
+            i.number.to_string(),
+            format!("{:.9e}", i.cost),
+            moved(format!("{:+.2e}", i.change)),
+            moved(if i.damping == 0.0 { "0".into() } else { format!("{:.0e}", i.damping) }),
+            moved(digits(i.step, 3)),
+            i.refused.to_string(),
+        ]);
+    }
+    (0..header.len()).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}

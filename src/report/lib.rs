@@ -1,0 +1,52 @@
+//! What people read: findings about models, tables of estimates, pictures of time histories.
+//!
+//! **In** finished values: sources and diagnostics, fits, time histories. **Out** text: lines, tables, SVG, pages.
+//! **Never** computes, and never prints: the command line does. **Start** at [`render`] and [`fit_table`].
+
+mod comparison;
+mod confidence;
+mod design;
+mod diagnosis_table;
+mod diagnostic;
+mod estimate;
+mod filter;
+mod fitted_responses;
+mod modes;
+mod outcomes;
+mod overlay;
+mod plot;
+mod profile;
+mod recursive;
+mod regression;
+mod response;
+mod spectral;
+mod stages;
+mod starts;
+mod study;
+mod summary;
+mod table;
+mod validation;
+
+pub use comparison::comparison_table;
+pub use confidence::{confidence, way};
+pub use design::design_table;
+pub use diagnosis_table::diagnosis_text;
+pub use diagnostic::render;
+pub use estimate::{estimate_table, fit_table, history_table, residual_table};
+pub use filter::filter_table;
+pub use fitted_responses::{fitted_response_columns, fitted_response_table};
+pub use modes::modes_table;
+pub use outcomes::{outcome_table, outcomes_markdown, outcomes_table};
+pub use overlay::{overlays, sparkline};
+pub use plot::{TimeHistory, svg};
+pub use profile::{profile_svg, profile_table};
+pub use recursive::{recursive_histories, recursive_table, recursive_times};
+pub use regression::{dependence_table, regression_table, structure_table};
+pub use response::{response_svg, response_table};
+pub use spectral::{hidden_mode, prediction_table, spectral_table, spectrum_columns};
+pub use stages::{Shown, Stage, dot, stage};
+pub use starts::starts_table;
+pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
+pub use summary::check_text;
+pub mod page;
+pub use validation::{validation_by_frequency, validation_by_time, validation_table};

@@ -1,0 +1,69 @@
+//! Which parameters the data tell apart badly: the correlations of all estimates as a map, and the worst as a list.
+
+use super::number::text;
+use super::section::Section;
+use super::subject::{Subject, called};
+use maud::html;
+
+/// Correlations beyond this are listed.
+const LISTED: f64 = 0.9;
+/// More parameters than this have no map: nobody could read it.
+const MOST: usize = 60;
+
+pub(super) fn section(subject: &Subject) -> Option<Section> {
+    let fit = subject.fit()?;
+    let name = |k: &usize| fit.parameters.get(*k).map_or(String::new(), |p| called(&p.name, p.run.as_deref()));
+    let names: Vec<String> = fit.correlations.parameters.iter().map(name).collect();
+    let rows = &fit.correlations.values;
+    if names.len() < 2 || rows.len() != names.len() || rows.iter().any(|r| r.len() != names.len()) {
+        return None;
+    }
+    let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
+    for (i, row) in rows.iter().enumerate() {
+        pairs.extend(row[..i].iter().enumerate().filter(|(_, r)| r.abs() > LISTED).map(|(j, r)| (j, i, *r)));
+    }
+    pairs.sort_by(|a, b| b.2.abs().total_cmp(&a.2.abs()));
+    let content = html! {
+        @if names.len() <= MOST {
+            div.scroll {
+                table.map {
+                    thead { tr { th {} @for name in &names { th { span { (name) } } } } }
+                    tbody {
+                        @for (i, row) in rows.iter().enumerate() {
+                            tr {
+                                th scope="row" { (names[i]) }
+                                @for (j, r) in row.iter().enumerate() {
+                                    td class=(shade(*r, i == j)) title={ (names[i]) ", " (names[j]) ": " (text(*r, 3)) } {
+                                        @if i != j && r.is_finite() { (format!("{:.0}", 100.0 * r).replace('-', "\u{2212}")) }
+                                    }
+                                }
+                            }
+                        }
+                    }
+                }
+            }
+            p.note { "In hundredths. Orange rises together, blue against each other." }
+        }
+        @if pairs.is_empty() {
+            p { "No two parameters correlate by more than " (LISTED) "." }
+        } @else {
+            p { "Correlated by more than " (LISTED) ", so that one can make up for the other:" }
+            ul.columns {
+                @for (j, i, r) in &pairs { li { code { (names[*j]) } " and " code { (names[*i]) } ": " (text(*r, 4)) } }
+            }
+        }
+        @if let Some(condition) = fit.condition {
+            p.note { "Condition number of the scaled information matrix: " (text(condition, 3)) "." }
+        }
+    };
+    Some(Section::new("correlations", "Correlations", content))
+}
+
+/// One of ten steps of the colour of a sign.
+fn shade(r: f64, own: bool) -> String {
+    if own || !r.is_finite() {
+        return "own".into();
+    }
+    let step = (r.abs() * 10.0).floor().min(9.0);
+    format!("{}{step}", if r < 0.0 { "n" } else { "p" })
+}

@@ -1,0 +1,395 @@
+//! A diagnosis as sections of a page: what is wrong and when, the causes with their rivals, what changes in the equations, what is gained.
+
+use super::equations::{Line, lines, shown as set};
+use super::figure::{Figure, Look, Mark, Panel, Shape};
+use super::number::{bracketed, probability, shown, text};
+use super::section::{Section, Trust, Verdict};
+use super::subject::{Subject, called};
+use super::table::{Column, Table};
+use super::thinning::kept;
+use fdm_discover::{LackOfFit, OutputGain, PlaceKind, Verdict as Found};
+use fdm_results::documents::{CauseDocument, DiagnosisDocument};
+use maud::{Markup, html};
+use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
+
+/// Points of a line.
+const POINTS: usize = 4000;
+/// Rows of a table that need not be folded.
+const FEW: usize = 12;
+/// Rows of tables that have no end.
+const ROWS: usize = 60;
+
+/// The sections of a diagnosis.
+pub(super) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Section> {
+    [
+        wrong(subject, found),
+        causes(found),
+        change(subject),
+        gained(subject, found),
+        moved(found),
+        rejected(found),
+        detectable(found),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// In one sentence, and the sentences that stand below it, each with the section that shows it.
+pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
+    let p = format!("family-wise p {}", chance(found.family_wise_p));
+    let (trust, sentence) = match found.verdict {
+        Found::EffectFound => (Trust::Reserved, format!("Something is missing from the model ({p}).")),
+        Found::Disturbance => (Trust::Reserved, format!("A disturbance (process noise) acts on the model ({p}).")),
+        Found::UnknownCause => {
+            (Trust::Reserved, format!("The model is wrong, but no effect of the catalogue explains how ({p})."))
+        }
+        Found::NoEffectFound => {
+            (Trust::Good, format!("No missing effect detected (family-wise p = {}).", probability(found.family_wise_p)))
+        }
+    };
+    let mut points: Vec<(String, &'static str)> = Vec::new();
+    for (k, c) in found.causes.iter().enumerate() {
+        let gain = shown(c.gain_train, 4);
+        points.push((format!("Cause {}: {} (gain in log-likelihood {gain})", k + 1, c.doc), "causes"));
+    }
+    if found.verdict != Found::NoEffectFound {
+        points.extend(found.misfit.iter().flat_map(|m| &m.sentences).map(|s| (s.clone(), "wrong")));
+    }
+    points.extend(found.leftover.iter().map(|s| (s.clone(), "wrong")));
+    (trust, sentence, points)
+}
+
+fn chance(p: f64) -> String {
+    match p {
+        p if p < 1e-300 => "below 1e−300".into(),
+        p if p < 1e-4 => text(p, 1),
+        p => probability(p),
+    }
+}
+
+fn wrong(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
+    let misfit = &found.misfit;
+    if misfit.is_empty() {
+        return None;
+    }
+    let time = subject.time();
+    let content = html! {
+        @for (k, m) in misfit.iter().enumerate() {
+            @let (rms, floor, unit) = (shown(m.rms, 3), shown(m.floor, 3), m.unit.as_deref().unwrap_or_default());
+            h3 { code { (m.output) } ": " (rms) " " (unit) " where noise would leave " (floor) " " (unit) }
+            ul { @for s in &m.sentences { li { (s) } } }
+            div.pair {
+                @for figure in of_misfit(k, m, &time) { (figure.markup()) }
+            }
+        }
+        @if !found.sites.is_empty() {
+            p { "Where something unknown would enter, by the odds that it does:" }
+            div.scroll { table { thead { tr { th { "place" } th.number { "logarithm of the odds" } } } tbody {
+                @for s in found.sites.iter().filter(|s| s.evidence.is_finite()) { tr {
+                    th scope="row" { (entrance(s.place.kind)) " of " code { (s.place.name) } }
+                    td.number { (shown(s.evidence, 4)) }
+                } }
+            } } }
+        }
+    };
+    Some(Section::new("wrong", "What is wrong", content))
+}
+
+/// In what it enters, in one word.
+fn entrance(kind: PlaceKind) -> &'static str {
+    match kind {
+        PlaceKind::Input => "input",
+        PlaceKind::Equation => "equation",
+        PlaceKind::Output => "output",
+    }
+}
+
+/// All of them.
+pub(super) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
+    let time = subject.time();
+    let misfit = found.misfit.iter().enumerate().flat_map(|(k, m)| of_misfit(k, m, &time));
+    let runs = ordered(subject, &found.outputs).into_iter().enumerate();
+    misfit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
+}
+
+fn of_misfit(k: usize, m: &LackOfFit, time: &str) -> Vec<Figure> {
+    [bands(k, m, time), windows(k, m, time), amplitudes(k, m)].into_iter().flatten().collect()
+}
+
+/// A share of the error for each part of something.
+fn shares(id: String, caption: &str, label: String, at: Vec<f64>, values: Vec<f64>) -> Option<Figure> {
+    (values.len() > 1).then(|| Figure {
+        group: id.clone(),
+        id,
+        caption: caption.into(),
+        label,
+        logarithmic: false,
+        panels: vec![Panel {
+            label: "part of the error [%]".into(),
+            height: 130,
+            logarithmic: false,
+            marks: vec![Mark::between("share", Look::Model, Shape::Stems, vec![0.0; at.len()], values)],
+        }],
+        at,
+        names: Vec::new(),
+        half: true,
+        samples: None,
+    })
+}
+
+fn bands(k: usize, m: &LackOfFit, time: &str) -> Option<Figure> {
+    let at = m.bands.iter().map(|b| 0.5 * (b.low + b.high)).collect();
+    let values = m.bands.iter().map(|b| 100.0 * b.share).collect();
+    let unit = if time == "s" { "Hz".to_string() } else { format!("cycles per {time}") };
+    let mut figure = shares(format!("bands-{}", k + 1), "in which band", format!("frequency [{unit}]"), at, values)?;
+    figure.logarithmic = true;
+    Some(figure)
+}
+
+fn windows(k: usize, m: &LackOfFit, time: &str) -> Option<Figure> {
+    let first = &m.windows.first()?.run;
+    let own = || m.windows.iter().filter(|w| w.run == *first);
+    let at = own().map(|w| 0.5 * (w.from + w.to)).collect();
+    let values = own().map(|w| 100.0 * w.share).collect();
+    shares(format!("windows-{}", k + 1), &format!("when, in {first}"), format!("time [{time}]"), at, values)
+}
+
+fn amplitudes(k: usize, m: &LackOfFit) -> Option<Figure> {
+    let signal = &m.amplitudes.first()?.signal;
+    let own = || m.amplitudes.iter().filter(|b| b.signal == *signal);
+    let at = own().map(|b| 0.5 * (b.from + b.to)).collect();
+    let values = own().map(|b| b.rms).collect();
+    let label = format!("size of {signal}");
+    let mut figure = shares(format!("amplitudes-{}", k + 1), "at which amplitude", label, at, values)?;
+    figure.panels[0].label = format!("RMS{}", bracketed(m.unit.as_deref()));
+    figure.panels[0].marks[0].name = "RMS of the error".into();
+    Some(figure)
+}
+
+fn causes(found: &DiagnosisDocument) -> Option<Section> {
+    let causes = &found.causes;
+    if causes.is_empty() {
+        return None;
+    }
+    let content = html! { @for (k, c) in causes.iter().enumerate() { (cause(k, c)) } };
+    Some(Section::new("causes", "Causes", content))
+}
+
+fn cause(k: usize, c: &CauseDocument) -> Markup {
+    let rivals = c.group.get(1..).unwrap_or_default();
+    html! {
+        div.cause {
+            h3 { (k + 1) ". " (c.doc) " " code { (c.effect) "(" (c.targets.join(", ")) ")" } }
+            div.scroll { table { thead { tr { th { "parameter" } th.number { "value" } th.number { "± 2σ" } th { "unit" } th { "what it is" } } } tbody {
+                @for p in &c.parameters { tr {
+                    th scope="row" { code { (p.name) } }
+                    td.number { (shown(p.value, 5)) }
+                    td.number { @if let Some(e) = p.standard_error { (text(2.0 * e, 2)) } }
+                    td { (p.unit.as_deref().unwrap_or_default()) } td { (p.doc) }
+                } }
+            } } }
+            p {
+                "Gain in log-likelihood " strong { (shown(c.gain_train, 5)) }
+                @if c.gain_holdout.is_some() { ", on the validation runs " strong { (shown(c.gain_holdout, 5)) } }
+                "; score " (shown(c.score, 5)) "; chance of noise alone " (chance(c.p)) "."
+            }
+            @if rivals.is_empty() {
+                p.note { "These records tell it from everything else in the catalogue." }
+            } @else {
+                p.warning { "These records cannot tell it from:" }
+                ul { @for r in rivals { li { code { (r.place) } " (score " (shown(r.score, 5)) ", likeness " (shown(r.cosine, 3)) ")" } } }
+            }
+            @if let Some(experiment) = &c.separating_experiment { p { "To tell apart " (experiment) } }
+        }
+    }
+}
+
+/// Equations and text, what goes and what comes.
+fn change(subject: &Subject) -> Option<Section> {
+    let (source, tree) = subject.extended.as_ref()?;
+    let before = subject.tree.as_ref().map_or(Vec::new(), |tree| lines(tree, &subject.source));
+    let after = lines(tree, source);
+    let sets = |lines: &[Line]| lines.iter().map(|l| l.set.clone()).collect::<Vec<String>>();
+    let operations = capture_diff_slices(similar::Algorithm::Myers, &sets(&before), &sets(&after));
+    let diff = TextDiff::from_lines(subject.source.text(), source.text());
+    let content = html! {
+        p.note { "Green is new, red is what it replaces." }
+        div.equations { @for operation in &operations { (changed(operation, &before, &after)) } }
+        details open {
+            summary { "the model's text" }
+            pre.text {
+                @for part in diff.iter_all_changes() {
+                    @match part.tag() {
+                        ChangeTag::Equal => (part.value()),
+                        ChangeTag::Insert => ins { (part.value()) },
+                        ChangeTag::Delete => del { (part.value()) },
+                    }
+                }
+            }
+        }
+    };
+    Some(Section::new("change", "The model, and what changes", content))
+}
+
+fn changed(operation: &DiffOp, before: &[Line], after: &[Line]) -> Markup {
+    let (tag, old, new) = operation.as_tag_tuple();
+    html! {
+        @if tag == similar::DiffTag::Equal {
+            @for line in &after[new] { (set(line, "")) }
+        } @else {
+            @for line in &before[old] { (set(line, "removed")) }
+            @for line in &after[new] { (set(line, "added")) }
+        }
+    }
+}
+
+fn gained(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
+    let outputs = &found.outputs;
+    if outputs.is_empty() {
+        return None;
+    }
+    let role = |held_out: bool| if held_out { "held out" } else { "fitted" };
+    let content = html! {
+        div.scroll { table {
+            thead { tr {
+                th { "run" } th { "" } th { "output" } th.number { "RMS before" } th.number { "after" } th.number { "noise" } th { "unit" }
+                th.number { "TIC before" } th.number { "after" } th.number { "R² before" } th.number { "after" }
+            } }
+            tbody { @for o in outputs { tr {
+                td { (o.run) } td { (role(o.validation)) } th scope="row" { code { (o.output) } }
+                td.number { (shown(o.rms_before, 3)) } td.number { (shown(o.rms_after, 3)) } td.number { (shown(o.noise_floor, 3)) }
+                td { (o.unit.as_deref().unwrap_or_default()) }
+                td.number { (shown(o.tic_before, 3)) } td.number { (shown(o.tic_after, 3)) }
+                td.number { (shown(o.r2_before, 5)) } td.number { (shown(o.r2_after, 5)) }
+            } } }
+        } }
+        @if !found.gains.is_empty() {
+            p { "Gain in log-likelihood, with two deviations:" }
+            ul { @for g in &found.gains {
+                li { (g.run) " (" (role(g.validation)) "): " strong { (shown(g.gain, 5)) }
+                    " ± " (text(2.0 * g.deviation, 3)) }
+            } }
+        }
+        @for (k, (run, table)) in ordered(subject, outputs).into_iter().enumerate() {
+            details.run open[k < 2] {
+                summary { (run) }
+                @for figure in overlays(k, table) { (figure.markup()) }
+            }
+        }
+    };
+    Some(Section::new("gain", "Before and after", content))
+}
+
+/// Runs that were held out stand first.
+fn ordered<'a>(subject: &'a Subject, outputs: &[OutputGain]) -> Vec<(String, &'a Table)> {
+    let held = |run: &str| outputs.iter().any(|o| o.run == run && o.validation);
+    let mut runs: Vec<_> = subject.runs.iter().map(|(run, table)| (held(run), run, table)).collect();
+    runs.sort_by_key(|(held, ..)| !held);
+    let told = |(held, run, table): (bool, &'a String, &'a Table)| {
+        (if held { format!("{run} (held out)") } else { run.clone() }, table)
+    };
+    runs.into_iter().map(told).collect()
+}
+
+fn overlays(k: usize, table: &Table) -> Vec<Figure> {
+    let Some(time) = table.columns.first() else { return Vec::new() };
+    let outputs: Vec<&Column> =
+        table.columns.iter().filter(|c| table.column(&format!("{}_before", c.name)).is_some()).collect();
+    outputs.iter().enumerate().map(|(o, output)| overlay(k, o, table, time, output)).collect()
+}
+
+fn overlay(k: usize, o: usize, table: &Table, time: &Column, output: &Column) -> Figure {
+    let other = |kind: &str| table.column(&format!("{}_{kind}", output.name)).map_or(&[][..], |c| &c.values);
+    let (before, after) = (other("before"), other("after"));
+    let left = |model: &[f64]| output.values.iter().zip(model).map(|(z, y)| z - y).collect::<Vec<f64>>();
+    let (rest_before, rest_after) = (left(before), left(after));
+    let indices = kept(&[&output.values, before, after, &rest_before, &rest_after], POINTS);
+    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let unit = bracketed(output.unit.as_deref());
+    let marks = vec![
+        Mark::line("measured", Look::Measured, pick(&output.values)),
+        Mark::line("before", Look::Residual, pick(before)),
+        Mark::line("after", Look::Model, pick(after)),
+    ];
+    let rests = vec![
+        Mark::line("residual before", Look::Residual, pick(&rest_before)),
+        Mark::line("residual after", Look::Model, pick(&rest_after)),
+    ];
+    Figure {
+        id: format!("overlay-{}-{}", k + 1, o + 1),
+        group: format!("overlays-{k}"),
+        caption: output.name.clone(),
+        label: format!("time{}", bracketed(time.unit.as_deref())),
+        logarithmic: false,
+        at: pick(&time.values),
+        panels: vec![
+            Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
+            Panel { label: format!("residual{unit}"), height: 110, logarithmic: false, marks: rests },
+        ],
+        names: Vec::new(),
+        half: false,
+        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
+    }
+}
+
+fn moved(found: &DiagnosisDocument) -> Option<Section> {
+    let biased = &found.biased_parameters;
+    if biased.is_empty() {
+        return None;
+    }
+    let two = |v: Option<f64>| v.map_or(String::new(), |e| format!(" ± {}", text(2.0 * e, 2)));
+    let content = html! {
+        p.note { "Values with two standard errors. Moved by: in the standard errors that the fit without the effects claims." }
+        div.scroll { table {
+            thead { tr { th { "parameter" } th.number { "before" } th.number { "after" } th { "unit" } th.number { "moved by" } } }
+            tbody { @for b in biased { tr {
+                th scope="row" { code { (called(&b.name, b.run.as_deref())) } }
+                td.number { (shown(b.before, 5)) (two(b.before_error)) } td.number { (shown(b.after, 5)) (two(b.after_error)) }
+                td { (b.unit.as_deref().unwrap_or_default()) } td.number { (shown(b.moved, 3)) }
+            } } }
+        } }
+    };
+    Some(Section::new("moved", "What the missing effect had moved", content))
+}
+
+fn rejected(found: &DiagnosisDocument) -> Option<Section> {
+    let rejected = &found.rejected;
+    if rejected.is_empty() {
+        return None;
+    }
+    let content = html! {
+        p { (found.searches.len()) " searches; the last one ended: " (found.ended) "." }
+        details open[rejected.len() <= FEW] {
+            summary { (rejected.len()) " fits, and why they were not accepted" }
+            div.scroll { table {
+                thead { tr { th { "effect" } th.number { "search" } th.number { "gain" } th.number { "held out" } th { "not accepted because" } } }
+                tbody { @for r in rejected.iter().take(ROWS) { tr {
+                    th scope="row" { code { (r.place) } } td.number { (r.step) } td.number { (shown(r.gain_training, 4)) }
+                    td.number { (shown(r.gain_validation, 4)) } td.reason { (r.reason) }
+                } } }
+            } }
+        }
+    };
+    Some(Section::new("rejected", "What was fitted and not accepted", content))
+}
+
+fn detectable(found: &DiagnosisDocument) -> Option<Section> {
+    let detectable = &found.detectable;
+    if detectable.is_empty() {
+        return None;
+    }
+    let content = html! {
+        details {
+            summary { "the smallest size that four of five records like these would show" }
+            div.scroll { table {
+                thead { tr { th { "effect" } th { "parameter" } th.number { "smallest" } th { "unit" } th.number title="beside what is fitted" { "distinct" } } }
+                tbody { @for d in detectable.iter().take(ROWS) { tr {
+                    th scope="row" { code { (d.place) } } td { code { (d.parameter) } }
+                    td.number { (shown(d.smallest, 3)) } td { (d.unit.as_deref().unwrap_or_default()) } td.number { (shown(d.distinct, 2)) }
+                } } }
+            } }
+        }
+    };
+    Some(Section::new("detectable", "What would have been seen", content))
+}

@@ -1,0 +1,227 @@
+//! What a figure shows: panels above each other over one axis, marks in them, and how many samples they stand for.
+
+use maud::{Markup, PreEscaped, html};
+use serde_json::{Value, json};
+
+/// A figure.
+#[derive(Debug, Clone)]
+pub(crate) struct Figure {
+    /// A name of its own on the page.
+    pub(crate) id: String,
+    /// Figures of one group keep their axes equal.
+    pub(crate) group: String,
+    /// What it shows, in words.
+    pub(crate) caption: String,
+    /// Label of the axis below.
+    pub(crate) label: String,
+    /// Whether that axis is logarithmic.
+    pub(crate) logarithmic: bool,
+    /// Places on that axis, of all marks.
+    pub(crate) at: Vec<f64>,
+    pub(crate) panels: Vec<Panel>,
+    /// What the places are called, where they are things and not numbers.
+    pub(crate) names: Vec<String>,
+    /// Whether two of them stand beside each other.
+    pub(crate) half: bool,
+    /// Of how many samples it was drawn, where that is not all of them.
+    pub(crate) samples: Option<usize>,
+}
+
+/// One pair of axes.
+#[derive(Debug, Clone)]
+pub(crate) struct Panel {
+    pub(crate) label: String,
+    /// In pixels.
+    pub(crate) height: u32,
+    pub(crate) logarithmic: bool,
+    pub(crate) marks: Vec<Mark>,
+}
+
+/// A line, or whatever else has a value at every place.
+#[derive(Debug, Clone)]
+pub(crate) struct Mark {
+    pub(crate) name: String,
+    pub(crate) look: Look,
+    pub(crate) shape: Shape,
+    /// One value for each place; NaN where there is none.
+    pub(crate) values: Vec<f64>,
+    /// The other edge of a band or a bar, the foot of a stem.
+    pub(crate) low: Vec<f64>,
+}
+
+/// The colour of a mark, by what it means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Look {
+    Measured,
+    Model,
+    Residual,
+    Input,
+    Other,
+    Bound,
+}
+
+/// How values are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Shape {
+    Line,
+    Dots,
+    Stems,
+    Band,
+    Bars,
+    /// From the foot to the value, as wide as places are apart.
+    Columns,
+}
+
+impl Look {
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Self::Measured => "measured",
+            Self::Model => "model",
+            Self::Residual => "residual",
+            Self::Input => "input",
+            Self::Other => "other",
+            Self::Bound => "bound",
+        }
+    }
+}
+
+impl Shape {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Line => "line",
+            Self::Dots => "dots",
+            Self::Stems => "stems",
+            Self::Band => "band",
+            Self::Bars => "bars",
+            Self::Columns => "columns",
+        }
+    }
+}
+
+impl Mark {
+    /// A line.
+    pub(crate) fn line(name: &str, look: Look, values: Vec<f64>) -> Self {
+        Self { name: name.into(), look, shape: Shape::Line, values, low: Vec::new() }
+    }
+
+    /// A dot at every place.
+    pub(crate) fn dots(name: &str, look: Look, values: Vec<f64>) -> Self {
+        Self { name: name.into(), look, shape: Shape::Dots, values, low: Vec::new() }
+    }
+
+    /// Something between or on two edges.
+    pub(crate) fn between(name: &str, look: Look, shape: Shape, low: Vec<f64>, values: Vec<f64>) -> Self {
+        Self { name: name.into(), look, shape, values, low }
+    }
+}
+
+impl Figure {
+    /// The figure with what the script needs; drawn already for readers without scripts.
+    pub(super) fn markup(&self) -> Markup {
+        html! {
+            figure.plot id=(self.id) data-group=(self.group) {
+                figcaption {
+                    span.caption { (self.caption) }
+                    span.legend {
+                        @for mark in self.key() {
+                            span.key { span class={ "swatch " (mark.look.word()) " " (mark.shape.word()) } {} (mark.name) }
+                        }
+                    }
+                }
+                div.canvas { (super::drawing::svg(self)) }
+                output.readout { }
+                @if let Some(samples) = self.samples {
+                    p.note { "Drawn from " (self.at.len()) " of " (samples) " samples: the extremes of every part of the record." }
+                }
+                (data(&self.json()))
+            }
+        }
+    }
+
+    /// The marks that need a key: each once, and not those that the axis names already.
+    pub(super) fn key(&self) -> Vec<&Mark> {
+        let mut found: Vec<&Mark> = Vec::new();
+        for panel in &self.panels {
+            for mark in panel.marks.iter().filter(|m| !m.name.is_empty() && !panel.label.starts_with(&m.name)) {
+                if !found.iter().any(|m| m.name == mark.name && m.look == mark.look) {
+                    found.push(mark);
+                }
+            }
+        }
+        found
+    }
+
+    /// Room beside the first and the last place, as a part of the axis: lines end at the frame, what stands alone is to be seen whole.
+    pub(super) fn margin(&self) -> f64 {
+        let marks = || self.panels.iter().flat_map(|p| &p.marks);
+        if marks().any(|m| m.shape == Shape::Columns) {
+            // half a column
+            return 0.5 / (self.at.len().max(2) - 1) as f64 + 0.01;
+        }
+        if marks().all(|m| m.shape == Shape::Line) { 0.0 } else { 0.02 }
+    }
+
+    fn json(&self) -> Value {
+        let mark = |m: &Mark| {
+            let mut value = json!({
+                "name": m.name, "look": m.look.word(), "shape": m.shape.word(), "values": rounded(&m.values),
+            });
+            if !m.low.is_empty() {
+                value["low"] = rounded(&m.low);
+            }
+            value
+        };
+        let panel = |p: &Panel| {
+            json!({
+                "label": p.label, "height": p.height, "logarithmic": p.logarithmic,
+                "marks": p.marks.iter().map(mark).collect::<Vec<_>>(),
+            })
+        };
+        let mut value = json!({
+            "label": self.label, "logarithmic": self.logarithmic, "margin": self.margin(), "at": self.at,
+            "panels": self.panels.iter().map(panel).collect::<Vec<_>>(),
+        });
+        if !self.names.is_empty() {
+            value["names"] = json!(self.names);
+        }
+        value
+    }
+}
+
+/// Values with the digits that anybody reads; what is not finite is null.
+fn rounded(values: &[f64]) -> Value {
+    values.iter().map(|v| format!("{v:.7e}").parse::<f64>().ok().filter(|v| v.is_finite())).collect::<Vec<_>>().into()
+}
+
+/// A block of data. Nothing in it can end the block or begin another, whatever names and values say.
+fn data(value: &Value) -> Markup {
+    let text = value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026");
+    html! { script type="application/json" { (PreEscaped(text)) } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hostile_names_stay_inside_their_block() {
+        let figure = Figure {
+            id: "a".into(),
+            group: "g".into(),
+            caption: "</script><script>alert(1)</script>".into(),
+            label: "\"]}</script><!--".into(),
+            logarithmic: false,
+            at: vec![0.0, 1.0],
+            panels: Vec::new(),
+            names: Vec::new(),
+            half: false,
+            samples: None,
+        };
+        let text = figure.markup().into_string();
+        assert_eq!(text.matches("<script").count(), 1);
+        assert_eq!(text.matches("</script").count(), 1);
+        assert!(!text.contains("<!--"));
+        let block = text.split("application/json\">").nth(1).and_then(|t| t.split("</script>").next()).unwrap();
+        assert_eq!(serde_json::from_str::<Value>(block).unwrap()["label"], "\"]}</script><!--");
+    }
+}

@@ -1,0 +1,139 @@
+//! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
+
+use super::figure::{Figure, Look, Mark, Panel};
+use super::number::{bracketed, shown};
+use super::section::Section;
+use super::subject::Subject;
+use super::table::{Column, Table};
+use super::thinning::kept;
+use maud::html;
+
+/// Points of all figures together, and of one at least and at most.
+const POINTS: usize = 150_000;
+const FEWEST: usize = 1200;
+const MOST: usize = 6000;
+/// Runs that stand open.
+const OPEN: usize = 2;
+/// Inputs in one figure.
+const INPUTS: usize = 6;
+
+pub(super) fn section(subject: &Subject) -> Option<Section> {
+    if subject.runs.is_empty() {
+        return None;
+    }
+    let most = most(subject);
+    let content = html! {
+        @for (k, (run, table)) in subject.runs.iter().enumerate() {
+            details.run open[k < OPEN] {
+                summary { (run) }
+                @for figure in figures_of(subject, k, run, table, most) { (figure.markup()) }
+            }
+        }
+    };
+    Some(Section::new("histories", "Time histories", content))
+}
+
+/// All of them, run by run.
+pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+    let most = most(subject);
+    let runs = subject.runs.iter().enumerate();
+    runs.flat_map(|(k, (run, table))| figures_of(subject, k, run, table, most)).collect()
+}
+
+/// Points of one figure.
+fn most(subject: &Subject) -> usize {
+    let outputs = |table: &Table| table.columns.iter().filter(|c| is_output(table, c)).count();
+    let figures: usize = subject.runs.iter().map(|(_, table)| outputs(table) + 1).sum();
+    (POINTS / figures.max(1)).clamp(FEWEST, MOST)
+}
+
+fn is_output(table: &Table, column: &Column) -> bool {
+    table.column(&format!("{}_model", column.name)).is_some()
+        && table.column(&format!("{}_residual", column.name)).is_some()
+}
+
+fn figures_of(subject: &Subject, k: usize, run: &str, table: &Table, most: usize) -> Vec<Figure> {
+    let Some(time) = table.columns.first() else { return Vec::new() };
+    let outputs: Vec<&Column> = table.columns.iter().filter(|c| is_output(table, c)).collect();
+    let part = |c: &Column| {
+        outputs.iter().any(|o| [format!("{}_model", o.name), format!("{}_residual", o.name)].contains(&c.name))
+    };
+    let inputs: Vec<&Column> =
+        table.columns[1..].iter().filter(|c| !is_output(table, c) && !part(c)).take(INPUTS).collect();
+    let overlaid = outputs.iter().enumerate().map(|(o, output)| {
+        let id = format!("history-{}-{}", k + 1, o + 1);
+        overlay(&id, k, caption(subject, run, output), table, [time, output], most)
+    });
+    let given = (!inputs.is_empty()).then(|| given(k, time, &inputs, most));
+    overlaid.chain(given).collect()
+}
+
+fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [&Column; 2], most: usize) -> Figure {
+    let other = |kind: &str| table.column(&format!("{}_{kind}", output.name)).map_or(&[][..], |c| &c.values);
+    let (model, residual) = (other("model"), other("residual"));
+    let indices = kept(&[&output.values, model, residual], most);
+    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let unit = bracketed(output.unit.as_deref());
+    let marks = vec![
+        Mark::line("measured", Look::Measured, pick(&output.values)),
+        Mark::line("model", Look::Model, pick(model)),
+    ];
+    let residual = vec![Mark::line("measured − model", Look::Residual, pick(residual))];
+    Figure {
+        id: id.into(),
+        group: format!("run-{k}"),
+        caption,
+        label: label(time),
+        logarithmic: false,
+        at: pick(&time.values),
+        panels: vec![
+            Panel { label: format!("{}{unit}", output.name), height: 210, logarithmic: false, marks },
+            Panel { label: format!("residual{unit}"), height: 90, logarithmic: false, marks: residual },
+        ],
+        names: Vec::new(),
+        half: false,
+        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
+    }
+}
+
+/// The inputs below each other.
+fn given(k: usize, time: &Column, inputs: &[&Column], most: usize) -> Figure {
+    let lines: Vec<&[f64]> = inputs.iter().map(|c| &c.values[..]).collect();
+    let indices = kept(&lines, most);
+    let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
+    let panel = |c: &&Column| Panel {
+        label: format!("{}{}", c.name, bracketed(c.unit.as_deref())),
+        height: 90,
+        logarithmic: false,
+        marks: vec![Mark::line(&c.name, Look::Input, pick(&c.values))],
+    };
+    Figure {
+        id: format!("inputs-{}", k + 1),
+        group: format!("run-{k}"),
+        caption: "what was given".into(),
+        label: label(time),
+        logarithmic: false,
+        at: pick(&time.values),
+        panels: inputs.iter().map(panel).collect(),
+        names: Vec::new(),
+        half: false,
+        samples: (indices.len() < time.values.len()).then_some(time.values.len()),
+    }
+}
+
+fn label(time: &Column) -> String {
+    format!("time{}", bracketed(time.unit.as_deref()))
+}
+
+fn caption(subject: &Subject, run: &str, output: &Column) -> String {
+    let found = subject.outputs().iter().find(|o| o.name == output.name && o.run == run);
+    let Some(found) = found else { return output.name.clone() };
+    let unit = output.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+    format!(
+        "{}: RMS of the residual {}{unit}, R² {}, TIC {}",
+        output.name,
+        shown(found.rms, 4),
+        shown(found.r2, 5),
+        shown(found.tic, 3)
+    )
+}

@@ -1,0 +1,27 @@
+//! Numbers as they stand on the page.
+
+use fdm_results::documents::digits;
+
+/// A number with so many significant digits; a dash where there is none.
+pub(super) fn shown(value: impl Into<Option<f64>>, significant: usize) -> String {
+    value.into().filter(|v| v.is_finite()).map_or_else(|| "–".into(), |v| text(v, significant))
+}
+
+/// The same for a number that is there.
+pub(super) fn text(v: f64, significant: usize) -> String {
+    digits(v, significant).replace('-', "\u{2212}")
+}
+
+/// A probability; below what a table of the distribution can tell, its bound.
+pub(super) fn probability(value: impl Into<Option<f64>>) -> String {
+    match value.into().filter(|p| p.is_finite()) {
+        None => "–".into(),
+        Some(p) if p < 0.001 => "< 0.001".into(),
+        Some(p) => format!("{p:.3}"),
+    }
+}
+
+/// A unit in brackets behind a name, nothing where there is none.
+pub(super) fn bracketed(unit: Option<&str>) -> String {
+    unit.filter(|u| !u.is_empty()).map_or(String::new(), |u| format!(" [{u}]"))
+}

@@ -1,0 +1,38 @@
+//! A drawing that is the same at every size: no axis that a reader could move, no values under a crosshair.
+
+use super::drawing::{self, Paper, Sheet};
+use maud::{Markup, html};
+
+/// A picture.
+#[derive(Debug, Clone)]
+pub(super) struct Picture {
+    /// A name of its own on the page.
+    pub(super) id: String,
+    /// What it shows, in words.
+    pub(super) caption: String,
+    /// On paper, in pixels.
+    pub(super) width: f64,
+    pub(super) height: f64,
+    /// The inside of its SVG.
+    pub(super) body: Markup,
+}
+
+impl Picture {
+    /// As it stands on the page.
+    pub(super) fn markup(&self, class: &str) -> Markup {
+        html! {
+            figure class=(class) id=(self.id) {
+                figcaption { span.caption { (self.caption) } }
+                div.canvas {
+                    svg viewBox={ "0 0 " (self.width) " " (self.height) } role="img" aria-label=(self.caption) { (self.body) }
+                }
+            }
+        }
+    }
+
+    /// As a file of its own.
+    pub(super) fn alone(&self, paper: Paper) -> String {
+        let (width, height, body) = (self.width, self.height, self.body.clone());
+        drawing::file(&[Sheet { caption: self.caption.clone(), key: html! {}, width, height, body }], paper)
+    }
+}

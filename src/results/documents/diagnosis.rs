@@ -1,0 +1,210 @@
+//! A diagnosis: what a model gets wrong, the cause, and what was tried.
+
+use fdm_discover::{
+    Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, LackOfFit, LeftOut, NewValue,
+    Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions, Verdict,
+};
+use serde::{Deserialize, Serialize};
+
+/// What a diagnosis came to. Numbers that do not exist are null.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DiagnosisDocument {
+    /// In one word.
+    pub verdict: Verdict,
+    /// The chance that noise alone makes any effect look as good as the best one.
+    pub family_wise_p: f64,
+    /// In the order in which they were accepted.
+    pub causes: Vec<CauseDocument>,
+    /// What is wrong with every output of the model as it was given.
+    pub misfit: Vec<LackOfFit>,
+    /// How small each effect could have been.
+    pub detectable: Vec<Detectable>,
+    /// Where the extended text was written.
+    pub extended_model: Option<String>,
+    /// Where something enters that no effect explains.
+    pub sites: Vec<PlaceEvidence>,
+    /// What is still unexplained, in words.
+    pub leftover: Vec<String>,
+    /// Effect, disturbance or unknown cause, weighed against each other.
+    pub attribution: Option<Attribution>,
+    /// The course of the likeliest disturbance, where the verdict rests on one.
+    pub force: Option<Force>,
+    /// What an unknown cause looks like.
+    pub suggestions: Option<Suggestions>,
+    /// Why the search ended.
+    pub ended: String,
+    /// What was fitted and not accepted.
+    pub rejected: Vec<Rejected>,
+    /// Each search.
+    pub searches: Vec<Search>,
+    /// Parameters that the missing effect had moved.
+    pub biased_parameters: Vec<Biased>,
+    /// What each run gains.
+    pub gains: Vec<RunGain>,
+    /// How outputs are matched before and after.
+    pub outputs: Vec<OutputGain>,
+    /// Inputs that follow states.
+    pub following: Option<Feedback>,
+    /// Candidates that could not be tried.
+    pub left_out: Vec<LeftOut>,
+    /// Number of hat functions of each output's noise spectrum.
+    pub noise_knots: Vec<usize>,
+    /// `time` or `frequency`.
+    pub domain: String,
+    /// Lowest and highest frequency, in the frequency domain.
+    pub band: Option<(f64, f64)>,
+    /// What was not asked there, in sentences.
+    pub notes: Vec<String>,
+}
+
+/// A cause that was found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CauseDocument {
+    /// The effect's name in the catalogue.
+    pub effect: String,
+    /// The names that it is attached to.
+    pub targets: Vec<String>,
+    /// In words.
+    pub doc: String,
+    /// Its parameters.
+    pub parameters: Vec<NewParameter>,
+    /// Gain in log-likelihood on the runs that were fitted.
+    pub gain_train: f64,
+    /// Gain on the runs that were held out.
+    pub gain_holdout: Option<f64>,
+    /// What screening had predicted.
+    pub gain_predicted: f64,
+    /// Gains less the penalty of its parameters.
+    pub score: f64,
+    /// The chance that noise alone makes any effect look as good.
+    pub p: f64,
+    /// The effects that these data cannot tell from this one, itself included.
+    pub group: Vec<Alternative>,
+    /// The experiment that would.
+    pub separating_experiment: Option<String>,
+}
+
+/// A parameter that an effect brought.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NewParameter {
+    /// Its name in the extended model.
+    pub name: String,
+    /// What it is.
+    pub doc: String,
+    /// Its estimate.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: Option<f64>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The value at which the effect vanishes.
+    pub null: Option<Null>,
+}
+
+/// The value at which an effect vanishes: it may be infinite, which JSON has no number for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Null {
+    /// A finite one.
+    Number(f64),
+    /// `inf` or `-inf`.
+    Word(String),
+}
+
+/// The course of a disturbance.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Force {
+    /// What it enters.
+    pub name: String,
+    /// What kind of place that is.
+    pub kind: PlaceKind,
+    /// Run by run.
+    pub course: Vec<Vec<Ordinate>>,
+}
+
+/// One search for one more effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Search {
+    /// The chance that noise alone makes any candidate look as good as the best one.
+    pub family_wise_p: f64,
+    /// The effect that was accepted.
+    pub accepted: Option<EffectAt>,
+    /// Candidates by rank.
+    pub ranking: Vec<Screened>,
+}
+
+impl DiagnosisDocument {
+    /// Of a diagnosis; `extended_model` is where the extended text was written.
+    pub fn of(d: &Diagnosis, extended_model: Option<&str>) -> Self {
+        Self {
+            verdict: d.verdict,
+            family_wise_p: d.family_wise_p,
+            causes: d.causes.iter().map(CauseDocument::from).collect(),
+            misfit: d.lack_of_fit.clone(),
+            detectable: d.detectable.clone(),
+            extended_model: extended_model.map(str::to_string),
+            sites: d.attribution.as_ref().map_or(Vec::new(), |a| a.sites.clone()),
+            leftover: d.attribution.as_ref().map_or(Vec::new(), |a| a.warnings.clone()),
+            attribution: d.attribution.clone(),
+            force: force(d),
+            suggestions: d.suggestions.clone(),
+            ended: d.ended.clone(),
+            rejected: d.rejected.clone(),
+            searches: d.steps.iter().map(Search::from).collect(),
+            biased_parameters: d.biased.clone(),
+            gains: d.gains.clone(),
+            outputs: d.outputs.clone(),
+            following: d.feedback.clone(),
+            left_out: d.left_out.clone(),
+            noise_knots: d.noise_knots.clone(),
+            domain: if d.spectral.is_some() { "frequency" } else { "time" }.into(),
+            band: d.spectral.as_ref().map(|s| s.band),
+            notes: d.spectral.as_ref().map_or(Vec::new(), |s| s.notes.clone()),
+        }
+    }
+}
+
+impl From<&Cause> for CauseDocument {
+    fn from(c: &Cause) -> Self {
+        Self {
+            effect: c.place.effect.clone(),
+            targets: c.place.targets.clone(),
+            doc: c.doc.clone(),
+            parameters: c.parameters.iter().map(NewParameter::from).collect(),
+            gain_train: c.gain_training,
+            gain_holdout: c.gain_validation,
+            gain_predicted: c.gain_predicted,
+            score: c.score,
+            p: c.p,
+            group: c.group.clone(),
+            separating_experiment: c.separating_experiment.clone(),
+        }
+    }
+}
+
+impl From<&NewValue> for NewParameter {
+    fn from(p: &NewValue) -> Self {
+        let null = |v: f64| if v.is_finite() { Null::Number(v) } else { Null::Word(v.to_string()) };
+        Self {
+            name: p.name.clone(),
+            doc: p.doc.clone(),
+            value: p.value,
+            standard_error: p.standard_error,
+            unit: p.unit.clone(),
+            null: p.null.map(null),
+        }
+    }
+}
+
+impl From<&SelectionStep> for Search {
+    fn from(r: &SelectionStep) -> Self {
+        Self { family_wise_p: r.family_wise_p, accepted: r.accepted.clone(), ranking: r.ranking.clone() }
+    }
+}
+
+/// The course of the likeliest disturbance, where the verdict rests on one.
+fn force(d: &Diagnosis) -> Option<Force> {
+    let rests = matches!(d.verdict, Verdict::Disturbance | Verdict::UnknownCause);
+    let site = d.places.as_ref()?.disturbances.first().filter(|site| rests && site.evidence > 0.0)?;
+    Some(Force { name: site.place.name.clone(), kind: site.place.kind, course: site.course.clone() })
+}

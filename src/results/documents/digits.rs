@@ -1,0 +1,42 @@
+//! Numbers as people read them, in tables and on the page.
+
+/// A number with this many significant digits, as a decimal where that is short.
+pub fn digits(v: f64, significant: usize) -> String {
+    if v == 0.0 || !v.is_finite() {
+        return format!("{v}");
+    }
+    let rounded = format!("{v:.*e}", significant.max(1) - 1);
+    let exponent: i32 = rounded.split('e').nth(1).and_then(|e| e.parse().ok()).unwrap_or(0);
+    if !(-4..7).contains(&exponent) {
+        return rounded;
+    }
+    let decimals = (significant as i32 - 1 - exponent).max(0) as usize;
+    format!("{v:.decimals$}")
+}
+
+/// Significant digits of a value that show two of its error: between `least` and 12; none without an error, or for a value of zero.
+pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
+    let ratio = (value / error).abs();
+    (ratio.is_finite() && ratio > 0.0)
+        .then(|| ((ratio.log10().floor() as i64).saturating_add(3)).clamp(least as i64, 12) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_that_are_asked_for() {
+        let shown: Vec<String> = [(6.054_928, 5), (1.5e-7, 3), (123_456.7, 3), (-0.02, 2), (9.999_96, 5), (0.0, 3)]
+            .iter()
+            .map(|(v, n)| digits(*v, *n))
+            .collect();
+        assert_eq!(shown, ["6.0549", "1.50e-7", "123457", "-0.020", "10.000", "0"]);
+    }
+
+    #[test]
+    fn an_error_tells_how_many_digits_count() {
+        assert_eq!([0.1, 5.0, 1e-20].map(|e| digits_by_error(1.0, e, 3)), [Some(4), Some(3), Some(12)]);
+        assert_eq!([(1.0, 0.0), (0.0, 1.0), (1.0, f64::NAN)].map(|(v, e)| digits_by_error(v, e, 3)), [None; 3]);
+    }
+}

@@ -1,0 +1,381 @@
+//! A fit, whichever way the model was compared with the records.
+
+use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
+use super::json::present;
+use super::modes::ModesDocument;
+use super::outputs::OutputDocument;
+use super::remarks::{Remark, estimate_remarks, fit_remarks};
+use super::study::Study;
+use fdm_discover::LackOfFit;
+use fdm_estimate::residuals::OutputQuality;
+use fdm_estimate::{
+    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity,
+    NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, SpectralFit, StartSummary, Symmetric,
+    Termination, by_confidence,
+};
+use fdm_system::Model;
+use fdm_system::simulate::Steps;
+use serde::{Deserialize, Serialize};
+
+/// What every fit says, and beside it what its method adds. A key that a method does not have is missing; one that has nothing to say
+/// here is null.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FitDocument {
+    /// The model's name.
+    pub model: String,
+    /// Every parameter, per-run ones once for every run, then derived quantities.
+    pub parameters: Vec<ParameterEstimate>,
+    /// How well each output of each run is matched.
+    pub outputs: Vec<OutputDocument>,
+    /// Minus the logarithm of the likelihood, without its constant.
+    pub cost: Option<f64>,
+    /// How the iteration ended, in one word.
+    pub termination: Terminated,
+    /// The same in a sentence.
+    pub message: String,
+    /// Gauss-Newton steps that were made.
+    pub iterations: usize,
+    /// What helped the iteration on.
+    pub aids: Vec<String>,
+    /// Simulations of all runs.
+    pub evaluations: Evaluations,
+    /// Parameters whose bias by noise of measured regressors was taken off.
+    pub drawn_by_noise: Vec<BiasCorrection>,
+    /// Combinations that the data do not determine.
+    pub undetermined: Vec<Direction>,
+    /// Combinations that priors alone determine.
+    pub determined_by_prior: Vec<Direction>,
+    /// Covariance of the estimates: the bound of Cramer and Rao.
+    pub covariance: Matrix,
+    /// Their correlations.
+    pub correlations: Matrix,
+    /// Covariance corrected for the colour of the residuals; empty where it was not.
+    pub corrected_covariance: Matrix,
+    /// The colour of the noise of each output.
+    pub noise_colour: Vec<NoiseColour>,
+    /// Why errors were not corrected for it.
+    pub uncorrected: Option<String>,
+    /// Covariance of the measurement noise (q by q).
+    pub noise_covariance: Option<Vec<Vec<f64>>>,
+    /// Condition number of the scaled information matrix.
+    pub condition: Option<f64>,
+    /// The iteration, the start first.
+    pub history: Vec<Iteration>,
+    /// What should not be overlooked.
+    pub remarks: Vec<Remark>,
+
+    /// How each run was integrated; in the time domain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub integration: Option<Vec<Integration>>,
+    /// What was done about start values that could not be used; likewise.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub rescue: Option<Option<Recovery>>,
+    /// The same in words.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub rescue_message: Option<Option<String>>,
+    /// States whose records took their place in a first fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub substituted: Option<Vec<String>>,
+    /// How continuous a result of multiple shooting is.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub shooting: Option<Option<Continuity>>,
+    /// Estimates by length of the record.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub by_length: Option<Vec<LengthFit>>,
+    /// Parameters in order of the confidence that they deserve.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confidence: Option<Vec<LengthSensitivity>>,
+    /// Estimates with other weights of the outputs.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub weights: Option<Option<Reweighting>>,
+    /// What came out of each start; null of one.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub starts: Option<Option<Vec<StartDocument>>>,
+
+    /// `filter error`; missing of other methods.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub method: Option<String>,
+    /// Standard deviations of the measurement noise, of a filter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deviations: Option<Vec<ParameterEstimate>>,
+    /// Intensities that the records show nothing of, of a filter.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub silent: Option<Vec<String>>,
+
+    /// What is particular to a fit of spectra.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_domain: Option<FrequencyDomain>,
+    /// What is particular to a fit of frequency responses.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_responses: Option<FrequencyResponses>,
+    /// Initial states, biases and time histories behind a fit in the frequency domain.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub time_domain: Option<Option<TimeDomain>>,
+    /// The same of runs that took no part.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holdout: Option<TimeDomain>,
+
+    /// The study of which this was the first fit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
+    /// What this fit validates.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub validation: Option<Validation>,
+    /// Modes of the model as it was found; null where it has no states.
+    #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
+    pub modes: Option<Option<ModesDocument>>,
+}
+
+/// How an iteration ended, in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Terminated {
+    /// At a minimum.
+    Converged,
+    /// All iterations were used.
+    IterationLimit,
+    /// No step lowers the cost, though one should.
+    NoProgress,
+    /// The simulation at the start values diverged.
+    Diverged,
+    /// There is no frequency response at the start values.
+    Unanswered,
+    /// An output at the start values is not finite.
+    NotFinite,
+    /// It was interrupted.
+    Interrupted,
+}
+
+impl From<&Termination> for Terminated {
+    fn from(termination: &Termination) -> Self {
+        match termination {
+            Termination::Converged(_) => Self::Converged,
+            Termination::IterationLimit => Self::IterationLimit,
+            Termination::NoProgress => Self::NoProgress,
+            Termination::Diverged { .. } => Self::Diverged,
+            Termination::Unanswered { .. } => Self::Unanswered,
+            Termination::NotFinite { .. } => Self::NotFinite,
+            Termination::Interrupted => Self::Interrupted,
+        }
+    }
+}
+
+/// Simulations of all runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Evaluations {
+    /// With sensitivities.
+    pub with_sensitivities: usize,
+    /// Without.
+    pub without: usize,
+}
+
+/// A symmetric matrix about some of the parameters.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Matrix {
+    /// Places of the parameters in [`FitDocument::parameters`], row by row.
+    pub parameters: Vec<usize>,
+    /// Rows; none where the matrix is not known.
+    pub values: Vec<Vec<f64>>,
+}
+
+impl Matrix {
+    fn of(parameters: &[usize], matrix: &Symmetric) -> Self {
+        Self { parameters: parameters.to_vec(), values: rows(matrix) }
+    }
+}
+
+/// How a run was integrated.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Integration {
+    /// The run.
+    pub run: String,
+    /// The method.
+    pub integrator: String,
+    /// Steps of the whole run.
+    pub steps: usize,
+    /// Most steps in one interval between samples.
+    pub steps_per_interval: usize,
+    /// The steps themselves.
+    pub spacing: Steps,
+    /// Estimated integration error, as a part of each output's range; none where no step gave a finite response.
+    pub error: Option<f64>,
+}
+
+/// What came out of one start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct StartDocument {
+    /// Its number; 1 is the given start.
+    pub start: usize,
+    /// Cost that was reached; none when the start values could not be simulated.
+    pub cost: Option<f64>,
+    /// Iterations of the last estimation.
+    pub iterations: usize,
+    /// How it ended; none when there was no estimation.
+    pub termination: Option<Terminated>,
+    /// The same in words.
+    pub message: String,
+    /// The minimum that was reached, numbered by cost from 1.
+    pub minimum: Option<usize>,
+    /// Largest relative difference of a parameter from the best start's.
+    pub distance: Option<f64>,
+    /// Free parameters where it ended.
+    pub values: Vec<f64>,
+}
+
+impl From<&StartSummary> for StartDocument {
+    fn from(s: &StartSummary) -> Self {
+        Self {
+            start: s.number,
+            cost: s.cost,
+            iterations: s.iterations,
+            termination: s.termination.as_ref().map(Terminated::from),
+            message: s.message.clone(),
+            minimum: s.minimum,
+            distance: s.distance,
+            values: s.values.clone(),
+        }
+    }
+}
+
+/// What a result says of runs that it was not fitted to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Validation {
+    /// The folder of the result.
+    pub of: String,
+    /// How well the outputs of these runs are matched.
+    pub outputs: Vec<OutputQuality>,
+    /// How well those of the fitted runs are.
+    pub fitted_outputs: Vec<OutputDocument>,
+    /// What the prediction gets wrong.
+    pub misfit: Vec<LackOfFit>,
+}
+
+impl FitDocument {
+    /// Of a fit in the time domain.
+    pub fn of(fit: &Fit) -> Self {
+        let e = &fit.estimate;
+        let accuracy = e.runs.iter().zip(&fit.integration);
+        let integration = accuracy.map(|(run, a)| Integration {
+            run: run.run.clone(),
+            integrator: a.steps.scheme().to_string(),
+            steps: a.steps.total(run.response.len() / e.outputs.len().max(1)),
+            steps_per_interval: a.steps.most(),
+            spacing: a.steps.clone(),
+            error: Some(a.error).filter(|v| v.is_finite()),
+        });
+        let starts = (!fit.starts.is_empty()).then(|| fit.starts.iter().map(StartDocument::from).collect());
+        let mut document = Self {
+            integration: Some(integration.collect()),
+            rescue: Some(fit.rescue.clone()),
+            rescue_message: Some(fit.rescue.as_ref().map(ToString::to_string)),
+            substituted: Some(fit.substituted.clone()),
+            shooting: Some(fit.shooting.clone()),
+            by_length: Some(fit.by_length.clone()),
+            confidence: Some(by_confidence(&fit.by_length)),
+            weights: Some(fit.reweighting.clone()),
+            starts: Some(starts),
+            ..Self::of_estimate(&fit.model, e)
+        };
+        if !fit.quality.is_empty() {
+            document.outputs = OutputDocument::of_quality(&fit.model, &fit.quality);
+            document.remarks = fit_remarks(fit);
+        }
+        document
+    }
+
+    /// Of a Kalman filter's fit.
+    pub fn of_filter(found: &FilterFit) -> Self {
+        Self {
+            method: Some("filter error".into()),
+            deviations: Some(found.deviations.clone()),
+            silent: Some(found.silent.clone()),
+            ..Self::of(&found.fit)
+        }
+    }
+
+    /// Of a fit of spectra.
+    pub fn of_spectra(fit: &SpectralFit) -> Self {
+        Self {
+            parameters: fit.parameters(),
+            frequency_domain: Some(FrequencyDomain::of(fit)),
+            time_domain: Some(fit.finish.as_ref().map(TimeDomain::of)),
+            ..Self::of_estimate(&fit.model, &fit.estimate)
+        }
+    }
+
+    /// Of a fit of frequency responses.
+    pub fn of_responses(fit: &ResponseFit) -> Self {
+        Self {
+            parameters: fit.parameters(),
+            frequency_responses: Some(FrequencyResponses::of(fit)),
+            time_domain: Some(fit.finish.as_ref().map(TimeDomain::of)),
+            ..Self::of_estimate(&fit.model, &fit.estimate)
+        }
+    }
+
+    /// What is the same for every estimate, however it was reached.
+    fn of_estimate(model: &Model, e: &Estimate) -> Self {
+        Self {
+            model: model.name().into(),
+            parameters: e.parameters.clone(),
+            outputs: e.outputs.iter().map(|o| OutputDocument::of(model, o)).collect(),
+            cost: e.cost,
+            termination: Terminated::from(&e.termination),
+            message: e.termination.to_string(),
+            iterations: e.iterations,
+            aids: e.aids.iter().map(ToString::to_string).collect(),
+            evaluations: Evaluations { with_sensitivities: e.evaluations.0, without: e.evaluations.1 },
+            drawn_by_noise: e.bias_corrections.clone(),
+            undetermined: e.undetermined.clone(),
+            determined_by_prior: e.determined_by_prior.clone(),
+            covariance: Matrix::of(&e.covered, &e.covariance),
+            correlations: Matrix::of(&e.covered, &e.correlations),
+            corrected_covariance: Matrix::of(&e.covered, &e.corrected_covariance),
+            noise_colour: e.colours.clone(),
+            uncorrected: e.uncorrected.as_ref().map(ToString::to_string),
+            noise_covariance: e.noise.as_ref().map(rows),
+            condition: e.condition,
+            history: e.history.clone(),
+            remarks: estimate_remarks(e),
+            integration: None,
+            rescue: None,
+            rescue_message: None,
+            substituted: None,
+            shooting: None,
+            by_length: None,
+            confidence: None,
+            weights: None,
+            starts: None,
+            method: None,
+            deviations: None,
+            silent: None,
+            frequency_domain: None,
+            frequency_responses: None,
+            time_domain: None,
+            holdout: None,
+            study: None,
+            validation: None,
+            modes: None,
+        }
+    }
+
+    /// The outputs in time: those of the finish behind a fit in the frequency domain, else those of the fit.
+    pub fn outputs_in_time(&self) -> &[OutputDocument] {
+        let finish = self.time_domain.as_ref().and_then(|t| t.as_ref()).map(|t| &t.outputs[..]);
+        finish.filter(|outputs| !outputs.is_empty()).unwrap_or(&self.outputs)
+    }
+
+    /// What came out of each start; none of one start.
+    pub fn starts(&self) -> &[StartDocument] {
+        self.starts.as_ref().and_then(|s| s.as_deref()).unwrap_or_default()
+    }
+
+    /// The covariance to be trusted: corrected for the colour of the residuals where that was done.
+    pub fn trusted_covariance(&self) -> Option<&Matrix> {
+        [&self.corrected_covariance, &self.covariance].into_iter().find(|m| !m.values.is_empty())
+    }
+}
+
+fn rows(matrix: &Symmetric) -> Vec<Vec<f64>> {
+    matrix.values.chunks(matrix.size.max(1)).map(<[f64]>::to_vec).collect()
+}

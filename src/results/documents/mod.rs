@@ -1,0 +1,52 @@
+//! The documents that are the results: what is written, printed by `--json`, and read back with types.
+//!
+//! **In** finished estimates, studies, diagnoses. **Out** one document for each kind of result, made by its constructor (`of`), written by
+//! [`to_text`], read by [`from_text`]: what was read is written again to the same bytes. **Never** computes what an estimate does not say.
+//! **Start** at [`FitDocument`], which all fits share; [`ResultDocument`] is what a result folder holds.
+//!
+//! Values that a room below already keeps in the form of a document ([`fdm_estimate::ParameterEstimate`], [`fdm_estimate::residuals::Whiteness`],
+//! [`fdm_discover::LackOfFit`]) are part of a document as they are.
+
+mod diagnosis;
+mod digits;
+mod fit;
+mod frequency;
+mod json;
+mod model;
+mod modes;
+mod outputs;
+mod progress;
+mod regression;
+mod remarks;
+mod result;
+#[cfg(test)]
+pub(crate) mod specimen;
+#[cfg(test)]
+mod tests;
+
+pub mod design;
+pub mod profile;
+pub mod reproduction;
+pub mod study;
+
+pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null, Search};
+pub use digits::{digits, digits_by_error};
+pub use fit::{Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
+pub use frequency::{
+    FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput, MultipleCoherence, Pair,
+    ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
+};
+pub use json::{from_text, to_text};
+pub use model::{
+    CatalogueDocument, ChannelDocument, Derivatives, DiscrepancyDocument, Diverged, EffectDocument, EffectsDocument,
+    InputDocument, ModelDocument, OutputDeclared, ParamDocument, PlaceDocument, PriorDocument, QuantityDocument,
+    ResponseDocument, SlotDocument, StateDocument,
+};
+pub use modes::{Component, ModeDocument, ModesDocument, StandardErrors, TrimDocument, trim_sentence};
+pub use outputs::OutputDocument;
+pub use progress::{AtWork, CourseDocument, CourseParameter, ProgressDocument, ProgressManifest};
+pub use regression::{
+    Iterates, RecursiveDocument, RecursiveValue, RefusalDocument, RegressionDocument, SimulatedError, StructureDocument,
+};
+pub use remarks::{About, Remark, estimate_remarks, fit_remarks, residual_remarks};
+pub use result::{KeptParameter, ResultDocument};

@@ -1,0 +1,102 @@
+//! What is told of work that goes on: a result as far as it is there.
+
+use super::fit::StartDocument;
+use super::study::Study;
+use fdm_estimate::{Iteration, Status};
+use serde::{Deserialize, Serialize};
+
+/// Says that a text is one of ours.
+const KIND: &str = "fdm progress";
+/// Changes when an older program could not read it any more.
+const FORMAT: u32 = 1;
+
+/// What is told of work that goes on.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ProgressDocument {
+    kind: String,
+    format: u32,
+    /// Version of the program.
+    pub fdm: String,
+    /// What is at work on what.
+    pub manifest: ProgressManifest,
+    /// The model's text.
+    pub model_text: String,
+    /// How far it is.
+    pub progress: AtWork,
+    /// The result so far.
+    pub result: CourseDocument,
+}
+
+/// What is at work on what.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgressManifest {
+    /// The command line.
+    pub command: Vec<String>,
+    /// The model's name.
+    pub model: String,
+    /// Its file.
+    pub model_file: String,
+}
+
+/// How far work is.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AtWork {
+    /// What is being done.
+    pub doing: String,
+    /// When it began, in seconds since 1970.
+    pub began: f64,
+    /// When this was told.
+    pub told: f64,
+    /// Seconds at work.
+    pub elapsed: f64,
+    /// Seconds that are left, where that is known.
+    pub left: Option<f64>,
+}
+
+/// The result so far.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CourseDocument {
+    /// The model's name.
+    pub model: String,
+    /// The parameters as they stand.
+    pub parameters: Vec<CourseParameter>,
+    /// The iteration so far.
+    pub history: Vec<Iteration>,
+    /// Iterations so far; none before the first.
+    pub iterations: Option<usize>,
+    /// Starts that have ended; none where there is one only.
+    pub starts: Option<Vec<StartDocument>>,
+    /// Of so many.
+    pub starts_asked: Option<usize>,
+    /// The study so far.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
+}
+
+/// A parameter as it stands.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CourseParameter {
+    /// Its name.
+    pub name: String,
+    /// The run that it belongs to.
+    pub run: Option<String>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Its value.
+    pub value: f64,
+    /// `estimated`.
+    pub status: Status,
+}
+
+impl ProgressDocument {
+    /// Of this version of the program.
+    pub fn new(manifest: ProgressManifest, model_text: String, progress: AtWork, result: CourseDocument) -> Self {
+        let fdm = env!("CARGO_PKG_VERSION").into();
+        Self { kind: KIND.into(), format: FORMAT, fdm, manifest, model_text, progress, result }
+    }
+
+    /// Whether it is what it should be, in a version that this program reads.
+    pub fn is_ours(&self) -> bool {
+        self.kind == KIND && self.format == FORMAT
+    }
+}

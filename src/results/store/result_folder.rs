@@ -1,0 +1,497 @@
+//! A result on disk: written whole, read back with everything checked.
+
+use super::destination::{Destination, DestinationError, before};
+use super::disk::reason;
+use super::fingerprint::fingerprint;
+use super::manifest::{self, KeptFile, Manifest};
+use crate::documents::{KeptParameter, OutputDocument, ResultDocument, from_text, to_text};
+use fdm_estimate::{Changes, FitOptions, Options, Status};
+use fdm_system::model::{Model, ModelError};
+use fdm_system::simulate::Accuracy;
+use std::fmt;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The text of the model.
+const MODEL: &str = "model.fdm";
+/// The text of the k-th file that the model uses, from 1.
+fn used_name(k: usize) -> String {
+    format!("model.{k}.fdm")
+}
+/// Everything that `--json` prints.
+const RESULT: &str = "result.json";
+/// What the residuals of the fitted runs say.
+const QUALITY: &str = "quality.json";
+
+/// A result that was read back.
+#[derive(Debug, Clone)]
+pub struct ResultFolder {
+    folder: PathBuf,
+    manifest: Manifest,
+    model: String,
+    used: Vec<String>,
+    result: ResultDocument,
+    quality: Vec<OutputDocument>,
+    parameters: Vec<KeptParameter>,
+}
+
+/// Why a folder gives no result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ResultError {
+    /// There is no such folder, or it cannot be read.
+    Unreadable {
+        /// What is wrong where.
+        reason: String,
+    },
+    /// It is not a result of this program.
+    Foreign {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// It was written by a newer program.
+    Newer {
+        /// The folder.
+        folder: PathBuf,
+        /// Its format.
+        format: u32,
+    },
+    /// Files were changed since it was written, or are missing.
+    Changed {
+        /// The folder.
+        folder: PathBuf,
+        /// The files.
+        files: Vec<String>,
+    },
+    /// Per-run parameters of several runs, and nothing says which are wanted.
+    Ambiguous {
+        /// The run that is to be simulated.
+        run: String,
+        /// The runs of the result.
+        fitted: Vec<String>,
+    },
+    /// A run that the result does not have.
+    NoRun {
+        /// The run.
+        run: String,
+        /// The runs of the result.
+        fitted: Vec<String>,
+    },
+}
+
+impl fmt::Display for ResultError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreadable { reason } => write!(f, "the result cannot be read: {reason}"),
+            Self::Foreign { folder } => {
+                write!(f, "{} is not a result of fdm: it was not written by `--out`", folder.display())
+            }
+            Self::Newer { folder, format } => write!(
+                f,
+                "{} was written by a newer fdm (format {format}, this program reads {})",
+                folder.display(),
+                manifest::FORMAT
+            ),
+            Self::Changed { folder, files } => write!(
+                f,
+                "{}: changed or missing since it was written, and not to be trusted: {}",
+                folder.display(),
+                files.join(", ")
+            ),
+            Self::Ambiguous { run, fitted } => write!(
+                f,
+                "the result has per-run parameters of the runs {}, but none for `{run}`: choose with --like RUN",
+                names(fitted)
+            ),
+            Self::NoRun { run, fitted } => write!(f, "the result has no run `{run}`, only {}", names(fitted)),
+        }
+    }
+}
+
+fn names(runs: &[String]) -> String {
+    const SHOWN: usize = 12;
+    let shown: Vec<String> = runs.iter().take(SHOWN).map(|r| format!("`{r}`")).collect();
+    let more = runs.len().saturating_sub(SHOWN);
+    shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
+}
+
+impl std::error::Error for ResultError {}
+
+/// What is written beside the manifest: the model's text, the result for programs, and further files by name.
+#[derive(Debug, Clone)]
+pub struct Contents {
+    /// What it was made from; its list of files is filled in.
+    pub manifest: Manifest,
+    /// Text of the model.
+    pub model: String,
+    /// Texts of the files that the model uses, in their order.
+    pub used: Vec<String>,
+    /// Everything that `--json` prints.
+    pub result: ResultDocument,
+    /// What the residuals of each output of each run say.
+    pub quality: Vec<OutputDocument>,
+    /// Tables, time histories, pictures.
+    pub others: Vec<(String, Vec<u8>)>,
+}
+
+impl Contents {
+    /// Writes the folder: all of it or nothing.
+    ///
+    /// # Errors
+    /// [`DestinationError`].
+    pub fn write(self, destination: &Destination) -> Result<(), DestinationError> {
+        destination.fill(&self.files()?)
+    }
+
+    /// The files of the folder, names and contents, the manifest last.
+    ///
+    /// # Errors
+    /// [`DestinationError`] when the manifest has no text.
+    pub fn files(self) -> Result<Vec<(String, Vec<u8>)>, DestinationError> {
+        let unwritable = |e: serde_json::Error| DestinationError::Unwritable { reason: e.to_string() };
+        let result = self.result.text().map_err(unwritable)?;
+        let quality = to_text(&self.quality).map_err(unwritable)?;
+        let own = [(MODEL, self.model), (RESULT, result), (QUALITY, quality)];
+        let mut files: Vec<(String, Vec<u8>)> =
+            own.into_iter().map(|(name, text)| (name.to_string(), text.into_bytes())).collect();
+        files.extend(self.used.into_iter().enumerate().map(|(k, text)| (used_name(k + 1), text.into_bytes())));
+        files.extend(self.others);
+        self.manifest.sealed(files).map_err(unwritable)
+    }
+}
+
+/// The files of a result or a diagnosis, names and contents, the manifest last: every one of them as it was written.
+///
+/// # Errors
+/// [`ResultError`].
+pub fn whole_files(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultError> {
+    let folder = standing(folder);
+    let (text, manifest) = manifest_of(&folder, Manifest::any_format)?;
+    let mut files = Vec::new();
+    for file in &manifest.files {
+        let content = read_same(&folder, file);
+        let changed = || ResultError::Changed { folder: folder.clone(), files: vec![file.name.clone()] };
+        files.push((file.name.clone(), content.ok_or_else(changed)?));
+    }
+    files.push((manifest::NAME.into(), text.into_bytes()));
+    Ok(files)
+}
+
+/// A program that died between two renames has left the result beside its place.
+fn standing(folder: &Path) -> PathBuf {
+    match !folder.exists() && before(folder).is_dir() {
+        true => before(folder),
+        false => folder.to_path_buf(),
+    }
+}
+
+/// The manifest of a folder, and its text; `format` tells which folders are ours.
+fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String, Manifest), ResultError> {
+    let foreign = || ResultError::Foreign { folder: folder.into() };
+    let text = match fs::read_to_string(folder.join(manifest::NAME)) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound && folder.is_dir() => return Err(foreign()),
+        Err(e) if e.kind() == io::ErrorKind::InvalidData => return Err(foreign()),
+        Err(e) => return Err(ResultError::Unreadable { reason: format!("{}: {}", folder.display(), reason(&e)) }),
+    };
+    let format = format(&text).ok_or_else(foreign)?;
+    if format > manifest::FORMAT {
+        return Err(ResultError::Newer { folder: folder.into(), format });
+    }
+    let manifest = serde_json::from_str::<Manifest>(&text).ok().filter(|m| m.is_whole(&text));
+    let changed = || ResultError::Changed { folder: folder.into(), files: vec![manifest::NAME.into()] };
+    Ok((text, manifest.ok_or_else(changed)?))
+}
+
+impl ResultFolder {
+    /// Reads a folder and checks its version and every file's fingerprint.
+    ///
+    /// # Errors
+    /// [`ResultError`].
+    pub fn open(folder: impl AsRef<Path>) -> Result<Self, ResultError> {
+        let folder = standing(folder.as_ref());
+        let (_, manifest) = manifest_of(&folder, Manifest::format)?;
+        let changed = |folder: &Path, files: Vec<String>| ResultError::Changed { folder: folder.into(), files };
+        let wrong: Vec<String> =
+            manifest.files.iter().filter(|f| !is_same(&folder, f)).map(|f| f.name.clone()).collect();
+        if !wrong.is_empty() {
+            return Err(changed(&folder, wrong));
+        }
+        let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|_| changed(&folder, vec![name.into()]));
+        let broken = |name: &str| changed(&folder, vec![name.into()]);
+        let (model, result, quality) = (read(MODEL)?, read(RESULT)?, read(QUALITY)?);
+        let result = ResultDocument::read(&result).map_err(|_| broken(RESULT))?;
+        let quality = from_text(&quality).map_err(|_| broken(QUALITY))?;
+        let names = (1..).map(used_name).take_while(|name| manifest.files.iter().any(|f| f.name == *name));
+        let used = names.map(|name| read(&name)).collect::<Result<Vec<_>, _>>()?;
+        let parameters = result.parameters();
+        Ok(Self { folder, manifest, model, used, result, quality, parameters })
+    }
+
+    /// Where it was found.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// What it was made from.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Everything that `--json` printed.
+    pub fn result(&self) -> &ResultDocument {
+        &self.result
+    }
+
+    /// What the residuals of each output of each fitted run say.
+    pub fn quality(&self) -> &[OutputDocument] {
+        &self.quality
+    }
+
+    /// Every parameter, per-run ones once for every run, and derived quantities.
+    pub fn parameters(&self) -> &[KeptParameter] {
+        &self.parameters
+    }
+
+    /// The model, as it was written by the user; its parameters are at their declared start values.
+    ///
+    /// # Errors
+    /// [`ModelError`] when this version of the program no longer reads it.
+    pub fn model(&self) -> Result<Model, ModelError> {
+        // names of used files are relative to the model's: one of them may be `model.fdm` itself
+        let own = Path::new(&self.manifest.model_file).file_name().filter(|_| !self.used.is_empty());
+        let name = own.map_or_else(|| self.folder.join(MODEL), |own| self.folder.join(own));
+        let model = Model::from_texts(name.display().to_string(), &self.model, &self.used)?;
+        // the names were taken from this text
+        Ok(model.untied(&self.manifest.untied).unwrap_or(model))
+    }
+
+    /// The runs that were fitted.
+    pub fn runs(&self) -> Vec<String> {
+        self.manifest.data.iter().map(|d| d.run.clone()).collect()
+    }
+
+    /// All parameters of `model` (p) as they were found, per-run ones those of `like`, or when that is not given those of the
+    /// fitted run with the same name as `run`, or of the only one.
+    ///
+    /// # Errors
+    /// [`ResultError::Ambiguous`] and [`ResultError::NoRun`]. A parameter that the result does not have keeps its value.
+    pub fn theta(&self, model: &Model, run: &str, like: Option<&str>) -> Result<Vec<f64>, ResultError> {
+        let params = &model.definition().params;
+        let owner = if params.iter().any(|p| p.per_run) { Some(self.owner(run, like)?) } else { None };
+        let value = |p: &fdm_grammar::model::Param| {
+            let owner = owner.as_deref().filter(|_| p.per_run);
+            let kept = self.parameters.iter().find(|k| k.name == p.quantity.name && k.run.as_deref() == owner);
+            kept.map_or(p.value, |k| k.value)
+        };
+        Ok(params.iter().map(value).collect())
+    }
+
+    /// Method and steps with which a run was fitted, and their integration error.
+    pub fn integration(&self, run: &str) -> Option<Accuracy> {
+        let found = self.result.fit()?.integration.as_ref()?.iter().find(|i| i.run == run)?;
+        Some(Accuracy { steps: found.spacing.clone(), error: found.error.unwrap_or(f64::NAN) })
+    }
+
+    /// What makes a fit of `model` a validation of this result: shared parameters are held where they were found, and so
+    /// are per-run ones that the fit held; the others are free, from their declared start values and the data.
+    pub fn held(&self, model: &Model) -> Changes {
+        let mut changes = Changes::default();
+        for p in &model.definition().params {
+            let name = &p.quantity.name;
+            let Some(kept) = self.parameters.iter().find(|k| k.name == *name) else { continue };
+            if p.per_run && kept.status != Status::Fixed {
+                if p.fixed {
+                    changes.free.push(name.clone());
+                }
+                continue;
+            }
+            changes.set.push((name.clone(), kept.value));
+            changes.fix.push(name.clone());
+        }
+        changes
+    }
+
+    /// The fit of `model` that validates this result: [`Self::held`], by the noise that it assumed.
+    pub fn validation(&self, model: &Model) -> FitOptions {
+        let options = Options { noise: self.manifest.noise.clone(), ..Options::default() };
+        FitOptions { changes: self.held(model), options, ..FitOptions::default() }
+    }
+
+    /// The fitted run whose own parameters are to be used.
+    fn owner(&self, run: &str, like: Option<&str>) -> Result<String, ResultError> {
+        let fitted = self.runs();
+        if let Some(like) = like {
+            let known = fitted.iter().any(|r| r == like);
+            return if known { Ok(like.into()) } else { Err(ResultError::NoRun { run: like.into(), fitted }) };
+        }
+        match &fitted[..] {
+            [only] => Ok(only.clone()),
+            _ if fitted.iter().any(|r| r == run) => Ok(run.into()),
+            _ => Err(ResultError::Ambiguous { run: run.into(), fitted }),
+        }
+    }
+}
+
+fn is_same(folder: &Path, file: &KeptFile) -> bool {
+    read_same(folder, file).is_some()
+}
+
+/// A file as it was written; none when it is missing or another.
+fn read_same(folder: &Path, file: &KeptFile) -> Option<Vec<u8>> {
+    // the list is ours, and still no name in it may lead out of the folder
+    Path::new(&file.name).file_name().filter(|n| *n == file.name.as_str())?;
+    let content = fs::read(folder.join(&file.name)).ok()?;
+    (content.len() as u64 == file.bytes && fingerprint(&content) == file.sha256).then_some(content)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::faults::{Faulty, Kind};
+    use super::super::identity::Identity;
+    use super::super::manifest::DataFile;
+    use super::*;
+    use crate::documents::specimen::{fit, parameter};
+    use fdm_estimate::Noise;
+
+    const TEXT: &str = "model a { param k = 1, b = 0 per run; output y = k + b; }";
+
+    fn contents(value: f64, runs: &[&str]) -> Contents {
+        let model = Model::from_text("a.fdm", TEXT).unwrap();
+        let mut manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
+        let data =
+            |run: &&str| DataFile { run: run.to_string(), file: "f".into(), path: None, bytes: None, sha256: None };
+        manifest.data = runs.iter().map(data).collect();
+        let own = runs.iter().enumerate().map(|(k, run)| parameter("b", Some(run), 10.0 + k as f64, None));
+        let parameters = std::iter::once(parameter("k", None, value, None)).chain(own).collect();
+        Contents {
+            manifest,
+            model: TEXT.into(),
+            used: Vec::new(),
+            result: fit(parameters).into(),
+            quality: Vec::new(),
+            others: vec![("result.txt".into(), b"k is known".to_vec())],
+        }
+    }
+
+    fn write(folder: &Path, value: f64) {
+        contents(value, &["one"]).write(&Destination::prepare(folder).unwrap()).unwrap();
+    }
+
+    fn value(folder: &Path) -> Option<f64> {
+        ResultFolder::open(folder).ok().map(|r| r.parameters()[0].value)
+    }
+
+    #[test]
+    fn used_files_are_kept_with_the_model() {
+        let used = vec!["model b { param k = 1; let y = k; }".to_string()];
+        let text = "model a { use \"model.fdm\" as b; param b0 = 0 per run; output y = b.y + b0; }";
+        let model = Model::from_texts("dir/a.fdm", text, &used).unwrap();
+        let manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
+        let folder = tempfile::tempdir().unwrap();
+        let place = Destination::prepare(folder.path().join("result")).unwrap();
+        Contents { manifest, model: text.into(), used, ..contents(1.0, &["one"]) }.write(&place).unwrap();
+        let read = ResultFolder::open(folder.path().join("result")).unwrap();
+        assert!(read.model().unwrap().source().same_texts(model.source()));
+    }
+
+    #[test]
+    fn what_was_written_is_read_back_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("deep").join("result");
+        write(&place, 0.1 + 0.2);
+        let read = ResultFolder::open(&place).unwrap();
+        let model = read.model().unwrap();
+        assert_eq!(read.theta(&model, "one", None), Ok(vec![0.1 + 0.2, 10.0]));
+        assert_eq!(read.theta(&model, "other", None), Ok(vec![0.1 + 0.2, 10.0]), "the only run");
+        assert_eq!(fs::read_dir(folder.path().join("deep")).unwrap().count(), 1, "nothing is left beside it");
+        contents(2.0, &["one", "two"]).write(&Destination::prepare(&place).unwrap()).unwrap();
+        let read = ResultFolder::open(&place).unwrap();
+        assert_eq!(read.theta(&model, "two", None), Ok(vec![2.0, 11.0]));
+        assert_eq!(read.theta(&model, "two", Some("one")), Ok(vec![2.0, 10.0]));
+        let held = Changes { set: vec![("k".into(), 2.0)], fix: vec!["k".into()], free: Vec::new() };
+        assert_eq!(read.held(&model), held, "the bias of each run is found anew");
+        assert!(read.theta(&model, "three", None).unwrap_err().to_string().contains("choose with --like"));
+        assert!(read.theta(&model, "one", Some("x")).unwrap_err().to_string().contains("only `one`, `two`"));
+    }
+
+    #[test]
+    fn other_folders_are_left_alone_and_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(Destination::prepare(folder.path()).is_ok(), "empty");
+        fs::write(folder.path().join("thesis.txt"), "all of it").unwrap();
+        assert!(matches!(Destination::prepare(folder.path()), Err(DestinationError::Foreign { .. })));
+        assert!(matches!(ResultFolder::open(folder.path()), Err(ResultError::Foreign { .. })));
+        assert!(matches!(
+            Destination::prepare(folder.path().join("thesis.txt")),
+            Err(DestinationError::Foreign { .. })
+        ));
+        assert!(matches!(ResultFolder::open(folder.path().join("none")), Err(ResultError::Unreadable { .. })));
+        // what turned up while the fit ran is left alone too
+        let place = folder.path().join("late");
+        let destination = Destination::prepare(&place).unwrap();
+        fs::create_dir(&place).unwrap();
+        fs::write(place.join("a"), "b").unwrap();
+        assert!(contents(1.0, &["one"]).write(&destination).is_err());
+        assert_eq!(fs::read_to_string(place.join("a")).unwrap(), "b");
+    }
+
+    #[test]
+    fn every_change_is_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let place = folder.path().join("result");
+        for name in ["manifest.json", "model.fdm", "result.json", "result.txt"] {
+            write(&place, 1.0);
+            let path = place.join(name);
+            let whole = fs::read_to_string(&path).unwrap();
+            let digit = whole.find("1").unwrap_or(3);
+            let changed = format!("{}2{}", &whole[..digit], &whole[digit + 1..]);
+            for broken in [changed.as_str(), &whole[..whole.len() - 2], ""] {
+                fs::write(&path, broken).unwrap();
+                let said = ResultFolder::open(&place).map(|_| ()).unwrap_err().to_string();
+                assert!(said.contains(name) || name == "manifest.json", "{name}: {said}");
+            }
+            fs::remove_file(&path).unwrap();
+            assert!(ResultFolder::open(&place).is_err());
+            fs::write(&path, whole).unwrap();
+            assert!(ResultFolder::open(&place).is_ok());
+        }
+    }
+
+    #[test]
+    fn newer_formats_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("manifest.json"), r#"{"kind": "fdm result", "format": 99, "new": []}"#).unwrap();
+        let said = ResultFolder::open(folder.path()).map(|_| ()).unwrap_err().to_string();
+        assert!(said.contains("newer fdm (format 99"), "{said}");
+        assert!(Destination::prepare(folder.path()).is_ok(), "it is ours and may be replaced");
+    }
+
+    /// The program dies, or the disk fails, at the n-th operation while a result is replaced, for every n.
+    #[test]
+    fn the_old_result_stands_until_the_new_one_is_complete() {
+        for (dies, kind) in [(true, Kind::Nothing), (true, Kind::Torn), (true, Kind::Done), (false, Kind::Nothing)] {
+            for n in 0.. {
+                let folder = tempfile::tempdir().unwrap();
+                let place = folder.path().join("result");
+                write(&place, 1.0);
+                let disk = if dies { Faulty::dies(n, kind) } else { Faulty::fails_once(n, kind) };
+                let written = Destination::on(Box::new(disk.clone()), &place)
+                    .and_then(|destination| contents(2.0, &["one"]).write(&destination));
+                let found = value(&place);
+                match written {
+                    Ok(()) => assert_eq!(found, Some(2.0), "operation {n}"),
+                    Err(_) => assert!(found == Some(1.0) || found == Some(2.0), "operation {n}: nothing is left"),
+                }
+                // and the next one finds its way
+                write(&place, 3.0);
+                assert_eq!(value(&place), Some(3.0), "operation {n}");
+                assert!(!before(&place).exists(), "operation {n}");
+                if !disk.failed() {
+                    assert!(n > 10, "all operations were tried");
+                    break;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,631 @@
+//! What `fdm check` runs before anyone trusts a derivative: every partial of every program against the derivative that
+//! a complex step finds in the program without partials (Squire and Trapp 1998), structural zeros included.
+//!
+//! Equations are counted through: rates, outputs, initial values, delays; leaves: states, drive, parameters.
+
+use super::disturbance::{Nominal, Rounding, Scatter};
+use super::expressions::{ComplexPoint, evaluate};
+use crate::dynamics::Point;
+use fdm_grammar::graph::{Leaf, Names};
+use fdm_grammar::model::Model;
+use fdm_grammar::schedule::{Layout, Program, Schedule};
+use num_complex::Complex64;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// Relative deviations above this are failures. Both derivatives are exact up to rounding, and what rounding does
+/// to the symbolic one is measured and allowed for; a term that weighs less than this everywhere harms no estimation.
+pub const TOLERANCE: f64 = 1e-8;
+
+/// Slopes that are zero for every purpose: on the way to them numbers lose their digits.
+const NOTHING: f64 = 1e-90;
+
+/// Slopes that are infinite for every purpose, and by how much a step across one finds more when it is made smaller.
+const INFINITE: f64 = 1e100;
+const STEEPER: f64 = 1e3;
+
+/// Points that are compared, when the model is not so large that fewer must do.
+const POINTS: usize = 12;
+
+/// Points that are tried for each one wanted.
+const TRIALS: usize = 4;
+
+/// Operations that may be spent: a fraction of a second, so that checking stays quicker than compiling.
+const BUDGET: usize = 10_000_000;
+
+/// An entry whose two derivatives differ.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Discrepancy {
+    /// What was differentiated: `der(x)`, an output, the initial value `x(0)`, the time of a `delay(...)`.
+    pub equation: String,
+    /// By what it was differentiated; nothing when it is the value itself that differs between two programs.
+    pub by: Option<String>,
+    /// What the program of partials says.
+    pub symbolic: f64,
+    /// What the complex step found.
+    pub numeric: f64,
+    /// Their difference, relative to the greater of them; less where rounding explains it.
+    pub relative: f64,
+}
+
+/// What a verification found.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Verification {
+    /// Points at which everything was compared.
+    pub points: usize,
+    /// Points that were passed over because an equation had no finite value there.
+    pub skipped: usize,
+    /// Comparisons made, structural zeros included.
+    pub compared: usize,
+    /// The largest deviation, failure or not; none when everything was equal.
+    pub worst: Option<Discrepancy>,
+    /// Entries beyond [`TOLERANCE`], each at its worst point, ordered by equation.
+    pub failures: Vec<Discrepancy>,
+}
+
+impl Verification {
+    /// Whether there was a point to compare at, and no failure.
+    pub fn passed(&self) -> bool {
+        self.points > 0 && self.failures.is_empty()
+    }
+}
+
+/// Compares all partials of a model at points around the nominal ones.
+///
+/// Near kinks (`abs`, `min`, `if`) both derivatives take the branch of the real values, so they agree there too.
+///
+/// # Panics
+/// When `nominal` has fewer values than the model.
+pub fn verify(model: &Model, schedule: &Schedule, nominal: &Nominal) -> Verification {
+    let mut comparison = Comparison::new(model, schedule);
+    let wanted = comparison.affordable();
+    for k in 0..wanted * TRIALS {
+        if comparison.found.points == wanted {
+            break;
+        }
+        let site = comparison.sides.site(model, Scatter::new(k), nominal);
+        if comparison.sides.values(&site).iter().all(|v| v.is_finite()) {
+            comparison.found.points += 1;
+            comparison.compare(&site);
+        } else {
+            comparison.found.skipped += 1;
+        }
+    }
+    comparison.finish()
+}
+
+struct Comparison<'a> {
+    model: &'a Model,
+    schedule: &'a Schedule,
+    layout: &'a Layout,
+    sides: Sides<'a>,
+    found: Verification,
+    /// Failures by equation and leaf (none: the value).
+    failures: BTreeMap<(usize, Option<usize>), Discrepancy>,
+}
+
+impl<'a> Comparison<'a> {
+    fn new(model: &'a Model, schedule: &'a Schedule) -> Self {
+        let (layout, found, failures) = (&schedule.layout, Verification::default(), BTreeMap::new());
+        Self { model, schedule, layout, sides: Sides::new(schedule), found, failures }
+    }
+
+    fn affordable(&self) -> usize {
+        let s = self.schedule;
+        let sum = |programs: [&Program; 3]| programs.map(|p| p.instructions.len()).into_iter().sum::<usize>();
+        let plain = sum([&s.prepare, &s.rates, &s.outputs]) + self.sides.equations();
+        let partials = sum([&s.rates_and_partials, &s.outputs_and_partials, &s.by_input]);
+        (BUDGET / (self.sides.leaves() * plain + (1 + DISTURBANCES) * partials + 1)).clamp(1, POINTS)
+    }
+
+    fn compare(&mut self, site: &Site) {
+        let mut symbolic = self.sides.symbolic(site);
+        for (i, value) in self.sides.values(site).into_iter().enumerate() {
+            self.judge(i, None, (symbolic.values[i], 0.0), value);
+        }
+        let mut column = vec![(0.0, 0.0); self.sides.equations()];
+        let free: Vec<usize> = (0..self.sides.leaves()).filter(|leaf| self.is_free(*leaf)).collect();
+        let mut suspected = false;
+        for leaf in free {
+            symbolic.column(leaf, &mut column);
+            let numeric = self.sides.numeric(site, leaf);
+            let apart =
+                |((symbolic, noise), numeric): (&(f64, f64), &f64)| deviation(*symbolic, *numeric, *noise) > TOLERANCE;
+            if column.iter().zip(&numeric).any(apart) {
+                if !std::mem::replace(&mut suspected, true) {
+                    self.sides.suspect(site, &mut symbolic);
+                    symbolic.column(leaf, &mut column);
+                }
+                let noise = self.sides.numeric_noise(site, leaf, &numeric);
+                column.iter_mut().zip(noise).for_each(|((_, own), other)| *own += other);
+            }
+            let closer = column.iter().any(|(v, _)| is_infinite(*v)).then(|| self.sides.numeric_closer(site, leaf));
+            for (i, numeric) in numeric.into_iter().enumerate() {
+                // the slope of a root at zero, which a step finds the steeper the smaller it is
+                let steep = |closer: &Vec<f64>| closer[i].abs() > STEEPER * numeric.abs();
+                if !(is_infinite(column[i].0) && closer.as_ref().is_some_and(steep)) {
+                    self.judge(i, Some(leaf), column[i], numeric);
+                }
+            }
+        }
+    }
+
+    /// Fixed parameters are not differentiated by.
+    fn is_free(&self, leaf: usize) -> bool {
+        let param = leaf.checked_sub(self.layout.states + self.layout.drive());
+        param.is_none_or(|k| !self.model.params[k].fixed)
+    }
+
+    /// Compares the symbolic value with the numeric one; rounding may have made the noise in either.
+    fn judge(&mut self, equation: usize, leaf: Option<usize>, (symbolic, noise): (f64, f64), numeric: f64) {
+        if !numeric.is_finite() {
+            // overflow on the way
+            return;
+        }
+        self.found.compared += 1;
+        if symbolic == numeric {
+            return;
+        }
+        let relative = deviation(symbolic, numeric, noise);
+        let beyond = |d: Option<&Discrepancy>| d.is_none_or(|d| relative > d.relative);
+        let (worst, fails) = (beyond(self.found.worst.as_ref()), relative > TOLERANCE);
+        let fails = fails && beyond(self.failures.get(&(equation, leaf)));
+        if worst || fails {
+            let (equation_name, by) = (self.equation_name(equation), leaf.map(|l| self.leaf_name(l)));
+            let discrepancy = Discrepancy { equation: equation_name, by, symbolic, numeric, relative };
+            if worst {
+                self.found.worst = Some(discrepancy.clone());
+            }
+            if fails {
+                self.failures.insert((equation, leaf), discrepancy);
+            }
+        }
+    }
+
+    fn equation_name(&self, k: usize) -> String {
+        let (n, q) = (self.layout.states, self.layout.outputs);
+        let state = |i: usize| &self.model.states[i].quantity.name;
+        if k < n {
+            format!("der({})", state(k))
+        } else if k < n + q {
+            self.model.outputs[k - n].quantity.name.clone()
+        } else if k < n + q + n {
+            format!("{}(0)", state(k - n - q))
+        } else {
+            format!("the time of {}", self.model.leaf(Leaf::Delayed((k - n - q - n) as u32)))
+        }
+    }
+
+    fn leaf_name(&self, k: usize) -> String {
+        let (n, m, delayed) = (self.layout.states, self.layout.inputs, self.layout.delayed.len());
+        self.model.leaf(if k < n {
+            Leaf::State(k as u32)
+        } else if k < n + m {
+            Leaf::Input((k - n) as u32)
+        } else if k < n + m + delayed {
+            Leaf::Delayed((k - n - m) as u32)
+        } else {
+            Leaf::Param((k - n - m - delayed) as u32)
+        })
+    }
+
+    fn finish(mut self) -> Verification {
+        self.found.failures = self.failures.into_values().collect();
+        self.found
+    }
+}
+
+fn is_infinite(slope: f64) -> bool {
+    slope.is_nan() || slope.abs() >= INFINITE
+}
+
+/// The difference of two slopes in relation to the greater of them, less where rounding explains it.
+fn deviation(symbolic: f64, numeric: f64, noise: f64) -> f64 {
+    let scale = symbolic.abs().max(numeric.abs()) + noise / TOLERANCE + NOTHING;
+    if symbolic.is_finite() { (symbolic - numeric).abs() / scale } else { f64::INFINITY }
+}
+
+/// Its square is below the last digit of everything, so the step has no error of truncation.
+const STEP: f64 = 1e-30;
+/// Part of it by which slopes that look infinite are asked again.
+const CLOSER: f64 = 1e-20;
+
+/// Disturbed evaluations from which rounding is estimated, and how much more there may be of it.
+pub(super) const DISTURBANCES: usize = 3;
+const MARGIN: f64 = 16.0;
+/// The same for a step, and for both where the two sides differ: each misses a single operation half of the time.
+const SUSPICIONS: usize = 16;
+
+/// Where a model is looked at.
+pub(super) struct Site {
+    pub(super) t: f64,
+    pub(super) theta: Vec<f64>,
+    pub(super) x: Vec<f64>,
+    pub(super) drive: Vec<f64>,
+}
+
+/// The symbolic side at one point.
+pub(super) struct Symbolic {
+    /// The equations themselves.
+    pub(super) values: Vec<f64>,
+    /// The entries of all partials, by leaf.
+    pub(super) entries: Vec<Entry>,
+}
+
+impl Symbolic {
+    /// The derivatives of all equations by one leaf, with what rounding may have done to them.
+    pub(super) fn column(&self, leaf: usize, column: &mut [(f64, f64)]) {
+        column.fill((0.0, 0.0));
+        let first = self.entries.partition_point(|e| e.leaf < leaf);
+        let own = self.entries[first..].iter().take_while(|e| e.leaf == leaf);
+        own.for_each(|e| column[e.equation] = (e.value, e.noise));
+    }
+}
+
+/// A partial that the patterns know.
+#[derive(Clone, Copy)]
+pub(super) struct Entry {
+    pub(super) equation: usize,
+    pub(super) leaf: usize,
+    pub(super) value: f64,
+    /// What rounding may have done to the value.
+    pub(super) noise: f64,
+}
+
+/// Evaluates both sides.
+pub(super) struct Sides<'a> {
+    schedule: &'a Schedule,
+    layout: &'a Layout,
+    values: Vec<Complex64>,
+}
+
+impl<'a> Sides<'a> {
+    pub(super) fn new(schedule: &'a Schedule) -> Self {
+        Self { schedule, layout: &schedule.layout, values: Vec::new() }
+    }
+
+    /// How many can be differentiated by.
+    pub(super) fn leaves(&self) -> usize {
+        self.layout.states + self.layout.drive() + self.layout.params
+    }
+
+    /// How many are differentiated.
+    pub(super) fn equations(&self) -> usize {
+        2 * self.layout.states + self.layout.outputs + self.layout.tau.len()
+    }
+
+    pub(super) fn site(&self, model: &Model, mut scatter: Scatter, nominal: &Nominal) -> Site {
+        let theta = scatter.theta(model, &nominal.theta);
+        let known = self.known(&theta, &mut Rounding::exact());
+        let home = nominal.x.as_deref().unwrap_or(&known[self.layout.initial.clone()]);
+        let x: Vec<f64> = home[..self.layout.states].iter().map(|x| scatter.around(*x)).collect();
+        let drive = scatter.drive(self.layout, nominal.drive.as_deref(), &x);
+        Site { t: scatter.time(nominal.t), theta, x, drive }
+    }
+
+    fn known(&self, theta: &[f64], rounding: &mut Rounding) -> Vec<f64> {
+        rounding.evaluate(&self.schedule.prepare, Point { t: 0.0, x: &[], drive: &[], known: theta })
+    }
+
+    /// The values of all equations, from the programs without partials.
+    pub(super) fn values(&self, site: &Site) -> Vec<f64> {
+        let mut rounding = Rounding::exact();
+        let known = self.known(&site.theta, &mut rounding);
+        let at = Point { t: site.t, x: &site.x, drive: &site.drive, known: &known };
+        let mut values = rounding.evaluate(&self.schedule.rates, at);
+        values.extend(rounding.evaluate(&self.schedule.outputs, at));
+        values.extend(&known[self.layout.initial.clone()]);
+        values.extend(&known[self.layout.tau.clone()]);
+        values
+    }
+
+    /// All partials, and what rounding does to them.
+    pub(super) fn symbolic(&self, site: &Site) -> Symbolic {
+        let mut symbolic = self.evaluate(site, &mut Rounding::exact());
+        self.disturb(site, &mut symbolic, 0..DISTURBANCES);
+        symbolic
+    }
+
+    /// What more disturbances say of rounding, where the two sides differ.
+    pub(super) fn suspect(&self, site: &Site, symbolic: &mut Symbolic) {
+        self.disturb(site, symbolic, DISTURBANCES..SUSPICIONS);
+    }
+
+    fn disturb(&self, site: &Site, symbolic: &mut Symbolic, numbers: Range<usize>) {
+        for number in numbers {
+            let disturbed = self.evaluate(site, &mut Rounding::disturbed(number));
+            for (entry, other) in symbolic.entries.iter_mut().zip(disturbed.entries) {
+                entry.noise = entry.noise.max(MARGIN * (other.value - entry.value).abs());
+            }
+        }
+    }
+
+    fn evaluate(&self, site: &Site, rounding: &mut Rounding) -> Symbolic {
+        let (layout, patterns, stage) = (self.layout, &self.layout.patterns, &self.layout.stage);
+        let (n, m, q) = (layout.states, layout.inputs, layout.outputs);
+        let known = self.known(&site.theta, rounding);
+        let at = Point { t: site.t, x: &site.x, drive: &site.drive, known: &known };
+        let rates = rounding.evaluate(&self.schedule.rates_and_partials, at);
+        let outputs = rounding.evaluate(&self.schedule.outputs_and_partials, at);
+        let inputs = rounding.evaluate(&self.schedule.by_input, at);
+
+        let entry = |equation, leaf, value| Entry { equation, leaf, value, noise: 0.0 };
+        let (delayed, params) = (n + m, n + layout.drive());
+        let by_state = patterns.rates_by_state.entries().zip(&stage.by_state);
+        let by_state = by_state.map(|((_, i, j), slot)| entry(i, j, rates[*slot as usize]));
+        let by_delayed = patterns.rates_by_delayed.entries();
+        let by_delayed = by_delayed.map(|(k, i, j)| entry(i, delayed + j, rates[stage.by_delayed + k]));
+        let by_param = patterns.rates_by_param.entries();
+        let by_param = by_param.filter_map(|(_, i, j)| Some(entry(i, params + j, rates[stage.by_param(i, j)?])));
+        let mut entries: Vec<Entry> = by_state.chain(by_delayed).chain(by_param).collect();
+
+        let (after_state, after_delayed) = (q + patterns.outputs_by_state.len(), patterns.outputs_by_delayed.len());
+        // pattern, its first equation and leaf, its entries
+        let plain = [
+            (&patterns.rates_by_input, 0, n, &inputs[..]),
+            (&patterns.outputs_by_input, n, n, &inputs[patterns.rates_by_input.len()..]),
+            (&patterns.outputs_by_state, n, 0, &outputs[q..]),
+            (&patterns.outputs_by_delayed, n, delayed, &outputs[after_state..]),
+            (&patterns.outputs_by_param, n, params, &outputs[after_state + after_delayed..]),
+            (&patterns.initial_by_param, n + q, params, &known[layout.initial_by_param.clone()]),
+            (&patterns.tau_by_param, n + q + n, params, &known[layout.tau_by_param.clone()]),
+        ];
+        for (pattern, equation, leaf, values) in plain {
+            entries.extend(pattern.entries().map(|(k, i, j)| entry(equation + i, leaf + j, values[k])));
+        }
+        let mut values = [&rates[..n], &outputs[..q]].concat();
+        values.extend(&known[layout.initial.clone()]);
+        values.extend(&known[layout.tau.clone()]);
+        entries.sort_by_key(|e| e.leaf);
+        Symbolic { values, entries }
+    }
+
+    /// The derivatives of all equations by one leaf, structural zeros included.
+    pub(super) fn numeric(&mut self, site: &Site, leaf: usize) -> Vec<f64> {
+        self.stepped(site, leaf, STEP, &mut Rounding::exact())
+    }
+
+    /// The same by a step so much smaller that it finds more where a slope is infinite, and the same where it is not.
+    pub(super) fn numeric_closer(&mut self, site: &Site, leaf: usize) -> Vec<f64> {
+        self.stepped(site, leaf, CLOSER * STEP, &mut Rounding::exact())
+    }
+
+    /// What rounding may have done to them: the step, too, loses digits where terms cancel.
+    pub(super) fn numeric_noise(&mut self, site: &Site, leaf: usize, exact: &[f64]) -> Vec<f64> {
+        let mut noise = vec![0.0_f64; exact.len()];
+        for number in 0..SUSPICIONS {
+            let disturbed = self.stepped(site, leaf, STEP, &mut Rounding::disturbed(number));
+            for ((noise, other), value) in noise.iter_mut().zip(disturbed).zip(exact) {
+                *noise = noise.max(MARGIN * (other - value).abs());
+            }
+        }
+        noise
+    }
+
+    fn stepped(&mut self, site: &Site, leaf: usize, step: f64, rounding: &mut Rounding) -> Vec<f64> {
+        let mut leaves: Vec<Complex64> =
+            site.x.iter().chain(&site.drive).chain(&site.theta).map(|v| Complex64::from(*v)).collect();
+        leaves[leaf].im = step;
+        let (x, rest) = leaves.split_at(self.layout.states);
+        let (drive, theta) = rest.split_at(self.layout.drive());
+        let at = |known| ComplexPoint { t: site.t, x, drive, known };
+        let known = evaluate(&self.schedule.prepare, at(theta), &mut self.values, rounding);
+        let mut results = evaluate(&self.schedule.rates, at(&known), &mut self.values, rounding);
+        results.extend(evaluate(&self.schedule.outputs, at(&known), &mut self.values, rounding));
+        results.extend(&known[self.layout.initial.clone()]);
+        results.extend(&known[self.layout.tau.clone()]);
+        results.into_iter().map(|z| z.im / step).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::code::specimen::{blank, quantity, random, ship};
+    use crate::code::{Engine, compile};
+    use crate::dynamics::{Point, Workspace};
+    use fdm_grammar::model::Output;
+    use fdm_grammar::op::{Build, Op, ROWS};
+    use fdm_grammar::schedule::{Instruction, Operand};
+
+    fn check(model: &Model, schedule: &Schedule) -> Verification {
+        verify(model, schedule, &Nominal::start(model))
+    }
+
+    /// The ship with a delay, an input in an output, and initial values that depend on parameters.
+    fn rich() -> Model {
+        let mut model = ship();
+        let g = &mut model.graph;
+        let (tau, c, d) = (g.leaf(Leaf::Param(1)), g.leaf(Leaf::Param(2)), g.leaf(Leaf::Input(0)));
+        let tau = g.apply(Op::Exp, &[tau]);
+        let late = g.delay(fdm_grammar::graph::Signal::State(0), tau);
+        let product = g.apply(Op::Mul, &[late, c]);
+        let sum = g.apply(Op::Add, &[product, d]);
+        model.outputs.push(Output { quantity: quantity("late"), expr: sum, noise: None });
+        let rate = model.states[2].rate;
+        model.states[2].rate = g.apply(Op::Add, &[rate, product]);
+        model.states[1].initial = g.apply(Op::Mul, &[c, c]);
+        model
+    }
+
+    #[test]
+    fn exact_derivatives_pass() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let found = check(&model, &schedule);
+        assert!(found.passed(), "{found:?}");
+        assert_eq!((found.points, found.skipped), (POINTS, 0));
+        let (equations, leaves) = (3 + 4 + 3 + 1, 3 + 1 + 1 + 11);
+        assert_eq!(found.compared, POINTS * equations * (leaves + 1), "the whole matrix, zeros included");
+        assert!(found.worst.is_none_or(|d| d.relative < 1e-13));
+    }
+
+    #[test]
+    fn equations_solved_for_derivatives_pass() {
+        let text = "model m { input u, w; state p = 0.1, r = 0.3, v = 0.4, s;
+            param ixx = 2.1, izz = 3.4, ixz = 0.3, k = 0.7, tau = 0.2 in [0, 1];
+            ixx*(1 + s^2)*der(p) - ixz*der(r) + k*der(v) = delay(u + k*der(u), tau) - p*r;
+            izz*der(r) - ixz*der(p) = sin(w) - r*abs(r); (if p > 0 then k else 1)*der(v) - p*der(r) = der(u*w) - v;
+            der(s*exp(p)) = sqrt(1 + der(v)^2); output y = der(v) + k*der(delay(s*u, tau)), z = p; }";
+        let compiled =
+            fdm_grammar::compile(&fdm_grammar::Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+        let found = check(&compiled.model, &compiled.schedule);
+        assert!(found.passed() && found.points == POINTS, "{found:?}");
+    }
+
+    #[test]
+    fn slopes_that_a_step_cannot_find_pass() {
+        let bodies = [
+            "state x = 0.3, z = 1e-6; der(x) = sqrt(log(cos(z^3))); der(z) = -z;",
+            "state x = 0.3, z = 0.2; der(x) = deadzone(z/a*(if 0 < 0 then 0 else a), 0); der(z) = -z;",
+            "state x = 0.3, z = 0.2; der(x) = log10(abs(tan(acos(1e-7*z)))); der(z) = -z;",
+            "state x = 0.3, z = 0.2; der(x) = deadzone(clip(0, b, z), deadzone(hypot(z, 0), 0)); der(z) = -z;",
+        ];
+        for body in bodies {
+            let text = format!("model m {{ {body} param a = 1, b = 0.5 in [0, 3]; output y = a*b*x; }}");
+            let compiled =
+                fdm_grammar::compile(&fdm_grammar::Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{e:?}"));
+            let found = check(&compiled.model, &compiled.schedule);
+            assert!(found.passed() && found.points == POINTS, "{body}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn models_that_nobody_would_write_pass() {
+        for seed in 0..2000 {
+            let mut model = random(seed, false);
+            let schedule = Schedule::new(&mut model);
+            let found = check(&model, &schedule);
+            // an infinite slope times zero is NaN in the symbolic derivative: a fit would stop there, so it is told
+            let wrong: Vec<_> = found.failures.iter().filter(|d| d.symbolic.is_finite()).collect();
+            assert!(wrong.is_empty(), "{seed}: {wrong:#?}");
+        }
+    }
+
+    /// The operation as an output of a model with three states.
+    fn alone(op: Op) -> Model {
+        let mut model = blank(3, 0, &[]);
+        let args = [0, 1, 2].map(|k| model.graph.leaf(Leaf::State(k)));
+        let expr = model.graph.apply(op, &args[..op.row().arity]);
+        model.outputs.push(Output { quantity: quantity(op.row().name), expr, noise: None });
+        model
+    }
+
+    #[test]
+    fn every_operation_by_complex_step_and_by_differences() {
+        for row in ROWS {
+            let mut model = alone(row.op);
+            let schedule = Schedule::new(&mut model);
+            let nominal = Nominal { x: Some(vec![0.6, 0.3, -0.4]), ..Nominal::start(&model) };
+            let found = verify(&model, &schedule, &nominal);
+            assert!(found.passed(), "{}: {found:#?}", row.name);
+
+            let tape = compile(&schedule, Engine::Tape);
+            let mut work = Workspace::new(&*tape);
+            let outputs = |x: &[f64], out: &mut [f64], partials: bool, work: &mut Workspace| {
+                let at = Point { t: 0.0, x, drive: &[], known: &[0.0; 3] };
+                if partials { tape.outputs_and_partials(at, out, work) } else { tape.outputs(at, out, work) }
+            };
+            for x in [[0.6, 0.3, -0.4], [0.2, 0.9, 1.5]] {
+                let mut exact = vec![0.0; schedule.layout.output_slots()];
+                outputs(&x, &mut exact, true, &mut work);
+                let mut dense = [0.0; 3];
+                for (k, _, j) in schedule.layout.patterns.outputs_by_state.entries() {
+                    dense[j] = exact[1 + k];
+                }
+                for j in 0..3 {
+                    let mut sides = [0.0; 2];
+                    for (side, h) in sides.iter_mut().zip([1e-6, -1e-6]) {
+                        let mut moved = x;
+                        moved[j] += h;
+                        outputs(&moved, std::slice::from_mut(side), false, &mut work);
+                    }
+                    let difference = (sides[0] - sides[1]) / 2e-6;
+                    assert!((difference - dense[j]).abs() < 1e-8, "{} by {j}: {difference} {}", row.name, dense[j]);
+                }
+            }
+        }
+    }
+
+    fn negate(program: &mut Program, k: usize) {
+        let operand = program.results[k].operand;
+        program.instructions.push(Instruction { op: Op::Neg, args: [operand; 3] });
+        program.results[k].operand = Operand::Value(program.instructions.len() as u32 - 1);
+    }
+
+    fn clear(program: &mut Program, k: usize) {
+        program.constants.push(0.0);
+        program.results[k].operand = Operand::Constant(program.constants.len() as u32 - 1);
+    }
+
+    #[test]
+    fn every_wrong_entry_is_caught() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let programs: [fn(&mut Schedule) -> &mut Program; 3] =
+            [|s| &mut s.rates_and_partials, |s| &mut s.outputs_and_partials, |s| &mut s.by_input];
+        for program in programs {
+            for k in 0..program(&mut schedule.clone()).results.len() {
+                for spoil in [negate, clear] {
+                    let mut wrong = schedule.clone();
+                    spoil(program(&mut wrong), k);
+                    let found = check(&model, &wrong);
+                    assert_eq!(found.failures.len(), 1, "result {k}: {:#?}", found.failures);
+                    assert!(!found.passed() && found.worst.as_ref() == found.failures.first());
+                }
+            }
+        }
+        for k in schedule.layout.initial_by_param.clone().chain(schedule.layout.tau_by_param.clone()) {
+            let mut wrong = schedule.clone();
+            negate(&mut wrong.prepare, k);
+            assert!(!check(&model, &wrong).failures.is_empty(), "known {k}");
+        }
+    }
+
+    #[test]
+    fn a_zero_that_is_none_is_caught_and_named() {
+        let mut model = rich();
+        let schedule = Schedule::new(&mut model);
+        let patterns = &schedule.layout.patterns;
+        for (position, i, j) in patterns.rates_by_state.entries() {
+            let mut wrong = schedule.clone();
+            let pattern = &mut wrong.layout.patterns.rates_by_state;
+            pattern.columns.remove(position);
+            pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
+            wrong.layout.stage.by_state.remove(position);
+            let found = check(&model, &wrong);
+            assert_eq!(found.failures.len(), 1, "{i} {j}");
+            assert_eq!(found.failures[0].equation, format!("der(x{i})"));
+            assert_eq!((found.failures[0].by.as_deref(), found.failures[0].symbolic), (Some(&*format!("x{j}")), 0.0));
+        }
+        for (position, i, j) in patterns.rates_by_param.entries() {
+            let mut wrong = schedule.clone();
+            let pattern = &mut wrong.layout.patterns.rates_by_param;
+            pattern.columns.remove(position);
+            pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
+            let found = check(&model, &wrong);
+            assert_eq!((found.failures.len(), found.failures[0].by.as_deref()), (1, Some(&*format!("p{j}"))));
+        }
+    }
+
+    #[test]
+    fn fixed_parameters_are_not_asked_for() {
+        let mut model = rich();
+        model.params[0].fixed = true;
+        let schedule = Schedule::new(&mut model);
+        assert!(check(&model, &schedule).passed());
+    }
+
+    #[test]
+    fn a_model_without_a_usable_point_does_not_pass() {
+        let mut model = blank(1, 0, &[]);
+        let x = model.graph.leaf(Leaf::State(0));
+        let (square, one) = (model.graph.apply(Op::Mul, &[x, x]), model.graph.number(-1.0));
+        let below = model.graph.apply(Op::Sub, &[one, square]);
+        model.states[0].rate = model.graph.apply(Op::Log, &[below]);
+        let schedule = Schedule::new(&mut model);
+        let found = check(&model, &schedule);
+        assert_eq!((found.points, found.skipped, found.compared), (0, POINTS * TRIALS, 0));
+        assert!(!found.passed() && found.failures.is_empty());
+    }
+}

@@ -1,0 +1,29 @@
+//! Measured data: CSV files to [`Run`]s in the model's units, with errors that name file, line and column.
+//!
+//! Start at [`read()`]: `text` (bytes, cells) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`].
+
+mod channel;
+mod derived;
+mod error;
+pub mod even_grid;
+mod read;
+mod run;
+mod samples;
+mod search;
+mod table;
+#[cfg(test)]
+mod tests;
+mod text;
+mod write;
+
+pub use channel::{Channel, Channels, Role, channels};
+pub use derived::Incomplete;
+pub use derived::bridge;
+pub use error::Fault;
+pub use error::{Names, Problem, RecordError};
+pub use read::{ChannelSource, Note, Sampling, Summary};
+pub use read::{ReadOptions, read};
+pub use run::Run;
+pub use run::{Cursor, Place};
+pub use table::{Delimiter, Dialect, Mark};
+pub use write::{Column, write, write_to};

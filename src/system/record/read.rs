@@ -1,0 +1,418 @@
+//! A file becomes a run: the columns that a model wants, the rows that the user selects, the units of the model; and what was found on the
+//! way ([`Summary`]), for people to look at before they trust a fit.
+
+use super::channel::{Channel, Channels, Plan, Role, Source};
+use super::error::{Fault, Names, Problem, RecordError};
+use super::run::Run;
+use super::samples::{self, Samples};
+use super::table::{Dialect, Table};
+use super::{derived, search};
+use fdm_grammar::diagnostic::nearest;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::path::Path;
+
+/// What the user chose beside the file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ReadOptions {
+    /// Channel and the column that it is read from: title or name, possibly with a unit (`time [ms]`) for a column
+    /// that states none; `log(c [mol/l])` is the natural logarithm of its numbers in this unit. The time is the channel `t`.
+    pub map: Vec<(String, String)>,
+    /// First time to be used, as it stands in the file; a row number from 0 where the file has no time.
+    pub from: Option<f64>,
+    /// Last time to be used, as it stands in the file.
+    pub to: Option<f64>,
+    /// Use every n-th selected row, beginning with the first.
+    pub every: usize,
+    /// Inputs that keep their value until the next sample.
+    pub hold: Vec<String>,
+    /// Whether every output must have a column with values; otherwise missing ones are all NaN.
+    pub require_outputs: bool,
+}
+
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self { map: Vec::new(), from: None, to: None, every: 1, hold: Vec::new(), require_outputs: true }
+    }
+}
+
+/// Reads a record for a model, in the model's units, order and time, which begins at 0 with the first sample used.
+///
+/// The first row holds titles, `name [unit]` or `name (unit)`; delimiter and decimal mark are recognised; lines that
+/// begin with `#` or `%` are comments. Empty cells and the usual words for them (NaN, NA, -) are gaps: outputs are not
+/// compared there, inputs are bridged from their neighbours in time. Rows that repeat the row before are used once.
+///
+/// # Errors
+/// All problems that can be told apart: options and columns first, then the cells of the selected rows.
+pub fn read(path: &Path, channels: &Channels, options: &ReadOptions) -> Result<(Run, Summary), RecordError> {
+    let told = |problems| RecordError { file: path.display().to_string(), problems };
+    let table = Table::open(path).map_err(|p| told(vec![p]))?;
+    let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+    assemble(name, &table, channels, options).map_err(told)
+}
+
+fn assemble(
+    name: String,
+    table: &Table,
+    channels: &Channels,
+    options: &ReadOptions,
+) -> Result<(Run, Summary), Vec<Problem>> {
+    let mut problems = check_options(channels, options);
+    let mut notes = Vec::new();
+    let plan = search::plan(table, channels, options, &mut notes).map_err(|p| problems.extend(p));
+    let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
+    let samples = samples::collect(table, &plan, channels.timed, options)?;
+    check_amount(table, &plan, channels, options, &samples)?;
+    notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
+    notes.extend((!table.ended).then_some(Note::OpenEnd));
+    let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
+    let run = finish(name, samples, &plan, channels, options, &mut notes)?;
+    let names: Vec<_> = names(channels).collect();
+    let sampling = if channels.timed { Sampling::new(&run.time) } else { None };
+    notes.extend(suspicions(&run, &names, sampling));
+    let sources = sources(table, &plan, &run, &names);
+    let used = run.len();
+    Ok((run, Summary { dialect, rows, used, sources, sampling, notes }))
+}
+
+fn names(channels: &Channels) -> impl Iterator<Item = (Role, String)> {
+    let inputs = channels.inputs.iter().map(|c| (Role::Input, c.name.clone()));
+    inputs.chain(channels.outputs.iter().map(|c| (Role::Output, c.name.clone())))
+}
+
+fn check_options(channels: &Channels, options: &ReadOptions) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    if options.every == 0 {
+        problems.push(Fault::EveryNone.anywhere());
+    }
+    let (from, to) = (options.from.unwrap_or(f64::NEG_INFINITY), options.to.unwrap_or(f64::INFINITY));
+    if from.is_nan() || to.is_nan() || from > to {
+        problems.push(Fault::Window { from: from.to_string(), to: to.to_string() }.anywhere());
+    }
+    for held in &options.hold {
+        if let Some(k) = channels.inputs.iter().position(|c| c.name == *held) {
+            if channels.slopes.iter().any(|s| s.of as usize == k) {
+                problems.push(Fault::HeldDerivative(held.clone()).anywhere());
+            }
+            continue;
+        }
+        if channels.outputs.iter().any(|c| c.name == *held) {
+            problems.push(Fault::NotAnInput(held.clone()).anywhere());
+            continue;
+        }
+        let inputs = || channels.inputs.iter().map(|c| c.name.as_str());
+        let hint = nearest(held, inputs()).map(|n| format!("did you mean `{n}`?"));
+        let fault = Fault::UnknownChannel { option: "--zoh", channel: held.clone(), channels: Names::new(inputs()) };
+        problems.push(fault.anywhere().maybe_hint(hint));
+    }
+    problems
+}
+
+/// Enough samples, and a value at least in every channel.
+fn check_amount(
+    table: &Table,
+    plan: &Plan,
+    channels: &Channels,
+    options: &ReadOptions,
+    samples: &Samples,
+) -> Result<(), Vec<Problem>> {
+    let found = samples.time.len();
+    if samples.rows == 0 {
+        return Err(vec![Fault::NoRows.at(table.header_line)]);
+    }
+    if let (0, Some((first, last))) = (found, samples.span) {
+        let (first, last) = (first.to_string(), last.to_string());
+        return Err(vec![Fault::NothingSelected { first, last }.anywhere()]);
+    }
+    if found < channels.samples {
+        return Err(vec![Fault::TooFew { found, expected: channels.samples }.anywhere()]);
+    }
+    let empty = |rows: &[f64], width: usize, k: usize| rows.iter().skip(k).step_by(width).all(|v| v.is_nan());
+    let (m, q) = (plan.inputs.len(), plan.outputs.len());
+    let no_input =
+        |k: usize| empty(&samples.inputs, m, k).then_some((Role::Input, &channels.inputs[k], &plan.inputs[k]));
+    let no_output = |k: usize| {
+        let source = plan.outputs[k].as_ref().filter(|_| channels.needs(k, options.require_outputs))?;
+        empty(&samples.measured, q, k).then_some((Role::Output, &channels.outputs[k], source))
+    };
+    let problem = |(role, channel, source): (Role, &Channel, &Source)| {
+        let fault = Fault::NoValues { role, channel: channel.name.clone() };
+        fault.anywhere().column(&table.columns[source.column].title)
+    };
+    let problems: Vec<_> = (0..m).filter_map(no_input).chain((0..q).filter_map(no_output)).map(problem).collect();
+    if problems.is_empty() { Ok(()) } else { Err(problems) }
+}
+
+/// Time from 0 in the model's unit, gaps counted and bridged.
+fn finish(
+    name: String,
+    samples: Samples,
+    plan: &Plan,
+    channels: &Channels,
+    options: &ReadOptions,
+    notes: &mut Vec<Note>,
+) -> Result<Run, Vec<Problem>> {
+    let Samples { time, inputs, mut measured, .. } = samples;
+    let time = match plan.time.as_ref().filter(|_| channels.timed) {
+        Some(source) => since_first(time, source.scale).ok_or_else(|| vec![Fault::TimeResolution.anywhere()])?,
+        None => (0..time.len()).map(|k| k as f64).collect(),
+    };
+    let (declared, q) = (plan.inputs.len(), plan.outputs.len());
+    let mut inputs = derived::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
+    let m = declared + channels.driving.len();
+    let mut held: Vec<_> = channels.inputs.iter().map(|c| options.hold.contains(&c.name)).collect();
+    held.resize(m, false);
+    let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
+    if !channels.timed {
+        derived::compare_not(&inputs, m, &mut measured, q);
+    }
+    let mut input_gaps: Vec<_> = (0..m).map(|k| derived::bridge(&time, &mut inputs, m, k, held[k])).collect();
+    let hidden = channels.driving.iter().map(|k| format!("measured({})", channels.outputs[*k].name));
+    let inputs_by_name = channels.inputs.iter().map(|c| c.name.clone()).chain(hidden);
+    for (input, gaps) in inputs_by_name.zip(&input_gaps).filter(|(_, gaps)| **gaps > 0) {
+        notes.push(Note::Bridged { input, gaps: *gaps, in_time: channels.timed });
+    }
+    let width = m + channels.slopes.len();
+    inputs = derived::widened(&inputs, time.len(), m, channels.slopes.len());
+    for (k, slope) in channels.slopes.iter().enumerate() {
+        derived::fill_slopes(&time, &mut inputs, width, m + k, *slope);
+        held.push(!slope.shown);
+        input_gaps.push(input_gaps[slope.of as usize]);
+    }
+    Ok(Run { name, time, inputs, held, measured, input_gaps, output_gaps })
+}
+
+/// Times since the first, scaled; `None` when they do not rise any more, or leave the range of numbers.
+fn since_first(mut time: Vec<f64>, scale: f64) -> Option<Vec<f64>> {
+    let first = *time.first()?;
+    for t in &mut time {
+        *t = (*t - first) * scale;
+    }
+    let rises = time.windows(2).all(|w| w[0] < w[1]) && time.iter().all(|t| t.is_finite());
+    rises.then_some(time)
+}
+
+fn sources(table: &Table, plan: &Plan, run: &Run, names: &[(Role, String)]) -> Vec<ChannelSource> {
+    let source = |role: Role, channel: &str, source: Option<&Source>, gaps: usize| ChannelSource {
+        role,
+        channel: channel.to_string(),
+        column: source.map(|s| table.columns[s.column].title.clone()),
+        unit: source.and_then(|s| s.unit.clone()),
+        scale: source.map_or(1.0, |s| s.scale),
+        offset: source.map_or(0.0, |s| s.offset),
+        logarithm: source.is_some_and(|s| s.logarithm),
+        gaps,
+    };
+    let columns = plan.inputs.iter().map(Some).chain(plan.outputs.iter().map(Option::as_ref));
+    let gaps = run.input_gaps.iter().take(plan.inputs.len()).chain(&run.output_gaps);
+    let channels = names.iter().zip(columns).zip(gaps).map(|(((role, name), s), gaps)| source(*role, name, s, *gaps));
+    plan.time.iter().map(|t| source(Role::Time, "t", Some(t), 0)).chain(channels).collect()
+}
+
+/// What was read from where, and what should be known about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// How the file is written.
+    pub dialect: Dialect,
+    /// Rows below the header that are not blank.
+    pub rows: usize,
+    /// Rows that became samples.
+    pub used: usize,
+    /// The time column (when the record has one), inputs, outputs.
+    pub sources: Vec<ChannelSource>,
+    /// Spacing of the samples; `None` for one sample, and where samples are counted.
+    pub sampling: Option<Sampling>,
+    /// What a careful reader would mention.
+    pub notes: Vec<Note>,
+}
+
+/// Where a channel came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelSource {
+    /// What it is to the model.
+    pub role: Role,
+    /// Its name in the model, `t` for the time.
+    pub channel: String,
+    /// Title of the column; `None` for an output that the file does not have.
+    pub column: Option<String>,
+    /// Unit of the column, when it is known.
+    pub unit: Option<String>,
+    /// The model's value is `scale*value + offset`, or the logarithm of that.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// Whether the model's value is the natural logarithm of `scale*value + offset`.
+    pub logarithm: bool,
+    /// Selected cells without a value.
+    pub gaps: usize,
+}
+
+/// Spacing of the samples in the model's time unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sampling {
+    /// The shortest interval.
+    pub least: f64,
+    /// As many intervals are longer as are shorter.
+    pub median: f64,
+    /// The longest interval.
+    pub greatest: f64,
+    /// Time at which the longest interval begins, since the run began.
+    pub greatest_at: f64,
+}
+
+impl Sampling {
+    /// The intervals of rising times; `None` for fewer than two.
+    pub fn new(time: &[f64]) -> Option<Self> {
+        let mut intervals: Vec<_> = time.windows(2).map(|w| w[1] - w[0]).collect();
+        let (at, greatest) =
+            intervals.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)))?;
+        let least = intervals.iter().copied().fold(f64::INFINITY, f64::min);
+        let middle = intervals.len() / 2;
+        let (_, median, _) = intervals.select_nth_unstable_by(middle, f64::total_cmp);
+        Some(Self { least, median: *median, greatest, greatest_at: time[at] })
+    }
+
+    /// Whether every interval is within one percent of the median, as clocks with rounded times are.
+    pub fn is_even(&self) -> bool {
+        self.greatest <= 1.01 * self.median && self.least >= 0.99 * self.median
+    }
+}
+
+/// Something true and cheap to find that may explain a poor fit.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Note {
+    /// Only one of column and channel states a unit; the numbers are taken as they are.
+    UnitAssumed {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// Title of the column.
+        column: String,
+        /// The unit that one of them states.
+        unit: String,
+        /// Whether the column states it and the model does not.
+        stated_by_column: bool,
+    },
+    /// An output that the file does not have, where it need not.
+    NotMeasured {
+        /// The output.
+        output: String,
+    },
+    /// A channel with one value in all samples.
+    Constant {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// The value, in the model's unit.
+        value: f64,
+        /// Samples that have it.
+        samples: usize,
+    },
+    /// Rows that repeat the row before to the letter; they are used once.
+    Repeated {
+        /// How many.
+        rows: usize,
+        /// Line of the first.
+        line: usize,
+    },
+    /// The last line has no line end: the file may have been cut in its last number.
+    OpenEnd,
+    /// Inputs without a value in some samples: bridged in time, or the sample is not compared where time is no matter.
+    Bridged {
+        /// The input.
+        input: String,
+        /// Samples.
+        gaps: usize,
+        /// Whether the values come from the neighbours in time; otherwise these samples are not compared.
+        in_time: bool,
+    },
+    /// A pause much longer than the usual interval.
+    Pause {
+        /// Its length in the model's time unit.
+        length: f64,
+        /// When it begins, since the run began.
+        at: f64,
+        /// The usual interval.
+        median: f64,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnitAssumed { role, channel, column, unit, stated_by_column: true } => {
+                write!(
+                    f,
+                    "the {role} `{channel}` has no unit in the model; column `{column}` is taken as it is, in {unit}"
+                )
+            }
+            Self::UnitAssumed { role, channel, column, unit, stated_by_column: false } => {
+                write!(
+                    f,
+                    "column `{column}` states no unit; it is taken to be in {unit}, the unit of the {role} `{channel}`"
+                )
+            }
+            Self::NotMeasured { output } => write!(f, "the file has no column for the output `{output}`"),
+            Self::Constant { role, channel, value, samples } => {
+                write!(f, "the {role} `{channel}` never changes: {value} in all {samples} samples")
+            }
+            Self::Repeated { rows, line } => {
+                write!(f, "{rows} row(s) repeat the row before, first in line {line}; they are used once")
+            }
+            Self::OpenEnd => {
+                write!(f, "the last line has no line end; if the file was cut, its last number may be short")
+            }
+            Self::Bridged { input, gaps, in_time: true } => {
+                write!(f, "the input `{input}` has no value in {gaps} sample(s); its neighbours in time bridge them")
+            }
+            Self::Bridged { input, gaps, in_time: false } => {
+                write!(f, "the input `{input}` has no value in {gaps} sample(s), which are not compared")
+            }
+            Self::Pause { length, at, median } => {
+                write!(f, "no sample for {length:.6} from {at:.6} on, where the usual interval is {median:.6}")
+            }
+        }
+    }
+}
+
+/// The notes that follow from the samples alone; `names` are those of the columns, inputs before outputs.
+pub(crate) fn suspicions(run: &Run, names: &[(Role, String)], sampling: Option<Sampling>) -> Vec<Note> {
+    const FEWEST: usize = 3;
+    /// Intervals of uneven sampling differ; a pause is far beyond that.
+    const PAUSE: f64 = 10.0;
+    let (width, outputs) = (run.held.len(), run.output_gaps.len());
+    let inputs = names.len() - outputs;
+    let column = |k: usize| -> (&[f64], usize, usize) {
+        if k < inputs { (&run.inputs, width, k) } else { (&run.measured, outputs, k - inputs) }
+    };
+    let mut notes = Vec::new();
+    for (k, (role, name)) in names.iter().enumerate() {
+        let (rows, width, at) = column(k);
+        let mut values = rows.iter().skip(at).step_by(width).filter(|v| !v.is_nan());
+        let Some(first) = values.next() else { continue };
+        let samples = values.try_fold(1, |n, v| if v == first { Some(n + 1) } else { None }).unwrap_or(0);
+        if samples >= FEWEST {
+            notes.push(Note::Constant { role: *role, channel: name.clone(), value: *first, samples });
+        }
+    }
+    if let Some(s) = sampling.filter(|s| s.greatest > PAUSE * s.median) {
+        notes.push(Note::Pause { length: s.greatest, at: s.greatest_at, median: s.median });
+    }
+    notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sampling_is_measured() {
+        let s = Sampling::new(&[0.0, 1.0, 2.0, 5.0, 6.5]).unwrap();
+        assert_eq!((s.least, s.median, s.greatest, s.greatest_at), (1.0, 1.5, 3.0, 2.0));
+        assert!(!s.is_even());
+        assert!(Sampling::new(&[0.0, 0.01, 0.02001, 0.03]).unwrap().is_even());
+        assert_eq!(Sampling::new(&[0.0]), None);
+    }
+}

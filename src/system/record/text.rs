@@ -1,0 +1,311 @@
+//! The text of a file: read whole, without byte order mark and comments, checked to be text; and its cells, each a number, a gap, or
+//! something that is neither.
+
+use super::error::{Fault, Problem};
+use super::table::Mark;
+use std::fs::File;
+use std::io::Read;
+use std::ops::Range;
+use std::path::Path;
+
+/// Largest file that is read; everything else costs memory in proportion to the file.
+const LIMIT: u64 = 4 << 30;
+/// Longest line that is read as a row: splitting costs ten times the memory of the cells of one row.
+const LONGEST_LINE: usize = 1 << 20;
+
+/// Reads a file or pipe whole.
+pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
+    let refused = |e: std::io::Error| Fault::Unreadable(reason(&e)).anywhere();
+    let about = std::fs::metadata(path).map_err(refused)?;
+    if about.is_dir() {
+        return Err(Fault::Directory.anywhere());
+    }
+    if !about.is_file() && !is_pipe(&about) {
+        return Err(Fault::Device.anywhere());
+    }
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_end(&mut bytes)).map_err(refused)?;
+    if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { Ok(bytes) }
+}
+
+/// What the operating system says, without its number.
+pub(crate) fn reason(error: &std::io::Error) -> String {
+    match error.kind() {
+        std::io::ErrorKind::NotFound => "there is no such file".into(),
+        std::io::ErrorKind::PermissionDenied => "permission denied".into(),
+        _ => error.to_string(),
+    }
+}
+
+#[cfg(unix)]
+fn is_pipe(about: &std::fs::Metadata) -> bool {
+    std::os::unix::fs::FileTypeExt::is_fifo(&about.file_type())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &std::fs::Metadata) -> bool {
+    false
+}
+
+/// Bytes to text in which comment lines are blank, so that lines keep their numbers. When the first row holds numbers
+/// and the comment before it has as many words, that comment is the header (numerical libraries write it so).
+pub(crate) fn decode(mut bytes: Vec<u8>) -> Result<String, Problem> {
+    if bytes.starts_with(&[0xef, 0xbb, 0xbf]) {
+        bytes.drain(..3);
+    }
+    let comment = blank_comments(&mut bytes)?;
+    let mut text = String::from_utf8(bytes).map_err(|e| not_text(e.as_bytes(), e.utf8_error().valid_up_to()))?;
+    if text.trim().is_empty() {
+        return Err(Fault::Empty.anywhere());
+    }
+    let (line, first) = first_row(&text);
+    if words(first).all(|w| scan(w) != Cell::Text) && words(first).any(is_number) {
+        let header = comment.and_then(|(range, content)| Some((range, String::from_utf8(content).ok()?)));
+        match header.filter(|(_, content)| is_header_of(content, first)) {
+            Some((range, content)) => text.replace_range(range, &content),
+            None => return Err(no_header(line, first)),
+        }
+    }
+    Ok(text)
+}
+
+/// Where a comment is, and its text with a space for its sign.
+type Comment = (Range<usize>, Vec<u8>);
+
+/// Makes comment lines spaces; gives the last one above the first row.
+fn blank_comments(bytes: &mut [u8]) -> Result<Option<Comment>, Problem> {
+    let (mut start, mut above, mut last) = (0, true, None);
+    while start < bytes.len() {
+        let end = bytes[start..].iter().position(|b| matches!(b, b'\n' | b'\r')).map_or(bytes.len(), |n| start + n);
+        if end - start > LONGEST_LINE {
+            return Err(Fault::LongLine(LONGEST_LINE).at(line_of(bytes, start)));
+        }
+        let line = &mut bytes[start..end];
+        let sign = line.iter().position(|b| !b.is_ascii_whitespace());
+        if let Some(sign) = sign {
+            if is_comment(&line[sign..]) {
+                if above {
+                    let mut content = line.to_vec();
+                    content[sign] = b' ';
+                    last = Some((start..end, content));
+                }
+                line.fill(b' ');
+            } else {
+                above = false;
+            }
+        }
+        start = end + 1;
+    }
+    Ok(last)
+}
+
+/// `#N/A` at the beginning of a row is a cell.
+fn is_comment(line: &[u8]) -> bool {
+    match line.first() {
+        Some(b'#') => {
+            !line[1..].to_ascii_uppercase().starts_with(b"N/A") && !line[1..].to_ascii_uppercase().starts_with(b"NAN")
+        }
+        Some(b'%') => true,
+        _ => false,
+    }
+}
+
+/// Line number and text of the first line that is not blank.
+fn first_row(text: &str) -> (usize, &str) {
+    let start = text.len() - text.trim_start().len();
+    let end = text[start..].find(['\n', '\r']).map_or(text.len(), |n| start + n);
+    (line_of(text.as_bytes(), start), &text[start..end])
+}
+
+/// Line, from 1, of a byte offset; `\n`, `\r\n` and `\r` end a line.
+pub(crate) fn line_of(bytes: &[u8], offset: usize) -> usize {
+    let before = &bytes[..offset.min(bytes.len())];
+    let ends = before.iter().enumerate();
+    1 + ends.filter(|(i, b)| **b == b'\n' || (**b == b'\r' && bytes.get(i + 1) != Some(&b'\n'))).count()
+}
+
+/// The cells of a line whatever stands between them.
+fn words(line: &str) -> impl Iterator<Item = &str> {
+    line.split([',', ';', '\t', ' ', '|']).map(str::trim).filter(|w| !w.is_empty())
+}
+
+/// As many cells as the row under some reading, none of them a number.
+fn is_header_of(comment: &str, row: &str) -> bool {
+    let count = |line: &str, sign: char| line.trim().split(sign).filter(|w| !w.trim().is_empty()).count();
+    let (spaced, row_spaced) = (super::table::collapse(comment), super::table::collapse(row));
+    let same = [';', '\t', ',', '|'].into_iter().any(|s| count(comment, s) > 1 && count(comment, s) == count(row, s))
+        || count(&spaced, '\t') == count(&row_spaced, '\t');
+    same && !words(comment).any(is_number)
+}
+
+fn no_header(line: usize, first: &str) -> Problem {
+    let found: Vec<_> = words(first).take(3).map(super::error::excerpt).collect();
+    Fault::NoHeader(found.join(", ")).at(line).hint("write the names of the columns into a line above the numbers")
+}
+
+fn not_text(bytes: &[u8], valid: usize) -> Problem {
+    let hint = match bytes {
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => "it looks like UTF-16; save it as UTF-8",
+        _ if bytes.contains(&0) => "it looks like a binary file; export the record as CSV",
+        _ => "it looks like Latin-1 or a Windows code page, perhaps for a degree sign; save it as UTF-8",
+    };
+    Fault::NotText.at(line_of(bytes, valid)).hint(hint)
+}
+
+/// What a cell holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Cell {
+    /// Nothing was measured: see [`GAPS`].
+    Gap,
+    /// A finite number, and the decimal mark that it shows.
+    Number(f64, Option<Mark>),
+    /// Infinite, or larger than double precision holds.
+    Infinite,
+    /// Anything else.
+    Text,
+}
+
+/// Words that instruments and programs write where nothing was measured, in any case; an empty cell as well, and
+/// every NaN with or without sign.
+const GAPS: [&str; 15] = [
+    "na", "n/a", "#n/a", "null", "none", "missing", "-", "--", "?", "nan(ind)", "1.#qnan", "1.#ind", "1.#snan", "#nan",
+    "",
+];
+const INFINITE: [&str; 4] = ["inf", "infinity", "1.#inf", "∞"];
+/// Longest text that is looked at twice; no number is written with more characters.
+const LONGEST: usize = 1100;
+
+/// Reads a cell. Numbers may have a decimal point or comma, an exponent with `e` or `d`, and any minus sign.
+pub(crate) fn scan(cell: &str) -> Cell {
+    let text = cell.trim();
+    match text.parse::<f64>() {
+        Ok(value) if value.is_nan() => Cell::Gap,
+        Ok(value) if value.is_infinite() => Cell::Infinite,
+        Ok(value) => Cell::Number(value, text.contains('.').then_some(Mark::Point)),
+        Err(_) if text.len() <= LONGEST => scan_unusual(text),
+        Err(_) => Cell::Text,
+    }
+}
+
+fn scan_unusual(text: &str) -> Cell {
+    let unquoted = text.strip_prefix('"').and_then(|t| t.strip_suffix('"')).unwrap_or(text).trim();
+    let lower = unquoted.to_lowercase().replace('\u{2212}', "-");
+    let unsigned = lower.strip_prefix(['+', '-']).unwrap_or(&lower);
+    if GAPS.contains(&lower.as_str()) || GAPS.contains(&unsigned) && !unsigned.is_empty() {
+        return Cell::Gap;
+    }
+    if INFINITE.contains(&unsigned) {
+        return Cell::Infinite;
+    }
+    let mark = if lower.contains(',') { Some(Mark::Comma) } else { lower.contains('.').then_some(Mark::Point) };
+    if mark == Some(Mark::Comma) && !is_decimal_comma(&lower) {
+        return Cell::Text;
+    }
+    // Fortran writes 1.5D+03
+    let plain = lower.replace(',', ".").replace('d', "e");
+    match plain.parse::<f64>() {
+        Ok(value) if value.is_finite() => Cell::Number(value, mark),
+        Ok(value) if value.is_infinite() && plain.contains(|c: char| c.is_ascii_digit()) => Cell::Infinite,
+        _ => Cell::Text,
+    }
+}
+
+/// One comma with a digit behind it, and no point.
+fn is_decimal_comma(text: &str) -> bool {
+    let mut parts = text.split(',');
+    let fraction = parts.nth(1).unwrap_or("");
+    parts.next().is_none() && !text.contains('.') && fraction.starts_with(|c: char| c.is_ascii_digit())
+}
+
+/// Whether the cell can only be meant as a number.
+pub(crate) fn is_number(cell: &str) -> bool {
+    matches!(scan(cell), Cell::Number(..))
+}
+
+/// Whether the comma of a number may separate thousands: `1,234`, and not `0,234` or `1,2`.
+pub(crate) fn may_be_thousands(cell: &str) -> bool {
+    let digits = cell.trim().trim_matches('"').trim_start_matches(['+', '-', '\u{2212}']);
+    let Some((whole, rest)) = digits.split_once(',') else { return false };
+    let all_digits = |s: &str| s.bytes().all(|b| b.is_ascii_digit());
+    (1..=3).contains(&whole.len())
+        && !whole.starts_with('0')
+        && rest.len() == 3
+        && all_digits(whole)
+        && all_digits(rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(bytes: &[u8]) -> String {
+        decode(bytes.to_vec()).unwrap()
+    }
+
+    #[test]
+    fn marks_and_comments_are_blank_and_lines_keep_their_numbers() {
+        let decoded = text(b"\xef\xbb\xbf# by \xb0 logger\r\n\r\n % more\r\nt,x\r\n#N/A,1\r\n");
+        assert_eq!(decoded.trim_start(), "t,x\r\n#N/A,1\r\n");
+        assert_eq!(line_of(decoded.as_bytes(), decoded.find('t').unwrap()), 4);
+        assert_eq!([2, 5, 99].map(|offset| line_of(b"a\rb\r\nc\nd", offset)), [2, 3, 4]);
+    }
+
+    #[test]
+    fn a_comment_above_the_numbers_may_be_the_header() {
+        assert_eq!(text(b"# made by\n# t x\n0 1\n").trim(), "t x\n0 1");
+        assert_eq!(text(b"% t [s], phi [deg]\n0, 1\n").trim(), "t [s], phi [deg]\n0, 1");
+        for bytes in [&b"0,1\n1,2\n"[..], b"# made on Monday by hand\n0 1\n", b"# t,x\n# 2 kn\n0,1\n"] {
+            let problem = decode(bytes.to_vec()).unwrap_err();
+            assert!(matches!(*problem.fault, Fault::NoHeader(_)), "{problem}");
+        }
+        assert_eq!(decode(b"\n\n1;2\n".to_vec()).unwrap_err().line, Some(3));
+    }
+
+    #[test]
+    fn what_is_not_text_is_refused_with_its_line() {
+        let problem = decode(b"t,x\n0,1\n0,\xb0\n".to_vec()).unwrap_err();
+        assert_eq!((problem.line, *problem.fault), (Some(3), Fault::NotText));
+        assert!(decode(vec![0xff, 0xfe, b't', 0]).unwrap_err().hint.unwrap().contains("UTF-16"));
+        assert_eq!(decode(b" \n\r\n# only\n".to_vec()).unwrap_err().fault.as_ref(), &Fault::Empty);
+        assert_eq!(decode(Vec::new()).unwrap_err().fault.as_ref(), &Fault::Empty);
+    }
+
+    #[test]
+    fn numbers_gaps_and_text_are_told_apart() {
+        let number = |text| match scan(text) {
+            Cell::Number(value, mark) => (value, mark),
+            other => panic!("{text}: {other:?}"),
+        };
+        for (text, value) in
+            [("1", 1.0), (" +2e3\t", 2000.0), ("-0", 0.0), ("\u{2212}7", -7.0), ("\"4\"", 4.0), ("1d2", 100.0)]
+        {
+            assert_eq!(number(text), (value, None), "{text}");
+        }
+        for (text, value) in [("1.5", 1.5), (".5", 0.5), ("5.", 5.0), ("1.5D-03", 0.0015), ("4.9e-324", 4.9e-324)] {
+            assert_eq!(number(text), (value, Some(Mark::Point)), "{text}");
+        }
+        for (text, value) in [("1,5", 1.5), ("-,5", -0.5), ("1,5e-3", 0.0015), ("1,234", 1.234)] {
+            assert_eq!(number(text), (value, Some(Mark::Comma)), "{text}");
+        }
+        for text in
+            ["", "  ", "NaN", "nan", "-NaN", "-nan(ind)", "NA", "n/a", "#N/A", "null", "-", "--", "1.#QNAN", "\"\""]
+        {
+            assert_eq!(scan(text), Cell::Gap, "{text}");
+        }
+        for text in ["inf", "-Inf", "Infinity", "1e999", "-1.#INF", "1,5e999"] {
+            assert_eq!(scan(text), Cell::Infinite, "{text}");
+        }
+        for text in
+            ["abc", "1.2.3", "1,2,3", "1,234.5", "0,", "1e", "12:30", "2024-01-01", "0x1F", "1 2", "e5", "+", "1_0"]
+        {
+            assert_eq!(scan(text), Cell::Text, "{text}");
+        }
+        assert_eq!(scan(&"9,".repeat(1 << 20)), Cell::Text);
+    }
+
+    #[test]
+    fn thousands_are_suspected_only_where_they_can_be() {
+        assert!(["1,234", "-12,345", "\"999,000\""].into_iter().all(may_be_thousands));
+        assert!(!["0,234", "1,2", "1,2345", "1234,567", "1.5", "1,23e"].into_iter().any(may_be_thousands));
+    }
+}

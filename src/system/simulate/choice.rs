@@ -1,0 +1,382 @@
+//! Chooses method and steps of a run: the least work that brings the integration error below 1e-8 of every output's range.
+//!
+//! The error of a response is its difference from that of half the steps. Explicit steps are doubled until the response stands still.
+//! When that takes more of them than an implicit step is worth, the model may be stiff, or quick in one place only: then both methods
+//! are tried with steps as long as accuracy allows (`step_control.rs`), and the cheaper one is taken. Work is counted in operations, not in
+//! seconds, so that the choice is always the same.
+
+use super::discrete::{self, Intervals};
+use super::error::{Divergence, MOST_IMPLICIT, Unsuited};
+use super::simulator::Simulator;
+use super::step_control::{self, Probe, Scales};
+use super::steps::{Grid, Scheme, Steps};
+use crate::dynamics::{Dynamics, Layout};
+use crate::record::Run;
+use fdm_grammar::graph::Signal;
+
+/// Steps per run beyond which halving stops: what remains is said, not hidden.
+const MOST_STEPS: usize = 4_000_000;
+const MOST_PER_INTERVAL: usize = 1024;
+/// Steps of different lengths beyond those of one per interval.
+const MOST_UNEVEN: usize = 100_000;
+/// Times that the local tolerance is lowered.
+const MOST_PASSES: usize = 6;
+/// Local tolerance with which the sizes of states and outputs are found.
+const ROUGH: f64 = 1e-4;
+/// Smallest local tolerance.
+const FINEST: f64 = 1e-13;
+
+/// Method and steps with which halving them moves no output by more than 1e-8 of its range, or the best that was found.
+///
+/// # Errors
+/// [`Unsuited`] as for [`super::Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
+/// infinite error and one step per interval.
+pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, None, TOLERANCE)
+}
+
+/// The same with another error that is of no consequence, as a part of each output's range: for comparisons in noise.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_within(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    tolerance: f64,
+) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, None, tolerance.max(TOLERANCE))
+}
+
+/// The same with a method of the user's choice.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_by(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, scheme, TOLERANCE)
+}
+
+fn choose(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+    tolerance: f64,
+) -> Result<Accuracy, Unsuited> {
+    let layout = dynamics.layout();
+    if layout.states == 0 || run.len() < 2 {
+        return Ok(Accuracy { steps: 1.into(), error: 0.0 });
+    }
+    let choice = Choice { dynamics, run, theta, work: Work::of(layout), tolerance };
+    match scheme {
+        Some(Scheme::Radau) => {
+            let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
+            // asks whether the method suits the model at all
+            drop(Simulator::new(dynamics, run, least.steps.clone())?);
+            Ok(choice.uneven(Scheme::Radau, choice.most_uneven())?.unwrap_or(least))
+        }
+        Some(Scheme::RungeKutta) => {
+            let equal = choice.equal(Scheme::RungeKutta, MOST_PER_INTERVAL)?;
+            choice.better_uneven(equal, MOST_STEPS)
+        }
+        None | Some(Scheme::Recursion { .. }) => match choice.linear() {
+            Some(scheme) if layout.delayed.is_empty() => Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 }),
+            Some(scheme) => choice.equal(scheme, MOST_PER_INTERVAL),
+            None => choice.cheapest(),
+        },
+    }
+}
+
+struct Choice<'a> {
+    dynamics: &'a dyn Dynamics,
+    run: &'a Run,
+    theta: &'a [f64],
+    work: Work,
+    /// Integration error that is of no consequence, as a part of an output's range.
+    tolerance: f64,
+}
+
+impl Choice<'_> {
+    /// The exact recursion, where a model is linear and its samples stand in few different intervals.
+    fn linear(&self) -> Option<Scheme> {
+        let layout = self.dynamics.layout();
+        let suited = discrete::suits(layout) && Intervals::of(&Grid::new(&self.run.time, &1.into())).is_some();
+        suited.then(|| Scheme::Recursion { subsystems: discrete::subsystems(layout) })
+    }
+
+    fn cheapest(&self) -> Result<Accuracy, Unsuited> {
+        let samples = self.run.len();
+        // implicit steps are at least one in every interval
+        let enough = (self.work.radau / self.work.runge_kutta) as usize;
+        let enough = enough.clamp(4, MOST_PER_INTERVAL);
+        let equal = self.equal(Scheme::RungeKutta, enough)?;
+        if equal.error <= self.tolerance || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
+            return if equal.error <= self.tolerance { Ok(equal) } else { self.explicit(MOST_STEPS) };
+        }
+        let Some(implicit) = self.uneven(Scheme::Radau, self.most_uneven())? else { return self.explicit(MOST_STEPS) };
+        if implicit.error > self.tolerance {
+            let explicit = self.explicit(MOST_STEPS)?;
+            return Ok(if explicit.error <= implicit.error { explicit } else { implicit });
+        }
+        let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
+        let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
+        Ok(if explicit.error <= self.tolerance && explicit.steps.total(samples) as f64 <= worth {
+            explicit
+        } else {
+            implicit
+        })
+    }
+
+    /// The best explicit steps that are not more than `most`.
+    fn explicit(&self, most: usize) -> Result<Accuracy, Unsuited> {
+        let most_equal = (most / self.run.len()).clamp(1, MOST_PER_INTERVAL);
+        let equal = self.equal(Scheme::RungeKutta, most_equal)?;
+        self.better_uneven(equal, most)
+    }
+
+    /// Explicit steps as long as accuracy allows, where they are fewer than the equal ones or reach what those do not.
+    fn better_uneven(&self, equal: Accuracy, most: usize) -> Result<Accuracy, Unsuited> {
+        let (samples, good) = (self.run.len(), equal.error <= self.tolerance);
+        if !self.may_be_uneven() || good && equal.steps.most() <= 2 {
+            return Ok(equal);
+        }
+        let most = if good { equal.steps.total(samples).min(most) } else { most };
+        let found = self.uneven(Scheme::RungeKutta, most.min(self.most_uneven()))?;
+        Ok(match found {
+            Some(uneven) if good && uneven.error > self.tolerance => equal,
+            Some(uneven) if !good && uneven.error > 0.7 * equal.error => equal,
+            // as many steps of equal length are the simpler choice
+            Some(uneven) if good && 2 * uneven.steps.total(samples) > equal.steps.total(samples) => equal,
+            Some(uneven) => uneven,
+            None => equal,
+        })
+    }
+
+    /// Doubles the steps between samples until halving them moves nothing, or no longer helps.
+    fn equal(&self, scheme: Scheme, most: usize) -> Result<Accuracy, Unsuited> {
+        let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
+        let mut coarse = at(1)?;
+        let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
+        let (mut fine, mut stalls) = (2, 0);
+        while fine / 2 <= most && fine * self.run.len() <= MOST_STEPS {
+            let next = at(fine)?;
+            if let (Ok(a), Ok(b)) = (&coarse, &next) {
+                let steps = Steps::equal(scheme, fine / 2);
+                let error = halving(a, b, self.dynamics.layout().outputs, &steps);
+                // once is no rule: a delayed kink that shares a step with a sample leaves it when the step is halved again
+                stalls = if error > 0.7 * best.error { stalls + 1 } else { 0 };
+                if error < best.error {
+                    best = Accuracy { steps, error };
+                }
+                if error <= self.tolerance || stalls == 2 {
+                    break;
+                }
+            }
+            coarse = next;
+            fine *= 2;
+        }
+        Ok(best)
+    }
+
+    /// Steps as long as accuracy allows; none when there are no such steps, or more than `most`.
+    fn uneven(&self, scheme: Scheme, most: usize) -> Result<Option<Accuracy>, Unsuited> {
+        let layout = self.dynamics.layout();
+        let at = |scheme| Probe::new(self.dynamics, self.run, self.theta, scheme);
+        let mut scales = Scales::new(layout.states, layout.outputs);
+        if layout.states <= MOST_IMPLICIT {
+            scales = step_control::measure(&mut at(Scheme::Radau), scales, self.most_uneven());
+        }
+        let mut probe = at(scheme);
+        let Some((_, met)) = step_control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
+        scales = met;
+        let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.tolerance, None);
+        for _ in 0..MOST_PASSES {
+            let Some((steps, met)) = step_control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
+            scales = met;
+            let error = integration_error(self.dynamics, self.run, self.theta, steps.clone())?;
+            let before = best.as_ref().map_or(f64::INFINITY, |b| b.error);
+            if error < before {
+                best = Some(Accuracy { steps, error });
+            }
+            if error <= self.tolerance || error > 0.7 * before || tolerance <= FINEST {
+                break;
+            }
+            tolerance = (tolerance * (0.5 * self.tolerance / error).clamp(1e-3, 0.3)).max(FINEST);
+        }
+        Ok(best)
+    }
+
+    fn most_uneven(&self) -> usize {
+        self.run.len() + MOST_UNEVEN
+    }
+
+    /// Delayed states want the grid that their history was made for.
+    fn may_be_uneven(&self) -> bool {
+        !self.dynamics.layout().delayed.iter().any(|s| matches!(s, Signal::State(_)))
+    }
+}
+
+/// An operation of an implicit step takes as long as this many of an explicit one, whose rows are longer and known before; measured by
+/// `studies/stiff.rs` with 10 to 200 states.
+const SLOWER: f64 = 6.0;
+/// Times that an implicit step looks through its whole matrix.
+const SCANS: f64 = 10.0;
+
+/// Operations of a step with its sensitivities, in those of an explicit step.
+struct Work {
+    runge_kutta: f64,
+    radau: f64,
+}
+
+impl Work {
+    fn of(layout: &Layout) -> Self {
+        let (n, lanes) = (layout.states as f64, layout.stage.lanes as f64);
+        let (f_x, f_theta) = (&layout.patterns.rates_by_state, &layout.patterns.rates_by_param);
+        let (entries, band) =
+            (f_x.len() as f64, 1.0 + f_x.entries().map(|(_, i, j)| i.abs_diff(j)).max().unwrap_or(0) as f64);
+        let rates = 5.0 * (n + entries);
+        let partials = rates + 5.0 * (entries + f_theta.len() as f64);
+        let (size, band) = (3.0 * n, (3.0 * band).min(3.0 * n));
+        // two factorisations, three solutions for the states and one for all parameters
+        let factors = size * band * (band + 8.0);
+        let solutions = 4.0 * size * band;
+        Self {
+            runge_kutta: 4.0 * (partials + 2.0 * (entries + 2.0 * n) * lanes),
+            radau: SLOWER
+                * (200.0
+                    + 6.0 * partials
+                    + 9.0 * rates
+                    + 2.0 * factors
+                    + 3.0 * solutions
+                    + solutions * lanes
+                    + SCANS * size * size),
+        }
+    }
+}
+
+/// What was chosen for a run and what it is worth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Accuracy {
+    /// How the run is integrated, and its steps.
+    pub steps: Steps,
+    /// Estimated integration error, as a part of each output's range, largest over outputs and samples; infinite when
+    /// no step that was tried gave a finite response.
+    pub error: f64,
+}
+
+/// Integration errors below this part of an output's range are of no consequence to any estimate.
+pub(super) const TOLERANCE: f64 = 1e-8;
+
+/// Integration error of a response with these steps, measured as in [`Accuracy::error`]; infinite when it, or that with half the
+/// steps, is not finite.
+///
+/// # Errors
+/// [`Unsuited`] as for [`Simulator::new`].
+pub fn integration_error(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    steps: impl Into<Steps>,
+) -> Result<f64, Unsuited> {
+    let steps = steps.into();
+    if is_exact(dynamics, run, &steps) {
+        return Ok(0.0);
+    }
+    match response(dynamics, run, theta, &steps)? {
+        Ok(coarse) => error_of(dynamics, run, theta, &steps, &coarse),
+        Err(_) => Ok(f64::INFINITY),
+    }
+}
+
+/// The same for a response (N by q) that is known.
+///
+/// # Errors
+/// As [`integration_error`].
+pub fn error_of(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    steps: &Steps,
+    coarse: &[f64],
+) -> Result<f64, Unsuited> {
+    if is_exact(dynamics, run, steps) {
+        return Ok(0.0);
+    }
+    let Ok(fine) = response(dynamics, run, theta, &steps.halved())? else { return Ok(f64::INFINITY) };
+    Ok(halving(coarse, &fine, dynamics.layout().outputs, steps))
+}
+
+/// Whether halving the steps changes nothing.
+fn is_exact(dynamics: &dyn Dynamics, run: &Run, steps: &Steps) -> bool {
+    let layout = dynamics.layout();
+    let exact = matches!(steps.scheme(), Scheme::Recursion { .. }) && layout.delayed.is_empty();
+    exact || layout.states == 0 || run.len() < 2
+}
+
+/// The error of the coarse response, of which halving the steps removes all but one part in 2 to the power of the order.
+pub(super) fn halving(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps) -> f64 {
+    difference(coarse, fine, outputs) * steps.scheme().part_removed_by_halving()
+}
+
+pub(super) fn response(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    steps: &Steps,
+) -> Result<Result<Vec<f64>, Divergence>, Unsuited> {
+    let mut simulator = Simulator::new(dynamics, run, steps.clone())?;
+    simulator.suits(theta)?;
+    let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
+    Ok(simulator.simulate(theta, &mut y).map(|()| y))
+}
+
+/// Largest difference of two responses, each output as a part of its range.
+fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
+    let mut worst = 0.0_f64;
+    for i in 0..outputs {
+        let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
+        let (a, b) = (column(a), column(b));
+        let high = b.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let low = b.iter().copied().fold(f64::INFINITY, f64::min);
+        let range = if high > low { high - low } else { high.abs().max(1.0) };
+        worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
+    }
+    worst
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::model::Model;
+
+    /// A pendulum driven by steps: what noise hides takes fewer steps, and they keep what was asked.
+    #[test]
+    fn a_larger_error_takes_fewer_steps_and_is_kept() {
+        let text = "model pendulum { input u; state x = 0.4; state v; der(x) = v; der(v) = u - 9*sin(x) - 0.2*v; \
+                    output angle = x; }";
+        let model = Model::from_text("pendulum.fdm", text).unwrap();
+        let time: Vec<f64> = (0..200).map(|k| 0.05 * f64::from(k)).collect();
+        let inputs = time.iter().map(|t| if (t / 1.7).floor() % 2.0 < 1.0 { 2.0 } else { -1.0 }).collect();
+        let run = Run {
+            name: "a".into(),
+            inputs,
+            held: vec![false],
+            measured: vec![0.0; time.len()],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+            time,
+        };
+        let theta = model.definition().start();
+        let exact = choose_steps(model.dynamics(), &run, &theta).unwrap();
+        let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
+        assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
+        assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
+    }
+}

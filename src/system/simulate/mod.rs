@@ -1,0 +1,32 @@
+//! A model and a run to the model's response and its exact sensitivities. Start at [`Simulator`].
+//!
+//! Method and steps are chosen once ([`choose_steps`]) and then kept, so that the sensitivities are the exact derivative of the discrete
+//! response, not an approximation of the derivative of something else. A `Trajectory` is what every integrator advances: explicit
+//! steps (`runge_kutta.rs`), implicit ones for stiff models (`stiff`), models with delayed states (`delayed`), and linear models by exact
+//! discretisation (`discrete`).
+
+mod blocks;
+mod choice;
+mod delayed;
+mod delayed_inputs;
+mod discrete;
+mod drive;
+mod error;
+mod observation;
+mod runge_kutta;
+mod simulator;
+mod step_control;
+mod steps;
+mod stiff;
+mod trajectory;
+
+pub use blocks::{Block, OutputRow, RowLayout, Sink};
+pub use blocks::{PlaneSink, Planes};
+pub use choice::{Accuracy, error_of, integration_error};
+pub use choice::{choose_steps, choose_steps_by, choose_steps_within};
+pub use drive::Course;
+pub use error::{Divergence, Unsuited};
+pub use simulator::Simulator;
+pub use steps::Grid;
+pub use steps::Scheme;
+pub use steps::Steps;

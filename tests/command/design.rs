@@ -1,0 +1,61 @@
+//! `fdm design`: what it promises of a run is what a fit of that run finds.
+
+use serde_json::Value;
+use support::Desk;
+
+const MODEL: &str = "model craft {
+  input stick [deg], flap [deg];
+  state q [rad/s];
+  param Mq = -1.5 [1/s], Mstick = 0.2 [rad/(s^2*deg)], Mflap = 0.05 [rad/(s^2*deg)];
+  der(q) = Mq*q + Mstick*stick + Mflap*flap;
+  output q_m [rad/s] = q;
+  noise q_m = 0.01;
+}
+";
+
+#[test]
+fn a_planned_run_gives_the_errors_that_were_promised() {
+    let desk = Desk::with([("craft.fdm", MODEL)]);
+    let design =
+        "design craft.fdm --move stick=2 --move flap=0.1_rad --duration 8 --dt 0.05 --runs 1 --records plan --json -q";
+    // an argument with a space, as a shell would hand it over
+    let words: Vec<String> = design.split_whitespace().map(|w| w.replace('_', " ")).collect();
+    let output = desk.command_of(&words).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    // the flap moves by 0.1 rad = 5.73 deg, which tells more than 2 deg of the stick, and nothing about the stick
+    assert_eq!(found["steps"][0]["manoeuvre"]["input"], "stick", "0.4 rad/s^2 against 0.29");
+    let outlook = |k: usize| found["outlook"][k]["then"][0].as_f64();
+    assert!(outlook(0).is_some() && outlook(1).is_some() && outlook(2).is_none(), "{}", found["outlook"]);
+    // the planned run, simulated and fitted: Cramer-Rao errors by the same noise
+    desk.good("simulate craft.fdm --data plan/run_1.csv -o answer.csv");
+    let (plan, answer) = (desk.text("plan/run_1.csv"), desk.text("answer.csv"));
+    let joined: String =
+        plan.lines().zip(answer.lines()).map(|(a, b)| format!("{a},{}\n", b.split_once(',').unwrap().1)).collect();
+    desk.write("flown.csv", joined);
+    let fit = desk.json("fit craft.fdm --data flown.csv --fix Mflap --json -q");
+    for k in [0, 1] {
+        let error = fit["parameters"][k]["standard_error"].as_f64().unwrap();
+        assert!((outlook(k).unwrap() / error - 1.0).abs() < 1e-4, "{error}: {}", found["outlook"][k]);
+    }
+    // with that run made, the flap is next
+    let next = desk.json("design craft.fdm --data flown.csv --move stick=2 --move flap=5 --runs 1 --json -q");
+    assert_eq!(next["steps"][0]["manoeuvre"]["input"], "flap");
+    assert!(next["undetermined_now"][0]["sentence"].as_str().unwrap().contains("`Mflap`"));
+}
+
+#[test]
+fn what_is_missing_is_asked_for() {
+    let desk = Desk::with([("craft.fdm", MODEL)]);
+    for (words, expected) in [
+        ("design craft.fdm --move stick=2", "--duration and --dt"),
+        ("design craft.fdm --duration 8 --dt 0.1", "--amplitude stick=VALUE"),
+        ("design craft.fdm --duration 8 --dt 0.1 --move stik=2", "did you mean `stick`?"),
+        ("design craft.fdm --duration 8 --dt 5 --move stick=2", "3 samples"),
+        ("design craft.fdm --duration 8 --dt 0.1 --move stick=0", "the height of `stick` is 0"),
+        ("design craft.fdm --duration 8 --dt 0.1 --move stick=two", "`two` is not a number"),
+    ] {
+        let said = desk.refused(words);
+        assert!(said.contains(expected), "{words}: {said}");
+    }
+}

@@ -1,0 +1,20 @@
+//! The command `fdm` as a user runs it: every verb, files good and hostile, processes that are killed.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+#![allow(clippy::print_stdout, reason = "figures are to be seen")]
+
+mod checkpoint;
+mod design;
+mod diagnose;
+mod first_steps;
+mod hostile;
+mod json;
+mod live;
+mod lsp;
+mod refused_diagnoses;
+mod refused_spectra;
+mod reproduce;
+mod results;
+mod spellings;
+mod study;
+mod suites;
+mod terminal;

@@ -1,0 +1,3 @@
+//! Imports `b` by a group.
+
+use crate::{b::Beta, d};

@@ -1,0 +1,3 @@
+//! Imports `room/c` by a name that the room hands on.
+
+use super::room::Gamma;

@@ -1,0 +1,6 @@
+//! Imports nothing: // use crate::a;
+
+#[cfg(test)]
+mod tests {
+    use crate::a::Alpha;
+}

@@ -1,0 +1,5 @@
+//! Hands on.
+
+mod c;
+
+pub use c::Gamma;

@@ -1,0 +1,30 @@
+//! Estimates and diagnoses through the library: known truths found again, errors that hold, both domains alike.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+#![allow(clippy::print_stdout, reason = "figures are to be seen")]
+
+mod blocks;
+mod both_domains;
+mod carried;
+mod certified;
+mod delays;
+mod examples;
+mod few_frequencies;
+mod filter_error;
+mod flight_path;
+mod identified_delays;
+mod kinetics;
+mod linear_models;
+mod measured_inputs;
+mod modes;
+mod nonlinear_spectra;
+mod records;
+mod recovery;
+mod recursive;
+mod reference_papers;
+mod sensitivities;
+mod spectra_partials;
+mod stiff;
+mod strategies;
+mod tables;
+mod trex550;
+mod verdicts;

@@ -1,0 +1,50 @@
+//! Pictures as pixels.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Red, green and blue of every pixel, row by row.
+pub(crate) struct Pixels {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    colours: Vec<[u8; 3]>,
+}
+
+impl Pixels {
+    /// Of a PNG file with eight bits a channel.
+    pub(crate) fn read(path: &Path) -> Self {
+        let file = File::open(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+        let mut reader = png::Decoder::new(BufReader::new(file)).read_info().unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut bytes).unwrap();
+        let channels = info.color_type.samples();
+        assert!(channels >= 3 && info.bit_depth == png::BitDepth::Eight, "{:?}", info.color_type);
+        let colours = bytes[..info.buffer_size()].chunks_exact(channels).map(|c| [c[0], c[1], c[2]]).collect();
+        Self { width: info.width as usize, height: info.height as usize, colours }
+    }
+
+    pub(crate) fn at(&self, x: usize, y: usize) -> [u8; 3] {
+        self.colours[y * self.width + x]
+    }
+
+    pub(crate) fn all(&self) -> impl Iterator<Item = [u8; 3]> {
+        self.colours.iter().copied()
+    }
+
+    /// The upper left corner.
+    pub(crate) fn cut(&self, width: usize, height: usize) -> Self {
+        let rows = self.colours.chunks_exact(self.width).take(height);
+        Self { width, height, colours: rows.flat_map(|row| row[..width].iter().copied()).collect() }
+    }
+
+    /// As a PNG file.
+    pub(crate) fn write(&self, path: &Path) {
+        let mut encoder = png::Encoder::new(File::create(path).unwrap(), self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::High);
+        let bytes: Vec<u8> = self.colours.iter().flatten().copied().collect();
+        encoder.write_header().unwrap().write_image_data(&bytes).unwrap();
+    }
+}
