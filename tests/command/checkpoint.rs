@@ -119,8 +119,8 @@ fn a_fit_outlives_its_checkpoint() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert_eq!(String::from_utf8_lossy(&output.stdout), whole);
-    assert!(said(&output).contains("the fit goes on"), "{}", said(&output));
-    assert!(said(&output).contains("nothing of the result is lost"), "{}", said(&output));
+    assert!(said(&output).contains("the work goes on"), "{}", said(&output));
+    assert!(said(&output).contains("the result is complete"), "{}", said(&output));
 }
 
 #[test]

@@ -7,6 +7,7 @@
 
 mod error;
 mod fit;
+mod gradient_memory;
 mod jacobians;
 mod kalman;
 mod likelihood;

@@ -1,6 +1,7 @@
 //! The innovations' cost for Gauss-Newton: its curvature is the expected information (scoring; Maine and Iliff 1985), and what
 //! that misses is learnt from the gradients along the way.
 
+use super::gradient_memory::GradientMemory;
 use super::likelihood::{Coordinates, Likelihood, Lost};
 use crate::iteration::priors::Priors;
 use crate::observer::{Iteration, Observer};
@@ -40,7 +41,8 @@ pub(super) fn minimise(
     let (lower, upper) = (&coordinates.lower[..], &coordinates.upper[..]);
     let space = Space { start: &start, lower, upper, affine: &[], reach: &reach };
     let options = Options { iterations, least_gain: WORTH, damping: FIRST, restarts: false, ..Options::default() };
-    let mut steps = GaussNewton::new(InnovationsCost { likelihood, coordinates, priors }, space, options);
+    let problem = InnovationsCost { likelihood, coordinates, priors, memory: GradientMemory::default() };
+    let mut steps = GaussNewton::new(problem, space, options);
     let end = steps.run(None, |_, _| Ok(false), &mut Observed { observer, coordinates })?;
     Ok(Found {
         values: coordinates.outwards(&steps.values),
@@ -55,6 +57,7 @@ struct InnovationsCost<'s, 'a> {
     likelihood: &'s mut Likelihood<'a>,
     coordinates: &'s Coordinates,
     priors: &'s Priors,
+    memory: GradientMemory,
 }
 
 impl InnovationsCost<'_, '_> {
@@ -98,6 +101,11 @@ impl Problem for InnovationsCost<'_, '_> {
             for j in 0..size {
                 information[i * size + j] *= slope[i] * slope[j];
             }
+        }
+        let gradient: Vec<f64> = descent.iter().map(|d| -d).collect();
+        self.memory.visit(point, &gradient, &information);
+        self.memory.curve(&mut information);
+        for i in 0..size {
             information[i * size + i] *= 1.0 + RIDGE;
         }
         quadratic.set(&information, &descent);
