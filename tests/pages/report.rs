@@ -255,7 +255,7 @@ fn modes_that_are_left_out_are_told() {
     desk.write("chain.csv", rows);
     desk.fdm("fit chain.fdm --data chain.csv -q --out large --report large.html");
     let page = desk.text("large.html");
-    let said = "There is no map of the modes here: the model has 41 states, and those of more than 40 are for <code>fdm modes --from-result DIR</code>";
+    let said = "There is no map of the modes here: the model has 41 states, more than 40: <code>fdm modes --from-result DIR</code> shows its modes";
     assert!(page.contains(said), "{page:.3000}");
     let result: Value = serde_json::from_str(&desk.text("large/result.json")).unwrap();
     assert_eq!(result["modes"]["modes"], Value::Array(Vec::new()));
