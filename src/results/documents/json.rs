@@ -3,10 +3,11 @@
 //! Keys stand in the order of the alphabet, so that equal documents have equal texts whatever the order of their fields. JSON has no
 //! word for what is not finite: such a number is written as null, and null is read as not a number wherever a number must stand.
 
-use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer, StringDeserializer};
-use serde::de::{DeserializeOwned, Deserializer, IntoDeserializer, Visitor};
-use serde::{Deserialize, Serialize, forward_to_deserialize_any};
-use serde_json::{Error, Value};
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, Error as _, IntoDeserializer, MapAccess, SeqAccess};
+use serde::de::{Unexpected, Visitor};
+use serde::{Deserialize, Serialize};
+use serde_json::{Error, Map, Value};
 
 /// The text of a document, in one line that ends like one.
 ///
@@ -29,15 +30,94 @@ pub(super) fn present<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -
     Option::deserialize(from).map(Some)
 }
 
-/// A value in which null is a number too.
+/// A value in which null is a number too. What a reader asks for is looked for directly, not by way of all that JSON can hold:
+/// hundreds of types are read, and each would have the code for everything.
 struct Node(Value);
 
-impl<'de> IntoDeserializer<'de, Error> for Node {
-    type Deserializer = Self;
+/// The items of a list.
+struct Items(std::vec::IntoIter<Value>);
 
-    fn into_deserializer(self) -> Self {
-        self
+/// The keys and values of an object.
+struct Fields {
+    entries: serde_json::map::IntoIter,
+    value: Option<Value>,
+}
+
+impl<'de> SeqAccess<'de> for Items {
+    type Error = Error;
+
+    fn next_element_seed<T: DeserializeSeed<'de>>(&mut self, seed: T) -> Result<Option<T::Value>, Error> {
+        self.0.next().map(|value| seed.deserialize(Node(value))).transpose()
     }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.0.len())
+    }
+}
+
+impl<'de> MapAccess<'de> for Fields {
+    type Error = Error;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, Error> {
+        let Some((key, value)) = self.entries.next() else { return Ok(None) };
+        self.value = Some(value);
+        seed.deserialize(key.into_deserializer()).map(Some)
+    }
+
+    fn next_value_seed<V: DeserializeSeed<'de>>(&mut self, seed: V) -> Result<V::Value, Error> {
+        let value = self.value.take().ok_or_else(|| Error::custom("a value without its key"))?;
+        seed.deserialize(Node(value))
+    }
+
+    fn size_hint(&self) -> Option<usize> {
+        Some(self.entries.len())
+    }
+}
+
+impl Node {
+    fn list<'de, V: Visitor<'de>>(list: Vec<Value>, visitor: V) -> Result<V::Value, Error> {
+        let length = list.len();
+        let mut items = Items(list.into_iter());
+        let value = visitor.visit_seq(&mut items)?;
+        if items.0.len() == 0 { Ok(value) } else { Err(Error::invalid_length(length, &"fewer items")) }
+    }
+
+    fn object<'de, V: Visitor<'de>>(map: Map<String, Value>, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_map(Fields { entries: map.into_iter(), value: None })
+    }
+
+    /// What is neither list nor object.
+    fn scalar<'de, V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        match self.0 {
+            Value::Null => visitor.visit_unit(),
+            Value::Bool(answer) => visitor.visit_bool(answer),
+            Value::Number(number) => match (number.as_u64(), number.as_i64(), number.as_f64()) {
+                (Some(number), ..) => visitor.visit_u64(number),
+                (None, Some(number), _) => visitor.visit_i64(number),
+                (None, None, number) => visitor.visit_f64(number.unwrap_or(f64::NAN)),
+            },
+            Value::String(text) => visitor.visit_string(text),
+            Value::Array(_) => Err(Error::invalid_type(Unexpected::Seq, &visitor)),
+            Value::Object(_) => Err(Error::invalid_type(Unexpected::Map, &visitor)),
+        }
+    }
+}
+
+/// Methods of a deserializer that look for one kind of value; `$Kind` is what JSON calls it.
+macro_rules! only {
+    ($Kind:ident, $read:ident: $($method:ident($($argument:ty),*))*) => {$(
+        fn $method<V: Visitor<'de>>(self, $(_: $argument,)* visitor: V) -> Result<V::Value, Error> {
+            match self.0 {
+                Value::$Kind(value) => Self::$read(value, visitor),
+                _ => self.scalar(visitor),
+            }
+        }
+    )*};
+    ($($method:ident)*) => {$(
+        fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+            self.scalar(visitor)
+        }
+    )*};
 }
 
 impl<'de> Deserializer<'de> for Node {
@@ -45,21 +125,16 @@ impl<'de> Deserializer<'de> for Node {
 
     fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         match self.0 {
-            Value::Array(list) => {
-                let mut items = SeqDeserializer::new(list.into_iter().map(Node));
-                let value = visitor.visit_seq(&mut items)?;
-                items.end()?;
-                Ok(value)
-            }
-            Value::Object(map) => visitor.visit_map(MapDeserializer::new(map.into_iter().map(|(k, v)| (k, Node(v))))),
-            plain => plain.deserialize_any(visitor),
+            Value::Array(list) => Self::list(list, visitor),
+            Value::Object(map) => Self::object(map, visitor),
+            _ => self.scalar(visitor),
         }
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
         match self.0 {
             Value::Null => visitor.visit_f64(f64::NAN),
-            _ => self.deserialize_any(visitor),
+            _ => self.scalar(visitor),
         }
     }
 
@@ -72,17 +147,16 @@ impl<'de> Deserializer<'de> for Node {
 
     fn deserialize_enum<V: Visitor<'de>>(
         self,
-        name: &'static str,
-        variants: &'static [&'static str],
+        _: &'static str,
+        _: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Error> {
         match self.0 {
-            Value::String(word) => StringDeserializer::new(word).deserialize_enum(name, variants, visitor),
+            Value::String(word) => visitor.visit_enum(IntoDeserializer::<Error>::into_deserializer(word)),
             Value::Object(map) => {
-                let entries = MapDeserializer::new(map.into_iter().map(|(k, v)| (k, Node(v))));
-                visitor.visit_enum(MapAccessDeserializer::new(entries))
+                visitor.visit_enum(MapAccessDeserializer::new(Fields { entries: map.into_iter(), value: None }))
             }
-            other => other.deserialize_enum(name, variants, visitor),
+            _ => self.scalar(visitor),
         }
     }
 
@@ -90,9 +164,21 @@ impl<'de> Deserializer<'de> for Node {
         visitor.visit_newtype_struct(self)
     }
 
-    forward_to_deserialize_any! {
-        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 char str string bytes byte_buf unit unit_struct seq tuple
-        tuple_struct map struct identifier ignored_any
+    fn deserialize_ignored_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_unit()
+    }
+
+    only! { Array, list: deserialize_seq() deserialize_tuple(usize) deserialize_tuple_struct(&'static str, usize) }
+    only! { Object, object: deserialize_map() deserialize_struct(&'static str, &'static [&'static str]) }
+    only! {
+        deserialize_bool deserialize_i8 deserialize_i16 deserialize_i32 deserialize_i64 deserialize_i128
+        deserialize_u8 deserialize_u16 deserialize_u32 deserialize_u64 deserialize_u128 deserialize_f32
+        deserialize_char deserialize_str deserialize_string deserialize_bytes deserialize_byte_buf deserialize_unit
+        deserialize_identifier
+    }
+
+    fn deserialize_unit_struct<V: Visitor<'de>>(self, _: &'static str, visitor: V) -> Result<V::Value, Error> {
+        self.scalar(visitor)
     }
 }
 
@@ -126,6 +212,8 @@ mod tests {
         assert_eq!(from_text::<[Kind; 3]>(&text).unwrap(), all);
         let map: BTreeMap<String, usize> = from_text("{\"b\": 1, \"a\": 2}").unwrap();
         assert_eq!(to_text(&map).unwrap(), "{\"a\":2,\"b\":1}\n");
+        assert!(from_text::<Vec<f64>>("{}").is_err() && from_text::<(f64, f64)>("[1, 2, 3]").is_err());
+        assert!(from_text::<String>("[]").is_err() && from_text::<f64>("\"1\"").is_err());
         assert!(from_text::<Kind>("{\"of\": 1} x").is_err() && from_text::<Kind>("\"other\"").is_err());
     }
 }

@@ -238,8 +238,27 @@ impl TangentPlan {
             (true, 4) => simd.vectorize(Dense::<4> { plan: self, h, partials, s }),
             (true, 5) => simd.vectorize(Dense::<5> { plan: self, h, partials, s }),
             (true, 6) => simd.vectorize(Dense::<6> { plan: self, h, partials, s }),
-            _ => Tangent { simd, plan: self, h, partials }.sparse(s, scratch),
+            _ => simd.vectorize(Sparse { plan: self, h, partials, s, scratch }),
         }
+    }
+}
+
+/// A step of many states: a function of its own too, for it has three callers.
+struct Sparse<'a> {
+    plan: &'a TangentPlan,
+    h: f64,
+    partials: &'a [f64],
+    s: &'a mut [f64],
+    scratch: &'a mut [f64],
+}
+
+impl WithSimd for Sparse<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, h, partials, s, scratch } = self;
+        Tangent { simd, plan, h, partials }.sparse(s, scratch);
     }
 }
 
@@ -275,10 +294,13 @@ impl<S: Simd> Tangent<'_, S> {
     fn dense<const N: usize>(self, s: &mut [f64]) {
         let s = S::as_mut_simd_f64s(s).0;
         let width = self.plan.lanes / S::F64_LANES;
-        match width {
-            1 => return self.dense_tile::<N, 1, 1>(0, 1, s),
-            2 => return self.dense_tile::<N, 2, 2>(0, 2, s),
-            _ => {}
+        // single lanes never make up a row of one or two
+        if const { S::F64_LANES > 1 } {
+            match width {
+                1 => return self.dense_tile::<N, 1, 1>(0, 1, s),
+                2 => return self.dense_tile::<N, 2, 2>(0, 2, s),
+                _ => {}
+            }
         }
         let mut tile = 0;
         while tile + 2 <= width {

@@ -12,7 +12,7 @@ use super::trajectory::Trajectory;
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
-use fdm_numeric::lanes::{VECTOR, dispatch};
+use fdm_numeric::lanes::VECTOR;
 
 /// Simulates one run again and again with other parameters; allocates once.
 pub struct Simulator<'a> {
@@ -144,9 +144,8 @@ impl<'a> Simulator<'a> {
         match integrator {
             Integrator::RungeKutta(_) => march(trajectory, y, Trajectory::advance),
             Integrator::Delayed(delayed, _) => march(trajectory, y, |trajectory, k| delayed.advance(trajectory, k)),
-            // compiled for the machine's widest registers, for the factors
             Integrator::Stiff(collocation, _) => {
-                dispatch(|| march(trajectory, y, |trajectory, k| collocation.advance(trajectory, k)))
+                march(trajectory, y, |trajectory, k| collocation.advance(trajectory, k))
             }
             Integrator::Discrete(linear) => {
                 let q = trajectory.dynamics.layout().outputs;

@@ -12,7 +12,6 @@ use super::trajectory::Interval;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
-use fdm_numeric::lanes::dispatch;
 
 /// Sizes that errors are measured by: the magnitude of each state and the range of each output.
 #[derive(Debug, Clone)]
@@ -302,7 +301,7 @@ impl<'a> Probe<'a> {
             Some(collocation) => {
                 let step = Interval { t, h, x, drive, slopes: &[], known };
                 let (dynamics, work) = (self.dynamics, &mut self.work);
-                dispatch(|| collocation.step(dynamics, step, next, work)).is_ok()
+                collocation.step(dynamics, step, next, work).is_ok()
             }
         };
         debug_assert_eq!(next.len(), layout.states);

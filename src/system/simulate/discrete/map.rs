@@ -41,16 +41,18 @@ impl LinearMap {
     #[inline(always)]
     pub(super) fn march<S: Simd>(&self, simd: S, slots: &mut [f64], feed: &[f64], count: usize) {
         let tallest = if S::F64_LANES >= 8 { 8 } else { 4 };
-        match self.width / S::F64_LANES {
-            1 if self.rows <= tallest => self.march_of::<S, 1>(simd, slots, feed, count),
-            2 if self.rows <= tallest => self.march_of::<S, 2>(simd, slots, feed, count),
-            _ => {
-                let size = self.rows * self.width;
-                for k in 0..count {
-                    let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
-                    self.apply(simd, before, &feed[k * self.terms..], after);
-                }
+        // single lanes never make up a row of one or two: the kernels are not even compiled for them
+        if const { S::F64_LANES > 1 } && self.rows <= tallest {
+            match self.width / S::F64_LANES {
+                1 => return self.march_of::<S, 1>(simd, slots, feed, count),
+                2 => return self.march_of::<S, 2>(simd, slots, feed, count),
+                _ => {}
             }
+        }
+        let size = self.rows * self.width;
+        for k in 0..count {
+            let (before, after) = slots[k * size..(k + 2) * size].split_at_mut(size);
+            self.apply(simd, before, &feed[k * self.terms..], after);
         }
     }
 
@@ -89,17 +91,18 @@ impl LinearMap {
     /// Applies a map to `count` slots of states, one row of the feed and one block of rows of `out` for each.
     #[inline(always)]
     pub(super) fn sweep<S: Simd>(&self, simd: S, slots: &[f64], feed: &[f64], out: &mut [f64], count: usize) {
-        match (self.rows, self.width / S::F64_LANES) {
-            (1, 1) => self.sweep_in_registers::<S, 1, 1>(simd, slots, feed, out, count),
-            (1, 2) => self.sweep_in_registers::<S, 1, 2>(simd, slots, feed, out, count),
-            (2, 1) => self.sweep_in_registers::<S, 2, 1>(simd, slots, feed, out, count),
-            (2, 2) => self.sweep_in_registers::<S, 2, 2>(simd, slots, feed, out, count),
-            _ => {
-                let (size, rows) = (self.states * self.width, self.rows * self.width);
-                for k in 0..count {
-                    self.apply(simd, &slots[k * size..][..size], &feed[k * self.terms..], &mut out[k * rows..][..rows]);
-                }
+        if const { S::F64_LANES > 1 } {
+            match (self.rows, self.width / S::F64_LANES) {
+                (1, 1) => return self.sweep_in_registers::<S, 1, 1>(simd, slots, feed, out, count),
+                (1, 2) => return self.sweep_in_registers::<S, 1, 2>(simd, slots, feed, out, count),
+                (2, 1) => return self.sweep_in_registers::<S, 2, 1>(simd, slots, feed, out, count),
+                (2, 2) => return self.sweep_in_registers::<S, 2, 2>(simd, slots, feed, out, count),
+                _ => {}
             }
+        }
+        let (size, rows) = (self.states * self.width, self.rows * self.width);
+        for k in 0..count {
+            self.apply(simd, &slots[k * size..][..size], &feed[k * self.terms..], &mut out[k * rows..][..rows]);
         }
     }
 

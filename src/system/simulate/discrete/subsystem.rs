@@ -6,7 +6,7 @@ use super::map::{LinearMap, Response};
 use super::transition::{Intervals, Jet, Method, Transition};
 use crate::dynamics::Layout;
 use crate::simulate::drive::DriveTable;
-use fdm_numeric::lanes::{Aligned, Simd, VECTOR};
+use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd};
 use std::ops::Range;
 
 /// Steps that are worked off together: as many as leave room in the cache nearest to the processor.
@@ -271,6 +271,11 @@ impl Subsystem {
     /// Advances by some steps, at most a block: the states before them are in slot 0, those after step k in slot k + 1.
     #[inline(always)]
     pub(super) fn advance<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        simd.vectorize(Advance { subsystem: self, drive, intervals, steps });
+    }
+
+    #[inline(always)]
+    fn take_steps<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
         let size = self.size;
         self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         let (mut from, end) = (steps.start, steps.end);
@@ -323,6 +328,17 @@ impl Subsystem {
         (samples, slot): (Range<usize>, usize),
         out: &mut [f64],
     ) {
+        simd.vectorize(Observe { subsystem: self, drive, samples, slot, out });
+    }
+
+    #[inline(always)]
+    fn take_outputs<S: Simd>(
+        &mut self,
+        simd: S,
+        drive: &DriveTable,
+        (samples, slot): (Range<usize>, usize),
+        out: &mut [f64],
+    ) {
         let (terms, count) = (self.output_terms.len(), samples.len());
         gather_samples(&self.output_terms, drive, samples, &mut self.feed);
         let (Self { observe, slots, size, .. }, rows) = (&*self, self.part.outputs.len());
@@ -341,6 +357,41 @@ impl Subsystem {
     #[inline(always)]
     pub(super) fn output_rows(&self) -> (usize, usize) {
         if self.response.is_some() { (0, 1) } else { (self.lane, self.width) }
+    }
+}
+
+/// Some steps: one function for each set of instructions, however many call it, for it holds the kernels of all sizes.
+struct Advance<'m> {
+    subsystem: &'m mut Subsystem,
+    drive: &'m DriveTable,
+    intervals: &'m Intervals,
+    steps: Range<usize>,
+}
+
+impl WithSimd for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.subsystem.take_steps(simd, self.drive, self.intervals, self.steps);
+    }
+}
+
+/// Outputs of some samples, likewise.
+struct Observe<'m> {
+    subsystem: &'m mut Subsystem,
+    drive: &'m DriveTable,
+    samples: Range<usize>,
+    slot: usize,
+    out: &'m mut [f64],
+}
+
+impl WithSimd for Observe<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.subsystem.take_outputs(simd, self.drive, (self.samples, self.slot), self.out);
     }
 }
 

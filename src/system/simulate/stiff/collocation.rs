@@ -13,7 +13,7 @@ use crate::simulate::error::Divergence;
 use crate::simulate::steps::{NODES, SQRT_6, STAGES};
 use crate::simulate::trajectory::{Interval, Trajectory, diverged, finite, two_nodes};
 use fdm_numeric::dense::lu::{Fused, Lu};
-use fdm_numeric::lanes::Aligned;
+use fdm_numeric::lanes::{Aligned, dispatch};
 
 /// The stage equations have no solution that can be found; the state that was farthest from one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +95,6 @@ impl Collocation {
     }
 
     /// Takes step k of a run.
-    #[inline(always)]
     pub(in crate::simulate) fn advance(&mut self, trajectory: &mut Trajectory<'_>, k: usize) -> Result<(), Divergence> {
         let dynamics = trajectory.dynamics;
         let (step, next, work) = trajectory.interval(k);
@@ -105,9 +104,19 @@ impl Collocation {
         }
     }
 
-    /// Solves a step; the states at its end go to `end`.
-    #[inline(always)]
+    /// Solves a step, in the machine's widest registers; the states at its end go to `end`.
     pub(in crate::simulate) fn step(
+        &mut self,
+        dynamics: &dyn Dynamics,
+        step: Interval<'_>,
+        end: &mut [f64],
+        work: &mut Workspace,
+    ) -> Result<(), Unsolved> {
+        dispatch(|| self.solve(dynamics, step, end, work))
+    }
+
+    #[inline(always)]
+    fn solve(
         &mut self,
         dynamics: &dyn Dynamics,
         step: Interval<'_>,
