@@ -2,10 +2,7 @@
 //!
 //! `cargo run --release --example model_in_rust`
 
-use fdm::Model;
-use fdm::estimate::{Changes, Fit, FitOptions, fit};
-use fdm::record::Run;
-use fdm::simulate::Simulator;
+use fdm::{Changes, Fit, FitOptions, Model, Run, Simulator, fit};
 use std::error::Error;
 
 /// Pitch rate after a pulse of the stick, with a delay; compiled together with this program.
@@ -26,21 +23,13 @@ pub(crate) fn pitch() -> Model {
 /// A run of eight seconds whose measurement is the model's own response at the start values.
 pub(crate) fn pulse(model: &Model) -> Result<Run, Box<dyn Error>> {
     let time: Vec<f64> = (0..400).map(|k| 0.02 * f64::from(k)).collect();
-    let mut run = Run {
-        name: "pulse".into(),
-        inputs: time.iter().map(|t| (-4.0 * (t - 1.0).powi(2)).exp()).collect(),
-        measured: vec![0.0; time.len()],
-        time,
-        held: vec![false],
-        input_gaps: vec![0],
-        output_gaps: vec![0],
-    };
+    let stick: Vec<f64> = time.iter().map(|t| (-4.0 * (t - 1.0).powi(2)).exp()).collect();
+    let run = model.run("pulse").times(time).samples("stick", stick).without_outputs().build()?;
     let mut y = vec![0.0; run.len()];
     Simulator::new(model.dynamics(), &run, 4)?
         .simulate(&model.definition().start(), &mut y)
         .map_err(|d| format!("the response leaves the finite numbers at {} s", d.time))?;
-    run.measured = y;
-    Ok(run)
+    Ok(Run { measured: y, output_gaps: vec![0], ..run })
 }
 
 /// Estimates from wrong start values.
@@ -57,6 +46,6 @@ pub(crate) fn estimated() -> Result<Fit, Box<dyn Error>> {
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]
 fn main() -> Result<(), Box<dyn Error>> {
     let fit = estimated()?;
-    println!("{}", fdm::report::estimate_table(&fit.estimate));
+    println!("{}", fdm::estimate_table(&fit.estimate));
     Ok(())
 }

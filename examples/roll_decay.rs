@@ -2,9 +2,7 @@
 //!
 //! `cargo run --release --example roll_decay`
 
-use fdm::Model;
-use fdm::estimate::{Fit, FitOptions, fit};
-use fdm::record::{ReadOptions, channels, read};
+use fdm::{Fit, FitOptions, Model, ReadOptions, fit};
 use std::error::Error;
 use std::path::Path;
 
@@ -12,13 +10,13 @@ use std::path::Path;
 pub(crate) fn estimated(project: &Path) -> Result<Fit, Box<dyn Error>> {
     let folder = project.join("models/ship_roll_decay");
     let model = Model::from_file(folder.join("model.fdm"))?;
-    let (run, _summary) = read(&folder.join("run.csv"), &channels(model.definition()), &ReadOptions::default())?;
+    let (run, _summary) = model.read_run(folder.join("run.csv"), &ReadOptions::default())?;
     Ok(fit(&model, &[run], &FitOptions::default(), &mut ())?)
 }
 
 #[allow(dead_code, clippy::print_stdout, reason = "the tests run the example without its main function")]
 fn main() -> Result<(), Box<dyn Error>> {
     let fit = estimated(Path::new(env!("CARGO_MANIFEST_DIR")))?;
-    println!("{}", fdm::report::estimate_table(&fit.estimate));
+    println!("{}", fdm::estimate_table(&fit.estimate));
     Ok(())
 }

@@ -126,7 +126,7 @@ impl Arguments {
         for k in fitted..runs.len() {
             // a validation file may have the name of another
             while runs[..k].iter().any(|r| r.name == runs[k].name) {
-                runs[k].name.push_str(" (held out)");
+                runs[k].name.push_str(" (validation)");
             }
         }
         let validation = runs.split_off(fitted);

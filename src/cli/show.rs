@@ -49,7 +49,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         dot(&model)
     } else {
         let shown = stage(&model, arguments.stage.into()).or_failure()?;
-        if arguments.json { format!("{}\n", shown.json) } else { shown.text }
+        if arguments.json { format!("{}\n", shown.json().or_failure()?) } else { shown.text }
     };
     ended(print(&text))
 }

@@ -25,7 +25,7 @@ pub fn comparison_table(comparison: &Comparison) -> String {
         text.push_str(&format!("\n{}", outputs("fitted", &names[begin..end], &fitted)));
         if !comparison.predictions.is_empty() {
             let held: Vec<Vec<Row>> = comparison.predictions[begin..end].iter().map(predicted).collect();
-            text.push_str(&format!("\n{}", outputs("held out", &names[begin..end], &held)));
+            text.push_str(&format!("\n{}", outputs("validation", &names[begin..end], &held)));
         }
     }
     for prediction in comparison.predictions.iter().filter(|p| !p.converged) {

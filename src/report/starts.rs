@@ -9,7 +9,7 @@ const SHOWN: usize = 20;
 
 /// The starts in order of their cost, then how many failed and why. `count` is how many were asked for.
 pub fn starts_table(starts: &[StartSummary], count: usize) -> String {
-    let mut table = plain(&["start", "cost", "minimum", "distance", "corrections", "end"]);
+    let mut table = plain(&["start", "cost", "minimum", "distance", "iterations", "end"]);
     let mut order: Vec<&StartSummary> = starts.iter().filter(|s| s.cost.is_some()).collect();
     let cost = |s: &StartSummary| s.cost.unwrap_or(f64::INFINITY);
     order.sort_by(|a, b| cost(a).total_cmp(&cost(b)).then(a.number.cmp(&b.number)));

@@ -6,6 +6,7 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
+use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, read as read_record};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::effect::Extension;
@@ -257,6 +258,19 @@ impl Model {
     pub fn carried(&self) -> Result<(Self, Vec<CarriedTerm>), NotCarried> {
         let Carried { model, terms } = self.compiled.model.carried()?;
         Ok(if terms.is_empty() { (self.clone(), terms) } else { (self.altered(model), terms) })
+    }
+
+    /// A run of this model from samples in memory, to be filled by channel: times and samples of inputs and outputs.
+    pub fn run(&self, name: impl Into<String>) -> RunBuilder<'_> {
+        RunBuilder::new(self.definition(), name)
+    }
+
+    /// A run of this model from a CSV file, and what was found in it.
+    ///
+    /// # Errors
+    /// [`RecordError`] with everything that is wrong with the file: line, column, what was found, what was expected.
+    pub fn read_run(&self, path: impl AsRef<Path>, options: &ReadOptions) -> Result<(Run, Summary), RecordError> {
+        read_record(path.as_ref(), &channels(self.definition()), options)
     }
 
     /// The model's own name.

@@ -107,7 +107,7 @@ fn an_effect_of_the_users_own_is_found_and_written_into_the_users_text() {
         "Something is missing from the model",
         "class=\"added\"",
         "class=\"removed\"",
-        "kept (held out)",
+        "kept (validation)",
         "overlay-1-1",
         "// Nomoto",
     ] {

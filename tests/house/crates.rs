@@ -5,13 +5,14 @@ use crate::sources::{packages, product};
 use fancy_regex::Regex;
 
 /// What is done, and the crates that do it.
-const FAMILIES: [(&str, &str); 6] = [
+const FAMILIES: [(&str, &str); 7] = [
     ("transforms", "rustfft|realfft|rustdct"),
     ("random numbers", "rand|rand_chacha|sobol_burley"),
     ("distributions", "statrs"),
     ("elementary functions", "libm"),
     ("lanes", "pulp"),
-    ("drawing", "plotters|resvg|textplots"),
+    ("pixels", "resvg"),
+    ("drawing in a terminal", "textplots"),
 ];
 
 #[test]

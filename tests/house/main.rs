@@ -6,6 +6,7 @@ mod commands;
 mod crates;
 mod cycles;
 mod exceptions;
+mod facade;
 mod links;
 mod sources;
 mod words;

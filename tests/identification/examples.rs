@@ -2,6 +2,8 @@
 
 #[path = "../../examples/model_in_rust.rs"]
 mod model_in_rust;
+#[path = "../../examples/outside/main.rs"]
+mod outside;
 #[path = "../../examples/roll_decay.rs"]
 mod roll_decay;
 
@@ -20,4 +22,13 @@ fn the_model_in_rust_finds_its_own_parameters() {
         let found = fit.estimate.parameter(name, None).unwrap().value;
         assert!((found - value).abs() < 1e-6 * value, "{name}: {found}");
     }
+}
+
+#[test]
+fn the_sample_outside_finds_a_pendulum_of_nine_per_second_squared() {
+    let fit = outside::estimated().unwrap();
+    assert!(fit.estimate.is_good());
+    // omega^2 + (d/2)^2 of what was recorded
+    let k = fit.estimate.parameter("k", None).unwrap();
+    assert!((k.value - 9.01).abs() < 0.01, "{}", k.value);
 }

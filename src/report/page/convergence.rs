@@ -15,7 +15,7 @@ pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
     iteration(subject).into_iter().chain(courses(subject)).collect()
 }
 
-/// Cost and step, correction by correction.
+/// Cost and step, iteration by iteration.
 fn iteration(subject: &Subject) -> Option<Figure> {
     let history = subject.history();
     if history.len() < 2 {
@@ -37,11 +37,11 @@ fn iteration(subject: &Subject) -> Option<Figure> {
         id: "convergence-1".into(),
         group: "convergence".into(),
         caption: format!(
-            "{} {} corrections",
+            "{} {} iterations",
             subject.fit().map_or("so far".to_string(), |fit| format!("{} after", fit.message)),
             subject.fit().map_or_else(|| history.last().map_or(0, |h| h.number), |fit| fit.iterations)
         ),
-        label: "correction".into(),
+        label: "iteration".into(),
         logarithmic: false,
         at: column(|h| h.number as f64),
         panels: vec![
@@ -61,7 +61,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         details {
             summary { "as a table" }
             div.scroll { table {
-                thead { tr { th.number { "correction" } th.number { "cost" } th.number { "change" } th.number { "step" } th.number { "damping" } th.number { "refused" } } }
+                thead { tr { th.number { "iteration" } th.number { "cost" } th.number { "change" } th.number { "step" } th.number { "damping" } th.number { "refused" } } }
                 tbody { @for h in history { tr {
                     td.number { (h.number) } td.number { (shown(h.cost, 10)) } td.number { (shown(h.change, 3)) }
                     td.number { (shown(h.step, 3)) } td.number { (shown(h.damping, 3)) } td.number { (h.refused) }

@@ -249,7 +249,7 @@ fn gained(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
     if outputs.is_empty() {
         return None;
     }
-    let role = |held_out: bool| if held_out { "held out" } else { "fitted" };
+    let role = |validation: bool| if validation { "validation" } else { "fitted" };
     let content = html! {
         div.scroll { table {
             thead { tr {
@@ -287,7 +287,7 @@ fn ordered<'a>(subject: &'a Subject, outputs: &[OutputGain]) -> Vec<(String, &'a
     let mut runs: Vec<_> = subject.runs.iter().map(|(run, table)| (held(run), run, table)).collect();
     runs.sort_by_key(|(held, ..)| !held);
     let told = |(held, run, table): (bool, &'a String, &'a Table)| {
-        (if held { format!("{run} (held out)") } else { run.clone() }, table)
+        (if held { format!("{run} (validation)") } else { run.clone() }, table)
     };
     runs.into_iter().map(told).collect()
 }
@@ -363,7 +363,7 @@ fn rejected(found: &DiagnosisDocument) -> Option<Section> {
         details open[rejected.len() <= FEW] {
             summary { (rejected.len()) " fits, and why they were not accepted" }
             div.scroll { table {
-                thead { tr { th { "effect" } th.number { "search" } th.number { "gain" } th.number { "held out" } th { "not accepted because" } } }
+                thead { tr { th { "effect" } th.number { "search" } th.number { "gain" } th.number { "validation" } th { "not accepted because" } } }
                 tbody { @for r in rejected.iter().take(ROWS) { tr {
                     th scope="row" { code { (r.place) } } td.number { (r.step) } td.number { (shown(r.gain_training, 4)) }
                     td.number { (shown(r.gain_validation, 4)) } td.reason { (r.reason) }

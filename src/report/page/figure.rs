@@ -1,7 +1,7 @@
 //! What a figure shows: panels above each other over one axis, marks in them, and how many samples they stand for.
 
 use maud::{Markup, PreEscaped, html};
-use serde_json::{Value, json};
+use serde::Serialize;
 
 /// A figure.
 #[derive(Debug, Clone)]
@@ -133,7 +133,7 @@ impl Figure {
                 @if let Some(samples) = self.samples {
                     p.note { "Drawn from " (self.at.len()) " of " (samples) " samples: the extremes of every part of the record." }
                 }
-                (data(&self.json()))
+                (data(&self.data()))
             }
         }
     }
@@ -161,41 +161,71 @@ impl Figure {
         if marks().all(|m| m.shape == Shape::Line) { 0.0 } else { 0.02 }
     }
 
-    fn json(&self) -> Value {
-        let mark = |m: &Mark| {
-            let mut value = json!({
-                "name": m.name, "look": m.look.word(), "shape": m.shape.word(), "values": rounded(&m.values),
-            });
-            if !m.low.is_empty() {
-                value["low"] = rounded(&m.low);
-            }
-            value
+    fn data(&self) -> FigureData<'_> {
+        let mark = |m: &Mark| MarkData {
+            low: (!m.low.is_empty()).then(|| rounded(&m.low)),
+            look: m.look.word(),
+            name: m.name.clone(),
+            shape: m.shape.word(),
+            values: rounded(&m.values),
         };
-        let panel = |p: &Panel| {
-            json!({
-                "label": p.label, "height": p.height, "logarithmic": p.logarithmic,
-                "marks": p.marks.iter().map(mark).collect::<Vec<_>>(),
-            })
+        let panel = |p: &Panel| PanelData {
+            height: p.height,
+            label: p.label.clone(),
+            logarithmic: p.logarithmic,
+            marks: p.marks.iter().map(mark).collect(),
         };
-        let mut value = json!({
-            "label": self.label, "logarithmic": self.logarithmic, "margin": self.margin(), "at": self.at,
-            "panels": self.panels.iter().map(panel).collect::<Vec<_>>(),
-        });
-        if !self.names.is_empty() {
-            value["names"] = json!(self.names);
+        FigureData {
+            at: &self.at,
+            label: &self.label,
+            logarithmic: self.logarithmic,
+            margin: self.margin(),
+            names: &self.names,
+            panels: self.panels.iter().map(panel).collect(),
         }
-        value
     }
 }
 
+/// What the script of the page draws from.
+#[derive(Serialize)]
+struct FigureData<'a> {
+    at: &'a [f64],
+    label: &'a str,
+    logarithmic: bool,
+    margin: f64,
+    #[serde(skip_serializing_if = "<[String]>::is_empty")]
+    names: &'a [String],
+    panels: Vec<PanelData>,
+}
+
+#[derive(Serialize)]
+struct PanelData {
+    height: u32,
+    label: String,
+    logarithmic: bool,
+    marks: Vec<MarkData>,
+}
+
+#[derive(Serialize)]
+struct MarkData {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    low: Option<Vec<Option<f64>>>,
+    look: &'static str,
+    name: String,
+    shape: &'static str,
+    values: Vec<Option<f64>>,
+}
+
 /// Values with the digits that anybody reads; what is not finite is null.
-fn rounded(values: &[f64]) -> Value {
-    values.iter().map(|v| format!("{v:.7e}").parse::<f64>().ok().filter(|v| v.is_finite())).collect::<Vec<_>>().into()
+fn rounded(values: &[f64]) -> Vec<Option<f64>> {
+    values.iter().map(|v| format!("{v:.7e}").parse::<f64>().ok().filter(|v| v.is_finite())).collect()
 }
 
 /// A block of data. Nothing in it can end the block or begin another, whatever names and values say.
-fn data(value: &Value) -> Markup {
-    let text = value.to_string().replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026");
+fn data(of: &FigureData<'_>) -> Markup {
+    // numbers, texts and lists always have a text
+    let text = serde_json::to_string(of).unwrap_or_default();
+    let text = text.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026");
     html! { script type="application/json" { (PreEscaped(text)) } }
 }
 
@@ -222,6 +252,6 @@ mod tests {
         assert_eq!(text.matches("</script").count(), 1);
         assert!(!text.contains("<!--"));
         let block = text.split("application/json\">").nth(1).and_then(|t| t.split("</script>").next()).unwrap();
-        assert_eq!(serde_json::from_str::<Value>(block).unwrap()["label"], "\"]}</script><!--");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(block).unwrap()["label"], "\"]}</script><!--");
     }
 }

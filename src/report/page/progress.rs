@@ -40,7 +40,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             tr { th scope="row" { "at work for" } td.number { (duration(told.progress.elapsed)) } }
             @if let Some(left) = told.progress.left { tr { th scope="row" { "time left" } td.number { (duration(left)) } } }
             @if let Some(last) = last {
-                tr { th scope="row" { "correction" } td.number { (last.number) } }
+                tr { th scope="row" { "iteration" } td.number { (last.number) } }
                 tr { th scope="row" { "cost" } td.number { (shown(last.cost, 10)) } }
                 tr { th scope="row" { "largest step [standard errors]" } td.number { (shown(last.step, 3)) } }
             }

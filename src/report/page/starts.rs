@@ -33,7 +33,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
         details {
             summary { "as a table" }
             div.scroll { table {
-                thead { tr { th.number { "start" } th.number { "cost" } th.number { "minimum" } th.number { "distance" } th.number { "corrections" } th { "end" } } }
+                thead { tr { th.number { "start" } th.number { "cost" } th.number { "minimum" } th.number { "distance" } th.number { "iterations" } th { "end" } } }
                 tbody { @for s in order.iter().take(LISTED) { tr {
                     td.number { @if s.start == 1 { "given" } @else { (s.start) } }
                     td.number { (shown(s.cost, 8)) } td.number { (shown(s.minimum.map(|m| m as f64), 4)) } td.number { (shown(s.distance, 2)) }

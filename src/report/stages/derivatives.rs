@@ -3,8 +3,8 @@
 use super::Shown;
 use fdm_grammar::derive::{Jacobian, Partials, differentiate};
 use fdm_grammar::graph::{Leaf, Names, show};
+use fdm_results::documents::stages::{DerivativesStage, PartialText, StageDocument};
 use fdm_system::Model;
-use serde_json::json;
 
 /// A kind of leaf with its number.
 type Kind = fn(u32) -> Leaf;
@@ -42,9 +42,10 @@ pub(super) fn derivatives(model: &Model) -> Shown {
             }
             for (leaf, partial) in entries {
                 text += &format!("  by {leaf:widest$}  {partial}\n");
-                list.push(json!({ "equation": equation, "by": leaf, "partial": partial }));
+                list.push(PartialText { by: leaf, equation: equation.clone(), partial });
             }
         }
     }
-    Shown { text, json: json!({ "model": model.name(), "partials": list }) }
+    let stage = DerivativesStage { model: model.name().into(), partials: list };
+    Shown { text, document: StageDocument::Derivatives(stage) }
 }

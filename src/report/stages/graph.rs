@@ -3,8 +3,8 @@
 use super::Shown;
 use fdm_grammar::graph::{Leaf, Names, Node};
 use fdm_grammar::op::{ExprId, Form};
+use fdm_results::documents::stages::{EquationNode, GraphNode, GraphStage, StageDocument};
 use fdm_system::Model;
-use serde_json::json;
 
 /// The equations: name and root.
 fn roots(model: &Model) -> Vec<(String, ExprId)> {
@@ -45,11 +45,9 @@ pub(super) fn graph(model: &Model) -> Shown {
     }
     text.push('\n');
     roots.iter().zip(&ends).for_each(|((name, _), k)| text += &format!("{name} = n{k}\n"));
-    let json = json!({
-        "nodes": nodes.iter().map(|(what, operands)| json!({ "is": what, "of": operands })).collect::<Vec<_>>(),
-        "equations": roots.iter().zip(&ends).map(|((name, _), k)| json!({ "name": name, "node": k })).collect::<Vec<_>>(),
-    });
-    Shown { text, json }
+    let equations = roots.into_iter().zip(&ends).map(|((name, _), node)| EquationNode { name, node: *node }).collect();
+    let nodes = nodes.into_iter().map(|(is, of)| GraphNode { is, of }).collect();
+    Shown { text, document: StageDocument::Graph(GraphStage { equations, nodes }) }
 }
 
 /// A node in terms of others.

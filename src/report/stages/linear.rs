@@ -4,10 +4,10 @@ use super::Shown;
 use crate::table::{aligned_right, plain, trimmed};
 use fdm_grammar::derive::{Jacobian, Partials, differentiate};
 use fdm_grammar::graph::{Leaf, Names, show};
+use fdm_results::documents::stages::{Coefficient, CoefficientMatrix, LinearStage, StageDocument};
 use fdm_results::documents::{digits, trim_sentence};
 use fdm_system::Model;
 use fdm_system::linear::{LinearModel, Values};
-use serde_json::{Value, json};
 
 /// Wider matrices are listed entry by entry only.
 const MOST_COLUMNS: usize = 12;
@@ -30,17 +30,17 @@ pub(super) fn linear(model: &Model) -> Result<Shown, String> {
     let d = differentiate(&mut definition);
     let (n, m, q) = (definition.states.len(), definition.inputs.len(), definition.outputs.len());
     let delayed = definition.graph.delayed().len();
+    let (mut text, mut stage) = (String::new(), LinearStage { model: model.name().into(), ..LinearStage::default() });
     let matrices = [
-        ("A", true, 0..n),
-        ("B", true, n..n + m),
-        ("A_delayed", true, n + m..n + m + delayed),
-        ("C", false, 0..n),
-        ("D", false, n..n + m),
-        ("C_delayed", false, n + m..n + m + delayed),
+        ("A", &mut stage.a, true, 0..n),
+        ("B", &mut stage.b, true, n..n + m),
+        ("A_delayed", &mut stage.a_delayed, true, n + m..n + m + delayed),
+        ("C", &mut stage.c, false, 0..n),
+        ("D", &mut stage.d, false, n..n + m),
+        ("C_delayed", &mut stage.c_delayed, false, n + m..n + m + delayed),
     ];
-    let (mut text, mut json) = (String::new(), json!({ "model": model.name() }));
     let mut expressions = String::new();
-    for (name, of_rates, signals) in matrices {
+    for (name, place, of_rates, signals) in matrices {
         let rows: Vec<String> = match of_rates {
             true => definition.states.iter().map(|s| format!("der({})", s.quantity.name)).collect(),
             false => definition.outputs.iter().map(|o| o.quantity.name.clone()).collect(),
@@ -65,20 +65,19 @@ pub(super) fn linear(model: &Model) -> Result<Shown, String> {
                 Entry { row, column, value: *value, expression }
             })
             .collect();
-        json[name] = as_json(&rows, &columns, &entries);
         if !rows.is_empty() && !entries.is_empty() {
             text += &matrix(name, &rows, &columns, &entries);
             let written = |e: &Entry| format!("{name}[{}, {}] = {}\n", rows[e.row], columns[e.column], e.expression);
             expressions += &entries.iter().map(written).collect::<String>();
         }
+        *place = document(rows, columns, entries);
     }
     let names = definition.states.iter().map(|s| &s.quantity.name).zip(&trim.states);
     let inputs = definition.inputs.iter().map(|i| &i.quantity.name).zip(&trim.inputs);
-    json["trim"] =
-        names.chain(inputs).map(|(name, v)| (name.clone(), json!(v))).collect::<serde_json::Map<_, _>>().into();
+    stage.trim = names.chain(inputs).map(|(name, v)| (name.clone(), *v)).collect();
     text += &expressions;
     text += &format!("\n{}\n", trim_sentence(model, &trim));
-    Ok(Shown { text, json })
+    Ok(Shown { text, document: StageDocument::Linear(Box::new(stage)) })
 }
 
 fn jacobian(partials: &Partials, leaf: Leaf) -> &Jacobian {
@@ -109,7 +108,11 @@ fn matrix(name: &str, rows: &[String], columns: &[String], entries: &[Entry]) ->
     trimmed(&table) + "\n"
 }
 
-fn as_json(rows: &[String], columns: &[String], entries: &[Entry]) -> Value {
-    let entry = |e: &Entry| json!({ "row": rows[e.row], "column": columns[e.column], "value": e.value, "expression": e.expression });
-    json!({ "rows": rows, "columns": columns, "entries": entries.iter().map(entry).collect::<Vec<_>>() })
+fn document(rows: Vec<String>, columns: Vec<String>, entries: Vec<Entry>) -> CoefficientMatrix {
+    let entry = |e: Entry| {
+        let (column, row) = (columns[e.column].clone(), rows[e.row].clone());
+        Coefficient { column, expression: e.expression, row, value: e.value }
+    };
+    let entries = entries.into_iter().map(entry).collect();
+    CoefficientMatrix { columns, entries, rows }
 }

@@ -11,8 +11,8 @@ mod names;
 mod schedule;
 mod syntax;
 
+use fdm_results::documents::stages::StageDocument;
 use fdm_system::Model;
-use serde_json::Value;
 
 /// The road from text to numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,13 +33,23 @@ pub enum Stage {
     Linear,
 }
 
-/// A stage as text and as JSON.
+/// A stage as text and as a document.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shown {
     /// For people.
     pub text: String,
     /// For programs.
-    pub json: Value,
+    pub document: StageDocument,
+}
+
+impl Shown {
+    /// The document as JSON in one line.
+    ///
+    /// # Errors
+    /// What the writer of JSON says.
+    pub fn json(&self) -> Result<String, serde_json::Error> {
+        serde_json::to_string(&self.document)
+    }
 }
 
 /// A stage of a model.

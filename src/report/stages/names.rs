@@ -5,8 +5,8 @@ use crate::table::{aligned_right, plain, trimmed};
 use fdm_grammar::graph::{Leaf, Names, Signal, show};
 use fdm_grammar::model::{Input, Origin, Param, Quantity};
 use fdm_grammar::syntax::{Printer, Role, StatementKind, parse_recovering};
+use fdm_results::documents::stages::{DeclaredName, EquationText, NamesStage, StageDocument};
 use fdm_system::Model;
-use serde_json::{Value, json};
 
 /// What is said of a declaration.
 struct Declared {
@@ -34,20 +34,19 @@ pub(super) fn names(model: &Model) -> Shown {
     let widest = equations.iter().map(|(left, _)| left.chars().count()).max().unwrap_or(0);
     text.push('\n');
     equations.iter().for_each(|(left, right)| text += &format!("{left:widest$} = {right}\n"));
-    Shown { text, json: as_json(model, &declared, &equations) }
+    Shown { text, document: document(model, declared, equations) }
 }
 
-fn as_json(model: &Model, declared: &[Declared], equations: &[(String, String)]) -> Value {
-    let name = |d: &Declared| {
-        json!({
-            "name": d.name, "role": d.role, "unit": d.unit, "value": d.value, "attributes": d.more, "doc": d.doc,
-        })
+fn document(model: &Model, declared: Vec<Declared>, equations: Vec<(String, String)>) -> StageDocument {
+    let name = |d: Declared| {
+        let Declared { name, role, unit, value, more, doc } = d;
+        DeclaredName { attributes: more, doc, name, role: role.into(), unit, value }
     };
-    json!({
-        "model": model.name(),
-        "time": model.definition().time.to_string(),
-        "names": declared.iter().map(name).collect::<Vec<_>>(),
-        "equations": equations.iter().map(|(left, right)| json!({ "left": left, "right": right })).collect::<Vec<_>>(),
+    StageDocument::Names(NamesStage {
+        equations: equations.into_iter().map(|(left, right)| EquationText { left, right }).collect(),
+        model: model.name().into(),
+        names: declared.into_iter().map(name).collect(),
+        time: model.definition().time.to_string(),
     })
 }
 

@@ -5,8 +5,8 @@ use fdm_grammar::emit::{Notation, statements};
 use fdm_grammar::graph::{Leaf, Names};
 use fdm_grammar::schedule::Operand;
 use fdm_grammar::{Layout, Pattern, Program};
+use fdm_results::documents::stages::{ProgramText, ScheduleStage, StageDocument};
 use fdm_system::Model;
-use serde_json::json;
 
 /// The language's own notation.
 struct Own;
@@ -51,10 +51,11 @@ pub(super) fn schedule(model: &Model) -> Shown {
         text += &format!("{name}: {head}\n");
         operations.iter().chain(&results).for_each(|line| text += &format!("  {line}\n"));
         text.push('\n');
-        list.push(json!({ "program": name, "operations": operations, "results": results }));
+        list.push(ProgramText { operations, program: name.into(), results });
     }
     text.pop();
-    Shown { text, json: json!({ "model": model.name(), "programs": list }) }
+    let stage = ScheduleStage { model: model.name().into(), programs: list };
+    Shown { text, document: StageDocument::Schedule(stage) }
 }
 
 /// Operations, and what becomes of their values.

@@ -27,6 +27,7 @@ mod tests;
 pub mod design;
 pub mod profile;
 pub mod reproduction;
+pub mod stages;
 pub mod study;
 
 pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null, Search};

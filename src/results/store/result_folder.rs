@@ -3,10 +3,12 @@
 use super::destination::{Destination, DestinationError, before};
 use super::disk::reason;
 use super::fingerprint::fingerprint;
+use super::identity::Identity;
 use super::manifest::{self, KeptFile, Manifest};
-use crate::documents::{KeptParameter, OutputDocument, ResultDocument, from_text, to_text};
-use fdm_estimate::{Changes, FitOptions, Options, Status};
+use crate::documents::{FitDocument, KeptParameter, OutputDocument, ResultDocument, from_text, to_text};
+use fdm_estimate::{Changes, Fit, FitOptions, Options, Status};
 use fdm_system::model::{Model, ModelError};
+use fdm_system::record::Run;
 use fdm_system::simulate::Accuracy;
 use std::fmt;
 use std::fs;
@@ -135,6 +137,17 @@ pub struct Contents {
 }
 
 impl Contents {
+    /// Of an output-error fit of these runs with these options: a folder as `fdm fit --out` makes it, without tables and pictures.
+    pub fn of_fit(fit: &Fit, runs: &[Run], options: &FitOptions) -> Self {
+        let noise = options.options.noise.clone();
+        let manifest = Manifest::new(&fit.model, Identity::of(&fit.model, runs, options), noise);
+        let mut texts = fit.model.source().texts().iter().map(|t| t.text().to_string());
+        let (model, used) = (texts.next().unwrap_or_default(), texts.collect());
+        let quality = OutputDocument::of_quality(&fit.model, &fit.quality);
+        let result = ResultDocument::Fit(Box::new(FitDocument::of(fit)));
+        Self { manifest, model, used, result, quality, others: Vec::new() }
+    }
+
     /// Writes the folder: all of it or nothing.
     ///
     /// # Errors

@@ -1,7 +1,9 @@
 //! Measured data: CSV files to [`Run`]s in the model's units, with errors that name file, line and column.
 //!
-//! Start at [`read()`]: `text` (bytes, cells) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`].
+//! Start at [`read()`]: `text` (bytes, cells) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`]. Samples in memory
+//! become one by [`RunBuilder`].
 
+mod builder;
 mod channel;
 mod derived;
 mod error;
@@ -16,6 +18,7 @@ mod tests;
 mod text;
 mod write;
 
+pub use builder::{RunBuilder, RunError, RunFault};
 pub use channel::{Channel, Channels, Role, channels};
 pub use derived::Incomplete;
 pub use derived::bridge;

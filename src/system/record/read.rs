@@ -183,7 +183,7 @@ fn finish(
 }
 
 /// Times since the first, scaled; `None` when they do not rise any more, or leave the range of numbers.
-fn since_first(mut time: Vec<f64>, scale: f64) -> Option<Vec<f64>> {
+pub(super) fn since_first(mut time: Vec<f64>, scale: f64) -> Option<Vec<f64>> {
     let first = *time.first()?;
     for t in &mut time {
         *t = (*t - first) * scale;
