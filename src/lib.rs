@@ -1,3 +1,5 @@
+//! Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
+//!
 #![doc = include_str!("guide.md")]
 
 extern crate self as fdm;

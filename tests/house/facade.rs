@@ -28,7 +28,7 @@ fn exported() -> Vec<Exported> {
     let statement =
         Regex::new(r"(?m)((?:^(?:///|#\[).*\n)*)^pub use ([\w:]+?)(?:::\{([^}]*)\})?(?: as (\w+))?;").unwrap();
     let mut found = Vec::new();
-    for captures in statement.captures_iter(&text).map(Result::unwrap) {
+    for captures in statement.captures_iter(text.as_str()).map(Result::unwrap) {
         let (docs, path) = (captures[1].to_string(), captures[2].to_string());
         let names: Vec<String> = match (captures.get(3), captures.get(4)) {
             (Some(group), _) => {
@@ -59,15 +59,19 @@ fn is_module(path: &str) -> bool {
     words.is_empty() || place.join("mod.rs").is_file() || place.with_extension("rs").is_file()
 }
 
-/// The doc comment of an item and its text up to the body.
+/// The doc comment of an item and its text up to the body, in its package or where that has it from.
 fn definition(path: &str) -> Option<(String, String)> {
     let (folder, words) = package(path);
     let name = words.last()?;
-    let item = Regex::new(&format!(r"(?m)((?:^(?:///|#\[).*\n)*)^pub (?:fn|struct|enum|trait|type) {name}\b([^{{;]*)"))
-        .unwrap();
-    files(folder.strip_prefix(repository()).unwrap().to_str().unwrap(), "rs").iter().find_map(|file| {
-        let text = fs::read_to_string(file).unwrap();
-        item.captures(&text).unwrap().map(|c| (c[1].to_string(), c[2].to_string()))
+    let pattern = format!(r"(?m)((?:^(?:///|#\[).*\n)*)^pub (?:fn|struct|enum|trait|type) {name}\b([^{{;]*)");
+    let item = Regex::new(&pattern).unwrap();
+    let others = packages().into_iter().map(|(_, other)| other).filter(|other| *other != folder);
+    std::iter::once(folder.clone()).chain(others).find_map(|folder| {
+        let below = folder.strip_prefix(repository()).unwrap().to_str().unwrap().to_string();
+        files(&below, "rs").iter().find_map(|file| {
+            let text = fs::read_to_string(file).unwrap();
+            item.captures(text.as_str()).unwrap().map(|c| (c[1].to_string(), c[2].to_string()))
+        })
     })
 }
 
