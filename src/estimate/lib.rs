@@ -14,7 +14,6 @@ mod best_iterate;
 mod changes;
 mod derived;
 pub mod equation_error;
-#[expect(clippy::module_inception, reason = "the result is called what the room makes")]
 mod estimate;
 mod filter_error;
 mod frequency_responses;

@@ -155,7 +155,12 @@ fn bias_corrections(reported: &[ParameterEstimate], likeliest: &[ParameterEstima
     let moved = |(now, then): (&ParameterEstimate, &ParameterEstimate)| {
         let standard_errors = (now.value - then.value) / now.corrected_error.filter(|error| *error > 0.0)?;
         let (name, run) = (now.name.clone(), now.run.clone());
-        (standard_errors != 0.0).then(|| BiasCorrection { name, run, maximum_likelihood: then.value, standard_errors })
+        (standard_errors != 0.0).then_some(BiasCorrection {
+            name,
+            run,
+            maximum_likelihood: then.value,
+            standard_errors,
+        })
     };
     reported.iter().zip(likeliest).filter_map(moved).collect()
 }

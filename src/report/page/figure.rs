@@ -163,8 +163,8 @@ impl Figure {
 
     fn data(&self) -> FigureData<'_> {
         let mark = |m: &Mark| MarkData {
-            low: (!m.low.is_empty()).then(|| rounded(&m.low)),
             look: m.look.word(),
+            low: (!m.low.is_empty()).then(|| rounded(&m.low)),
             name: m.name.clone(),
             shape: m.shape.word(),
             values: rounded(&m.values),
@@ -208,9 +208,9 @@ struct PanelData {
 
 #[derive(Serialize)]
 struct MarkData {
+    look: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     low: Option<Vec<Option<f64>>>,
-    look: &'static str,
     name: String,
     shape: &'static str,
     values: Vec<Option<f64>>,
