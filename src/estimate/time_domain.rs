@@ -22,7 +22,7 @@ use fdm_system::record::Run;
 /// Fits a model to runs: all that `fdm fit` does, but reading and printing.
 ///
 /// # Errors
-/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`] with its [`Termination`](crate::Termination).
+/// [`FitError`]; a fit that ran and went wrong is an [`Estimate`](crate::Estimate) with its [`Termination`](crate::Termination).
 pub fn fit(model: &Model, runs: &[Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Fit, FitError> {
     fit_kept(model, runs, options, None, observer)
 }

@@ -36,9 +36,9 @@ pub struct FitOptions {
     pub substitute: Vec<String>,
     /// Whether and how the record is cut for multiple shooting.
     pub shooting: Option<Shooting>,
-    /// Fit shorter records too and order the parameters by confidence ([`Fit::by_length`]).
+    /// Fit shorter records too and order the parameters by confidence ([`Fit::by_length`](crate::Fit::by_length)).
     pub confidence: bool,
-    /// Fit with other weights of the outputs too ([`Fit::reweighting`]).
+    /// Fit with other weights of the outputs too ([`Fit::reweighting`](crate::Fit::reweighting)).
     pub reweight: bool,
     /// From how many starts to fit.
     pub starts: MultiStart,

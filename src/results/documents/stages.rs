@@ -1,10 +1,10 @@
 //! The stages of a model as `fdm show --json` prints them. Fields stand in the order of the alphabet, as they always were printed.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// One stage.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum StageDocument {
     /// The tree of the text; none where there is none.
@@ -24,7 +24,7 @@ pub enum StageDocument {
 }
 
 /// A text, statement by statement.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SyntaxStage {
     /// Name of the model.
     pub model: String,
@@ -33,7 +33,7 @@ pub struct SyntaxStage {
 }
 
 /// A statement.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StatementText {
     /// Where it begins, from 1.
     pub line: usize,
@@ -42,7 +42,7 @@ pub struct StatementText {
 }
 
 /// Names and equations.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NamesStage {
     /// After everything was put in its place.
     pub equations: Vec<EquationText>,
@@ -55,7 +55,7 @@ pub struct NamesStage {
 }
 
 /// An equation.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EquationText {
     /// What it gives.
     pub left: String,
@@ -64,7 +64,7 @@ pub struct EquationText {
 }
 
 /// What a name is.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DeclaredName {
     /// Bounds, ties, noise.
     pub attributes: String,
@@ -81,7 +81,7 @@ pub struct DeclaredName {
 }
 
 /// The graph.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GraphStage {
     /// Where each equation ends.
     pub equations: Vec<EquationNode>,
@@ -90,7 +90,7 @@ pub struct GraphStage {
 }
 
 /// An equation and its node.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EquationNode {
     /// The equation.
     pub name: String,
@@ -99,7 +99,7 @@ pub struct EquationNode {
 }
 
 /// A node.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GraphNode {
     /// An operation, a leaf or a number.
     pub is: String,
@@ -108,7 +108,7 @@ pub struct GraphNode {
 }
 
 /// Partials.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct DerivativesStage {
     /// Name of the model.
     pub model: String,
@@ -117,7 +117,7 @@ pub struct DerivativesStage {
 }
 
 /// A partial.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PartialText {
     /// By what.
     pub by: String,
@@ -128,7 +128,7 @@ pub struct PartialText {
 }
 
 /// Programs.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ScheduleStage {
     /// Name of the model.
     pub model: String,
@@ -137,7 +137,7 @@ pub struct ScheduleStage {
 }
 
 /// A program.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProgramText {
     /// One line each.
     pub operations: Vec<String>,
@@ -148,7 +148,7 @@ pub struct ProgramText {
 }
 
 /// Machine code.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CodeStage {
     /// Name of the model.
     pub model: String,
@@ -157,7 +157,7 @@ pub struct CodeStage {
 }
 
 /// The machine code of a program.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ProgramCode {
     /// None for a program that is too long to be compiled.
     pub code: Option<String>,
@@ -166,7 +166,7 @@ pub struct ProgramCode {
 }
 
 /// The linear model: `x' = A x + B u`, `y = C x + D u`, and what multiplies delayed signals.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "matrices by their names")]
 pub struct LinearStage {
     #[serde(rename = "A")]
@@ -188,7 +188,7 @@ pub struct LinearStage {
 }
 
 /// A matrix by its entries that are not zero everywhere.
-#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct CoefficientMatrix {
     /// Names of the columns.
     pub columns: Vec<String>,
@@ -199,7 +199,7 @@ pub struct CoefficientMatrix {
 }
 
 /// An entry of a matrix.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Coefficient {
     /// Its column.
     pub column: String,
