@@ -3,5 +3,8 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
+    if let Ok(fault) = std::env::var("FDM_FAULT") {
+        fdm_results::store::fail_at(&fault).expect("a fault");
+    }
     fdm_cli::main()
 }

@@ -11,6 +11,7 @@ mod domains;
 mod filter_error;
 mod goodman;
 mod hovering;
+mod kills;
 mod miniature;
 mod nonlinear;
 mod papers;

@@ -1,7 +1,7 @@
 //! `fdm codegen`: the model as stand-alone C or Rust.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, ended, print};
+use crate::failure::{Ending, Failure, OrFailure, ended, print_data};
 use crate::load::{Estimated, ModelFile};
 use clap::{Args, ValueEnum};
 use fdm_grammar::emit::{Elementary, Language, stand_alone};
@@ -39,11 +39,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let language = arguments.language()?;
     let model = arguments.model.load_changed(&arguments.estimated)?;
     let text = stand_alone(model.definition(), model.schedule(), &language).or_failure()?;
-    let Some(path) = &arguments.out else { return ended(print(&text)) };
-    if path.canonicalize().is_ok_and(|p| arguments.model.model.canonicalize().is_ok_and(|m| m == p)) {
-        return Err(Failure::input([format!("{}: is the model itself", path.display())]));
-    }
-    write(path, text).or_failure()?;
+    let Some(path) = &arguments.out else { return ended(print_data(&text)) };
+    write(path, text)?;
     ended(true)
 }
 

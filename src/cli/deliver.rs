@@ -1,6 +1,6 @@
 //! Where a result goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
 
-use crate::failure::{Failure, OrFailure, as_json, at, print, remark};
+use crate::failure::{Failure, OrFailure, Unwritten, as_json, at, print, remark};
 use crate::load::Records;
 use crate::modes::of_result;
 use crate::progress::Progress;
@@ -11,12 +11,10 @@ use fdm_estimate::{Fit, Noise};
 use fdm_report::page::{Subject, page};
 use fdm_report::{TimeHistory, svg};
 use fdm_results::documents::{OutputDocument, ResultDocument};
-use fdm_results::store::{Contents, Destination, Identity, Manifest};
+use fdm_results::store::{Contents, Destination, Identity, Manifest, make_folder, write_file};
 use fdm_system::Model;
 use fdm_system::record::{Column, Dialect, Run, write_to};
 use serde::Serialize;
-use std::fs::File;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// A file: its name and its contents.
@@ -55,6 +53,9 @@ pub(crate) struct Places {
     /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
     #[arg(long, value_name = "FILE.html")]
     pub(crate) report: Option<PathBuf>,
+    /// Replace files in the folder of --out that fdm did not write, or that were changed since; files with other names stay in any case
+    #[arg(long, requires = "out")]
+    force: bool,
 }
 
 /// What is printed and written of a fit.
@@ -98,9 +99,9 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Delivery {
-    /// Looks at the places before any work is done in vain.
-    pub(crate) fn prepare(&self) -> Result<Prepared<'_>, Failure> {
-        prepare(&self.output, self.plot.as_deref(), &self.places)
+    /// Looks at the places before any work on these runs is done in vain.
+    pub(crate) fn prepare(&self, model: &Model, runs: &[Run]) -> Result<Prepared<'_>, Failure> {
+        prepare(&self.output, self.plot.as_deref(), &self.places, (model, runs))
     }
 }
 
@@ -109,28 +110,36 @@ impl Places {
     pub(crate) fn any(&self) -> bool {
         self.out.is_some() || self.report.is_some()
     }
+
+    /// Looks at the folder, where one is wanted, for a result with files of these names.
+    pub(crate) fn destination(&self, names: &[String]) -> Result<Option<Destination>, Failure> {
+        let out = self.out.as_deref();
+        out.map(|out| Destination::prepare(out, names, self.force)).transpose().or_failure()
+    }
 }
 
-/// Looks at the places before any work is done in vain.
+/// Looks at the places before any work on these runs is done in vain; that files can be written was seen before.
 pub(crate) fn prepare<'a>(
     output: &'a Output,
     plot: Option<&'a Path>,
     places: &'a Places,
+    (model, runs): (&Model, &[Run]),
 ) -> Result<Prepared<'a>, Failure> {
-    for path in plot.into_iter().chain(places.report.as_deref()) {
-        admits(path).map_err(|e| Failure::at(path, &e))?;
-    }
-    let destination = places.out.as_deref().map(Destination::prepare).transpose().or_failure()?;
+    let destination = places.destination(&names(model, runs))?;
     Ok(Prepared { output, plot, places, destination })
 }
 
-/// Whether a file can be written, as far as can be told without writing it.
-fn admits(path: &Path) -> io::Result<()> {
-    if path.exists() {
-        return File::options().append(true).open(path).map(drop);
-    }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::tempfile_in(folder).map(drop)
+/// Names of all files that the result of any method may have.
+fn names(model: &Model, runs: &[Run]) -> Vec<String> {
+    let own = ["model.fdm", "quality.json", "result.json", "result.txt", "plot.svg"];
+    let study = ["study.json", "fit.txt", "repeats.csv"];
+    let layout = model.layout();
+    let mut names: Vec<String> = own.iter().chain(&study).map(ToString::to_string).collect();
+    names.extend((1..model.source().texts().len()).map(|k| format!("model.{k}.fdm")));
+    names.extend(runs.iter().enumerate().map(|(k, run)| run_file(k, &run.name)));
+    names.extend((1..=runs.len()).map(|k| format!("spectrum_{k}.csv")));
+    names.extend((1..=layout.inputs * layout.outputs).map(|k| format!("response_{k}.csv")));
+    names
 }
 
 impl Prepared<'_> {
@@ -174,7 +183,7 @@ impl Prepared<'_> {
         };
         outcome.remarks.iter().for_each(|r| remark(format_args!("{r}")));
         let plot = self.plot.map_or(Ok(()), |path| write(path, picture(&outcome)));
-        let failed = [plot.err(), self.keep(outcome).err()];
+        let failed = [plot.err().map(|e| e.to_string()), self.keep(outcome).err()];
         let say = |e: &String| remark(format_args!("error: {e}; the result is what is printed"));
         failed.iter().flatten().for_each(say);
         printed && failed.iter().all(Option::is_none)
@@ -196,13 +205,42 @@ impl Places {
     /// Writes the page, where it is wanted, from the files of a result.
     pub(crate) fn write_page(&self, files: &[NamedFile]) -> Result<(), String> {
         let Some(path) = &self.report else { return Ok(()) };
-        write(path, page(&Subject::from_files(files).map_err(|e| e.to_string())?))
+        let page = page(&Subject::from_files(files).map_err(|e| e.to_string())?);
+        write(path, page).map_err(|e| e.to_string())
     }
 }
 
-/// Writes a file.
-pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), String> {
-    std::fs::write(path, contents).map_err(|e| at(path, &e))
+/// Writes a file: all of it, or what stood there before stays.
+pub(crate) fn write(path: &Path, contents: impl AsRef<[u8]>) -> Result<(), Unwritten> {
+    write_file(path, contents.as_ref()).map_err(|e| Unwritten(at(path, &e)))
+}
+
+/// Refuses files of a folder that would be written over others of the same name; with `force` they are replaced. What stands there
+/// just so is as good as written.
+pub(crate) fn refuse_others(folder: &Path, files: &[NamedFile], force: bool) -> Result<(), Failure> {
+    let differs = |(name, contents): &&NamedFile| {
+        let path = folder.join(name);
+        path.symlink_metadata().is_ok() && std::fs::read(&path).ok().as_ref() != Some(contents)
+    };
+    let others: Vec<String> = files.iter().filter(differs).map(|(name, _)| name.clone()).collect();
+    if force || others.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Input(others.iter().map(|name| standing(&folder.join(name))).collect()))
+}
+
+/// What is said of a file that stands where another would be written.
+pub(crate) fn standing(path: &Path) -> String {
+    format!(
+        "{}: exists already, and is not overwritten; give another folder, or replace it with --force",
+        path.display()
+    )
+}
+
+/// Writes files to a folder, which is made where there is none.
+pub(crate) fn write_all(folder: &Path, files: &[NamedFile]) -> Result<(), Unwritten> {
+    make_folder(folder).map_err(|e| Unwritten(at(folder, &e)))?;
+    files.iter().try_for_each(|(name, contents)| write(&folder.join(name), contents))
 }
 
 fn picture(outcome: &Outcome<'_>) -> String {
@@ -315,7 +353,8 @@ pub(crate) fn column(rows: &[f64], k: usize, width: usize) -> Vec<f64> {
     rows.iter().skip(k).step_by(width).copied().collect()
 }
 
-fn run_file(k: usize, run: &str) -> String {
+/// The name of the file of the k-th run.
+pub(crate) fn run_file(k: usize, run: &str) -> String {
     const LONGEST: usize = 60;
     let kept = |c: char| if c.is_alphanumeric() || "-_.#".contains(c) { c } else { '_' };
     let plain: String = run.chars().take(LONGEST).map(kept).collect();

@@ -1,18 +1,18 @@
 //! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
 
-use crate::deliver::{Output, column};
-use crate::failure::{Ending, Failure, at, ended, remark};
+use crate::deliver::{NamedFile, Output, column, standing, write_all};
+use crate::failure::{Ending, Failure, ended};
 use crate::load::{ModelOrResult, Selection, noise, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{Noise, initial_guess};
-use fdm_lab::design::{Asked, Design, Question, Step, design, table};
+use fdm_lab::design::{Asked, Question, Step, design, table};
 use fdm_lab::experiment::Amount;
 use fdm_report::design_table;
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What `fdm design` takes.
 #[derive(Debug, Args)]
@@ -47,6 +47,9 @@ pub(crate) struct Arguments {
     /// Write the inputs of the planned runs to this folder, as CSV
     #[arg(long, value_name = "DIR", help_heading = "Result")]
     records: Option<PathBuf>,
+    /// Replace other files of the same names in that folder
+    #[arg(long, requires = "records", help_heading = "Result")]
+    force: bool,
     #[command(flatten)]
     output: Output,
 }
@@ -57,17 +60,38 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let model = arguments.model.changed(&model)?;
     let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, quiet)?;
     let question = arguments.question(&model, folder.as_ref(), runs)?;
+    arguments.refuse_others()?;
     let progress = Progress::without_interrupt(quiet);
     progress.say("comparing manoeuvres");
     let found = design(&question);
     progress.finish();
     let found = found.map_err(Failure::Input)?;
     let printed = arguments.output.print(|| design_table(&found, &model), || &found)?;
-    let written = arguments.records.as_ref().is_none_or(|folder| write_records(&question, &found, folder));
-    ended(printed && written)
+    if let Some(folder) = &arguments.records {
+        let one = |(k, step): (usize, &Step)| {
+            table(&question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
+        };
+        let files: Vec<NamedFile> = found.steps.iter().enumerate().filter_map(one).collect();
+        write_all(folder, &files)?;
+    }
+    ended(printed)
+}
+
+/// The name of the k-th run that is planned.
+fn run_name(k: usize) -> String {
+    format!("run_{}", k + 1)
 }
 
 impl Arguments {
+    /// Files that stand where runs would be written are told before the work.
+    fn refuse_others(&self) -> Result<(), Failure> {
+        let Some(folder) = self.records.as_ref().filter(|_| !self.force) else { return Ok(()) };
+        let places = (0..self.runs.into()).map(|k| folder.join(format!("{}.csv", run_name(k))));
+        let there: Vec<String> =
+            places.filter(|path| path.symlink_metadata().is_ok()).map(|path| standing(&path)).collect();
+        if there.is_empty() { Ok(()) } else { Err(Failure::Input(there)) }
+    }
+
     /// All parameters: as declared, as found, as typed.
     fn theta(&self, model: &Model, folder: Option<&ResultFolder>, run: Option<&Run>) -> Vec<f64> {
         let params = &model.definition().params;
@@ -191,18 +215,4 @@ fn placed(model: &Model, option: &str, given: &[(String, Amount)]) -> Result<Vec
 fn amount(text: &str) -> Result<(String, Amount), String> {
     let (name, amount) = text.split_once('=').ok_or("expected INPUT=VALUE")?;
     Ok((name.trim().to_string(), amount.trim().parse()?))
-}
-
-/// Writes the planned runs; what cannot be written is told.
-fn write_records(question: &Question<'_>, found: &Design, folder: &Path) -> bool {
-    let place = std::fs::create_dir_all(folder).map_err(|e| at(folder, &e));
-    let one = |(k, step): (usize, &Step)| {
-        let table = table(question, &step.manoeuvre, &format!("run_{}", k + 1));
-        table.map_or(Ok(()), |t| t.write(folder).map(drop).map_err(|e| e.to_string()))
-    };
-    let failed = place.and_then(|()| found.steps.iter().enumerate().try_for_each(one));
-    if let Err(e) = &failed {
-        remark(format_args!("error: {e}; the result is what is printed"));
-    }
-    failed.is_ok()
 }

@@ -1,6 +1,6 @@
 //! `fdm diagnose`: lack of fit of a model, its cause, the extended model, and the gain.
 
-use crate::deliver::{NamedFile, Output, Places, overlay_table, write};
+use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, as_json, ended, print, remark};
 use crate::load::{Estimated, ModelFile, Records, read_records, say_notes};
@@ -13,7 +13,7 @@ use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions
 use fdm_estimate::FitOptions;
 use fdm_report::diagnosis_text;
 use fdm_results::documents::DiagnosisDocument;
-use fdm_results::store::{DataFile, Identity, Manifest};
+use fdm_results::store::{DataFile, Destination, Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use std::path::PathBuf;
@@ -68,9 +68,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
     let model = arguments.model.load()?;
     let (runs, validation) = arguments.runs(&model)?;
-    if let Some(folder) = &arguments.places.out {
-        std::fs::create_dir_all(folder).map_err(|e| Failure::at(folder, &e))?;
-    }
+    // places that cannot be written are told before the work
+    let destination = arguments.places.destination(&names(&model, &runs, &validation))?;
     let changes = arguments.model.changes(&arguments.estimated);
     let options = DiagnosisOptions {
         alpha: arguments.alpha,
@@ -80,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         domain,
     };
     let mut progress = Progress::without_interrupt(arguments.output.quiet);
-    let (_writer, _) = progress.follow(arguments.places.out.iter().cloned().collect(), &model);
+    let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
     let progress = Mutex::new(progress);
     let say = |text: &str| {
         if let Ok(progress) = progress.lock() {
@@ -96,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         other => Failure::input([other]),
     })?;
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
-    arguments.deliver(&model, &found, manifest)
+    arguments.deliver(&model, &found, manifest, destination.as_ref())
 }
 
 impl Arguments {
@@ -146,7 +145,13 @@ impl Arguments {
     }
 
     /// Prints the result and writes what was asked for; what cannot be written is told, and costs nothing of what was found.
-    fn deliver(&self, model: &Model, found: &Diagnosis, manifest: Option<Manifest>) -> Ending {
+    fn deliver(
+        &self,
+        model: &Model,
+        found: &Diagnosis,
+        manifest: Option<Manifest>,
+        destination: Option<&Destination>,
+    ) -> Ending {
         let difference = found
             .extended
             .as_ref()
@@ -156,7 +161,7 @@ impl Arguments {
         if let (Some(file), Some(text)) = (&self.write, &found.extended) {
             match write(file, text) {
                 Ok(()) => path = Some(file.display().to_string()),
-                Err(e) => failed.push(e),
+                Err(e) => failed.push(e.to_string()),
             }
         }
         let json = as_json(&DiagnosisDocument::of(found, path.as_deref()))?;
@@ -169,7 +174,7 @@ impl Arguments {
         }
         if let Some(manifest) = manifest {
             let files = manifest.sealed(files(model, (&text, &json), &difference, found)).map_err(|e| e.to_string());
-            failed.extend(files.and_then(|files| self.write_files(&files)).err());
+            failed.extend(files.and_then(|files| self.write_files(&files, destination)).err());
         }
         let printed = print(if self.output.json { &json } else { &text });
         failed.iter().for_each(|failure| remark(format_args!("error: {failure}")));
@@ -177,12 +182,21 @@ impl Arguments {
     }
 
     /// The folder and the page, where they are wanted, from the same files.
-    fn write_files(&self, files: &[NamedFile]) -> Result<(), String> {
-        for (folder, (name, contents)) in self.places.out.iter().flat_map(|out| files.iter().map(move |f| (out, f))) {
-            write(&folder.join(name), contents)?;
-        }
-        self.places.write_page(files)
+    fn write_files(&self, files: &[NamedFile], destination: Option<&Destination>) -> Result<(), String> {
+        let page = self.places.write_page(files);
+        let folder = destination.map_or(Ok(()), |place| place.fill(files));
+        folder.map_err(|e| e.to_string()).and(page)
     }
+}
+
+/// Names of all files that a folder may hold.
+fn names(model: &Model, runs: &[Run], validation: &[Run]) -> Vec<String> {
+    let own = ["diagnosis.txt", "diagnosis.json", "model.fdm", "extended.fdm", "extended.diff"];
+    let all = runs.iter().chain(validation).enumerate();
+    let mut names: Vec<String> = own.iter().map(ToString::to_string).collect();
+    names.extend(all.map(|(k, run)| run_file(k, &run.name)));
+    names.extend((1..model.source().texts().len()).map(|k| format!("model.{k}.fdm")));
+    names
 }
 
 /// What a folder holds.

@@ -1,7 +1,7 @@
 //! `fdm effects`: what may be missing from a model, and where; `fdm extend`: a model's own text with effects in it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, as_json, did_you_mean, ended, in_colours, print};
+use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print, print_coloured, print_data};
 use crate::load::load_model;
 use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Kind, Nominal, Places, Scales, Subject};
@@ -72,11 +72,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
     let (_, subject) = subject(&arguments.model)?;
     let places = catalogue.places(&subject);
-    let text = match arguments.json {
-        true => as_json(&EffectsDocument::of(&catalogue, &places))?,
-        false => as_text(&catalogue, &places),
-    };
-    ended(print(&text))
+    ended(match arguments.json {
+        true => print(&as_json(&EffectsDocument::of(&catalogue, &places))?),
+        false => print_coloured(|colour| as_text(&catalogue, &places, colour)),
+    })
 }
 
 /// Reads a model for effects.
@@ -108,9 +107,8 @@ pub(crate) fn invalid(source: &Source, diagnostics: Vec<Diagnostic>) -> Failure 
 }
 
 /// A line for each effect that fits anywhere, with its places below.
-fn as_text(catalogue: &Catalogue, places: &Places) -> String {
+fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> String {
     let mut text = String::new();
-    let colour = in_colours(&std::io::stdout());
     let (bold, plain) = if colour { ("\x1b[1m", "\x1b[0m") } else { ("", "") };
     for effect in catalogue.effects() {
         let signature = effect.signature();
@@ -208,9 +206,9 @@ pub(crate) fn extend(arguments: &Extend) -> Ending {
     }
     let new = at.source().text();
     if let Some(file) = &arguments.write {
-        write(file, new).or_failure()?;
+        write(file, new)?;
     }
-    ended(print(&difference(model.source().text(), new, &arguments.model)))
+    ended(print_data(&difference(model.source().text(), new, &arguments.model)))
 }
 
 /// What changes in the text of a model.

@@ -1,7 +1,9 @@
 //! How a command ends: its exit code, what it prints, and what it says when the input is wrong.
 
+use crate::load::with_files;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Diagnostic, Source};
+use fdm_report::{render, visible};
 use fdm_results::store::reason;
 use fdm_system::ModelError;
 use fdm_system::record::RecordError;
@@ -28,6 +30,24 @@ pub(crate) enum Failure {
     Records(Vec<RecordError>),
     /// Anything else, one sentence each.
     Input(Vec<String>),
+    /// Nothing is wrong with the input, but a file could not be written.
+    Unwritten(Unwritten),
+}
+
+/// A file that could not be written, and why.
+#[derive(Debug)]
+pub(crate) struct Unwritten(pub(crate) String);
+
+impl Display for Unwritten {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl From<Unwritten> for Failure {
+    fn from(e: Unwritten) -> Self {
+        Self::Unwritten(e)
+    }
 }
 
 impl Failure {
@@ -51,7 +71,11 @@ impl Failure {
                 other => remark(format_args!("error: {other}")),
             },
             Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
-            Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {r}"))),
+            Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r)))),
+            Self::Unwritten(file) => {
+                remark(format_args!("error: {file}"));
+                return ExitCode::from(NUMBERS);
+            }
         }
         ExitCode::from(INPUT)
     }
@@ -61,6 +85,18 @@ impl From<ModelError> for Failure {
     fn from(e: ModelError) -> Self {
         Self::Model(Box::new(e))
     }
+}
+
+/// Words on the command line that mean nothing, or that ask for help.
+pub(crate) fn refuse_words(e: &clap::Error) -> ExitCode {
+    let plain = e.render().to_string();
+    if e.use_stderr() && visible(&plain) != plain {
+        murmur(&visible(&plain));
+    } else {
+        // with colours where they are wanted
+        let _ = e.print();
+    }
+    ExitCode::from(u8::try_from(e.exit_code()).unwrap_or(INPUT))
 }
 
 /// Errors of the packages below, most of which mean that the input is wrong.
@@ -95,7 +131,13 @@ pub(crate) fn tell(source: &Source, findings: &[Diagnostic]) {
     if findings.is_empty() {
         return;
     }
-    murmur(format_args!("{}", fdm_report::render(source, findings, in_colours(&std::io::stderr()))));
+    let plain = render(source, findings, false);
+    // what would act on the terminal is shown without colours, which act on it too
+    let coloured = in_colours(&std::io::stderr()) && visible(&plain) == plain;
+    match coloured {
+        true => murmur(&render(source, findings, true)),
+        false => murmur(&visible(&plain)),
+    }
     let mut codes: Vec<&str> = Vec::new();
     for code in findings.iter().map(|f| f.code.text()) {
         if !codes.contains(&code) && codes.len() < MOST_CODES {
@@ -112,17 +154,34 @@ pub(crate) fn in_colours(stream: &impl IsTerminal) -> bool {
 
 /// Writes a line to standard error; where nobody listens it is lost.
 pub(crate) fn remark(line: std::fmt::Arguments<'_>) {
-    murmur(format_args!("{line}\n"));
+    murmur(&visible(&format!("{line}\n")));
 }
 
 /// The same as it is.
-fn murmur(text: std::fmt::Arguments<'_>) {
+fn murmur(text: &str) {
     use std::io::Write;
-    let _ = std::io::stderr().lock().write_fmt(text);
+    let _ = std::io::stderr().lock().write_all(text.as_bytes());
+}
+
+/// Prints what people read, or JSON: nothing in it acts on a terminal.
+pub(crate) fn print(text: &str) -> bool {
+    print_as_it_is(&visible(text))
+}
+
+/// Prints with colours where they are wanted, unless something in the plain text would act on the terminal.
+pub(crate) fn print_coloured(text: impl Fn(bool) -> String) -> bool {
+    let plain = text(false);
+    let coloured = in_colours(&std::io::stdout()) && visible(&plain) == plain;
+    if coloured { print_as_it_is(&text(true)) } else { print(&plain) }
+}
+
+/// Prints what programs read: as it is, unless it goes to a terminal.
+pub(crate) fn print_data(text: &str) -> bool {
+    if std::io::stdout().is_terminal() { print(text) } else { print_as_it_is(text) }
 }
 
 /// Writes to standard output; a closed pipe is an end, not a failure. What cannot be written is told; says whether all was.
-pub(crate) fn print(text: &str) -> bool {
+fn print_as_it_is(text: &str) -> bool {
     use std::io::{ErrorKind, Write};
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {

@@ -1,8 +1,8 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
 use crate::checkpoint::Checkpoints;
-use crate::deliver::{Delivery, NamedFile, Outcome, csv, histories, title};
-use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
+use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, read_runs};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
@@ -11,7 +11,7 @@ use crate::regress::equation_error;
 use clap::Args;
 use fdm_estimate::{
     BestOptions, Estimate, FilterFit, Fit, FitOptions, Keeper, MultiStart, Noise, ResponseFit, ResponseOptions,
-    SpectralFit, SpectralOptions, best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra,
+    SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra,
 };
 use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
@@ -135,7 +135,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     };
     let identity = options.identity(&model, &runs);
     // places that cannot be written are told before the work
-    let prepared = arguments.delivery.prepare()?;
+    let prepared = arguments.delivery.prepare(&model, &runs)?;
     let checkpoint = arguments.checkpoints.open(&identity, quiet)?;
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
     let result = options.fit(&model, &runs, checkpoint.keeper(), &mut progress);
@@ -409,12 +409,33 @@ impl Found {
 
 /// Why an estimate is not good.
 fn unsuccessful(estimate: &Estimate) -> Option<String> {
+    if estimate.termination == Termination::Interrupted {
+        return Some(match estimate.iterations {
+            0 => {
+                "interrupted before the first iteration: the values are the start values, and their errors mean nothing"
+                    .into()
+            }
+            _ => "interrupted: the values are the best so far, not a minimum, and their errors hold only at one".into(),
+        });
+    }
     if !estimate.termination.is_good() {
         return Some(estimate.termination.to_string());
     }
     (!estimate.is_good()).then(|| {
         "the data do not determine every parameter: fix some of those named above, or add runs that excite them".into()
     })
+}
+
+/// Prints a fit as far as it came, when the work that it was made for cannot go on from there.
+pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
+    let e = &fit.estimate;
+    let table = || {
+        let table = fit_table(fit, false);
+        format!("{}\n\n{table}\n{} after {} iterations\n", title(&fit.model), e.termination, e.iterations)
+    };
+    output.print(table, || FitDocument::of(fit))?;
+    remarks(fit, true).iter().for_each(|r| remark(format_args!("{r}")));
+    ended(false)
 }
 
 /// What is said behind a result of output error; `complete` when all starts have ended.

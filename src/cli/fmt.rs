@@ -1,11 +1,12 @@
 //! `fdm fmt`: models in the standard layout.
 
-use crate::failure::{Ending, Failure, OrFailure, ended, print};
+use crate::deliver::write;
+use crate::failure::{Ending, Failure, OrFailure, ended, print, print_data};
 use clap::Args;
 use fdm_grammar::Source;
 use fdm_grammar::format::{Refusal, format};
 use fdm_system::ModelError;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 /// What `fdm fmt` takes.
@@ -54,7 +55,7 @@ fn standard_input(check: bool) -> Ending {
     std::io::stdin().lock().read_to_end(&mut bytes).or_failure()?;
     let text = String::from_utf8(bytes).map_err(|_| Failure::input(["standard input is not UTF-8 text"]))?;
     let laid_out = laid_out(&Source::new("standard input", &*text))?;
-    ended(if check { laid_out == text } else { print(&laid_out) })
+    ended(if check { laid_out == text } else { print_data(&laid_out) })
 }
 
 /// The file, or all models in the folder and below it, in the order of their names.
@@ -81,20 +82,9 @@ fn lay_out(path: &Path, check: bool) -> Result<bool, Failure> {
         return Ok(false);
     }
     if !check {
-        replace(path, &laid_out).map_err(|e| Failure::at(path, &e))?;
+        write(path, laid_out)?;
     }
     Ok(true)
-}
-
-/// Writes beside the file and takes its place in one instant; a link stays a link.
-fn replace(path: &Path, text: &str) -> std::io::Result<()> {
-    let path = path.canonicalize()?;
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(text.as_bytes())?;
-    file.as_file().set_permissions(std::fs::metadata(&path)?.permissions())?;
-    file.persist(&path)?;
-    Ok(())
 }
 
 fn laid_out(source: &Source) -> Result<String, Failure> {

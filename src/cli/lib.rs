@@ -22,6 +22,7 @@ mod modes;
 mod new;
 mod options;
 mod page;
+mod paths;
 mod profile;
 mod progress;
 mod progress_file;
@@ -33,7 +34,7 @@ mod spectra;
 mod study;
 mod validate;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
@@ -110,7 +111,18 @@ pub fn command() -> clap::Command {
 
 /// Does what the command line asks for.
 pub fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let mut command = Arguments::command();
+    let matches = match command.try_get_matches_from_mut(std::env::args_os()) {
+        Ok(matches) => matches,
+        Err(e) => return failure::refuse_words(&e),
+    };
+    let arguments = match Arguments::from_arg_matches(&matches) {
+        Ok(arguments) => arguments,
+        Err(e) => return failure::refuse_words(&e.format(&mut command)),
+    };
+    if let Err(failure) = paths::refuse_conflicts(&command, &matches) {
+        return failure.report();
+    }
     if let Some(threads) = arguments.threads {
         // the pool can be set once only; nothing has used it yet
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();

@@ -7,7 +7,9 @@ use fdm_estimate::{Changes, Noise};
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run, Summary, channels, read};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// A model file and the changes of its parameters.
 #[derive(Debug, Args)]
@@ -224,7 +226,25 @@ pub(crate) fn read_records(
         return Err(Failure::Records(errors));
     }
     number_equal_names(&mut runs);
+    let mut known = files_of_runs();
+    known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.display().to_string())));
+    drop(known);
     Ok(runs)
+}
+
+/// The files that runs were read from, by the names of the runs.
+fn files_of_runs() -> MutexGuard<'static, BTreeMap<String, String>> {
+    static FILES: Mutex<BTreeMap<String, String>> = Mutex::new(BTreeMap::new());
+    FILES.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What is said of a run, with the file that it was read from.
+pub(crate) fn with_files(said: &str) -> String {
+    let mut told = said.to_string();
+    for (run, file) in files_of_runs().iter().filter(|(_, file)| !said.contains(file.as_str())) {
+        told = told.replacen(&format!("run `{run}`"), &format!("run `{run}` ({file})"), 1);
+    }
+    told
 }
 
 /// Runs whose files share a name are numbered.

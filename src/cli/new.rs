@@ -1,15 +1,14 @@
 //! `fdm new`: a first model with comments, and a record made up from it to try things out.
 
 use crate::deliver::{column, csv};
-use crate::failure::{Ending, Failure, ended, print};
+use crate::failure::{Ending, Failure, Unwritten, at, ended, print};
 use clap::{Args, ValueEnum};
 use fdm_grammar::format::format;
 use fdm_numeric::random::SplitMix;
+use fdm_results::store::{admits, write_new_file};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, choose_steps};
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// What `fdm new` takes.
@@ -103,6 +102,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let said = there.iter().map(|p| format!("{}: exists already, and is not overwritten", p.display()));
         return Err(Failure::Input(said.collect()));
     }
+    for place in [path, &record] {
+        admits(place).map_err(|e| Failure::at(place, &e))?;
+    }
     let recipe = arguments.kind.recipe();
     let quoted = |p: &Path| {
         let text = p.display().to_string();
@@ -182,6 +184,5 @@ fn rounded(value: f64) -> f64 {
 
 /// Writes a file that is not there.
 fn written(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let file = OpenOptions::new().write(true).create_new(true).open(path);
-    file.and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all())).map_err(|e| Failure::at(path, &e))
+    write_new_file(path, bytes).map_err(|e| Unwritten(at(path, &e)).into())
 }

@@ -2,10 +2,11 @@
 //! machine, also while a fit or a study works on it.
 
 use crate::deliver::write;
-use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, print, remark};
+use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, print, print_data, remark};
 use clap::Args;
 use fdm_report::page::{Paper, Subject, drawings, page};
-use fdm_results::store::{ProgressFile, fingerprint, reason, whole_files};
+use fdm_results::store::{ProgressFile, fingerprint, manifest_text, reason, whole_files};
+use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
@@ -27,13 +28,25 @@ fn subject(folder: &Path) -> Result<Subject, Failure> {
     Subject::from_files(&whole_files(folder).or_failure()?).or_failure()
 }
 
+/// Whether the program made this page.
+fn is_page(text: &[u8]) -> bool {
+    const BEGINNING: usize = 1 << 10;
+    String::from_utf8_lossy(&text[..text.len().min(BEGINNING)]).contains("<meta name=\"generator\" content=\"fdm ")
+}
+
 pub(crate) fn report(arguments: &Report) -> Ending {
     let text = page(&subject(&arguments.folder)?);
     let place = arguments.output.clone().unwrap_or_else(|| arguments.folder.join("report.html"));
     if place == Path::new("-") {
-        return ended(print(&text));
+        return ended(print_data(&text));
     }
-    write(&place, text).or_failure()?;
+    if arguments.output.is_none() && fs::read(&place).is_ok_and(|there| !is_page(&there)) {
+        return Err(Failure::input([format!(
+            "{}: fdm did not write it, and it is not overwritten: give another place with -o FILE.html",
+            place.display()
+        )]));
+    }
+    write(&place, text)?;
     ended(print(&format!("{}\n", place.display())))
 }
 
@@ -69,7 +82,7 @@ pub(crate) fn plot(arguments: &Plot) -> Ending {
         return Err(Failure::input([format!("the result has no figure `{name}`{near} (`fdm plot DIR` lists them)")]));
     };
     let paper = if arguments.dark { Paper::Dark } else { Paper::Light };
-    let Some(path) = &arguments.output else { return ended(print(&found.svg(paper))) };
+    let Some(path) = &arguments.output else { return ended(print_data(&found.svg(paper))) };
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     let bytes = match ending.as_deref() {
         #[cfg(feature = "png")]
@@ -91,7 +104,7 @@ pub(crate) fn plot(arguments: &Plot) -> Ending {
         }
     };
     let bytes: Result<Vec<u8>, String> = bytes;
-    write(path, bytes.or_failure()?).or_failure()?;
+    write(path, bytes.or_failure()?)?;
     ended(true)
 }
 
@@ -196,10 +209,10 @@ fn answer(mut stream: TcpStream, folder: &Path, own: &str) -> std::io::Result<()
 fn work(folder: &Path) -> Option<(String, Option<f64>)> {
     let file = ProgressFile::of(folder);
     let text = file.read()?;
-    let told = std::fs::metadata(file.path()).and_then(|m| m.modified()).ok()?;
+    let told = fs::metadata(file.path()).and_then(|m| m.modified()).ok()?;
     let age = SystemTime::now().duration_since(told).map_or(0.0, |d| d.as_secs_f64());
     let silent = (age > SILENCE).then_some(age);
-    (silent.is_none() || !folder.join("manifest.json").is_file()).then_some((text, silent))
+    (silent.is_none() || manifest_text(folder).is_none()).then_some((text, silent))
 }
 
 /// The page, or why there is none yet.
@@ -228,6 +241,6 @@ fn state(folder: &Path) -> String {
         Some((text, None)) => format!("work {}", fingerprint(text.as_bytes())),
         // the seconds go on
         Some((_, Some(silent))) => format!("silent {silent:.0}"),
-        None => std::fs::read(folder.join("manifest.json")).map_or_else(|_| "none".into(), |text| fingerprint(&text)),
+        None => manifest_text(folder).map_or_else(|| "none".into(), |text| fingerprint(text.as_bytes())),
     }
 }

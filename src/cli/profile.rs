@@ -3,6 +3,7 @@
 
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
+use crate::fit::print_so_far;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::Integration;
 use crate::progress::Progress;
@@ -68,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         Err(e) => {
             progress.finish();
             remark(format_args!("error: {e}"));
-            return ended(false);
+            return print_so_far(&found, &arguments.output);
         }
     };
     let shared = found.estimate.parameters.iter().filter(|p| p.run.is_none() && p.status == Status::Estimated);

@@ -1,11 +1,11 @@
-//! Shows that work is going on: a live line on a terminal, a line for each iteration elsewhere, nothing when asked to be quiet.
+//! Shows that work is going on: a live line on a terminal, a line every five seconds at most elsewhere, nothing when asked to be quiet.
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
 use crate::failure::remark;
 use crate::progress_file::{Course, CourseWriter};
 use fdm_estimate::{Iteration, Observer, StartSummary, UnknownName};
 use fdm_lab::study::{Repeat, Watch};
-use fdm_report::sparkline;
+use fdm_report::{sparkline, visible};
 use fdm_system::Model;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -25,6 +25,30 @@ fn bar(length: Option<u64>, shown: bool, template: &str, tick: u64) -> ProgressB
     }
     bar.enable_steady_tick(Duration::from_millis(tick));
     bar
+}
+
+/// Least time between two lines that take the place of the live one.
+const PAUSE: Duration = Duration::from_secs(5);
+
+/// When a line was told last.
+struct Pace(Option<Instant>);
+
+impl Pace {
+    fn admits(&mut self, now: Instant) -> bool {
+        let admitted = self.0.is_none_or(|last| now.duration_since(last) >= PAUSE);
+        if admitted {
+            self.0 = Some(now);
+        }
+        admitted
+    }
+}
+
+/// Says how far the work is, unless something was said a moment ago.
+fn line(text: std::fmt::Arguments<'_>) {
+    static PACE: Mutex<Pace> = Mutex::new(Pace(None));
+    if PACE.lock().unwrap_or_else(PoisonError::into_inner).admits(Instant::now()) {
+        remark(text);
+    }
 }
 
 /// Whether lines take the place of the live one.
@@ -89,9 +113,9 @@ impl Progress {
         if let Some(course) = &self.course {
             course.lock().doing = text.to_string();
         }
-        self.bar.set_message(text.to_string());
+        self.bar.set_message(visible(text).into_owned());
         if self.lines {
-            remark(format_args!("{text}"));
+            line(format_args!("{text}"));
         }
     }
 
@@ -206,7 +230,7 @@ impl RepeatProgress {
     /// Of so many repeats of something that has a name, or none.
     pub(crate) fn new(name: &str, count: usize, quiet: bool, interrupted: Arc<AtomicBool>) -> Self {
         let template = "{spinner} {msg} {bar:30} {pos} of {len} repeats [{elapsed}, {eta} left]";
-        let bar = bar(Some(count as u64), !quiet, template, 200).with_message(name.to_string());
+        let bar = bar(Some(count as u64), !quiet, template, 200).with_message(visible(name).into_owned());
         Self { bar, lines: in_lines(quiet), count, so_far: None, interrupted }
     }
 
@@ -244,11 +268,23 @@ impl Watch for RepeatProgress {
         self.bar.set_position(done as u64);
         let tenth = (self.count / 10).max(1);
         if self.lines && done > 0 && done.is_multiple_of(tenth) {
-            remark(format_args!("{}{done} of {} repeats", self.prefix(), self.count));
+            line(format_args!("{}{done} of {} repeats", self.prefix(), self.count));
         }
     }
 
     fn goes_on(&self) -> bool {
         !self.interrupted.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pipe_hears_a_line_in_five_seconds() {
+        let (begun, mut pace) = (Instant::now(), Pace(None));
+        let told = |k: &u64| pace.admits(begun + Duration::from_millis(20 * k));
+        assert_eq!((0..700).filter(told).count(), 3, "in 14 seconds");
     }
 }

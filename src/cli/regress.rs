@@ -142,7 +142,7 @@ impl Recursive {
         let printed = output.print(|| recursive_table(&found), || RecursiveDocument::of(&found))?;
         if let Some(path) = &self.plot {
             let time = recursive_times(&found);
-            write(path, svg(&recursive_histories(&found, &time))).or_failure()?;
+            write(path, svg(&recursive_histories(&found, &time)))?;
         }
         ended(printed)
     }
@@ -213,7 +213,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return ended(output.print(|| structure_table(&found), document)?);
     }
     // places that cannot be written are told before the work
-    let prepared = prepare(output, None, &arguments.places)?;
+    let prepared = prepare(output, None, &arguments.places, (&model, &runs))?;
     let (mut text, mut document) = estimates(&model, &runs, &options).or_failure()?;
     if arguments.dependence {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
@@ -235,7 +235,7 @@ pub(crate) fn equation_error(
     let (model, runs) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
     let domain = frequencies.map_or(Domain::Time, Domain::Frequency);
     let options = RegressionOptions { domain, ..RegressionOptions::default() };
-    let prepared = delivery.prepare()?;
+    let prepared = delivery.prepare(&model, &runs)?;
     let (text, document) = estimates(&model, &runs, &options).or_failure()?;
     deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))
 }

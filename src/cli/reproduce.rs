@@ -1,6 +1,7 @@
 //! `fdm reproduce`: reference systems from their descriptions to the figures of the papers; with `--repeats` a Monte Carlo study of
 //! each.
 
+use crate::deliver::{NamedFile, refuse_others, write_all};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
@@ -29,6 +30,9 @@ pub(crate) struct Arguments {
     /// Only write the simulated records to this folder, as CSV
     #[arg(long, value_name = "DIR")]
     records: Option<PathBuf>,
+    /// Replace other files of the same names in that folder
+    #[arg(long, requires = "records")]
+    force: bool,
     /// Print JSON instead of tables
     #[arg(long, conflicts_with = "markdown")]
     json: bool,
@@ -53,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return Err(Failure::input([format!("{first} belongs to --repeats; give their number with --repeats N")]));
     }
     if let Some(folder) = &arguments.records {
-        return write_records(&experiments, folder);
+        return write_records(&experiments, folder, arguments.force);
     }
     let bar = counted(experiments.len(), "experiments");
     let one = |experiment: &Experiment| {
@@ -129,16 +133,19 @@ fn models() -> Option<PathBuf> {
     })
 }
 
-fn write_records(experiments: &[Experiment], folder: &Path) -> Ending {
-    let unwritable = |e: std::io::Error| Failure::at(folder, &e);
-    let mut text = String::new();
+fn write_records(experiments: &[Experiment], folder: &Path, force: bool) -> Ending {
+    let mut places = Vec::new();
     for experiment in experiments {
         let place = if experiments.len() > 1 { folder.join(&experiment.name) } else { folder.into() };
-        std::fs::create_dir_all(&place).map_err(unwritable)?;
-        for table in tables(experiment).or_failure()? {
-            let path = table.write(&place).or_failure()?;
-            text.push_str(&format!("{}\n", path.display()));
-        }
+        let tables = tables(experiment).or_failure()?;
+        let files: Vec<NamedFile> = tables.iter().map(|table| (table.file(), table.bytes())).collect();
+        refuse_others(&place, &files, force)?;
+        places.push((place, files));
+    }
+    let mut text = String::new();
+    for (place, files) in &places {
+        write_all(place, files)?;
+        files.iter().for_each(|(name, _)| text.push_str(&format!("{}\n", place.join(name).display())));
     }
     ended(print(&text))
 }

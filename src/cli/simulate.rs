@@ -1,8 +1,8 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
-use crate::deliver::{column, csv};
-use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
-use crate::load::{ModelOrResult, Selection, read_runs};
+use crate::deliver::{column, csv, write};
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
+use crate::load::{ModelOrResult, Selection, read_runs, with_files};
 use crate::options::Integration;
 use clap::Args;
 use fdm_estimate::initial_guess;
@@ -74,7 +74,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             let state = d.state.map_or(String::from("an output"), |s| {
                 format!("state `{}`", model.definition().states[s].quantity.name)
             });
-            remark(format_args!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time));
+            let said = format!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time);
+            remark(format_args!("{}", with_files(&said)));
             good = false;
         }
     }
@@ -175,8 +176,8 @@ fn columns(model: &Model, response: &Response<'_>) -> Vec<(String, Option<String
 fn table(model: &Model, response: &Response<'_>, file: Option<&Path>) -> Result<bool, Failure> {
     let table = csv(&columns(model, response));
     match file {
-        Some(path) => std::fs::write(path, table).map(|()| true).map_err(|e| Failure::at(path, &e)),
-        None => Ok(print(&String::from_utf8_lossy(&table))),
+        Some(path) => Ok(write(path, table).map(|()| true)?),
+        None => Ok(print_data(&String::from_utf8_lossy(&table))),
     }
 }
 

@@ -1,12 +1,11 @@
 //! `fdm spectra`: frequency responses estimated from records alone; the model only names the channels.
 
-use crate::deliver::Output;
+use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::load::{Records, band, load_model, read_runs};
 use clap::Args;
 use fdm_report::{response_svg, response_table};
 use fdm_results::documents::{ResponseNames, SpectraDocument};
-use fdm_results::store::reason;
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumOptions, Window};
@@ -60,11 +59,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(&inputs, &outputs)).collect();
     let names = names(&model, &inputs, &outputs);
     let found = arguments.estimate(&runs, &names)?;
-    if let Some(file) = &arguments.plot {
-        let unwritten = |e| Failure::input([format!("{} cannot be written: {}", file.display(), reason(&e))]);
-        std::fs::write(file, response_svg(&found, &names)).map_err(unwritten)?;
-    }
-    ended(arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?)
+    let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
+    arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;
+    ended(printed)
 }
 
 /// The numbers of the channels that were asked for; of all when none was.

@@ -2,6 +2,7 @@
 
 use crate::deliver::{Delivery, NamedFile, Outcome, title};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
+use crate::fit::print_so_far;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::{Integration, Repeats};
 use crate::progress::{Progress, RepeatProgress};
@@ -59,7 +60,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (colour, seed) = (arguments.colour()?, arguments.repetition.seed);
     let identity = Identity::of(&model, &runs, &Studied { fit: &options, noise_colour: colour, seed });
     // places that cannot be written are told before the work
-    let prepared = arguments.delivery.prepare()?;
+    let prepared = arguments.delivery.prepare(&model, &runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
     let (writer, course) = prepared.follow(&model, checkpoints.folder(), &mut progress);
     let first = fit(&model, &runs, &options, &mut progress);
@@ -69,7 +70,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         Ok(bootstrap) => bootstrap,
         Err(e) if e.is_of_numbers() => {
             remark(format_args!("error: {e}"));
-            return ended(false);
+            return print_so_far(&first, &arguments.delivery.output);
         }
         Err(e) => return Err(Failure::input([e])),
     };

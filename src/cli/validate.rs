@@ -39,7 +39,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
     let runs = arguments.records.runs(&model, quiet)?;
     let options = arguments.integration.among(folder.validation(&model));
-    let prepared = arguments.delivery.prepare()?;
+    let prepared = arguments.delivery.prepare(&model, &runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
     let result = fit(&model, &runs, &options, &mut progress);
     progress.finish();

@@ -26,6 +26,7 @@ mod study;
 mod summary;
 mod table;
 mod validation;
+mod visible;
 
 pub use comparison::comparison_table;
 pub use confidence::{confidence, way};
@@ -50,3 +51,4 @@ pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
 pub use validation::{validation_by_frequency, validation_by_time, validation_table};
+pub use visible::visible;

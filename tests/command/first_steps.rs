@@ -125,7 +125,7 @@ fn code_goes_to_the_terminal_or_to_a_file_that_is_not_the_model() {
         line.trim_end_matches(';').rsplit(' ').next().unwrap().parse::<usize>().unwrap()
     };
     assert_eq!(count(&at.good("codegen m.fdm --lang rust --free c")), count(&rust) + 1);
-    assert!(at.refused("codegen m.fdm --lang c --out m.fdm").contains("the model itself"));
+    assert!(at.refused("codegen m.fdm --lang c --out m.fdm").contains("written over"));
     assert_eq!(at.text("m.fdm"), MODEL);
     assert!(at.refused("codegen m.fdm --lang rust --elementary a;b").contains("not the path"));
     assert!(at.refused("codegen m.fdm --lang c --out none/m.c").contains("none/m.c"));

@@ -346,6 +346,27 @@ fn nothing_that_is_typed_ends_it() {
 }
 
 #[test]
+fn what_is_no_message_is_answered_and_the_server_goes_on() {
+    let (mut editor, _) = Editor::open(PITCH);
+    for (body, code) in [("{\"jsonrpc\": ", -32700), ("\u{1b}]0;", -32700), ("[1, 2]", -32600), ("{\"id\": 7}", -32600)]
+    {
+        write!(editor.to, "Content-Length: {}\r\n\r\n{body}", body.len()).unwrap();
+        editor.to.flush().unwrap();
+        let answer = editor.receive();
+        assert_eq!(answer["error"]["code"], code, "{answer}");
+        assert_eq!(answer["id"], if code == -32600 && body.starts_with('{') { json!(7) } else { Value::Null });
+        assert!(editor.at("textDocument/hover", 3, 8)["contents"].is_object());
+    }
+    // a length that no memory holds is refused at once, and what follows is not taken for messages
+    write!(editor.to, "Content-Length: 99999999999999999\r\n\r\nabc").unwrap();
+    editor.to.flush().unwrap();
+    assert_eq!(editor.receive()["error"]["code"], -32600);
+    drop(editor.to);
+    let ended = editor.server.wait().unwrap();
+    assert!(ended.code().is_some_and(|code| code < 3), "{ended}");
+}
+
+#[test]
 fn a_burst_of_keys_in_a_large_text_is_answered_in_time() {
     let lines: Vec<String> = (0..2_000).map(|k| format!("  param p{k} = 1 [1/s] \"parameter {k}\";\n")).collect();
     let uses: Vec<String> = (0..2_000).map(|k| format!("p{k}")).collect();

@@ -18,3 +18,4 @@ mod spellings;
 mod study;
 mod suites;
 mod terminal;
+mod writing;

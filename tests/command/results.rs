@@ -169,10 +169,10 @@ fn results_of_another_model_say_what_differs() {
 fn folders_that_are_not_results_are_refused_and_left_alone() {
     let desk = desk();
     fs::create_dir(desk.path("thesis")).unwrap();
-    desk.write("thesis/chapter.txt", "all of it");
+    desk.write("thesis/result.txt", "all of it");
     let refusal = desk.refused(&format!("{FIT} --out thesis"));
-    assert!(refusal.contains("thesis holds something that is not a result of fdm"), "{refusal}");
-    assert_eq!(desk.names("thesis"), ["chapter.txt"]);
+    assert!(refusal.contains("thesis: left alone: fdm did not write `result.txt`"), "{refusal}");
+    assert_eq!(desk.names("thesis"), ["result.txt"]);
     assert!(desk.refused("simulate --from-result thesis").contains("is not a result of fdm"));
     assert!(desk.refused("simulate --from-result none").contains("none: there is no such file or folder"));
     assert!(desk.refused(&format!("{FIT} --out model.fdm")).contains("is not a result"));
@@ -182,7 +182,9 @@ fn folders_that_are_not_results_are_refused_and_left_alone() {
     fs::write(&csv, fs::read_to_string(&csv).unwrap().replacen('1', "2", 1)).unwrap();
     let changed = desk.refused("validate --from-result result --data three.csv");
     assert!(changed.contains("changed or missing since it was written") && changed.contains("run_1_one.csv"));
-    desk.good(&format!("{FIT} --out result"));
+    let refusal = desk.refused(&format!("{FIT} --out result"));
+    assert!(refusal.contains("`run_1_one.csv` changed since fdm wrote it"), "{refusal}");
+    desk.good(&format!("{FIT} --out result --force"));
     desk.good("validate --from-result result --data three.csv --hold u -q");
 }
 

@@ -1,7 +1,8 @@
 //! What a terminal is offered: completions, a manual, plain text where colours are not wanted, charts of braille.
 
 use std::path::Path;
-use support::command;
+use support::command::{printed, said};
+use support::{Desk, command};
 
 fn good(words: &str) -> String {
     command::good(&mut command::at_home(words))
@@ -46,4 +47,66 @@ fn what_is_piped_has_no_colours_and_fits_a_terminal() {
     assert!(!text.contains('\x1b'), "no colours in a pipe");
     let chart: Vec<&str> = text.lines().filter(|l| l.chars().any(|c| ('\u{2801}'..='\u{28ff}').contains(&c))).collect();
     assert!(chart.len() > 8 && chart.iter().all(|l| l.chars().count() <= 80), "{text}");
+}
+
+/// Names and texts that would act on a terminal: they are shown, by every verb and in every message.
+#[test]
+fn nothing_in_a_model_or_a_record_acts_on_a_terminal() {
+    let hostile = "\u{1b}[2J\u{1b}]0;owned\u{7}\u{9b}8m\u{202e}\u{8}";
+    let model = format!(
+        "model wild \"first {hostile}\" {{ input u [1] \"u {hostile}\"; param a = 1 [1] \"a {hostile}\"; output y [1] \"y {hostile}\" = a*u; }}\n"
+    );
+    let rows: String = (0..40)
+        .map(|k| {
+            format!("{},{},{}\n", f64::from(k) / 10.0, 1 + k % 3, 2.1 * f64::from(1 + k % 3) + 0.01 * f64::from(k % 7))
+        })
+        .collect();
+    let desk = Desk::with([("wild.fdm", model.clone())]);
+    let record = format!("run{hostile}.csv");
+    desk.write(&record, format!("t [s],u,y,other {hostile}\n{}", rows.replace('\n', ",1\n")));
+    desk.write("twice.csv", format!("t [s],u,u,y [{hostile}]\n0,1,1,1\n0,1,1,1\n"));
+    desk.write("wrong.fdm", model.replace("a*u", &format!("a*{hostile}u + w + \"{hostile}\"")));
+    desk.fdm("new first.fdm");
+    let with = |words: &str| {
+        let words = words.replace("DATA", &format!("--data {record}"));
+        // the name of the record holds no white space
+        let output = desk.fdm(&words);
+        for (stream, text) in [("stdout", printed(&output)), ("stderr", said(&output))] {
+            let acts = |c: &char| c.is_control() && !matches!(c, '\n' | '\t') || ('\u{202a}'..='\u{202e}').contains(c);
+            let found = text.chars().find(acts);
+            // what programs read is as it is, unless it goes to a terminal
+            assert_eq!(found, None, "{words}: {stream}: {text:?}");
+        }
+        printed(&output) + &said(&output)
+    };
+    assert!(with("fit wild.fdm DATA --out result").contains("first \\u001b[2J"));
+    for words in [
+        "check wild.fdm",
+        "check wrong.fdm",
+        "check wrong.fdm --json",
+        "fit wild.fdm DATA -q --json",
+        "fit wild.fdm --data twice.csv",
+        "fit wild.fdm --data nothing.csv DATA",
+        "fit wild.fdm DATA --map y=\u{1b}[2J",
+        "fit wild.fdm DATA --\u{1b}[2J",
+        "simulate wild.fdm DATA --json",
+        "simulate --from-result result",
+        "validate --from-result result DATA -q",
+        "study wild.fdm DATA --repeats 3",
+        "profile wild.fdm DATA",
+        "regress wild.fdm DATA",
+        "spectra wild.fdm DATA --band 1:2 --segment 2",
+        "diagnose wild.fdm DATA --max-effects 0 --only input_curvature",
+        "design wild.fdm DATA --noise y=1 --runs 1",
+        "compare result result",
+        "modes wild.fdm",
+        "effects wild.fdm",
+        "show wild.fdm",
+        "show wild.fdm --stage syntax",
+        "plot result",
+        "report result",
+        "fmt wrong.fdm",
+    ] {
+        with(words);
+    }
 }

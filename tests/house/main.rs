@@ -10,3 +10,4 @@ mod facade;
 mod links;
 mod sources;
 mod words;
+mod writes;

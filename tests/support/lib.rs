@@ -9,6 +9,7 @@ pub mod nonlinear;
 pub mod papers;
 pub mod suite;
 pub mod turbulence;
+pub mod writing;
 
 pub use command::{Desk, fdm};
 pub use fdm_numeric::random::Normal;

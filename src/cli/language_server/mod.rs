@@ -9,6 +9,7 @@ mod document;
 mod findings;
 mod hover;
 mod names;
+mod streams;
 
 use crate::failure::{Ending, OrFailure, ended};
 use clap::Args;
@@ -54,7 +55,7 @@ pub enum ServerError {
 /// # Errors
 /// Streams that break, and messages that are none.
 pub fn serve_standard_streams() -> Result<bool, ServerError> {
-    let (connection, threads) = Connection::stdio();
+    let (connection, threads) = streams::standard()?;
     let orderly = serve(&connection)?;
     drop(connection);
     threads.join()?;

@@ -20,6 +20,14 @@ pub enum ExperimentError {
         /// What the operating system said.
         reason: String,
     },
+    /// A record cannot be written.
+    #[error("{}: {reason}", file.display())]
+    Unwritable {
+        /// The file.
+        file: PathBuf,
+        /// What the operating system said.
+        reason: String,
+    },
     /// Its file is not what it should be.
     #[error("{}: {reason}", file.display())]
     Malformed {

@@ -1,7 +1,8 @@
 //! A record as columns: what is written to a file, and what a model's runs are read from.
 
 use super::experiment_error::ExperimentError;
-use fdm_system::record::{Column, write};
+use fdm_results::store::{reason, write_file};
+use fdm_system::record::{Column, Dialect, write_to};
 use std::path::{Path, PathBuf};
 
 /// The columns of a record that was made.
@@ -30,17 +31,35 @@ impl Table {
         Self { name, columns }
     }
 
-    /// Writes the record to a folder and says where.
+    /// The name of its file.
+    pub fn file(&self) -> String {
+        format!("{}.csv", self.name.replace([' ', '/'], "_"))
+    }
+
+    /// What its file holds.
     ///
-    /// # Errors
-    /// As [`write()`].
-    pub fn write(&self, folder: &Path) -> Result<PathBuf, ExperimentError> {
-        let path = folder.join(format!("{}.csv", self.name.replace([' ', '/'], "_")));
+    /// # Panics
+    /// When columns differ in length.
+    pub fn bytes(&self) -> Vec<u8> {
         let mut columns = Vec::with_capacity(self.columns.len());
         for (name, unit, values) in &self.columns {
             columns.push(Column { name, unit: unit.as_deref(), values });
         }
-        write(&path, &columns)?;
-        Ok(path)
+        let mut bytes = Vec::new();
+        // memory takes everything that is written to it
+        let _ = write_to(&mut bytes, Dialect::default(), &columns);
+        bytes
+    }
+
+    /// Writes the record to a folder and says where.
+    ///
+    /// # Errors
+    /// [`ExperimentError::Unwritable`]; a file that stood there before stands there still then.
+    pub fn write(&self, folder: &Path) -> Result<PathBuf, ExperimentError> {
+        let path = folder.join(self.file());
+        match write_file(&path, &self.bytes()) {
+            Ok(()) => Ok(path),
+            Err(e) => Err(ExperimentError::Unwritable { reason: reason(&e), file: path }),
+        }
     }
 }

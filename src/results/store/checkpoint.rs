@@ -1,6 +1,6 @@
 //! A folder that keeps the state of one fit, and of no other.
 
-use super::disk::{Disk, System, reason};
+use super::disk::{Disk, disk, reason};
 use super::generations::Generations;
 use super::identity::{Difference, Identity};
 use fdm_estimate::Keeper;
@@ -8,7 +8,7 @@ use std::fmt;
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The name under which the identity of the fit is kept.
 const IDENTITY: &str = "identity";
@@ -108,10 +108,10 @@ impl Checkpoint {
     /// # Errors
     /// [`CheckpointError`], before anything in the folder is changed but the file that locks it.
     pub fn open(folder: impl AsRef<Path>, identity: &Identity) -> Result<Self, CheckpointError> {
-        Self::on(Box::new(System), folder.as_ref(), identity)
+        Self::on(disk(), folder.as_ref(), identity)
     }
 
-    pub(super) fn on(disk: Box<dyn Disk>, folder: &Path, identity: &Identity) -> Result<Self, CheckpointError> {
+    pub(super) fn on(disk: Arc<dyn Disk>, folder: &Path, identity: &Identity) -> Result<Self, CheckpointError> {
         let unusable =
             |e: io::Error| CheckpointError::Unusable { reason: format!("{}: {}", folder.display(), reason(&e)) };
         disk.make_folder(folder).map_err(unusable)?;
@@ -285,7 +285,7 @@ mod tests {
             for n in 0..6 {
                 let folder = tempfile::tempdir().unwrap();
                 let place = folder.path().join("checkpoint");
-                drop(Checkpoint::on(Box::new(Faulty::dies(n, kind)), &place, &identity(TEXT)));
+                drop(Checkpoint::on(Arc::new(Faulty::dies(n, kind)), &place, &identity(TEXT)));
                 let again = Checkpoint::open(&place, &identity(TEXT));
                 assert!(again.is_ok(), "died at operation {n}: {:?}", again.err());
             }
@@ -296,13 +296,13 @@ mod tests {
     fn a_disk_that_fills_up_is_remembered_until_there_is_room_again() {
         let folder = tempfile::tempdir().unwrap();
         let disk = Faulty::fails_once(6, Kind::Torn);
-        let kept = Checkpoint::on(Box::new(disk), folder.path(), &identity(TEXT)).unwrap();
+        let kept = Checkpoint::on(Arc::new(disk), folder.path(), &identity(TEXT)).unwrap();
         let ends: Vec<bool> = (0..3).map(|_| kept.keep("iteration", b"state").is_ok()).collect();
         assert!(ends.contains(&false) && ends[2], "{ends:?}");
         assert_eq!(kept.failure(), None);
         let kept = Faulty::dies(6, Kind::Nothing);
         let folder = tempfile::tempdir().unwrap();
-        let kept = Checkpoint::on(Box::new(kept), folder.path(), &identity(TEXT)).unwrap();
+        let kept = Checkpoint::on(Arc::new(kept), folder.path(), &identity(TEXT)).unwrap();
         (0..3).for_each(|_| drop(kept.keep("iteration", b"state")));
         assert!(kept.failure().is_some_and(|f| f.ends_with("the disk is full")));
     }

@@ -1,25 +1,47 @@
-//! A folder that appears whole: built beside its place, brought to the disk, renamed.
+//! A folder whose files change all at once, and in which nothing is touched that is not the program's own.
+//!
+//! New files are made in a folder of their own and brought to the disk. Where no folder stands yet that folder gets its name. Where
+//! one stands it becomes [`READY`] in it, in one instant: from then on the new result is the one that counts, whoever reads it, and
+//! its files go to their places one by one. What is interrupted in between is finished by the next one that writes there.
 
-use super::disk::{Disk, System, reason};
-use super::manifest::{self, Manifest};
+use super::disk::{Disk, disk, reason};
+use super::fingerprint::fingerprint;
+use super::manifest::{self, Claim, KeptFile, Manifest};
+use super::temporary;
+use std::ffi::OsStr;
 use std::fmt;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The folder, in that of a result, whose files count before those beside it.
+const READY: &str = ".fdm-ready";
 
 /// Where a result folder is to stand.
 pub struct Destination {
     folder: PathBuf,
-    disk: Box<dyn Disk>,
+    disk: Arc<dyn Disk>,
+    /// Files of others are replaced too.
+    force: bool,
 }
 
 /// Why a result folder cannot be made.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum DestinationError {
-    /// Files that are not a result stand there.
+    /// It is no folder.
     Foreign {
         /// The place.
         folder: PathBuf,
+    },
+    /// Files stand there which the program did not write, or which were changed since, under names that it needs.
+    Occupied {
+        /// The place.
+        folder: PathBuf,
+        /// The files that the program did not write.
+        foreign: Vec<String>,
+        /// The files that were changed since it wrote them.
+        changed: Vec<String>,
     },
     /// It cannot be written.
     Unwritable {
@@ -33,9 +55,20 @@ impl fmt::Display for DestinationError {
         match self {
             Self::Foreign { folder } => write!(
                 f,
-                "{} holds something that is not a result of fdm and is left alone: give a new or empty folder",
+                "{} is not a result of fdm but a file, and is left alone: give a new or empty folder",
                 folder.display()
             ),
+            Self::Occupied { folder, foreign, changed } => {
+                write!(f, "{}: left alone: ", folder.display())?;
+                if !foreign.is_empty() {
+                    write!(f, "fdm did not write {}", some(foreign))?;
+                }
+                if !changed.is_empty() {
+                    let and = if foreign.is_empty() { "" } else { ", and " };
+                    write!(f, "{and}{} changed since fdm wrote it", some(changed))?;
+                }
+                write!(f, "; move it, give another folder, or replace it with --force")
+            }
             Self::Unwritable { reason } => write!(f, "the result folder cannot be written: {reason}"),
         }
     }
@@ -43,28 +76,43 @@ impl fmt::Display for DestinationError {
 
 impl std::error::Error for DestinationError {}
 
+fn some(names: &[String]) -> String {
+    const SHOWN: usize = 6;
+    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{name}`")).collect();
+    let more = names.len().saturating_sub(SHOWN);
+    shown.join(", ") + &if more > 0 { format!(" and {more} more") } else { String::new() }
+}
+
 impl Destination {
-    /// Looks at the place, before any work: it must be new, an empty folder, or a result that is to be replaced, and
-    /// new files must be admitted beside it.
+    /// Looks at the place, before any work: in it the program may replace what it wrote itself, and new files must be admitted.
+    /// `names` are those of the files that the result will have as far as they are known, its manifest left out. With `force` files
+    /// that the program did not write may be replaced too where they have these names.
     ///
     /// # Errors
     /// [`DestinationError`]; nothing has been changed then.
-    pub fn prepare(folder: impl AsRef<Path>) -> Result<Self, DestinationError> {
-        Self::on(Box::new(System), folder.as_ref())
+    pub fn prepare(folder: impl AsRef<Path>, names: &[String], force: bool) -> Result<Self, DestinationError> {
+        Self::on(disk(), folder.as_ref(), names, force)
     }
 
-    pub(super) fn on(disk: Box<dyn Disk>, folder: &Path) -> Result<Self, DestinationError> {
+    pub(super) fn on(
+        disk: Arc<dyn Disk>,
+        folder: &Path,
+        names: &[String],
+        force: bool,
+    ) -> Result<Self, DestinationError> {
         // a link keeps pointing to the place where the result stands
         let folder = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_path_buf());
         if folder.file_name().is_none() {
             return Err(DestinationError::Foreign { folder });
         }
-        let destination = Self { folder, disk };
-        destination.refuse_foreign()?;
+        let destination = Self { folder, disk, force };
+        let there = destination.is_there()?;
+        destination.refuse_strangers(names)?;
         let parent = destination.parent();
         destination.disk.make_folder(&parent).map_err(|e| unwritable(&parent, &e))?;
         // a read-only place is told now, not after hours of work
-        tempfile::Builder::new().prefix(".fdm-").tempdir_in(&parent).map_err(|e| unwritable(&parent, &e))?;
+        let within = if there { &destination.folder } else { &parent };
+        tempfile::tempfile_in(within).map_err(|e| unwritable(within, &e))?;
         Ok(destination)
     }
 
@@ -73,70 +121,110 @@ impl Destination {
         &self.folder
     }
 
-    /// Builds the folder from its files. What stood there before is removed when the new one is complete, and not
-    /// earlier.
+    /// Puts the files in the place of those that the program wrote there before; all other files stay as they are.
     ///
     /// # Errors
-    /// [`DestinationError`]; what stood there before stands there still, or beside it under the name that
-    /// [`ResultFolder::open`](super::ResultFolder::open) knows.
+    /// [`DestinationError`]; what stood there before stands there still, or the new files stand there whole.
     pub fn fill(&self, files: &[(String, Vec<u8>)]) -> Result<(), DestinationError> {
-        self.refuse_foreign()?;
-        let parent = self.parent();
-        let fresh =
-            tempfile::Builder::new().prefix(".fdm-").tempdir_in(&parent).map_err(|e| unwritable(&parent, &e))?;
-        for (name, content) in files {
-            let path = fresh.path().join(name);
-            self.disk.write(&path, content).map_err(|e| unwritable(&self.folder.join(name), &e))?;
+        let names: Vec<String> = files.iter().map(|(name, _)| name.clone()).collect();
+        let there = self.is_there()?;
+        if there {
+            self.settle_into_place()?;
         }
-        self.disk.settle(fresh.path()).map_err(|e| unwritable(&self.folder, &e))?;
-        readable(fresh.path()).map_err(|e| unwritable(&self.folder, &e))?;
-        self.replace(&fresh.keep()).map_err(|e| unwritable(&self.folder, &e))
+        self.refuse_strangers(&names)?;
+        let (parent, name) = (self.parent(), self.folder.file_name().unwrap_or_default());
+        temporary::clear(&*self.disk, &parent, name);
+        temporary::clear(&*self.disk, &self.folder, OsStr::new(""));
+        let new = match there {
+            true => temporary::place(&self.folder, OsStr::new("")),
+            false => temporary::place(&parent, name),
+        };
+        let made = self.make(&new, files).and_then(|()| {
+            let place = if there { self.folder.join(READY) } else { self.folder.clone() };
+            self.disk.rename(&new, &place).map_err(|e| unwritable(&self.folder, &e))
+        });
+        if made.is_err() && fs::symlink_metadata(&new).is_ok() {
+            let _ = self.disk.remove_folder(&new);
+        }
+        made?;
+        let above = if there { &self.folder } else { &parent };
+        self.disk.settle(above).map_err(|e| unwritable(above, &e))?;
+        if there { self.settle_into_place() } else { Ok(()) }
     }
 
-    /// Puts the complete new folder into its place.
-    fn replace(&self, fresh: &Path) -> io::Result<()> {
-        let (parent, before) = (self.parent(), before(&self.folder));
-        let replaced = (|| {
-            if is_there(&self.folder) {
-                // only leftovers of a replacement that was interrupted later than here stand in the way
-                if is_there(&before) {
-                    self.disk.remove_folder(&before)?;
+    fn make(&self, new: &Path, files: &[(String, Vec<u8>)]) -> Result<(), DestinationError> {
+        self.disk.make_folder(new).map_err(|e| unwritable(&self.folder, &e))?;
+        let _held = temporary::hold(new);
+        for (name, content) in files {
+            self.disk.write(&new.join(name), content).map_err(|e| unwritable(&self.folder.join(name), &e))?;
+        }
+        self.disk.settle(new).map_err(|e| unwritable(&self.folder, &e))
+    }
+
+    /// Brings files that are ready to their places, and removes those of the program that they do not replace. It may begin anew at
+    /// any point: the manifest goes last.
+    fn settle_into_place(&self) -> Result<(), DestinationError> {
+        let ready = self.folder.join(READY);
+        if !ready.is_dir() {
+            return Ok(());
+        }
+        let claimed = |folder: &Path| fs::read_to_string(folder.join(manifest::NAME)).ok();
+        let new = claimed(&ready).and_then(|text| Manifest::claim(&text));
+        if let Some(new) = new {
+            let names: Vec<String> = new.files.iter().map(|f| f.name.clone()).chain([manifest::NAME.into()]).collect();
+            self.refuse_strangers(&names)?;
+            let old = claimed(&self.folder).and_then(|text| Manifest::claim(&text));
+            for file in old.iter().flat_map(|old| &old.files) {
+                let path = self.folder.join(&file.name);
+                // what was changed since is no longer the program's own
+                if !names.contains(&file.name) && is_plain(&file.name) && file.stands_at(&path) {
+                    self.disk.remove_file(&path).map_err(|e| unwritable(&path, &e))?;
                 }
-                self.disk.rename(&self.folder, &before)?;
             }
-            let placed = self.disk.rename(fresh, &self.folder);
-            if placed.is_err() && is_there(&before) && !is_there(&self.folder) {
-                let _ = self.disk.rename(&before, &self.folder);
+            for name in names.iter().filter(|name| is_plain(name) && ready.join(name).exists()) {
+                let path = self.folder.join(name);
+                self.disk.rename(&ready.join(name), &path).map_err(|e| unwritable(&path, &e))?;
             }
-            placed
-        })();
-        if replaced.is_err() && is_there(fresh) {
-            let _ = self.disk.remove_folder(fresh);
+            self.disk.settle(&self.folder).map_err(|e| unwritable(&self.folder, &e))?;
         }
-        replaced?;
-        self.disk.settle(&parent)?;
-        // the new one stands; an old one that cannot be removed does no harm
-        if is_there(&before) {
-            let _ = self.disk.remove_folder(&before);
-        }
+        // nothing that counts is left in it
+        let _ = self.disk.remove_folder(&ready);
         Ok(())
     }
 
-    /// Only results and empty folders may be replaced.
-    fn refuse_foreign(&self) -> Result<(), DestinationError> {
-        let foreign = || DestinationError::Foreign { folder: self.folder.clone() };
+    /// Whether a folder stands there; what else stands there is refused.
+    fn is_there(&self) -> Result<bool, DestinationError> {
         match fs::symlink_metadata(&self.folder) {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
-            Err(e) => return Err(unwritable(&self.folder, &e)),
-            Ok(at) if !at.is_dir() => return Err(foreign()),
-            Ok(_) => {}
+            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(false),
+            Err(e) => Err(unwritable(&self.folder, &e)),
+            Ok(at) if !at.is_dir() => Err(DestinationError::Foreign { folder: self.folder.clone() }),
+            Ok(_) => Ok(true),
         }
-        let mut entries = fs::read_dir(&self.folder).map_err(|e| unwritable(&self.folder, &e))?;
-        if entries.next().is_none() {
+    }
+
+    /// Refuses files under these names that the program did not write, and all of its own that were changed since.
+    fn refuse_strangers(&self, names: &[String]) -> Result<(), DestinationError> {
+        if self.force {
             return Ok(());
         }
-        let ours = fs::read_to_string(self.folder.join(manifest::NAME)).ok().and_then(|t| Manifest::format(&t));
-        ours.map(|_| ()).ok_or_else(foreign)
+        let claims = Claims::of(&self.folder);
+        let mut all: Vec<&str> =
+            names.iter().map(String::as_str).chain([manifest::NAME]).chain(claims.names()).collect();
+        all.sort_unstable();
+        all.dedup();
+        let (mut foreign, mut changed) = (Vec::new(), Vec::new());
+        for name in all.into_iter().filter(|name| is_plain(name)) {
+            let path = self.folder.join(name);
+            if fs::symlink_metadata(&path).is_err() || claims.wrote(name, &path) {
+                continue;
+            }
+            let list = if claims.names().any(|own| own == name) { &mut changed } else { &mut foreign };
+            list.push(name.to_string());
+        }
+        match foreign.is_empty() && changed.is_empty() {
+            true => Ok(()),
+            false => Err(DestinationError::Occupied { folder: self.folder.clone(), foreign, changed }),
+        }
     }
 
     fn parent(&self) -> PathBuf {
@@ -147,31 +235,63 @@ impl Destination {
     }
 }
 
-/// Where a result stands while a new one takes its place.
-pub(super) fn before(folder: &Path) -> PathBuf {
-    let name = folder.file_name().unwrap_or_default().to_string_lossy();
-    folder.with_file_name(format!(".{name}.before"))
+/// What the manifests in a folder say of its files: that of its result, and that of one which is ready to take its place.
+struct Claims(Vec<Claim>);
+
+impl Claims {
+    fn of(folder: &Path) -> Self {
+        let texts = [folder.to_path_buf(), folder.join(READY)].map(|at| fs::read_to_string(at.join(manifest::NAME)));
+        Self(texts.iter().flatten().filter_map(|text| Manifest::claim(text)).collect())
+    }
+
+    fn names(&self) -> impl Iterator<Item = &str> {
+        let own = self.0.first().map(|_| manifest::NAME);
+        own.into_iter().chain(self.0.iter().flat_map(|claim| claim.files.iter().map(|f| f.name.as_str())))
+    }
+
+    /// Whether a file stands as the program wrote it.
+    fn wrote(&self, name: &str, path: &Path) -> bool {
+        if name == manifest::NAME {
+            let claim = fs::read_to_string(path).ok().and_then(|text| Manifest::claim(&text));
+            return claim.is_some_and(|claim| claim.is_whole);
+        }
+        self.0.iter().flat_map(|claim| &claim.files).any(|f| f.name == name && f.stands_at(path))
+    }
 }
 
-fn is_there(path: &Path) -> bool {
-    fs::symlink_metadata(path).is_ok()
+impl KeptFile {
+    /// Whether it stands there as it was written.
+    fn stands_at(&self, path: &Path) -> bool {
+        let about = fs::symlink_metadata(path);
+        about.is_ok_and(|about| about.is_file() && about.len() == self.bytes)
+            && fs::read(path).is_ok_and(|content| fingerprint(&content) == self.sha256)
+    }
 }
 
-/// Temporary folders are private; a result is as readable as other folders that the user makes.
-#[cfg(unix)]
-fn readable(folder: &Path) -> io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    // what the user's own mask allows is seen at a file that was made just now
-    let mask = match fs::read_dir(folder)?.next() {
-        Some(entry) => entry?.metadata()?.permissions().mode() & 0o444,
-        None => 0o400,
-    };
-    fs::set_permissions(folder, fs::Permissions::from_mode(0o700 | mask | mask >> 2))
+/// The list is ours, and still no name in it may lead out of the folder.
+pub(super) fn is_plain(name: &str) -> bool {
+    Path::new(name).file_name().is_some_and(|n| n == name)
 }
 
-#[cfg(not(unix))]
-fn readable(_: &Path) -> io::Result<()> {
-    Ok(())
+/// Where a file of a result is read: one that is ready counts before the one that it is to replace.
+pub(super) fn standing(folder: &Path, name: &str) -> PathBuf {
+    let ready = folder.join(READY);
+    // a result that is ready has its manifest until all of it is in its place
+    let counts = ready.join(manifest::NAME).is_file() && ready.join(name).is_file();
+    if counts { ready.join(name) } else { folder.join(name) }
+}
+
+/// The text of the manifest of a result, when one stands there.
+pub fn manifest_text(folder: &Path) -> Option<String> {
+    fs::read_to_string(standing(folder, manifest::NAME)).ok()
+}
+
+/// The files of the program in a folder by its manifest, the manifest first, and the records that they were made from; nothing where
+/// no result stands.
+pub fn own_files(folder: &Path) -> (Vec<PathBuf>, Vec<PathBuf>) {
+    let Some(claim) = manifest_text(folder).and_then(|text| Manifest::claim(&text)) else { return Default::default() };
+    let names = claim.files.iter().map(|f| f.name.as_str()).filter(|name| is_plain(name));
+    (std::iter::once(manifest::NAME).chain(names).map(|name| folder.join(name)).collect(), claim.data)
 }
 
 fn unwritable(path: &Path, e: &io::Error) -> DestinationError {

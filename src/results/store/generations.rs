@@ -7,12 +7,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// States under names in one folder.
 pub(super) struct Generations {
     folder: PathBuf,
-    disk: Box<dyn Disk>,
+    disk: Arc<dyn Disk>,
     /// Sequence number and place of what was written or found last.
     newest: Mutex<BTreeMap<String, Newest>>,
 }
@@ -33,7 +33,7 @@ pub(super) struct Found {
 }
 
 impl Generations {
-    pub(super) fn new(folder: impl Into<PathBuf>, disk: Box<dyn Disk>) -> Self {
+    pub(super) fn new(folder: impl Into<PathBuf>, disk: Arc<dyn Disk>) -> Self {
         Self { folder: folder.into(), disk, newest: Mutex::default() }
     }
 
@@ -55,6 +55,10 @@ impl Generations {
         let (new, place) = (self.new_file(name), self.file(name, next.slot));
         let bytes = envelope::seal(name, next.sequence, state);
         let said = |path: &Path, e: &io::Error| format!("{}: {}", path.display(), reason(e));
+        // left by a program that died, or that could not write it
+        if fs::symlink_metadata(&new).is_ok() {
+            self.disk.remove_file(&new).map_err(|e| said(&new, &e))?;
+        }
         self.disk.write(&new, &bytes).map_err(|e| said(&new, &e))?;
         self.disk.rename(&new, &place).map_err(|e| said(&place, &e))?;
         newest.insert(name.to_string(), next);
@@ -129,7 +133,7 @@ mod tests {
     }
 
     fn generations(folder: &Path) -> Generations {
-        Generations::new(folder, Box::new(System))
+        Generations::new(folder, Arc::new(System))
     }
 
     #[test]
@@ -178,7 +182,7 @@ mod tests {
                 let folder = tempfile::tempdir().unwrap();
                 (0..3).for_each(|k| generations(folder.path()).keep("a", &state(k)).unwrap());
                 let faulty = Faulty::dies(n, kind);
-                let kept = Generations::new(folder.path(), Box::new(faulty.clone()));
+                let kept = Generations::new(folder.path(), Arc::new(faulty.clone()));
                 let ends: Vec<bool> = (3..6).map(|k| kept.keep("a", &state(k)).is_ok()).collect();
                 let last = 2 + ends.iter().take_while(|ok| **ok).count() as u64;
                 let found = generations(folder.path()).find("a").unwrap();
@@ -199,7 +203,7 @@ mod tests {
         for kind in [Kind::Nothing, Kind::Torn, Kind::Done] {
             for n in 0..12 {
                 let folder = tempfile::tempdir().unwrap();
-                let kept = Generations::new(folder.path(), Box::new(Faulty::fails_once(n, kind)));
+                let kept = Generations::new(folder.path(), Arc::new(Faulty::fails_once(n, kind)));
                 let mut last = None;
                 for k in 0..4 {
                     match kept.keep("a", &state(k)) {
@@ -221,7 +225,7 @@ mod tests {
     fn the_bytes_are_on_the_disk_before_the_name_and_the_name_before_the_return() {
         let folder = tempfile::tempdir().unwrap();
         let faulty = Faulty::none();
-        Generations::new(folder.path(), Box::new(faulty.clone())).keep("a", b"1").unwrap();
+        Generations::new(folder.path(), Arc::new(faulty.clone())).keep("a", b"1").unwrap();
         let path = |name: &str| folder.path().join(name);
         let wanted = [
             Event::Written(path("a.new")),

@@ -6,7 +6,7 @@ use fdm_estimate::Noise;
 use fdm_system::record::ReadOptions;
 use serde::{Deserialize, Serialize};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The file that holds it.
 pub(super) const NAME: &str = "manifest.json";
@@ -47,6 +47,17 @@ pub struct Manifest {
     pub files: Vec<KeptFile>,
     /// SHA-256 of this text with nothing between these quotes.
     sha256: String,
+}
+
+/// What a folder says of itself, as far as any version of the program can read it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Claim {
+    /// The files that the program wrote, the manifest left out.
+    pub(super) files: Vec<KeptFile>,
+    /// The files of the records that it was made from.
+    pub(super) data: Vec<PathBuf>,
+    /// Whether nobody has changed it since it was written, as far as this version can tell.
+    pub(super) is_whole: bool,
 }
 
 /// A recorded run.
@@ -152,6 +163,25 @@ impl Manifest {
     /// Reads the format of any result of ours, whatever its version; none when it is not one.
     pub(super) fn format(text: &str) -> Option<u32> {
         Self::format_of(text, &[KIND])
+    }
+
+    /// What the manifest of a folder claims, be it of a result or of a diagnosis; none when it is none of ours.
+    pub(super) fn claim(text: &str) -> Option<Claim> {
+        #[derive(Deserialize)]
+        struct Data {
+            path: Option<PathBuf>,
+        }
+        #[derive(Deserialize)]
+        struct Lists {
+            #[serde(default)]
+            files: Vec<KeptFile>,
+            #[serde(default)]
+            data: Vec<Data>,
+        }
+        let newer = Self::any_format(text)? > FORMAT;
+        let Lists { files, data } = serde_json::from_str(text).ok()?;
+        let is_whole = newer || serde_json::from_str::<Self>(text).is_ok_and(|own| own.is_whole(text));
+        Some(Claim { files, data: data.into_iter().filter_map(|d| d.path).collect(), is_whole })
     }
 
     /// The same of results and diagnoses.

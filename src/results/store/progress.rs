@@ -30,7 +30,7 @@ impl ProgressFile {
     /// # Errors
     /// Those of the file system; what was told before stands then.
     pub fn tell(&self, text: &str) -> io::Result<()> {
-        let new = self.path.with_extension("progress.new");
+        let new = self.next();
         let told = fs::write(&new, text).and_then(|()| fs::rename(&new, &self.path));
         if told.is_err() {
             let _ = fs::remove_file(&new);
@@ -45,7 +45,12 @@ impl ProgressFile {
 
     /// Ends it.
     pub fn remove(&self) {
-        let _ = fs::remove_file(&self.path);
+        // and what a program that died has left half told
+        [&self.path, &self.next()].into_iter().for_each(|path| _ = fs::remove_file(path));
+    }
+
+    fn next(&self) -> PathBuf {
+        self.path.with_extension("progress.new")
     }
 }
 
@@ -66,6 +71,7 @@ mod tests {
         fs::create_dir(&folder).unwrap();
         assert_eq!(ProgressFile::of(&folder).read().as_deref(), Some("two"));
         assert_eq!(fs::read_dir(desk.path()).unwrap().count(), 2);
+        fs::write(desk.path().join(".result.progress.new"), "ha").unwrap();
         file.remove();
         assert_eq!(fs::read_dir(desk.path()).unwrap().count(), 1);
         assert!(ProgressFile::of(desk.path().join("none/result")).tell("x").is_err());

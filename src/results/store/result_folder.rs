@@ -1,6 +1,6 @@
 //! A result on disk: written whole, read back with everything checked.
 
-use super::destination::{Destination, DestinationError, before};
+use super::destination::{Destination, DestinationError, is_plain, manifest_text, standing};
 use super::disk::reason;
 use super::fingerprint::fingerprint;
 use super::identity::Identity;
@@ -178,30 +178,34 @@ impl Contents {
 /// # Errors
 /// [`ResultError`].
 pub fn whole_files(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultError> {
-    let folder = standing(folder);
-    let (text, manifest) = manifest_of(&folder, Manifest::any_format)?;
+    undisturbed(folder, || files_as_they_stand(folder))
+}
+
+/// Reads once more where another program has put a new result there meanwhile.
+fn undisturbed<T>(folder: &Path, read: impl Fn() -> Result<T, ResultError>) -> Result<T, ResultError> {
+    let before = manifest_text(folder);
+    match read() {
+        Err(ResultError::Changed { .. }) if manifest_text(folder) != before => read(),
+        other => other,
+    }
+}
+
+fn files_as_they_stand(folder: &Path) -> Result<Vec<(String, Vec<u8>)>, ResultError> {
+    let (text, manifest) = manifest_of(folder, Manifest::any_format)?;
     let mut files = Vec::new();
     for file in &manifest.files {
-        let content = read_same(&folder, file);
-        let changed = || ResultError::Changed { folder: folder.clone(), files: vec![file.name.clone()] };
+        let content = read_same(folder, file);
+        let changed = || ResultError::Changed { folder: folder.into(), files: vec![file.name.clone()] };
         files.push((file.name.clone(), content.ok_or_else(changed)?));
     }
     files.push((manifest::NAME.into(), text.into_bytes()));
     Ok(files)
 }
 
-/// A program that died between two renames has left the result beside its place.
-fn standing(folder: &Path) -> PathBuf {
-    match !folder.exists() && before(folder).is_dir() {
-        true => before(folder),
-        false => folder.to_path_buf(),
-    }
-}
-
 /// The manifest of a folder, and its text; `format` tells which folders are ours.
 fn manifest_of(folder: &Path, format: fn(&str) -> Option<u32>) -> Result<(String, Manifest), ResultError> {
     let foreign = || ResultError::Foreign { folder: folder.into() };
-    let text = match fs::read_to_string(folder.join(manifest::NAME)) {
+    let text = match fs::read_to_string(standing(folder, manifest::NAME)) {
         Ok(text) => text,
         Err(e) if e.kind() == io::ErrorKind::NotFound && folder.is_dir() => return Err(foreign()),
         Err(e) if e.kind() == io::ErrorKind::InvalidData => return Err(foreign()),
@@ -222,23 +226,28 @@ impl ResultFolder {
     /// # Errors
     /// [`ResultError`].
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, ResultError> {
-        let folder = standing(folder.as_ref());
-        let (_, manifest) = manifest_of(&folder, Manifest::format)?;
+        let folder = folder.as_ref();
+        undisturbed(folder, || Self::as_it_stands(folder))
+    }
+
+    fn as_it_stands(folder: &Path) -> Result<Self, ResultError> {
+        let (_, manifest) = manifest_of(folder, Manifest::format)?;
         let changed = |folder: &Path, files: Vec<String>| ResultError::Changed { folder: folder.into(), files };
         let wrong: Vec<String> =
-            manifest.files.iter().filter(|f| !is_same(&folder, f)).map(|f| f.name.clone()).collect();
+            manifest.files.iter().filter(|f| read_same(folder, f).is_none()).map(|f| f.name.clone()).collect();
         if !wrong.is_empty() {
-            return Err(changed(&folder, wrong));
+            return Err(changed(folder, wrong));
         }
-        let read = |name: &str| fs::read_to_string(folder.join(name)).map_err(|_| changed(&folder, vec![name.into()]));
-        let broken = |name: &str| changed(&folder, vec![name.into()]);
+        let read =
+            |name: &str| fs::read_to_string(standing(folder, name)).map_err(|_| changed(folder, vec![name.into()]));
+        let broken = |name: &str| changed(folder, vec![name.into()]);
         let (model, result, quality) = (read(MODEL)?, read(RESULT)?, read(QUALITY)?);
         let result = ResultDocument::read(&result).map_err(|_| broken(RESULT))?;
         let quality = from_text(&quality).map_err(|_| broken(QUALITY))?;
         let names = (1..).map(used_name).take_while(|name| manifest.files.iter().any(|f| f.name == *name));
         let used = names.map(|name| read(&name)).collect::<Result<Vec<_>, _>>()?;
         let parameters = result.parameters();
-        Ok(Self { folder, manifest, model, used, result, quality, parameters })
+        Ok(Self { folder: folder.into(), manifest, model, used, result, quality, parameters })
     }
 
     /// Where it was found.
@@ -346,15 +355,9 @@ impl ResultFolder {
     }
 }
 
-fn is_same(folder: &Path, file: &KeptFile) -> bool {
-    read_same(folder, file).is_some()
-}
-
 /// A file as it was written; none when it is missing or another.
 fn read_same(folder: &Path, file: &KeptFile) -> Option<Vec<u8>> {
-    // the list is ours, and still no name in it may lead out of the folder
-    Path::new(&file.name).file_name().filter(|n| *n == file.name.as_str())?;
-    let content = fs::read(folder.join(&file.name)).ok()?;
+    let content = is_plain(&file.name).then(|| fs::read(standing(folder, &file.name)))?.ok()?;
     (content.len() as u64 == file.bytes && fingerprint(&content) == file.sha256).then_some(content)
 }
 
@@ -366,6 +369,7 @@ mod tests {
     use super::*;
     use crate::documents::specimen::{fit, parameter};
     use fdm_estimate::Noise;
+    use std::sync::Arc;
 
     const TEXT: &str = "model a { param k = 1, b = 0 per run; output y = k + b; }";
 
@@ -388,7 +392,7 @@ mod tests {
     }
 
     fn write(folder: &Path, value: f64) {
-        contents(value, &["one"]).write(&Destination::prepare(folder).unwrap()).unwrap();
+        contents(value, &["one"]).write(&Destination::prepare(folder, &[], false).unwrap()).unwrap();
     }
 
     fn value(folder: &Path) -> Option<f64> {
@@ -402,7 +406,7 @@ mod tests {
         let model = Model::from_texts("dir/a.fdm", text, &used).unwrap();
         let manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
         let folder = tempfile::tempdir().unwrap();
-        let place = Destination::prepare(folder.path().join("result")).unwrap();
+        let place = Destination::prepare(folder.path().join("result"), &[], false).unwrap();
         Contents { manifest, model: text.into(), used, ..contents(1.0, &["one"]) }.write(&place).unwrap();
         let read = ResultFolder::open(folder.path().join("result")).unwrap();
         assert!(read.model().unwrap().source().same_texts(model.source()));
@@ -418,7 +422,7 @@ mod tests {
         assert_eq!(read.theta(&model, "one", None), Ok(vec![0.1 + 0.2, 10.0]));
         assert_eq!(read.theta(&model, "other", None), Ok(vec![0.1 + 0.2, 10.0]), "the only run");
         assert_eq!(fs::read_dir(folder.path().join("deep")).unwrap().count(), 1, "nothing is left beside it");
-        contents(2.0, &["one", "two"]).write(&Destination::prepare(&place).unwrap()).unwrap();
+        contents(2.0, &["one", "two"]).write(&Destination::prepare(&place, &[], false).unwrap()).unwrap();
         let read = ResultFolder::open(&place).unwrap();
         assert_eq!(read.theta(&model, "two", None), Ok(vec![2.0, 11.0]));
         assert_eq!(read.theta(&model, "two", Some("one")), Ok(vec![2.0, 10.0]));
@@ -428,33 +432,85 @@ mod tests {
         assert!(read.theta(&model, "one", Some("x")).unwrap_err().to_string().contains("only `one`, `two`"));
     }
 
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    }
+
     #[test]
-    fn other_folders_are_left_alone_and_refused() {
+    fn files_of_others_are_kept_and_those_with_our_names_are_refused() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(Destination::prepare(folder.path()).is_ok(), "empty");
+        let place = folder.path().join("result");
+        let prepared = |names: &[&str], force| {
+            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+            Destination::prepare(&place, &names, force)
+        };
+        fs::create_dir_all(place.join("sketches")).unwrap();
+        fs::write(place.join("thesis.txt"), "all of it").unwrap();
+        fs::write(place.join("sketches/one.txt"), "first").unwrap();
+        let ours = ["manifest.json", "model.fdm", "quality.json", "result.json", "result.txt"];
+        let all = [&ours[..4], &["result.txt", "sketches", "thesis.txt"]].concat();
+        for value in [1.0, 2.0] {
+            contents(value, &["one"]).write(&prepared(&ours, false).unwrap()).unwrap();
+            assert_eq!(ResultFolder::open(&place).unwrap().parameters()[0].value, value);
+            assert_eq!(names(&place), all);
+        }
+        assert_eq!(fs::read_to_string(place.join("thesis.txt")).unwrap(), "all of it");
+        assert_eq!(fs::read_to_string(place.join("sketches/one.txt")).unwrap(), "first");
+        // a file that the next result does not have goes, unless it was changed
+        let mut more = contents(3.0, &["one"]);
+        more.others.extend(["a.csv", "b.csv"].map(|name| (name.to_string(), b"1".to_vec())));
+        more.write(&prepared(&ours, false).unwrap()).unwrap();
+        contents(4.0, &["one"]).write(&prepared(&ours, false).unwrap()).unwrap();
+        assert_eq!(names(&place), all);
+        // changed since it was written
+        fs::write(place.join("result.txt"), "k is known, and I know it").unwrap();
+        let refused = prepared(&[], false).err().unwrap().to_string();
+        assert!(
+            refused.contains("`result.txt` changed since fdm wrote it") && refused.contains("--force"),
+            "{refused}"
+        );
+        contents(5.0, &["one"]).write(&prepared(&ours, true).unwrap()).unwrap();
+        assert_eq!(value(&place), Some(5.0));
+        // of a stranger, under a name that is needed
+        fs::write(place.join("plot.svg"), "a drawing").unwrap();
+        assert!(prepared(&[], false).is_ok());
+        let refused = prepared(&["plot.svg"], false).err().unwrap().to_string();
+        assert!(refused.contains("fdm did not write `plot.svg`"), "{refused}");
+        let mut drawn = contents(6.0, &["one"]);
+        drawn.others.push(("plot.svg".into(), b"<svg/>".to_vec()));
+        // one that was not foreseen is found at the end
+        assert!(drawn.clone().write(&prepared(&[], false).unwrap()).is_err());
+        assert_eq!(
+            (value(&place), fs::read_to_string(place.join("plot.svg")).unwrap().as_str()),
+            (Some(5.0), "a drawing")
+        );
+        drawn.write(&prepared(&["plot.svg"], true).unwrap()).unwrap();
+        assert_eq!(
+            (value(&place), fs::read_to_string(place.join("plot.svg")).unwrap().as_str()),
+            (Some(6.0), "<svg/>")
+        );
+    }
+
+    #[test]
+    fn what_is_no_folder_and_no_result_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(Destination::prepare(folder.path(), &[], false).is_ok(), "empty");
         fs::write(folder.path().join("thesis.txt"), "all of it").unwrap();
-        assert!(matches!(Destination::prepare(folder.path()), Err(DestinationError::Foreign { .. })));
         assert!(matches!(ResultFolder::open(folder.path()), Err(ResultError::Foreign { .. })));
-        assert!(matches!(
-            Destination::prepare(folder.path().join("thesis.txt")),
-            Err(DestinationError::Foreign { .. })
-        ));
+        let file = folder.path().join("thesis.txt");
+        assert!(matches!(Destination::prepare(file, &[], false), Err(DestinationError::Foreign { .. })));
         assert!(matches!(ResultFolder::open(folder.path().join("none")), Err(ResultError::Unreadable { .. })));
-        // what turned up while the fit ran is left alone too
-        let place = folder.path().join("late");
-        let destination = Destination::prepare(&place).unwrap();
-        fs::create_dir(&place).unwrap();
-        fs::write(place.join("a"), "b").unwrap();
-        assert!(contents(1.0, &["one"]).write(&destination).is_err());
-        assert_eq!(fs::read_to_string(place.join("a")).unwrap(), "b");
     }
 
     #[test]
     fn every_change_is_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("result");
+        write(&place, 1.0);
         for name in ["manifest.json", "model.fdm", "result.json", "result.txt"] {
-            write(&place, 1.0);
             let path = place.join(name);
             let whole = fs::read_to_string(&path).unwrap();
             let digit = whole.find("1").unwrap_or(3);
@@ -477,31 +533,60 @@ mod tests {
         fs::write(folder.path().join("manifest.json"), r#"{"kind": "fdm result", "format": 99, "new": []}"#).unwrap();
         let said = ResultFolder::open(folder.path()).map(|_| ()).unwrap_err().to_string();
         assert!(said.contains("newer fdm (format 99"), "{said}");
-        assert!(Destination::prepare(folder.path()).is_ok(), "it is ours and may be replaced");
+        assert!(Destination::prepare(folder.path(), &[], false).is_ok(), "it is ours and may be replaced");
     }
 
-    /// The program dies, or the disk fails, at the n-th operation while a result is replaced, for every n.
+    /// The program dies, or the disk fails, at the n-th operation while a result is replaced, for every n; a stranger's file stands
+    /// in the folder.
     #[test]
     fn the_old_result_stands_until_the_new_one_is_complete() {
         for (dies, kind) in [(true, Kind::Nothing), (true, Kind::Torn), (true, Kind::Done), (false, Kind::Nothing)] {
             for n in 0.. {
                 let folder = tempfile::tempdir().unwrap();
                 let place = folder.path().join("result");
-                write(&place, 1.0);
+                let mut first = contents(1.0, &["one"]);
+                first.others.push(("a.csv".into(), b"1".to_vec()));
+                first.write(&Destination::prepare(&place, &[], false).unwrap()).unwrap();
+                fs::write(place.join("thesis.txt"), "all of it").unwrap();
                 let disk = if dies { Faulty::dies(n, kind) } else { Faulty::fails_once(n, kind) };
-                let written = Destination::on(Box::new(disk.clone()), &place)
+                let written = Destination::on(Arc::new(disk.clone()), &place, &[], false)
                     .and_then(|destination| contents(2.0, &["one"]).write(&destination));
                 let found = value(&place);
                 match written {
                     Ok(()) => assert_eq!(found, Some(2.0), "operation {n}"),
                     Err(_) => assert!(found == Some(1.0) || found == Some(2.0), "operation {n}: nothing is left"),
                 }
+                assert_eq!(whole_files(&place).is_ok(), found.is_some(), "operation {n}");
                 // and the next one finds its way
                 write(&place, 3.0);
                 assert_eq!(value(&place), Some(3.0), "operation {n}");
-                assert!(!before(&place).exists(), "operation {n}");
+                let all = ["manifest.json", "model.fdm", "quality.json", "result.json", "result.txt", "thesis.txt"];
+                assert_eq!(names(&place), all, "operation {n}");
+                assert_eq!(names(folder.path()), ["result"], "operation {n}");
+                assert_eq!(fs::read_to_string(place.join("thesis.txt")).unwrap(), "all of it");
                 if !disk.failed() {
-                    assert!(n > 10, "all operations were tried");
+                    assert!(n > 15, "all operations were tried");
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The same where no folder stands yet: it is not there, or whole.
+    #[test]
+    fn a_new_folder_appears_whole() {
+        for kind in [Kind::Nothing, Kind::Torn, Kind::Done] {
+            for n in 0.. {
+                let folder = tempfile::tempdir().unwrap();
+                let place = folder.path().join("result");
+                let disk = Faulty::dies(n, kind);
+                let written = Destination::on(Arc::new(disk.clone()), &place, &[], false)
+                    .and_then(|destination| contents(2.0, &["one"]).write(&destination));
+                assert_eq!(value(&place).is_some(), place.exists(), "operation {n}");
+                assert!(written.is_err() || place.exists());
+                write(&place, 3.0);
+                assert_eq!((value(&place), names(folder.path())), (Some(3.0), vec!["result".into()]), "operation {n}");
+                if !disk.failed() {
                     break;
                 }
             }
