@@ -114,7 +114,7 @@ impl Places {
     /// Looks at the folder, where one is wanted, for a result with files of these names.
     pub(crate) fn destination(&self, names: &[String]) -> Result<Option<Destination>, Failure> {
         let out = self.out.as_deref();
-        out.map(|out| Destination::prepare(out, names, self.force)).transpose().or_failure()
+        out.map(|out| Destination::prepare_for(out, names, self.force)).transpose().or_failure()
     }
 }
 

@@ -34,7 +34,7 @@ fn candidate(folder: &Path, name: &str, free: &[&str], cost: f64, sha: &str, noi
     let (model, used, quality, others) = (TEXT.into(), Vec::new(), Vec::new(), Vec::new());
     let contents = Contents { manifest, model, used, result: result.into(), quality, others };
     let place = folder.join(name);
-    contents.write(&Destination::prepare(&place, &[], false).unwrap()).unwrap();
+    contents.write(&Destination::prepare(&place).unwrap()).unwrap();
     Candidate::new(&ResultFolder::open(&place).unwrap())
 }
 

@@ -84,13 +84,21 @@ fn some(names: &[String]) -> String {
 }
 
 impl Destination {
+    /// Looks at the place, before any work, for a result whose files are not known yet: [`Self::prepare_for`].
+    ///
+    /// # Errors
+    /// [`DestinationError`]; nothing has been changed then.
+    pub fn prepare(folder: impl AsRef<Path>) -> Result<Self, DestinationError> {
+        Self::prepare_for(folder, &[], false)
+    }
+
     /// Looks at the place, before any work: in it the program may replace what it wrote itself, and new files must be admitted.
     /// `names` are those of the files that the result will have as far as they are known, its manifest left out. With `force` files
     /// that the program did not write may be replaced too where they have these names.
     ///
     /// # Errors
     /// [`DestinationError`]; nothing has been changed then.
-    pub fn prepare(folder: impl AsRef<Path>, names: &[String], force: bool) -> Result<Self, DestinationError> {
+    pub fn prepare_for(folder: impl AsRef<Path>, names: &[String], force: bool) -> Result<Self, DestinationError> {
         Self::on(disk(), folder.as_ref(), names, force)
     }
 

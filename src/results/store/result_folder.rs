@@ -392,7 +392,7 @@ mod tests {
     }
 
     fn write(folder: &Path, value: f64) {
-        contents(value, &["one"]).write(&Destination::prepare(folder, &[], false).unwrap()).unwrap();
+        contents(value, &["one"]).write(&Destination::prepare_for(folder, &[], false).unwrap()).unwrap();
     }
 
     fn value(folder: &Path) -> Option<f64> {
@@ -406,7 +406,7 @@ mod tests {
         let model = Model::from_texts("dir/a.fdm", text, &used).unwrap();
         let manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
         let folder = tempfile::tempdir().unwrap();
-        let place = Destination::prepare(folder.path().join("result"), &[], false).unwrap();
+        let place = Destination::prepare_for(folder.path().join("result"), &[], false).unwrap();
         Contents { manifest, model: text.into(), used, ..contents(1.0, &["one"]) }.write(&place).unwrap();
         let read = ResultFolder::open(folder.path().join("result")).unwrap();
         assert!(read.model().unwrap().source().same_texts(model.source()));
@@ -422,7 +422,7 @@ mod tests {
         assert_eq!(read.theta(&model, "one", None), Ok(vec![0.1 + 0.2, 10.0]));
         assert_eq!(read.theta(&model, "other", None), Ok(vec![0.1 + 0.2, 10.0]), "the only run");
         assert_eq!(fs::read_dir(folder.path().join("deep")).unwrap().count(), 1, "nothing is left beside it");
-        contents(2.0, &["one", "two"]).write(&Destination::prepare(&place, &[], false).unwrap()).unwrap();
+        contents(2.0, &["one", "two"]).write(&Destination::prepare_for(&place, &[], false).unwrap()).unwrap();
         let read = ResultFolder::open(&place).unwrap();
         assert_eq!(read.theta(&model, "two", None), Ok(vec![2.0, 11.0]));
         assert_eq!(read.theta(&model, "two", Some("one")), Ok(vec![2.0, 10.0]));
@@ -445,7 +445,7 @@ mod tests {
         let place = folder.path().join("result");
         let prepared = |names: &[&str], force| {
             let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-            Destination::prepare(&place, &names, force)
+            Destination::prepare_for(&place, &names, force)
         };
         fs::create_dir_all(place.join("sketches")).unwrap();
         fs::write(place.join("thesis.txt"), "all of it").unwrap();
@@ -497,11 +497,11 @@ mod tests {
     #[test]
     fn what_is_no_folder_and_no_result_is_told() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(Destination::prepare(folder.path(), &[], false).is_ok(), "empty");
+        assert!(Destination::prepare_for(folder.path(), &[], false).is_ok(), "empty");
         fs::write(folder.path().join("thesis.txt"), "all of it").unwrap();
         assert!(matches!(ResultFolder::open(folder.path()), Err(ResultError::Foreign { .. })));
         let file = folder.path().join("thesis.txt");
-        assert!(matches!(Destination::prepare(file, &[], false), Err(DestinationError::Foreign { .. })));
+        assert!(matches!(Destination::prepare_for(file, &[], false), Err(DestinationError::Foreign { .. })));
         assert!(matches!(ResultFolder::open(folder.path().join("none")), Err(ResultError::Unreadable { .. })));
     }
 
@@ -533,7 +533,7 @@ mod tests {
         fs::write(folder.path().join("manifest.json"), r#"{"kind": "fdm result", "format": 99, "new": []}"#).unwrap();
         let said = ResultFolder::open(folder.path()).map(|_| ()).unwrap_err().to_string();
         assert!(said.contains("newer fdm (format 99"), "{said}");
-        assert!(Destination::prepare(folder.path(), &[], false).is_ok(), "it is ours and may be replaced");
+        assert!(Destination::prepare_for(folder.path(), &[], false).is_ok(), "it is ours and may be replaced");
     }
 
     /// The program dies, or the disk fails, at the n-th operation while a result is replaced, for every n; a stranger's file stands
@@ -546,7 +546,7 @@ mod tests {
                 let place = folder.path().join("result");
                 let mut first = contents(1.0, &["one"]);
                 first.others.push(("a.csv".into(), b"1".to_vec()));
-                first.write(&Destination::prepare(&place, &[], false).unwrap()).unwrap();
+                first.write(&Destination::prepare_for(&place, &[], false).unwrap()).unwrap();
                 fs::write(place.join("thesis.txt"), "all of it").unwrap();
                 let disk = if dies { Faulty::dies(n, kind) } else { Faulty::fails_once(n, kind) };
                 let written = Destination::on(Arc::new(disk.clone()), &place, &[], false)
