@@ -16,6 +16,7 @@ pub mod graph;
 pub mod linearise;
 pub mod math;
 pub mod model;
+pub mod number;
 pub mod op;
 pub mod schedule;
 pub mod source;

@@ -27,4 +27,4 @@ pub use disturbance::{
     Attribution, Localisation, Ordinate, Origin, Place, PlaceEvidence, PlaceKind, Site, Suggestion, Suggestions,
 };
 pub use lack_of_fit::{AmplitudeBin, Band, Gain, LackOfFit, RunResidual, Window, lack_of_fit};
-pub use selection::{DiagnosisError, DiagnosisOptions, Domain, Progress, diagnose};
+pub use selection::{DiagnosisError, DiagnosisOptions, Domain, Progress, diagnose, diagnose_while};

@@ -7,7 +7,7 @@ use crate::uncertainty::identifiability::{Direction, undetermined};
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Simulator, Unsuited, choose_steps_by};
+use fdm_system::simulate::{Simulator, UNSOUND, Unsuited, choose_steps_by};
 use nalgebra::{DMatrix, DVector};
 
 /// Eigenvalues of what belongs to the runs, below this part of the largest, count as zero.
@@ -31,6 +31,14 @@ pub enum Silence {
         run: String,
         /// When.
         time: f64,
+    },
+    /// No steps integrate it with an error that is small beside its response.
+    #[error("run `{run}` is not integrated: the error is {error:.0e} of an output's range")]
+    Inaccurate {
+        /// The run.
+        run: String,
+        /// The error, as a part of an output's range.
+        error: f64,
     },
     /// Its response is finite, its sensitivities are not.
     #[error("run `{run}` has no finite sensitivities")]
@@ -74,6 +82,9 @@ impl Information {
             let name = || run.name.clone();
             let unsuited = |reason| Silence::Unsuited { run: name(), reason };
             let steps = choose_steps_by(model.dynamics(), run, theta, None).map_err(unsuited)?;
+            if steps.error.is_finite() && steps.error > UNSOUND {
+                return Err(Silence::Inaccurate { run: name(), error: steps.error });
+            }
             let mut simulator = Simulator::new(model.dynamics(), run, steps.steps).map_err(unsuited)?;
             simulator.suits(theta).map_err(unsuited)?;
             let mut response = vec![0.0; run.measured.len()];

@@ -53,12 +53,13 @@ pub use initial::initial_guess;
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
 pub use method::{Domain, Method, Optimizer};
 pub use noise::Noise;
-pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, UnknownName};
+pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;
 pub use output_error::error::{FitError, StrategyError};
 pub use output_error::fit::{
     Continuity, Fit, LengthFit, Recovery, RecoveryStrategy, RecoveryStrategy as Remedy, Reweighting, Variation, Weight,
 };
+pub use output_error::integration_fault::IntegrationFault;
 pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};

@@ -83,6 +83,21 @@ impl Likelihood {
         Self { noise: noise.clone(), magnitude: magnitude.iter().map(|m| nonzero(*m)).collect(), counts, worth }
     }
 
+    /// The least cost that residuals can have: all of them zero.
+    pub(super) fn least(&self) -> f64 {
+        let of = |(o, n): (usize, &usize)| {
+            let known = if let Noise::Given(given) = &self.noise { given[o].map(|s| s * s) } else { None };
+            0.5 * *n as f64 * known.unwrap_or(FLOOR * self.magnitude[o].powi(2)).ln()
+        };
+        self.worth * self.counts.iter().enumerate().filter(|(_, n)| **n > 0).map(of).sum::<f64>()
+    }
+
+    /// Whether residuals can have this cost; one that is not a finite number, or below all of them, is none.
+    pub(super) fn admits(&self, cost: f64) -> bool {
+        let least = self.least();
+        cost.is_finite() && cost >= least - 1e-6 * (1.0 + least.abs())
+    }
+
     /// Whether outputs are weighted together.
     pub(super) fn is_full(&self) -> bool {
         self.noise == Noise::Full
@@ -250,6 +265,19 @@ mod tests {
         assert!(cost(0.0).is_finite());
         assert!(cost(0.0) < cost(1e-24) && cost(1e-24) < cost(8e-24), "monotonic through the floor");
         assert!(likelihood.weights(&[0.0]).exact[0]);
+    }
+
+    #[test]
+    fn costs_below_that_of_a_perfect_match_and_no_numbers_are_impossible() {
+        let z = [3.0, 0.1, -3.0, 0.1];
+        for noise in [Noise::Diagonal, Noise::Full, Noise::Given(vec![Some(1e-3), None])] {
+            let likelihood = Likelihood::new(&noise, 2, [&z[..]].into_iter(), 1.0);
+            let cost = |moments: [f64; 4]| likelihood.weights(&moments).cost;
+            assert!(likelihood.admits(cost([0.0; 4])) && likelihood.admits(cost([1e30, 0.0, 0.0, 1e30])), "{noise:?}");
+            for wrong in [-4.6e18, likelihood.least() - 1.0, f64::NAN, f64::INFINITY] {
+                assert!(!likelihood.admits(wrong), "{noise:?} {wrong}");
+            }
+        }
     }
 
     #[test]

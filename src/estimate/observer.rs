@@ -37,6 +37,17 @@ pub struct StartSummary {
     pub values: Vec<f64>,
 }
 
+/// Why work ends before it is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// Somebody asked for the end.
+    Interrupt,
+    /// The time that was given is over.
+    TimeLimit,
+    /// The iterations that were given are used up.
+    Iterations,
+}
+
 /// Watches an estimation; `()` looks away.
 pub trait Observer: Send {
     /// Called at the start and after every accepted step; [`ControlFlow::Break`] ends the estimation there.
@@ -45,6 +56,22 @@ pub trait Observer: Send {
     /// Called when an estimation begins: `names` makes the names of what it estimates.
     fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
         let _ = names;
+    }
+
+    /// Called when an estimation has ended, after so many iterations, those before an interruption included.
+    fn ended(&mut self, iterations: usize) {
+        let _ = iterations;
+    }
+
+    /// Called when something begins that is no iteration, and may take as long: what is being done.
+    fn doing(&mut self, what: &str) {
+        let _ = what;
+    }
+
+    /// Why the work is to end now with what it has; none while it may go on. Asked between the parts of long work, and while
+    /// steps are tried.
+    fn stopped(&mut self) -> Option<Stop> {
+        None
     }
 
     /// Called before each [`iteration`](Self::iteration) with the values as they stand, in the order of those names.

@@ -308,8 +308,11 @@ impl<'a> Problem<'a> {
 pub struct Options {
     /// What is assumed about the measurement noise.
     pub noise: Noise,
-    /// Most iterations before giving up.
+    /// Most iterations of each estimation before it gives up.
     pub iterations: usize,
+    /// Most iterations of all estimations together, fallback strategies and further steps included; any number when not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub total: Option<usize>,
     /// Largest step, relative to the parameter, at which the estimates count as converged.
     pub tolerance: f64,
     /// Factor on every step; 1 is the full one.
@@ -323,7 +326,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         let (noise, optimizer) = (Noise::Diagonal, Optimizer::default());
-        Self { noise, iterations: 100, tolerance: 1e-9, gain: 1.0, colour: true, optimizer }
+        Self { noise, iterations: 100, total: None, tolerance: 1e-9, gain: 1.0, colour: true, optimizer }
     }
 }
 

@@ -74,7 +74,12 @@ pub fn estimate_from(
     let mut steps =
         GaussNewton::new(cost, space, StepOptions { iterations, tolerance, gain, ..StepOptions::default() });
     let end = steps.run(resume, |steps, monitor| approach(optimizer, steps, monitor), &mut Observed(observer));
+    observer.ended(steps.history.len().saturating_sub(1));
+    observer.doing("standard errors");
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
+    let possible = likelihood.admits(steps.weights.cost);
+    let conclusion = conclusion.filter(|_| possible);
+    let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
     let fallbacks = steps.fallbacks();
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;
     let evaluations = cost.evaluations();
@@ -83,7 +88,9 @@ pub fn estimate_from(
     let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
+        Some(_) if end.as_ref().is_ok_and(Termination::is_stopped) => Err(Uncorrected::NotAsked),
         Some(conclusion) => {
+            observer.doing("standard errors for coloured residuals");
             let priors = priors.rows(&values);
             if problem.runs.iter().all(|r| r.response.known_noise().is_some()) {
                 corrected_known(problem, &unknowns, &values, conclusion, priors)
@@ -94,7 +101,9 @@ pub fn estimate_from(
             }
         }
     };
+    // the values of an iteration that is not at a minimum are shown as they are
     let unbiased = corrected.as_ref().ok().and_then(|c| c.unbiased.as_ref());
+    let unbiased = unbiased.filter(|_| end.as_ref().is_ok_and(Termination::is_good));
     let (values, likeliest) = match unbiased.and_then(|values| Some((values, answers(problem, &unknowns, values)?))) {
         Some((unbiased, answered)) => {
             responses = answered;
@@ -108,7 +117,7 @@ pub fn estimate_from(
     let bias_corrections = likeliest.map_or(Vec::new(), |likeliest| bias_corrections(&parameters, &likeliest));
     parameters.extend(statistics.derived(problem, &unknowns, &values));
     let (covariance, correlations, corrected_covariance) = statistics.matrices(&members);
-    let cost = end.is_ok().then_some(weights.cost);
+    let cost = end.is_ok().then_some(weights.cost).filter(|_| possible);
     let (outputs, runs) = if end.is_ok() { matches(problem, responses) } else { (Vec::new(), Vec::new()) };
     let noise_of = |w: &crate::noise::Weights| Symmetric { size: q, values: w.covariance.clone() };
     let noise = match &conclusion {
@@ -137,7 +146,7 @@ pub fn estimate_from(
         determined_by_prior: statistics.by_prior,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
-        termination: end.map_or_else(|failure| stopped(problem, failure), Termination::from),
+        termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
     })
 }
 

@@ -1,5 +1,6 @@
 //! How an estimation ended.
 
+use crate::observer::{Observer, Stop};
 pub use fdm_numeric::least_squares::Reason;
 use fdm_numeric::least_squares::Summary;
 use serde::{Deserialize, Serialize};
@@ -48,12 +49,39 @@ pub enum Termination {
     },
     /// The observer asked for the end.
     Interrupted,
+    /// The time that was given is over.
+    TimeLimit,
+    /// The cost that was reached is none: not a finite number, or below that of a perfect match.
+    Impossible,
 }
 
 impl Termination {
     /// Whether the estimates are at a minimum.
     pub fn is_good(&self) -> bool {
         matches!(self, Self::Converged(_))
+    }
+
+    /// Whether the work was ended from outside before it was done.
+    pub fn is_stopped(&self) -> bool {
+        matches!(self, Self::Interrupted | Self::TimeLimit)
+    }
+
+    /// How an iteration ended; where its observer ended it, for the reason that it gives.
+    pub(crate) fn of(summary: Summary, observer: &mut dyn Observer) -> Self {
+        match summary {
+            Summary::Interrupted => observer.stopped().map_or(Self::Interrupted, Self::from),
+            other => other.into(),
+        }
+    }
+}
+
+impl From<Stop> for Termination {
+    fn from(stop: Stop) -> Self {
+        match stop {
+            Stop::Interrupt => Self::Interrupted,
+            Stop::TimeLimit => Self::TimeLimit,
+            Stop::Iterations => Self::IterationLimit,
+        }
     }
 }
 
@@ -101,6 +129,12 @@ impl fmt::Display for Termination {
                 write!(f, "run `{run}`, {place}: {what} is not a finite number at the start values")
             }
             Self::Interrupted => write!(f, "interrupted"),
+            Self::TimeLimit => write!(f, "stopped by the time limit"),
+            Self::Impossible => write!(
+                f,
+                "no result: the cost that was reached is lost in rounding or not a finite number; begin with other values, or \
+                 with fewer fallback strategies"
+            ),
         }
     }
 }

@@ -8,8 +8,9 @@ use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::{FitOptions, SharedSteps};
-use crate::output_error::single::{changed, chosen_steps, starts};
+use crate::output_error::single::{changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
+use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
@@ -56,7 +57,8 @@ pub fn fit_kept(
     // of two lists of states of one attempt the longer one is further on
     let kept = ledger.find(&name).states;
     states = if kept.len() > states.len() { kept } else { states };
-    let mut stages = CheckpointObserver::new(observer, &ledger, name, states);
+    let mut budget = Budget::new(observer, options.options.total);
+    let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
     let found = attempt(&model, runs, &start, &options, &mut stages)
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
@@ -72,7 +74,7 @@ fn shared_steps(
 ) -> Result<SharedSteps, FitError> {
     match options.per_interval {
         Some(_) => Ok(SharedSteps::default()),
-        None => chosen_steps(model, runs, given, options.scheme).map(SharedSteps::of),
+        None => chosen_steps(model, runs, given, options).map(SharedSteps::of),
     }
 }
 
@@ -88,14 +90,18 @@ pub fn examined(
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     if !options.bare {
+        observer.doing("judging the residuals");
         let judge = |(run, result): (&Run, &RunFit)| run_quality(&fit.model, run, &result.response);
         fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     }
+    fit.integration_faults = integration_faults(&fit, runs, starts)?;
     let sound = fit.estimate.termination.is_good();
-    if options.confidence && sound {
+    if options.confidence && sound && observer.stopped().is_none() {
+        observer.doing("fitting shorter records");
         fit.by_length = fit_shorter_records(&fit, runs, starts, options, observer)?;
     }
-    if options.reweight && sound {
+    if options.reweight && sound && observer.stopped().is_none() {
+        observer.doing("fitting with other weights");
         fit.reweighting = refit_with_weights(&fit, runs, starts, options, observer)?;
     }
     Ok(fit)

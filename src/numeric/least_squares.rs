@@ -253,6 +253,11 @@ pub trait Monitor {
         values: &[f64],
         state: Option<&dyn Fn() -> Vec<u8>>,
     ) -> ControlFlow<()>;
+
+    /// Whether further steps are to be tried; asked before each, so that the end need not wait for one that is accepted.
+    fn goes_on(&mut self) -> bool {
+        true
+    }
 }
 
 impl Monitor for () {
@@ -543,8 +548,12 @@ impl<'s, P: Problem> GaussNewton<'s, P> {
                 return Summary::IterationLimit;
             }
             let before = self.cost();
-            let Some(step) = self.take_step(unmeasurable) else {
-                return if unmeasurable { Summary::Converged(Reason::Rounding) } else { self.stuck() };
+            let Some(step) = self.take_step(unmeasurable, monitor) else {
+                return match unmeasurable {
+                    true => Summary::Converged(Reason::Rounding),
+                    false if monitor.goes_on() => self.stuck(),
+                    false => Summary::Interrupted,
+                };
             };
             self.predicted = if step.damping == 0.0 && step.part == 1.0 { straight } else { f64::NAN };
             if self.record(monitor, before, &step) {
@@ -720,12 +729,12 @@ impl<'s, P: Problem> GaussNewton<'s, P> {
 impl<P: Problem> GaussNewton<'_, P> {
     /// Tries steps with rising damping until one is accepted; none when there is no hope left. A gain that is
     /// `unmeasurable` in the cost is tried once, undamped, and taken on trust.
-    fn take_step(&mut self, unmeasurable: bool) -> Option<Step> {
+    fn take_step(&mut self, unmeasurable: bool, monitor: &mut dyn Monitor) -> Option<Step> {
         if unmeasurable {
             self.damping = 0.0;
         }
         for refused in 0..self.options.refusals {
-            if self.damping > HOPELESS || (unmeasurable && refused > 0) {
+            if self.damping > HOPELESS || (unmeasurable && refused > 0) || !monitor.goes_on() {
                 return None;
             }
             if !self.propose(refused) {

@@ -28,8 +28,33 @@ fn join(parameters: String, residuals: String, remarks: &[Remark]) -> String {
         text.push('\n');
         text.push_str(&residuals);
     }
-    remarks.iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    shortened(remarks).iter().for_each(|line| text.push_str(&format!("\n{line}")));
     text
+}
+
+/// Remarks of one kind that are shown; JSON holds all of them.
+const SHOWN: usize = 8;
+/// Characters of a remark that are shown.
+const LONGEST: usize = 600;
+
+/// Remarks as lines: of each kind the first few and how many more there are, long ones cut between words.
+fn shortened(remarks: &[Remark]) -> Vec<String> {
+    let mut lines = Vec::new();
+    for alike in remarks.chunk_by(|a, b| a.about == b.about) {
+        // one more than is shown takes no more room than a line that says so
+        let shown = if alike.len() > SHOWN + 1 { SHOWN } else { alike.len() };
+        lines.extend(alike[..shown].iter().map(|remark| cut(&remark.sentence)));
+        if shown < alike.len() {
+            lines.push(format!("and {} more remarks of this kind (--json has all)", alike.len() - shown));
+        }
+    }
+    lines
+}
+
+fn cut(sentence: &str) -> String {
+    let Some((end, _)) = sentence.char_indices().nth(LONGEST) else { return sentence.into() };
+    let end = sentence[..end].rfind(' ').unwrap_or(end);
+    format!("{} ... (--json has the whole of it)", &sentence[..end])
 }
 
 /// One row for each parameter, per-run ones once for every run; `intervals` adds the interval that holds the true value in 95 of 100 cases.
@@ -165,4 +190,26 @@ pub fn history_table(history: &[Iteration]) -> String {
     }
     (0..header.len()).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fdm_results::documents::About;
+
+    fn remark(about: About, sentence: &str) -> Remark {
+        Remark { about, sentence: sentence.into() }
+    }
+
+    #[test]
+    fn long_lists_and_long_remarks_are_shortened_and_short_ones_are_not() {
+        let many: Vec<Remark> = (0..90).map(|k| remark(About::Input, &format!("run {k}"))).collect();
+        let lines = shortened(&[&[remark(About::Colour, "coloured")], &many[..]].concat());
+        assert_eq!(lines.len(), 1 + SHOWN + 1);
+        assert_eq!(lines[SHOWN + 1], "and 82 more remarks of this kind (--json has all)");
+        assert_eq!(shortened(&many[..SHOWN + 1]).len(), SHOWN + 1);
+        let long = vec!["`parameter`"; 10_000].join(", ");
+        let line = &shortened(&[remark(About::Undetermined, &long)])[0];
+        assert!(line.len() < 700 && line.ends_with("`parameter`, ... (--json has the whole of it)"), "{line}");
+    }
 }

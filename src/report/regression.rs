@@ -59,7 +59,9 @@ fn parameters(all: &[Regressed]) -> String {
             row.push(p.coloured_error.map_or(String::new(), |c| digits(c, 3)));
         }
         let error = p.coloured_error.map_or(p.standard_error, |c| c.max(p.standard_error));
-        let relative = digits(100.0 * error / p.value.abs(), 2);
+        // of an exact zero there is no part
+        let relative =
+            Some(100.0 * error / p.value.abs()).filter(|r| r.is_finite()).map_or(String::new(), |r| digits(r, 2));
         row.extend([relative, digits(p.partial_f, 3), digits(p.significance, 2)]);
         row.extend([p.unit.clone().unwrap_or_default(), p.columns.join("; ")]);
         table.add_row(row);

@@ -76,7 +76,7 @@ pub(super) const UNTERMINATED: Page = Page {
 };
 
 pub(super) const BAD_NUMBER: Page = Page {
-    meaning: "A number is written in a form that has no value: an exponent without digits, or a value beyond 1.8e308.",
+    meaning: "A number is written in a form that has no value: an exponent without digits, a value beyond 1.8e308, or one that is so near zero (below 2.2e-308) that its digits are lost.",
     broken: Example::Text(
         "model cooling {
   state T = 90;

@@ -4,6 +4,7 @@ use super::expected::Want;
 use super::expression::Builder;
 use super::tree::*;
 use crate::diagnostic::{Code, Diagnostic};
+use crate::number::held;
 use crate::source::Span;
 use pest::Parser;
 use pest::error::{ErrorVariant, InputLocation};
@@ -423,14 +424,12 @@ impl<'a> Build<'a> {
     }
 
     fn number(&mut self, text: &str, span: Span) -> f64 {
-        let value = text.parse().unwrap_or(f64::NAN);
-        if !value.is_finite() {
-            let message = format!("the number `{}` is too large", super::expected::shown(text));
-            let hint = "the largest number is about 1.8e308";
-            self.findings.push(Diagnostic::new(Code::BadNumber, span, message).hint(hint));
+        held(text).unwrap_or_else(|unheld| {
+            let message = format!("the number `{}` {unheld}", super::expected::shown(text));
+            self.findings.push(Diagnostic::new(Code::BadNumber, span, message).hint(unheld.hint()));
             self.sound = false;
-        }
-        value
+            f64::NAN
+        })
     }
 }
 

@@ -51,6 +51,21 @@ pub fn diagnose(
     options: &DiagnosisOptions,
     progress: &Progress<'_>,
 ) -> Result<Diagnosis, DiagnosisError> {
+    diagnose_while(model, runs, validation, catalogue, (options, progress), &|| true)
+}
+
+/// The same, but no other search begins once `goes_on` says no: what was accepted by then is the result.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_while(
+    model: &Model,
+    runs: &[Run],
+    validation: &[Run],
+    catalogue: &Catalogue,
+    (options, progress): (&DiagnosisOptions, &Progress<'_>),
+    goes_on: &(dyn Fn() -> bool + Sync),
+) -> Result<Diagnosis, DiagnosisError> {
     apart(runs, validation)?;
     let all: Vec<Run> = runs.iter().chain(validation).map(evenly).collect::<Result<_, _>>()?;
     let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
@@ -63,12 +78,13 @@ pub fn diagnose(
     let mut firsts = initial_fits(model, runs, options)?.into_iter();
     let from = |first: FittedModel| {
         let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
-        ForwardSelection { runs, catalogue, options, progress, own: own.clone(), accepted, rejected, steps }.run(first)
+        let own = own.clone();
+        ForwardSelection { runs, catalogue, options, progress, goes_on, own, accepted, rejected, steps }.run(first)
     };
     let found = from(firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?)?;
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
-        for first in firsts {
+        for first in firsts.take_while(|_| goes_on()) {
             progress("no candidate could be accepted there: restarting from the next-best local minimum");
             if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
                 return Ok(other);
@@ -83,6 +99,7 @@ pub(super) struct ForwardSelection<'a> {
     catalogue: &'a Catalogue,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) progress: &'a Progress<'a>,
+    goes_on: &'a (dyn Fn() -> bool + Sync),
     /// Everything that the user gave a name.
     own: BTreeSet<String>,
     pub(super) accepted: Vec<Accepted>,
@@ -108,6 +125,10 @@ impl<'a> ForwardSelection<'a> {
         let mut end: Option<End> = None;
         let mut ahead: Option<(ForwardStep<'a>, Option<Comparison>)> = None;
         loop {
+            if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
+                last.ended = "it was stopped before the next search".into();
+                break;
+            }
             let scales = SignalScales::new(&current, self.runs);
             let number = self.steps.len() + 1;
             let (step, made) = match ahead.take() {

@@ -33,5 +33,5 @@ mod tests;
 mod whitening;
 
 pub use error::DiagnosisError;
-pub use forward_selection::diagnose;
+pub use forward_selection::{diagnose, diagnose_while};
 pub use runs::{DiagnosisOptions, Domain, Progress};

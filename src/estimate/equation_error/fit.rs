@@ -127,7 +127,11 @@ pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Resu
             continue;
         }
         let solved = group.solve(&names, options)?;
-        fits.push(namer.fit(&members, &group, solved, options));
+        let fit = namer.fit(&members, &group, solved, options);
+        if !fit.is_finite() {
+            return Err(RegressionError::NotFinite { equations: group.name });
+        }
+        fits.push(fit);
     }
     let given = |name: &String| fits.iter().any(|f: &EquationErrorFit| f.parameters.iter().any(|p| p.name == *name));
     let free = definition.params.iter().filter(|p| !p.fixed).map(|p| p.quantity.name.clone());
@@ -268,9 +272,10 @@ impl Namer<'_> {
                 unit: quantity.unit.as_ref().map(ToString::to_string),
                 value: chosen.values[j],
                 standard_error: chosen.standard_errors[j],
-                coloured_error: solved.coloured.as_ref().map(|c| c[j]),
-                partial_f: chosen.partial_f[j],
-                significance: solved.significance[j],
+                coloured_error: solved.coloured.as_ref().map(|c| c[j]).filter(|c| c.is_finite()),
+                // nothing that explains nothing: 0/0
+                partial_f: some_or_none(chosen.partial_f[j]),
+                significance: some_or_none(solved.significance[j]),
                 columns: self.columns(members, unknown.param),
             }
         };
@@ -282,7 +287,9 @@ impl Namer<'_> {
             let squares: f64 = own().flat_map(|(_, r)| r).map(|v| v * v).sum();
             let total: f64 = own().map(|(b, _)| spread(&b.rows.left, time)).sum();
             let rms = (squares / rows.max(1) as f64).sqrt();
-            EquationQuality { equation: self.equation(*k), r_squared: 1.0 - squares / total, rms, rows }
+            // of a rate that does not move nothing is explained
+            let r_squared = if total > 0.0 { 1.0 - squares / total } else { 0.0 };
+            EquationQuality { equation: self.equation(*k), r_squared, rms, rows }
         };
         EquationErrorFit {
             equations: members.iter().map(quality).collect(),
@@ -293,6 +300,19 @@ impl Namer<'_> {
             reason: solved.reason,
             components: solved.components,
         }
+    }
+}
+
+/// What is 0/0 is none.
+fn some_or_none(value: f64) -> f64 {
+    if value.is_nan() { 0.0 } else { value }
+}
+
+impl EquationErrorFit {
+    /// Whether all estimates are numbers, with errors that are.
+    fn is_finite(&self) -> bool {
+        let whole = |p: &Regressed| p.value.is_finite() && p.standard_error.is_finite();
+        self.parameters.iter().all(whole) && self.equations.iter().all(|e| e.rms.is_finite() && e.r_squared.is_finite())
     }
 }
 

@@ -10,6 +10,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{changed, starts};
+use crate::recovery::budget::{Budget, stop};
 use crate::residuals::{OutputFit, run_quality};
 use crate::termination::Termination;
 use crate::uncertainty::cramer_rao::CramerRao;
@@ -53,6 +54,7 @@ pub fn fit_filter(
     options: &FitOptions,
     observer: &mut dyn Observer,
 ) -> Result<FilterFit, FilterError> {
+    let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes)?;
     let start = starts(&model, runs, &options.changes);
     let mut setting = Setting::new(&model, runs, &start, &options.options)?;
@@ -75,7 +77,7 @@ pub fn fit_filter(
         passes = (passes.0 + likelihood.passes.0, passes.1 + likelihood.passes.1);
         history.append(&mut found.history);
         values.clone_from(&found.values);
-        let stopped = matches!(found.termination, Termination::Interrupted) || options.per_interval.is_some();
+        let stopped = stop(&found.termination, observer).is_some() || options.per_interval.is_some();
         if !stopped && round < ROUNDS {
             let finer = chosen(&setting, &values, steps.first().map_or(1, Steps::most))?;
             if finer != steps {

@@ -4,7 +4,7 @@
 use super::gradient_memory::GradientMemory;
 use super::likelihood::{Coordinates, Likelihood, Lost};
 use crate::iteration::priors::Priors;
-use crate::observer::{Iteration, Observer};
+use crate::observer::{Iteration, Observer, Stop};
 use crate::termination::Termination;
 use fdm_numeric::least_squares::{GaussNewton, Monitor, Options, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
@@ -43,12 +43,13 @@ pub(super) fn minimise(
     let options = Options { iterations, least_gain: WORTH, damping: FIRST, restarts: false, ..Options::default() };
     let problem = InnovationsCost { likelihood, coordinates, priors, memory: GradientMemory::default() };
     let mut steps = GaussNewton::new(problem, space, options);
-    let end = steps.run(None, |_, _| Ok(false), &mut Observed { observer, coordinates })?;
+    let end = steps.run(None, |_, _| Ok(false), &mut Observed { observer: &mut *observer, coordinates })?;
+    observer.ended(steps.history.len().saturating_sub(1));
     Ok(Found {
         values: coordinates.outwards(&steps.values),
         cost: steps.cost(),
         history: steps.history,
-        termination: end.into(),
+        termination: Termination::of(end, observer),
     })
 }
 
@@ -122,5 +123,9 @@ impl Monitor for Observed<'_> {
     fn iteration(&mut self, iteration: &Iteration, point: &[f64], _: Option<&dyn Fn() -> Vec<u8>>) -> ControlFlow<()> {
         self.observer.values(&self.coordinates.outwards(point));
         self.observer.iteration(iteration)
+    }
+
+    fn goes_on(&mut self) -> bool {
+        matches!(self.observer.stopped(), None | Some(Stop::Iterations))
     }
 }

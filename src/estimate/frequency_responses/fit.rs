@@ -11,6 +11,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::single::{changed, starts};
 use crate::problem::{Problem, ProblemRun};
+use crate::recovery::budget::Budget;
 use crate::solve::estimate;
 use crate::spectra::initial_conditions::{found_later, in_time};
 use crate::spectra::response::Reason;
@@ -125,6 +126,7 @@ pub fn fit_responses(
     options: &ResponseOptions,
     observer: &mut dyn Observer,
 ) -> Result<ResponseFit, ResponseError> {
+    let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes).map_err(SpectralError::of)?;
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes).swap_remove(0);

@@ -4,7 +4,7 @@ use super::evaluation::{Evaluator, RunFailure, Want};
 use super::priors::{PriorRow, Priors};
 use super::sums::Sums;
 use crate::noise::{Likelihood, Weights};
-use crate::observer::Observer;
+use crate::observer::{Observer, Stop};
 use crate::unknowns::Unknowns;
 use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Problem};
 use fdm_numeric::quadratic::Quadratic;
@@ -136,6 +136,10 @@ impl Monitor for Observed<'_> {
         }
         self.0.values(values);
         self.0.iteration(iteration)
+    }
+
+    fn goes_on(&mut self) -> bool {
+        matches!(self.0.stopped(), None | Some(Stop::Iterations))
     }
 }
 

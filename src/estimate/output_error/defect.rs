@@ -62,7 +62,9 @@ impl FitDefect {
 pub(crate) fn trouble(estimate: &Estimate) -> Option<FitDefect> {
     let stuck = match &estimate.termination {
         // where nothing is free no other way leads anywhere else
-        Termination::Interrupted | Termination::Converged(Reason::NothingToEstimate) => return None,
+        Termination::Interrupted | Termination::TimeLimit | Termination::Converged(Reason::NothingToEstimate) => {
+            return None;
+        }
         Termination::Converged(_) => false,
         Termination::IterationLimit => estimate.iterations >= MANY,
         _ => true,

@@ -3,6 +3,7 @@
 use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
+use crate::output_error::integration_fault::IntegrationFault;
 use crate::residuals::OutputQuality;
 use crate::termination::Termination;
 use fdm_system::model::Model;
@@ -20,6 +21,8 @@ pub struct Fit {
     pub estimate: Estimate,
     /// Steps and integration error of each run at the estimates.
     pub integration: Vec<Accuracy>,
+    /// Integration errors that are too large to be passed over; empty when there are none, or when that was not looked at.
+    pub integration_faults: Vec<IntegrationFault>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -44,6 +47,7 @@ impl Fit {
             model,
             estimate,
             integration,
+            integration_faults: Vec::new(),
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),
@@ -52,6 +56,11 @@ impl Fit {
             shooting: None,
             starts: Vec::new(),
         }
+    }
+
+    /// Whether the iteration converged, the data determine every free parameter, and no integration error falsifies that.
+    pub fn is_good(&self) -> bool {
+        self.estimate.is_good() && !self.integration_faults.iter().any(IntegrationFault::is_severe)
     }
 }
 

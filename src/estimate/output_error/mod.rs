@@ -5,5 +5,6 @@
 pub(super) mod defect;
 pub(super) mod error;
 pub(super) mod fit;
+pub(super) mod integration_fault;
 pub(super) mod options;
 pub(super) mod single;

@@ -9,7 +9,7 @@ use crate::spectra::{Nonlinear, SpectralOptions};
 use fdm_system::frequency::EndTerms;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps};
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, UNSOUND};
 use fdm_system::spectrum::Frequencies;
 use serde::Serialize;
 use std::str::FromStr;
@@ -29,6 +29,9 @@ pub struct FitOptions {
     pub per_interval: Option<usize>,
     /// How to integrate; chosen for accuracy and speed when not given.
     pub scheme: Option<Scheme>,
+    /// Integration error that is of no consequence, as a part of each output's range; 1e-8 when not given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accuracy: Option<f64>,
     /// Whether and how the record is by_continuation from a short one.
     pub continuation: Continuation,
     /// States whose measured record takes their place in the equations of a first fit, whose result starts the fit of the
@@ -183,8 +186,6 @@ pub struct SharedSteps {
 
 /// Integration errors at the estimates above this part of an output's range are worth another round with finer steps.
 const COARSE: f64 = 1e-7;
-/// The same where only the best of many starts is looked at once more.
-const UNSOUND: f64 = 1e-3;
 
 impl SharedSteps {
     /// The steps that were chosen for the given start, unless it cannot be simulated.
@@ -204,9 +205,10 @@ impl SharedSteps {
         self.provisional
     }
 
-    /// The integration error that calls for finer steps.
-    pub(crate) fn coarse(&self) -> f64 {
-        if self.provisional { UNSOUND } else { COARSE }
+    /// The integration error that calls for finer steps where this accuracy was asked for.
+    pub(crate) fn coarse(&self, accuracy: Option<f64>) -> f64 {
+        let coarse = accuracy.map_or(COARSE, |accuracy| 10.0 * accuracy);
+        if self.provisional { UNSOUND.max(coarse) } else { coarse }
     }
 
     /// The steps of these runs, or of parts of them from their beginnings; none where they cannot be simulated with them.

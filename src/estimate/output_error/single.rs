@@ -9,13 +9,16 @@ use crate::initial::initial_guess;
 use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
+use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::options::FitOptions;
 use crate::problem::{Options, Problem, ProblemRun};
+use crate::recovery::budget::stop;
 use crate::solve::estimate;
-use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, choose_steps_by, error_of, integration_error};
+use fdm_system::simulate::{
+    Accuracy, Simulator, Steps, UNSOUND, choose_steps_by, choose_steps_to, error_of, integration_error, worst_errors,
+};
 
 /// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
 pub fn starts(model: &Model, runs: &[Run], changes: &Changes) -> Vec<Vec<f64>> {
@@ -77,10 +80,10 @@ pub(crate) fn single_fit(
         Some(per_interval) => vec![Steps::equal(options.scheme.unwrap_or_default(), per_interval); runs.len()],
         None => match options.shared_steps.steps(model, runs, &starts) {
             Some(steps) => steps,
-            None => chosen_steps(model, runs, &starts, options.scheme)?.into_iter().map(|a| a.steps).collect(),
+            None => chosen_steps(model, runs, &starts, options)?.into_iter().map(|a| a.steps).collect(),
         },
     };
-    let (mut round, coarse) = (1, options.shared_steps.coarse());
+    let (mut round, coarse) = (1, options.shared_steps.coarse(options.accuracy));
     loop {
         let estimate = correct(model, runs, &starts, &steps, &options.options, observer)?;
         let reached = after(model, runs, &estimate, &starts);
@@ -92,12 +95,12 @@ pub(crate) fn single_fit(
         // a start of many that led nowhere is not worth finer steps
         let lost = options.shared_steps.is_provisional() && !estimate.termination.is_good();
         let fine = lost || integration.iter().all(|a| a.error <= coarse);
-        let stopped = estimate.runs.is_empty() || estimate.termination == Termination::Interrupted;
-        let last = fine || stopped || options.per_interval.is_some() || round == MOST_ROUNDS;
+        let done = fine || estimate.runs.is_empty() || options.per_interval.is_some() || round == MOST_ROUNDS;
+        let last = done || stop(&estimate.termination, observer).is_some();
         let finer = if last {
             steps.clone()
         } else {
-            finer(&steps, &integration, chosen_steps(model, runs, &reached, options.scheme)?, coarse)
+            finer(&steps, &integration, chosen_steps(model, runs, &reached, options)?, coarse)
         };
         // where halving does not help there are kinks, or a response on the edge of divergence
         if finer == steps {
@@ -116,15 +119,19 @@ fn finer(steps: &[Steps], integration: &[Accuracy], chosen: Vec<Accuracy>, coars
     steps.iter().zip(integration).zip(chosen).map(better).collect()
 }
 
-/// Method and steps of each run for these values.
+/// Method and steps of each run for these values, as accurate as was asked for.
 pub(crate) fn chosen_steps(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],
-    scheme: Option<Scheme>,
+    options: &FitOptions,
 ) -> Result<Vec<Accuracy>, FitError> {
     let steps = |(run, theta): (&Run, &Vec<f64>)| {
-        choose_steps_by(model.dynamics(), run, theta, scheme).map_err(|e| FitError::unsuited(run, e))
+        let chosen = match options.accuracy {
+            None => choose_steps_by(model.dynamics(), run, theta, options.scheme),
+            Some(accuracy) => choose_steps_to(model.dynamics(), run, theta, options.scheme, accuracy),
+        };
+        chosen.map_err(|e| FitError::unsuited(run, e))
     };
     runs.iter().zip(starts).map(steps).collect()
 }
@@ -172,4 +179,39 @@ fn accuracy(
         Ok(Accuracy { steps: steps.clone(), error })
     };
     runs.iter().zip(reached).zip(steps).enumerate().map(one).collect()
+}
+
+/// Every output of every run whose integration error at the estimates is above 1e-3 of its range.
+pub(crate) fn integration_faults(
+    fit: &Fit,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+) -> Result<Vec<IntegrationFault>, FitError> {
+    let coarse = |r: usize| fit.integration.get(r).is_some_and(|a| a.error > UNSOUND);
+    // in segments the response is not that of the whole run
+    let cut = fit.shooting.as_ref().is_some_and(|s| !s.polished);
+    if cut || !(0..runs.len()).any(coarse) || fit.estimate.runs.is_empty() {
+        return Ok(Vec::new());
+    }
+    let definition = fit.model.definition();
+    let reached = after(&fit.model, runs, &fit.estimate, starts);
+    let mut found = Vec::new();
+    for r in (0..runs.len()).filter(|r| coarse(*r)) {
+        let (run, steps) = (&runs[r], &fit.integration[r].steps);
+        let worst = worst_errors(fit.model.dynamics(), run, &reached[r], steps, UNSOUND);
+        for worst in worst.map_err(|e| FitError::unsuited(run, e))? {
+            let output = definition.outputs[worst.output].quantity.name.clone();
+            let matched = fit.estimate.outputs.iter().find(|o| o.run == run.name && o.name == output);
+            let deviation = matched.and_then(|o| o.rms).map(|rms| rms.max(f64::MIN_POSITIVE));
+            found.push(IntegrationFault {
+                run: run.name.clone(),
+                output,
+                time: run.time[worst.sample],
+                part: worst.part,
+                beside_residual: deviation.map(|deviation| worst.error / deviation),
+                state: worst.state.map(|j| definition.states[j].quantity.name.clone()),
+            });
+        }
+    }
+    Ok(found)
 }

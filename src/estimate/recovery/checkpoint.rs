@@ -1,7 +1,7 @@
 //! Checkpoints of a fit: the last state of each of its estimations, kept as often as costs little time. A fit that is repeated
 //! with them goes through the estimations that had ended at once, and goes on in the last.
 
-use crate::observer::{CheckpointStore, Iteration, Observer, StartSummary, UnknownName};
+use crate::observer::{CheckpointStore, Iteration, Observer, StartSummary, Stop, UnknownName};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -122,6 +122,18 @@ impl Observer for CheckpointObserver<'_> {
 
     fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
         self.observer.begin(names);
+    }
+
+    fn ended(&mut self, iterations: usize) {
+        self.observer.ended(iterations);
+    }
+
+    fn doing(&mut self, what: &str) {
+        self.observer.doing(what);
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.observer.stopped()
     }
 
     fn values(&mut self, values: &[f64]) {

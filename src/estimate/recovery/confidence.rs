@@ -10,9 +10,9 @@ use crate::output_error::fit::{Fit, LengthFit, Reweighting, Variation, Weight};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::after;
 use crate::problem::Options;
+use crate::recovery::budget::stop;
 use crate::recovery::continuation::Length;
 use crate::recovery::fallback::refit;
-use crate::termination::Termination;
 use fdm_system::record::Run;
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ pub(crate) fn fit_shorter_records(
             break;
         }
         let shorter = refit(fit, &parts, &starts, options, observer)?;
-        if shorter.estimate.termination == Termination::Interrupted || shorter.estimate.cost.is_none() {
+        if stop(&shorter.estimate.termination, observer).is_some() || shorter.estimate.cost.is_none() {
             break;
         }
         found.push(LengthFit::new(&parts, &shorter));
@@ -140,7 +140,7 @@ pub(crate) fn refit_with_weights(
             };
             let output = fit.model.definition().outputs[*o].quantity.name.clone();
             let termination = varied.estimate.termination.clone();
-            if termination == Termination::Interrupted {
+            if termination.is_stopped() {
                 return Ok(Some(Reweighting { parameters, variations }));
             }
             let changes = parameters.iter().map(|p| change(p, &varied)).collect();

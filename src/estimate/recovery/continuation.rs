@@ -11,7 +11,7 @@ use crate::output_error::fit::{Fit, LengthFit};
 use crate::output_error::options::{Continuation, FitOptions};
 use crate::output_error::single::{after, single_fit};
 use crate::problem::Options;
-use crate::termination::Termination;
+use crate::recovery::budget::{Halted, stop};
 use fdm_grammar::model::{Origin, Prior};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -86,10 +86,10 @@ impl LengthContinuation<'_> {
                 break;
             }
             let fit = self.short(&short, &starts, observer)?;
-            if fit.estimate.termination == Termination::Interrupted {
-                return Ok(self.finish(fit));
-            }
             starts = after(self.model, self.runs, &fit.estimate, &starts);
+            if let Some(stop) = stop(&fit.estimate.termination, observer) {
+                return self.whole(&starts, &mut Halted(stop));
+            }
         }
         self.whole(&starts, observer)
     }
@@ -109,8 +109,10 @@ impl LengthContinuation<'_> {
         }
         while next < 1.0 {
             let fit = self.short(&Length::Share(next).cut(self.runs), &starts, observer)?;
-            if fit.estimate.termination == Termination::Interrupted {
-                return Ok(Some(self.finish(fit)));
+            if let Some(stop) = stop(&fit.estimate.termination, observer) {
+                // how it fits the short record says nothing about the whole one
+                let reached = after(self.model, self.runs, &fit.estimate, &starts);
+                return self.whole(&reached, &mut Halted(stop)).map(Some);
             }
             let poor = trouble(&fit.estimate).is_some_and(|t| t.is_severe());
             // a very short record may be noise only, which no model matches; one that was matched once stays so

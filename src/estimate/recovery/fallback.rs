@@ -9,10 +9,10 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::{Fit, Recovery, RecoveryStrategy};
 use crate::output_error::options::{Continuation, FitOptions, Shooting};
 use crate::output_error::single::single_fit;
+use crate::recovery::budget::{Halted, stop};
 use crate::recovery::continuation::{Length, LengthContinuation};
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
-use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -29,7 +29,8 @@ pub fn attempt(
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let fit = as_asked(model, runs, starts, options, observer)?;
-    match trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto) {
+    let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
+    match found.filter(|_| observer.stopped().is_none()) {
         Some(trouble) => rescue(model, runs, starts, options, (fit, trouble), observer),
         None => Ok(fit),
     }
@@ -48,9 +49,9 @@ fn as_asked(
     }
     let substitution = Substitution::new(model, runs, &options.substitute).map_err(FitError::Strategy)?;
     let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match first.estimate.termination {
-        Termination::Interrupted => Fit { model: model.clone(), ..first },
-        _ => from_here(model, runs, &starts, options, observer)?,
+    let fit = match stop(&first.estimate.termination, observer) {
+        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
+        None => from_here(model, runs, &starts, options, observer)?,
     };
     Ok(Fit { substituted: substitution.states, ..fit })
 }
@@ -112,8 +113,19 @@ pub(crate) fn rescue(
     let (mut best, mut by, mut tried) = (plain, None, Vec::new());
     // a second opinion is cheaper than a rescue
     let ways: &[Try] = &[by_second_opinion, by_continuation, by_substitution, by_shooting];
+    let mut ended = None;
     for way in &ways[usize::from(!doubtful)..] {
-        let Some((remedy, fit)) = way(model, runs, starts, options, observer)? else { continue };
+        let tried_now = way(model, runs, starts, options, observer)?;
+        ended = match &tried_now {
+            Some((_, fit)) => stop(&fit.estimate.termination, observer),
+            None => observer.stopped(),
+        };
+        let Some((remedy, fit)) = tried_now else {
+            if ended.is_some() {
+                break;
+            }
+            continue;
+        };
         let left = trouble(&fit.estimate);
         let confirmed = matches!(left, Some(FitDefect::SmoothResiduals { .. })) && agree(&fit, &best);
         if confirmed && doubtful && by.is_none() {
@@ -125,9 +137,15 @@ pub(crate) fn rescue(
         if !tried.contains(&remedy) {
             tried.push(remedy);
         }
-        if confirmed || left.is_none() {
+        if confirmed || left.is_none() || ended.is_some() {
             break;
         }
+    }
+    // what was found to be wrong has not been looked into to the end
+    if let Some(stop) = ended
+        && trouble(&best.estimate).is_some()
+    {
+        best.estimate.termination = stop.into();
     }
     let failed = tried.into_iter().filter(|t| by.as_ref() != Some(t)).collect();
     Ok(Fit { rescue: Some(Recovery { trouble: found, failed, by }), ..best })
@@ -182,9 +200,9 @@ fn by_substitution(
 ) -> Result<Way, FitError> {
     let Some(substitution) = Substitution::all(model, runs) else { return Ok(None) };
     let (first, starts) = substitution.first_fit(starts, options, observer)?;
-    let fit = match first.estimate.termination {
-        Termination::Interrupted => Fit { model: model.clone(), ..first },
-        _ => single_fit(model, runs, &starts, options, observer)?,
+    let fit = match stop(&first.estimate.termination, observer) {
+        Some(stop) => single_fit(model, runs, &starts, options, &mut Halted(stop))?,
+        None => single_fit(model, runs, &starts, options, observer)?,
     };
     Ok(Some((RecoveryStrategy::Substitution { states: substitution.states }, fit)))
 }

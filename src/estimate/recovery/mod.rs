@@ -3,10 +3,13 @@
 //! **In** a model, runs, and where a single fit ended. **Out** better ends, estimates by length and by weights.
 //! **Never** hides what was tried. **Start** at [`fallback`].
 
+pub(super) mod budget;
 pub(super) mod checkpoint;
 pub(super) mod confidence;
 pub(super) mod continuation;
 pub(super) mod fallback;
+#[cfg(test)]
+mod limit_tests;
 pub(super) mod multi_start;
 mod segmented_response;
 mod shooting;

@@ -3,10 +3,11 @@
 //! The given start comes first, then a scrambled Sobol sequence (Owen scrambling after Burley 2020) over the parameters' ranges.
 
 use crate::estimate::{Estimate, Status};
-use crate::observer::{Iteration, Observer, StartSummary};
+use crate::observer::{Iteration, Observer, StartSummary, Stop};
 use crate::output_error::error::FitError;
 use crate::output_error::options::{Continuation, FitOptions};
 use crate::problem::Options;
+use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::fallback::attempt;
 use crate::termination::Termination;
@@ -104,7 +105,7 @@ fn one_start(
     ledger: &CheckpointWriter<'_>,
     watch: &Watch<'_>,
 ) -> Option<Ended> {
-    if watch.stop.load(Ordering::Relaxed) {
+    if watch.stopped().is_some() {
         return None;
     }
     let name = format!("start-{number}");
@@ -114,6 +115,7 @@ fn one_start(
         return Some(Ended { summary, states: kept.states, error: None });
     }
     let mut observer = OneOfMany { number, watch };
+    let mut observer = Budget::new(&mut observer, options.options.total);
     let mut stages = CheckpointObserver::new(&mut observer, ledger, name.clone(), kept.states).remembering();
     let attempted = attempt(model, runs, start, options, &mut stages);
     let states = stages.into_states();
@@ -121,7 +123,7 @@ fn one_start(
         Ok(fit) => (summary(number, &fit.estimate), None),
         Err(error) => (impossible(number, &error), Some(error)),
     };
-    if error.is_none() && summary.termination != Some(Termination::Interrupted) {
+    if error.is_none() && !summary.termination.as_ref().is_some_and(Termination::is_stopped) {
         ledger.put(&name, Some(&summary), &states);
     }
     watch.ended(&summary);
@@ -216,6 +218,11 @@ impl Watch<'_> {
         if self.stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
 
+    fn stopped(&self) -> Option<Stop> {
+        let why = self.observer.lock().unwrap_or_else(PoisonError::into_inner).stopped();
+        why.or(self.stop.load(Ordering::Relaxed).then_some(Stop::Interrupt))
+    }
+
     fn ended(&self, summary: &StartSummary) {
         let ended = 1 + self.ended.fetch_add(1, Ordering::Relaxed);
         let _ = self.tell(|o| o.start_ended(summary, ended, self.count));
@@ -230,6 +237,10 @@ struct OneOfMany<'w, 'o> {
 impl Observer for OneOfMany<'_, '_> {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
         self.watch.tell(|o| o.start_iteration(self.number, iteration))
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.watch.stopped()
     }
 }
 

@@ -13,6 +13,7 @@ use crate::output_error::fit::{Continuity, Fit};
 use crate::output_error::options::{FitOptions, Shooting};
 use crate::output_error::single::single_fit;
 use crate::problem::{Options, Problem, ProblemRun};
+use crate::recovery::budget::stop;
 use crate::recovery::segmented_response::{Segment, SegmentModels, SegmentedResponse, Sizes, initial_state};
 use crate::solve::estimate;
 use crate::termination::Termination;
@@ -84,7 +85,7 @@ pub(crate) fn shoot(
     let mut shot = Shot::new(model, &models, &cuts, &pieces, starts, options)?;
     let mut estimate = shot.rounds(options, observer)?;
     for _ in 1..MOST_LOOKS {
-        let over = options.per_interval.is_some() || estimate.termination == Termination::Interrupted;
+        let over = options.per_interval.is_some() || stop(&estimate.termination, observer).is_some();
         if over || estimate.runs.is_empty() || !shot.refine()? {
             break;
         }
@@ -96,7 +97,7 @@ pub(crate) fn shoot(
     let uncut = WithoutCuts { outputs: layout.outputs, params: model.definition() };
     let gaps = shot.cost_of_gaps();
     let cut = uncut.of(estimate, gaps);
-    if matches!(cut.termination, Termination::Interrupted) || cut.cost.is_none() {
+    if stop(&cut.termination, observer).is_some() || cut.cost.is_none() {
         return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
     }
     // from where it is to begin it needs few iterations, or it cannot be done
@@ -116,10 +117,13 @@ pub(crate) fn shoot(
     Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) })
 }
 
+/// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
+const NEGLIGIBLE: f64 = 0.1;
+/// Rounding of a cost that is summed over many cells, as a part of it.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
 /// Whether the fit of the uncut model has kept what shooting had found.
 fn as_good(polished: &Estimate, cut: &Estimate) -> bool {
-    /// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
-    const NEGLIGIBLE: f64 = 0.1;
     if !polished.termination.is_good() {
         return false;
     }
@@ -220,7 +224,7 @@ impl<'a> Shot<'a> {
                 return Ok(estimate);
             }
             self.take(&estimate);
-            let stopped = estimate.termination == Termination::Interrupted || round == MOST_ROUNDS;
+            let stopped = stop(&estimate.termination, observer).is_some() || round == MOST_ROUNDS;
             if stopped || self.largest_gap() <= CONTINUOUS {
                 return Ok(estimate);
             }
@@ -460,6 +464,9 @@ impl WithoutCuts<'_> {
     /// Leaves out the states behind the cuts and the gaps, which have added `gaps` to the cost. Standard errors stay: those of
     /// parameters under the constraint that there are no gaps.
     pub(crate) fn of(&self, estimate: Estimate, gaps: f64) -> Estimate {
+        // beside gaps this large the rest is rounding: a cost of -4.6e18 was one
+        let lost = estimate.cost.is_some() && gaps.abs() * ROUNDING > NEGLIGIBLE;
+        let cost = estimate.cost.map(|c| c - gaps).filter(|_| !lost);
         let own = |name: &str| self.params.param(name).is_some();
         let kept: Vec<usize> = (0..estimate.parameters.len())
             .filter(|k| {
@@ -480,7 +487,8 @@ impl WithoutCuts<'_> {
             },
             correlations: part(&estimate.correlations, &rows),
             outputs: estimate.outputs.into_iter().filter(|o| shown(&o.name)).collect(),
-            cost: estimate.cost.map(|c| c - gaps),
+            cost,
+            termination: if lost { Termination::Impossible } else { estimate.termination },
             noise: estimate.noise.map(|n| part(&n, &(0..self.outputs).collect::<Vec<_>>())),
             noise_free: estimate.noise_free.into_iter().filter(|n| shown(n)).collect(),
             undetermined: estimate

@@ -14,8 +14,8 @@ use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
 use crate::output_error::single::{changed, starts};
 use crate::problem::Options;
+use crate::recovery::budget::{Budget, stop};
 use crate::solve::estimate;
-use crate::termination::Termination;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
@@ -105,6 +105,7 @@ pub fn fit_spectra(
     options: &SpectralOptions,
     observer: &mut dyn Observer,
 ) -> Result<SpectralFit, SpectralError> {
+    let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes).map_err(SpectralError::of)?;
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes);
@@ -121,7 +122,7 @@ pub fn fit_spectra(
         first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
     let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (runs, options), observer)?;
-    let lost = !found.termination.is_good() && found.termination != Termination::Interrupted;
+    let lost = !found.termination.is_good() && stop(&found.termination, observer).is_none();
     if lost && first.iter().any(|f| !f.equations.is_empty()) {
         // noise in the regressors can lead astray; then the model's own values are tried
         let again = setting.estimated(&start, &how, (runs, options), observer)?;

@@ -54,6 +54,59 @@ pub(crate) fn undetermined(
     (determined, directions)
 }
 
+/// How far an unknown may plausibly be from where it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Reach {
+    /// By about this much: its start value or its bounds say so.
+    Known(f64),
+    /// Nothing tells its size but its value.
+    Guessed(f64),
+}
+
+/// A standard error this many times as far as an unknown may plausibly be is no error but the lack of information.
+const BEYOND: f64 = 1e6;
+/// The same where nothing tells how far that is.
+const FAR_BEYOND: f64 = 1e10;
+
+impl Reach {
+    pub(crate) fn new(value: f64, start: f64, (lower, upper): (f64, f64)) -> Self {
+        let width = upper - lower;
+        match () {
+            () if width.is_finite() => Self::Known(width.max(value.abs())),
+            () if start != 0.0 => Self::Known(start.abs().max(value.abs())),
+            () => Self::Guessed(value.abs().max(1.0)),
+        }
+    }
+
+    /// The largest standard error that still tells something.
+    fn most(self) -> f64 {
+        match self {
+            Self::Known(reach) => BEYOND * reach,
+            Self::Guessed(reach) => FAR_BEYOND * reach,
+        }
+    }
+}
+
+/// Takes back that an unknown is determined whose error is beyond all that it may be: its sensitivities are as good as zero,
+/// though no combination of unknowns is exactly without effect.
+pub(crate) fn faint(
+    scale: &[f64],
+    inverse: &Inverse,
+    reach: impl Fn(usize) -> Reach,
+    determined: &mut [bool],
+    directions: &mut Vec<Direction>,
+    name: impl Fn(usize) -> String,
+) {
+    let size = inverse.chosen.len();
+    for (k, j) in inverse.chosen.iter().copied().enumerate() {
+        let error = inverse.values[k * size + k].max(0.0).sqrt() / scale[j];
+        if determined[k] && error > reach(j).most() {
+            determined[k] = false;
+            directions.push(describe(vec![(name(j), 1.0)], Vec::new()));
+        }
+    }
+}
+
 fn idle(name: String) -> Direction {
     let sentence = format!("`{name}` has no influence on what was compared");
     Direction { moves: vec![(name, 1.0)], sentence }
@@ -162,6 +215,23 @@ fn leading(vectors: &[Vec<f64>]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn errors_beyond_all_that_an_unknown_may_be_tell_nothing() {
+        let open = (f64::NEG_INFINITY, f64::INFINITY);
+        let (known, bounded) = (Reach::new(1.2, 1.0, open), Reach::new(0.5, 0.0, (0.0, 2.0)));
+        let guessed = Reach::new(1e-9, 0.0, open);
+        assert_eq!((known, bounded, guessed), (Reach::Known(1.2), Reach::Known(2.0), Reach::Guessed(1.0)));
+        // informations of 1e-30, and an offset that began at zero and ended far below its error
+        let (scale, reaches) = ([1e-15, 1e-15, 1e3, 1e-15], [known, bounded, guessed, guessed]);
+        let values = (0..16).map(|k| f64::from(u8::from(k % 5 == 0))).collect();
+        let inverse = Inverse { chosen: vec![0, 1, 2, 3], values, ..Inverse::default() };
+        let (mut determined, mut directions) = (vec![true; 4], Vec::new());
+        let name = |j: usize| "abcd"[j..=j].to_string();
+        faint(&scale, &inverse, |j| reaches[j], &mut determined, &mut directions, name);
+        assert_eq!(determined, [false, false, true, false]);
+        assert_eq!(directions[0].sentence, "`a` is not determined by what was compared");
+    }
 
     #[test]
     fn the_words_depend_on_the_space_alone() {

@@ -2,7 +2,7 @@
 //! quantities by the delta method; correlations.
 
 use super::cramer_rao::CramerRao;
-use super::identifiability::{Direction, undetermined};
+use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
 use crate::problem::Problem;
 use crate::unknowns::Unknowns;
@@ -153,7 +153,9 @@ impl Statistics {
         let inverse = &bound.inverse;
         let name = |j: usize| name_of(problem, unknowns, j);
         let CramerRao { scale, inside, without_priors, .. } = bound;
-        let (determined, directions) = undetermined(scale, inside, inverse, name);
+        let (mut determined, mut directions) = undetermined(scale, inside, inverse, name);
+        let reach = |j: usize| Reach::new(values[j], unknowns.start[j], (unknowns.lower[j], unknowns.upper[j]));
+        faint(scale, inverse, reach, &mut determined, &mut directions, name);
         let by_prior = without_priors.as_ref().map(|(scale, inverse)| undetermined(scale, inside, inverse, name).1);
         let mut status: Vec<Status> = (0..values.len())
             .map(|j| match () {

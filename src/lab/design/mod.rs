@@ -11,7 +11,7 @@ mod question;
 
 pub use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
 pub use manoeuvre::table;
-pub use plan::design;
+pub use plan::{design, design_while};
 pub use question::{Asked, Question};
 
 #[cfg(test)]

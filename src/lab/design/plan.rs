@@ -6,6 +6,9 @@ use fdm_estimate::{Information, Silence};
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
 use rayon::prelude::*;
 
+/// Why a manoeuvre was not looked at.
+const STOPPED: &str = "the work was stopped before it was looked at";
+
 /// A manoeuvre and what it tells.
 struct Told {
     manoeuvre: Manoeuvre,
@@ -18,12 +21,20 @@ struct Told {
 /// # Errors
 /// Everything that makes it impossible, one sentence each.
 pub fn design(question: &Question<'_>) -> Result<Design, Vec<String>> {
+    design_while(question, &|| true)
+}
+
+/// The same, but manoeuvres that have not been looked at when `goes_on` says no are left out.
+///
+/// # Errors
+/// As [`design`].
+pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Design, Vec<String>> {
     question.examine().map_err(|all| all.iter().map(ToString::to_string).collect::<Vec<_>>())?;
     let now = known(question).map_err(|e| vec![e.to_string()])?;
     let (mut told, mut lost) = (Vec::new(), Vec::new());
     let manoeuvres = survey(question);
     let answers: Vec<Result<(Information, Vec<f64>), String>> =
-        manoeuvres.par_iter().map(|m| tell(question, m)).collect();
+        manoeuvres.par_iter().map(|m| if goes_on() { tell(question, m) } else { Err(STOPPED.into()) }).collect();
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
             Ok((information, excursions)) => told.push(Told { manoeuvre, information, excursions }),

@@ -1,6 +1,7 @@
 //! Numbers as people write them: with a unit (`"35 deg"`), in percent (`"3 %"`), in standard errors (`"4 se"`).
 
 use fdm_grammar::Unit;
+use fdm_grammar::number::held;
 use serde::{Deserialize, Deserializer, de};
 use std::str::FromStr;
 
@@ -59,7 +60,7 @@ impl FromStr for Amount {
     /// A number, and behind a space its unit; without one it is in that of the channel.
     fn from_str(text: &str) -> Result<Self, String> {
         let (number, unit) = text.split_once(' ').map_or((text, None), |(number, unit)| (number, Some(unit.trim())));
-        let value = number.parse().map_err(|_| format!("`{number}` is not a number"))?;
+        let value = held(number).map_err(|unheld| format!("`{number}` {unheld}: {}", unheld.hint()))?;
         let unit = unit.map(|unit| Unit::parse(unit).map_err(|_| format!("`{unit}` is not a unit")));
         Ok(Self { value, unit: unit.transpose()? })
     }
@@ -76,7 +77,7 @@ impl<'de> Deserialize<'de> for Tolerance {
         };
         let wrong = || de::Error::custom(format!("`{text}` is no tolerance: write `4 se`, `3 %` or a number"));
         let (number, kind) = text.split_once(' ').ok_or_else(wrong)?;
-        let value: f64 = number.parse().map_err(|_| wrong())?;
+        let value = held(number).map_err(|_| wrong())?;
         match kind.trim() {
             "se" => Ok(Self::Errors(value)),
             "%" => Ok(Self::Part(value / 100.0)),

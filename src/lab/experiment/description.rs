@@ -4,6 +4,7 @@ use super::amount::Tolerance;
 use super::experiment_error::ExperimentError;
 use super::noise::Noise;
 use super::signal::Signal;
+use fdm_grammar::number::{Unheld, held};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -248,6 +249,9 @@ impl Experiment {
             .map_err(|e| ExperimentError::Unreadable { file: file.clone(), reason: fdm_results::store::reason(&e) })?;
         let mut experiment: Self = toml::from_str(&text)
             .map_err(|e| ExperimentError::Malformed { file: file.clone(), reason: e.to_string().trim_end().into() })?;
+        if let Some(reason) = unheld(&text) {
+            return Err(ExperimentError::Malformed { file, reason });
+        }
         experiment.name = folder.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned());
         experiment.folder = folder.into();
         let faults = experiment.faults();
@@ -263,6 +267,24 @@ impl Experiment {
     pub fn record(&self, name: &str) -> Option<&Record> {
         self.records.iter().find(|r| r.name == name)
     }
+}
+
+/// The first number of a description that double precision does not hold, which would be read as zero or infinite.
+fn unheld(text: &str) -> Option<String> {
+    for (k, line) in text.lines().enumerate() {
+        // texts in quotes have readers of their own
+        let bare: String = line.split('"').step_by(2).collect::<Vec<_>>().join(" ");
+        let bare = bare.split('#').next().unwrap_or_default();
+        let words = bare.split(|c: char| !(c.is_ascii_alphanumeric() || "+-._".contains(c)));
+        for word in
+            words.filter(|w| w.contains(['e', 'E']) && w.starts_with(|c: char| c.is_ascii_digit() || "+-".contains(c)))
+        {
+            if let Err(unheld @ (Unheld::TooLarge | Unheld::TooSmall)) = held(&word.replace('_', "")) {
+                return Some(format!("line {}: the number `{word}` {unheld}: {}", k + 1, unheld.hint()));
+            }
+        }
+    }
+    None
 }
 
 impl Stage {

@@ -2,6 +2,9 @@
 
 /// A number with this many significant digits, as a decimal where that is short.
 pub fn digits(v: f64, significant: usize) -> String {
+    if v.is_nan() {
+        return "not determined".into();
+    }
     if v == 0.0 || !v.is_finite() {
         return format!("{v}");
     }
@@ -24,6 +27,11 @@ pub fn digits_by_error(value: f64, error: f64, least: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_no_number_is_not_printed_as_one() {
+        assert_eq!(digits(f64::NAN, 3), "not determined");
+    }
 
     #[test]
     fn numbers_have_the_digits_that_are_asked_for() {

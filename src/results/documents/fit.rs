@@ -144,6 +144,10 @@ pub enum Terminated {
     NotFinite,
     /// It was interrupted.
     Interrupted,
+    /// The time that was given was over.
+    TimeLimit,
+    /// The cost that was reached is none.
+    Impossible,
 }
 
 impl From<&Termination> for Terminated {
@@ -156,6 +160,8 @@ impl From<&Termination> for Terminated {
             Termination::Unanswered { .. } => Self::Unanswered,
             Termination::NotFinite { .. } => Self::NotFinite,
             Termination::Interrupted => Self::Interrupted,
+            Termination::TimeLimit => Self::TimeLimit,
+            Termination::Impossible => Self::Impossible,
         }
     }
 }

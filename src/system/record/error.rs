@@ -313,6 +313,9 @@ pub enum Fault {
     /// A number that has no logarithm.
     #[error("found `{0}`, expected a number above zero: its logarithm is read")]
     NotPositive(String),
+    /// A number that would be read as zero.
+    #[error("found `{0}`, which is not 0 but nearer to it than numbers reach (about 4.9e-324)")]
+    Vanishing(String),
     /// A number without bound.
     #[error("found `{0}`, expected a finite number")]
     Infinite(String),

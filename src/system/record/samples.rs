@@ -186,6 +186,10 @@ impl Collector<'_> {
                 self.blame(Kind::Cell, Some(column), row, Fault::Infinite(excerpt(text)));
                 return None;
             }
+            Cell::Vanishing => {
+                self.blame(Kind::Cell, Some(column), row, Fault::Vanishing(excerpt(text)));
+                return None;
+            }
             Cell::Text => {
                 self.blame(Kind::Cell, Some(column), row, Fault::NotANumber(excerpt(text)));
                 return None;
@@ -276,6 +280,7 @@ impl Collector<'_> {
             Fault::NotPositive(_) => {
                 "leave a cell empty, or write NaN, where nothing was found; numbers near zero do not have noise that is a factor"
             }
+            Fault::Vanishing(_) => "write 0, or take a smaller unit",
             Fault::Infinite(_) => "leave a cell empty, or write NaN, where the measurement failed",
             _ => return None,
         };

@@ -161,6 +161,8 @@ pub(crate) enum Cell {
     Number(f64, Option<Mark>),
     /// Infinite, or larger than double precision holds.
     Infinite,
+    /// Not zero, but nearer to it than double precision holds.
+    Vanishing,
     /// Anything else.
     Text,
 }
@@ -181,6 +183,7 @@ pub(crate) fn scan(cell: &str) -> Cell {
     match text.parse::<f64>() {
         Ok(value) if value.is_nan() => Cell::Gap,
         Ok(value) if value.is_infinite() => Cell::Infinite,
+        Ok(0.0) if vanishes(text) => Cell::Vanishing,
         Ok(value) => Cell::Number(value, text.contains('.').then_some(Mark::Point)),
         Err(_) if text.len() <= LONGEST => scan_unusual(text),
         Err(_) => Cell::Text,
@@ -204,10 +207,17 @@ fn scan_unusual(text: &str) -> Cell {
     // Fortran writes 1.5D+03
     let plain = lower.replace(',', ".").replace('d', "e");
     match plain.parse::<f64>() {
+        Ok(0.0) if vanishes(&plain) => Cell::Vanishing,
         Ok(value) if value.is_finite() => Cell::Number(value, mark),
         Ok(value) if value.is_infinite() && plain.contains(|c: char| c.is_ascii_digit()) => Cell::Infinite,
         _ => Cell::Text,
     }
+}
+
+/// Whether a text that was read as zero stands for something else: 1e-400.
+fn vanishes(text: &str) -> bool {
+    let mantissa = text.split(['e', 'E']).next().unwrap_or_default();
+    mantissa.contains(|c: char| ('1'..='9').contains(&c))
 }
 
 /// One comma with a digit behind it, and no point.
@@ -295,6 +305,10 @@ mod tests {
         for text in ["inf", "-Inf", "Infinity", "1e999", "-1.#INF", "1,5e999"] {
             assert_eq!(scan(text), Cell::Infinite, "{text}");
         }
+        for text in ["1e-400", "-0.1e-330", "1,5e-400", "1.5d-400"] {
+            assert_eq!(scan(text), Cell::Vanishing, "{text}");
+        }
+        assert!(matches!(scan("0.0e-400"), Cell::Number(..)) && matches!(scan("1e-310"), Cell::Number(..)));
         for text in
             ["abc", "1.2.3", "1,2,3", "1,234.5", "0,", "1e", "12:30", "2024-01-01", "0x1F", "1 2", "e5", "+", "1_0"]
         {

@@ -32,7 +32,7 @@ const FINEST: f64 = 1e-13;
 /// [`Unsuited`] as for [`super::Simulator::new`]. A response that diverges with every step is not an error here: the answer has an
 /// infinite error and one step per interval.
 pub fn choose_steps(dynamics: &dyn Dynamics, run: &Run, theta: &[f64]) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, TOLERANCE)
+    choose(dynamics, run, theta, None, Aim::at(TOLERANCE))
 }
 
 /// The same with another error that is of no consequence, as a part of each output's range: for comparisons in noise.
@@ -45,7 +45,7 @@ pub fn choose_steps_within(
     theta: &[f64],
     tolerance: f64,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, None, tolerance.max(TOLERANCE))
+    choose(dynamics, run, theta, None, Aim::at(tolerance.max(TOLERANCE)))
 }
 
 /// The same with a method of the user's choice.
@@ -58,7 +58,44 @@ pub fn choose_steps_by(
     theta: &[f64],
     scheme: Option<Scheme>,
 ) -> Result<Accuracy, Unsuited> {
-    choose(dynamics, run, theta, scheme, TOLERANCE)
+    choose(dynamics, run, theta, scheme, Aim::at(TOLERANCE))
+}
+
+/// The same with the user's accuracy: the error that is of no consequence, as a part of each output's range.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_to(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+    accuracy: f64,
+) -> Result<Accuracy, Unsuited> {
+    choose(dynamics, run, theta, scheme, Aim::at(accuracy.max(FINEST)))
+}
+
+/// For one response that is looked at, not fitted: an error of 1e-6 of each output's range is good enough where less is dear;
+/// and where a response is still wrong by more than [`UNSOUND`], steps as short as memory allows.
+///
+/// # Errors
+/// As [`choose_steps`].
+pub fn choose_steps_once(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    scheme: Option<Scheme>,
+) -> Result<Accuracy, Unsuited> {
+    let aim = Aim { tolerance: TOLERANCE, enough: ENOUGH };
+    let found = choose(dynamics, run, theta, scheme, aim)?;
+    let hopeless = !found.error.is_finite() || found.error <= UNSOUND || scheme == Some(Scheme::Radau);
+    if hopeless {
+        return Ok(found);
+    }
+    let choice = Choice { dynamics, run, theta, work: Work::of(dynamics.layout()), aim: Aim::at(ENOUGH) };
+    // an oscillation that no step has resolved yet looks alike with all of them: that is no reason to stop
+    let finest = choice.equal(Scheme::RungeKutta, usize::MAX, usize::MAX)?;
+    Ok(if finest.error < found.error { finest } else { found })
 }
 
 fn choose(
@@ -66,13 +103,13 @@ fn choose(
     run: &Run,
     theta: &[f64],
     scheme: Option<Scheme>,
-    tolerance: f64,
+    aim: Aim,
 ) -> Result<Accuracy, Unsuited> {
     let layout = dynamics.layout();
     if layout.states == 0 || run.len() < 2 {
         return Ok(Accuracy { steps: 1.into(), error: 0.0 });
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(layout), tolerance };
+    let choice = Choice { dynamics, run, theta, work: Work::of(layout), aim };
     match scheme {
         Some(Scheme::Radau) => {
             let least = Accuracy { steps: Steps::equal(Scheme::Radau, 1), error: f64::INFINITY };
@@ -81,12 +118,12 @@ fn choose(
             Ok(choice.uneven(Scheme::Radau, choice.most_uneven())?.unwrap_or(least))
         }
         Some(Scheme::RungeKutta) => {
-            let equal = choice.equal(Scheme::RungeKutta, MOST_PER_INTERVAL)?;
+            let equal = choice.equal(Scheme::RungeKutta, MOST_PER_INTERVAL, STALLS)?;
             choice.better_uneven(equal, MOST_STEPS)
         }
         None | Some(Scheme::Recursion { .. }) => match choice.linear() {
             Some(scheme) if layout.delayed.is_empty() => Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 }),
-            Some(scheme) => choice.equal(scheme, MOST_PER_INTERVAL),
+            Some(scheme) => choice.equal(scheme, MOST_PER_INTERVAL, STALLS),
             None => choice.cheapest(),
         },
     }
@@ -97,9 +134,27 @@ struct Choice<'a> {
     run: &'a Run,
     theta: &'a [f64],
     work: Work,
-    /// Integration error that is of no consequence, as a part of an output's range.
-    tolerance: f64,
+    aim: Aim,
 }
+
+/// Integration errors that are aimed at, as parts of an output's range.
+#[derive(Debug, Clone, Copy)]
+struct Aim {
+    /// Of no consequence: steps are not made shorter for less.
+    tolerance: f64,
+    /// Good enough where the first few halvings do not reach that.
+    enough: f64,
+}
+
+impl Aim {
+    fn at(tolerance: f64) -> Self {
+        Self { tolerance, enough: tolerance }
+    }
+}
+
+/// Halvings in a row that do not help, after which steps are not halved again: once is no rule, as a delayed kink that shares a
+/// step with a sample leaves it when the step is halved again.
+const STALLS: usize = 2;
 
 impl Choice<'_> {
     /// The exact recursion, where a model is linear and its samples stand in few different intervals.
@@ -114,18 +169,18 @@ impl Choice<'_> {
         // implicit steps are at least one in every interval
         let enough = (self.work.radau / self.work.runge_kutta) as usize;
         let enough = enough.clamp(4, MOST_PER_INTERVAL);
-        let equal = self.equal(Scheme::RungeKutta, enough)?;
-        if equal.error <= self.tolerance || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
-            return if equal.error <= self.tolerance { Ok(equal) } else { self.explicit(MOST_STEPS) };
+        let equal = self.equal(Scheme::RungeKutta, enough, STALLS)?;
+        if equal.error <= self.aim.enough || !self.may_be_uneven() || self.dynamics.layout().states > MOST_IMPLICIT {
+            return if equal.error <= self.aim.enough { Ok(equal) } else { self.explicit(MOST_STEPS) };
         }
         let Some(implicit) = self.uneven(Scheme::Radau, self.most_uneven())? else { return self.explicit(MOST_STEPS) };
-        if implicit.error > self.tolerance {
+        if implicit.error > self.aim.enough {
             let explicit = self.explicit(MOST_STEPS)?;
             return Ok(if explicit.error <= implicit.error { explicit } else { implicit });
         }
         let worth = implicit.steps.total(samples) as f64 * self.work.radau / self.work.runge_kutta;
         let explicit = self.explicit((worth as usize).min(MOST_STEPS))?;
-        Ok(if explicit.error <= self.tolerance && explicit.steps.total(samples) as f64 <= worth {
+        Ok(if explicit.error <= self.aim.enough && explicit.steps.total(samples) as f64 <= worth {
             explicit
         } else {
             implicit
@@ -135,20 +190,20 @@ impl Choice<'_> {
     /// The best explicit steps that are not more than `most`.
     fn explicit(&self, most: usize) -> Result<Accuracy, Unsuited> {
         let most_equal = (most / self.run.len()).clamp(1, MOST_PER_INTERVAL);
-        let equal = self.equal(Scheme::RungeKutta, most_equal)?;
+        let equal = self.equal(Scheme::RungeKutta, most_equal, STALLS)?;
         self.better_uneven(equal, most)
     }
 
     /// Explicit steps as long as accuracy allows, where they are fewer than the equal ones or reach what those do not.
     fn better_uneven(&self, equal: Accuracy, most: usize) -> Result<Accuracy, Unsuited> {
-        let (samples, good) = (self.run.len(), equal.error <= self.tolerance);
+        let (samples, good) = (self.run.len(), equal.error <= self.aim.enough);
         if !self.may_be_uneven() || good && equal.steps.most() <= 2 {
             return Ok(equal);
         }
         let most = if good { equal.steps.total(samples).min(most) } else { most };
         let found = self.uneven(Scheme::RungeKutta, most.min(self.most_uneven()))?;
         Ok(match found {
-            Some(uneven) if good && uneven.error > self.tolerance => equal,
+            Some(uneven) if good && uneven.error > self.aim.enough => equal,
             Some(uneven) if !good && uneven.error > 0.7 * equal.error => equal,
             // as many steps of equal length are the simpler choice
             Some(uneven) if good && 2 * uneven.steps.total(samples) > equal.steps.total(samples) => equal,
@@ -157,8 +212,8 @@ impl Choice<'_> {
         })
     }
 
-    /// Doubles the steps between samples until halving them moves nothing, or no longer helps.
-    fn equal(&self, scheme: Scheme, most: usize) -> Result<Accuracy, Unsuited> {
+    /// Doubles the steps between samples until halving them moves nothing, or has not helped so many times in a row.
+    fn equal(&self, scheme: Scheme, most: usize, patience: usize) -> Result<Accuracy, Unsuited> {
         let at = |per: usize| response(self.dynamics, self.run, self.theta, &Steps::equal(scheme, per));
         let mut coarse = at(1)?;
         let mut best = Accuracy { steps: Steps::equal(scheme, 1), error: f64::INFINITY };
@@ -168,12 +223,11 @@ impl Choice<'_> {
             if let (Ok(a), Ok(b)) = (&coarse, &next) {
                 let steps = Steps::equal(scheme, fine / 2);
                 let error = halving(a, b, self.dynamics.layout().outputs, &steps);
-                // once is no rule: a delayed kink that shares a step with a sample leaves it when the step is halved again
                 stalls = if error > 0.7 * best.error { stalls + 1 } else { 0 };
                 if error < best.error {
                     best = Accuracy { steps, error };
                 }
-                if error <= self.tolerance || stalls == 2 {
+                if error <= self.aim.tolerance || stalls == patience {
                     break;
                 }
             }
@@ -194,7 +248,7 @@ impl Choice<'_> {
         let mut probe = at(scheme);
         let Some((_, met)) = step_control::choose(&mut probe, scheme, ROUGH, &scales, most) else { return Ok(None) };
         scales = met;
-        let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.tolerance, None);
+        let (mut tolerance, mut best): (f64, Option<Accuracy>) = (self.aim.enough, None);
         for _ in 0..MOST_PASSES {
             let Some((steps, met)) = step_control::choose(&mut probe, scheme, tolerance, &scales, most) else { break };
             scales = met;
@@ -203,10 +257,10 @@ impl Choice<'_> {
             if error < before {
                 best = Some(Accuracy { steps, error });
             }
-            if error <= self.tolerance || error > 0.7 * before || tolerance <= FINEST {
+            if error <= self.aim.enough || error > 0.7 * before || tolerance <= FINEST {
                 break;
             }
-            tolerance = (tolerance * (0.5 * self.tolerance / error).clamp(1e-3, 0.3)).max(FINEST);
+            tolerance = (tolerance * (0.5 * self.aim.enough / error).clamp(1e-3, 0.3)).max(FINEST);
         }
         Ok(best)
     }
@@ -271,6 +325,80 @@ pub struct Accuracy {
 
 /// Integration errors below this part of an output's range are of no consequence to any estimate.
 pub(super) const TOLERANCE: f64 = 1e-8;
+/// The same for a response that is looked at only.
+const ENOUGH: f64 = 1e-6;
+/// A response with an integration error above this part of an output's range is none.
+pub const UNSOUND: f64 = 1e-3;
+
+/// Where a response is farthest from that with half of its steps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WorstError {
+    /// The output, by its place.
+    pub output: usize,
+    /// The sample.
+    pub sample: usize,
+    /// The integration error there, in the output's unit.
+    pub error: f64,
+    /// The same as a part of the output's range.
+    pub part: f64,
+    /// The state that is farthest off at that sample beside its own size; none where that is not known.
+    pub state: Option<usize>,
+}
+
+/// Where the response (N by q) with these steps is farthest from that with half of them, output by output as far as they are
+/// above `least` of their ranges; the worst first. Empty where the response with half of them is not finite.
+///
+/// # Errors
+/// [`Unsuited`] as for [`Simulator::new`].
+pub fn worst_errors(
+    dynamics: &dyn Dynamics,
+    run: &Run,
+    theta: &[f64],
+    steps: &Steps,
+    least: f64,
+) -> Result<Vec<WorstError>, Unsuited> {
+    let (n, q) = (dynamics.layout().states, dynamics.layout().outputs);
+    let finer = steps.halved();
+    let (Ok(coarse), Ok(fine)) = (response(dynamics, run, theta, steps)?, response(dynamics, run, theta, &finer)?)
+    else {
+        return Ok(Vec::new());
+    };
+    let states = |steps: &Steps| -> Result<Option<Vec<f64>>, Unsuited> {
+        let mut x = vec![0.0; run.len() * n];
+        let known = Simulator::new(dynamics, run, steps.clone())?.states(theta, &mut x);
+        Ok((known == Ok(true)).then_some(x))
+    };
+    let removed = steps.scheme().part_removed_by_halving();
+    let mut found = Vec::new();
+    for output in 0..q {
+        let range = range(fine.iter().skip(output).step_by(q));
+        let off = |sample: usize| (coarse[sample * q + output] - fine[sample * q + output]).abs();
+        let Some(sample) = (0..run.len()).max_by(|a, b| off(*a).total_cmp(&off(*b)).then(b.cmp(a))) else { continue };
+        let error = off(sample) * removed;
+        if error > least * range {
+            found.push(WorstError { output, sample, error, part: error / range, state: None });
+        }
+    }
+    found.sort_by(|a, b| b.part.total_cmp(&a.part));
+    if !found.is_empty()
+        && let (Some(a), Some(b)) = (states(steps)?, states(&finer)?)
+    {
+        let size = |j: usize| b.iter().skip(j).step_by(n).fold(f64::MIN_POSITIVE, |s, x| s.max(x.abs()));
+        let sizes: Vec<f64> = (0..n).map(size).collect();
+        for worst in &mut found {
+            let off = |j: usize| (a[worst.sample * n + j] - b[worst.sample * n + j]).abs() / sizes[j];
+            worst.state = (0..n).max_by(|i, j| off(*i).total_cmp(&off(*j)).then(j.cmp(i)));
+        }
+    }
+    Ok(found)
+}
+
+/// Between the least and the greatest value; of what does not move its size, or 1.
+fn range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
+    let high = values.clone().copied().fold(f64::NEG_INFINITY, f64::max);
+    let low = values.copied().fold(f64::INFINITY, f64::min);
+    if high > low { high - low } else { high.abs().max(1.0) }
+}
 
 /// Integration error of a response with these steps, measured as in [`Accuracy::error`]; infinite when it, or that with half the
 /// steps, is not finite.
@@ -341,9 +469,7 @@ fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
     for i in 0..outputs {
         let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
         let (a, b) = (column(a), column(b));
-        let high = b.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let low = b.iter().copied().fold(f64::INFINITY, f64::min);
-        let range = if high > low { high - low } else { high.abs().max(1.0) };
+        let range = range(b.iter());
         worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
     }
     worst
@@ -378,5 +504,37 @@ mod tests {
         let rough = choose_steps_within(model.dynamics(), &run, &theta, 1e-4).unwrap();
         assert!(exact.error <= 1e-8 && rough.error <= 1e-4, "{exact:?} {rough:?}");
         assert!(2 * rough.steps.total(run.len()) <= exact.steps.total(run.len()), "{exact:?} {rough:?}");
+    }
+
+    /// An oscillation of 5000 rad/s between samples of 0.1 s.
+    #[test]
+    fn an_oscillation_that_no_usual_step_resolves_is_resolved_where_one_response_is_looked_at() {
+        let text =
+            "model fast { input u; state x = 0.1; state v; der(x) = v; der(v) = -2.5e7*sin(x) - v + u; output y = x; }";
+        let model = Model::from_text("fast.fdm", text).unwrap();
+        let time: Vec<f64> = (0..3).map(|k| 0.1 * f64::from(k)).collect();
+        let run = Run {
+            name: "a".into(),
+            inputs: vec![1.0; time.len()],
+            held: vec![false],
+            measured: vec![0.0; time.len()],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+            time,
+        };
+        let theta = model.definition().start();
+        let once = choose_steps_once(model.dynamics(), &run, &theta, None).unwrap();
+        assert!(once.error <= UNSOUND, "{once:?}");
+        let mut y = vec![0.0; run.len()];
+        Simulator::new(model.dynamics(), &run, once.steps).unwrap().simulate(&theta, &mut y).unwrap();
+        assert!(y.iter().all(|y| y.abs() <= 1.0), "{y:?}");
+        // where it is worst with steps that follow the swing, but not its phase
+        let rough = Steps::from(1024);
+        let worst = worst_errors(model.dynamics(), &run, &theta, &rough, UNSOUND).unwrap();
+        assert!(worst[0].part > UNSOUND && worst[0].state.is_some() && worst[0].sample > 0, "{worst:?}");
+        assert!(
+            choose_steps_to(model.dynamics(), &run, &theta, Some(Scheme::Radau), 1e-2).unwrap().steps.scheme()
+                == Scheme::Radau
+        );
     }
 }

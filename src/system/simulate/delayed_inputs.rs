@@ -12,6 +12,10 @@
 //! which halving the steps shows. The moments are smooth in the delay, jumps included, and so is the response: the derivative
 //! by the delay is that of the same moments.
 //!
+//! Where a delay is a whole number of sampling intervals, kinks stand on the ends of steps and on samples. What is seen there at
+//! a point bends with the delay, and its derivative is the mean of those on both sides, as a central difference has it: a jump
+//! counts by half for the step that it ends, and by half for the one that it begins; a slope at a sample is the mean of its sides.
+//!
 //! Where samples stand at equal intervals, every step sees the record through the same three weights of three neighbouring samples
 //! ([`DelayFilter`]): the window of a step, moved back by the delay, lies in the same place among the samples around it. The weights are
 //! found by giving the general rule ([`Follower`]) a record that is 1 at one sample and 0 at the others.
@@ -69,6 +73,9 @@ pub(super) struct Follower {
     cursor: Cursor,
 }
 
+/// Times that differ by less, as a part of the largest, are the same.
+pub(super) const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// Abscissae of the two-point Gauss rule on [0, 1]: exact for a linear signal times a moment's weight.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
@@ -81,10 +88,12 @@ impl Follower {
         if count == time.len() || time[count] >= to {
             let at = |t: f64| run.input(input, Place::after(time, count, t));
             let [(a, p), (b, q), (c, r)] = rule.nodes.map(|node| at(if node == 1.0 { to } else { from + node * h }));
-            return StageValues { value: [a, b, c], slope: [p, q, r] };
+            let slope = if run.held[input] { self.jumps(run, input, (from, h), rule) } else { [p, q, r] };
+            return StageValues { value: [a, b, c], slope };
         }
         let (mut value, mut slope) = ([0.0; 3], [0.0; 3]);
         let (mut k, mut begin) = (count, from);
+        let held = run.held[input];
         loop {
             let end = time.get(k).map_or(to, |t| t.min(to));
             for x in GAUSS {
@@ -97,13 +106,28 @@ impl Follower {
             if end >= to {
                 break;
             }
-            // a jump at a kink: a slope concentrated there
-            let jump =
-                run.input(input, Place::after(time, k + 1, end)).0 - run.input(input, Place::after(time, k, end)).0;
-            add(&mut slope, (end - from) / h, jump / h);
             (k, begin) = (k + 1, end);
         }
-        StageValues { value: rule.stages(value), slope: rule.stages(slope) }
+        let slope = if held { self.jumps(run, input, (from, h), rule) } else { rule.stages(slope) };
+        StageValues { value: rule.stages(value), slope }
+    }
+
+    /// The slope of a held input over `from..from + h`: its jumps, each concentrated where it stands, those on either end by half.
+    fn jumps(&self, run: &Run, input: usize, (from, h): (f64, f64), rule: &Rule) -> [f64; 3] {
+        let (time, to, mut slope) = (&run.time, from + h, [0.0; 3]);
+        let farthest = time.last().copied().unwrap_or(0.0).abs().max(from.abs()).max(to.abs());
+        let rounding = ROUNDING * farthest;
+        // a jump that rounding has put before the beginning stands on it
+        let near = |k: &usize| time[*k] >= from - rounding;
+        let first = self.cursor.count().checked_sub(1).filter(near).unwrap_or(self.cursor.count());
+        let width = run.held.len();
+        for k in (first..time.len()).take_while(|k| time[*k] <= to + rounding).filter(|k| *k > 0) {
+            let at_an_end = time[k] - from <= rounding || to - time[k] <= rounding;
+            let jump = run.inputs[k * width + input] - run.inputs[(k - 1) * width + input];
+            let part = if at_an_end { 0.5 } else { 1.0 };
+            add(&mut slope, ((time[k] - from) / h).clamp(0.0, 1.0), part * jump / h);
+        }
+        rule.stages(slope)
     }
 }
 
@@ -162,7 +186,11 @@ impl DelayFilter {
 
     /// Weights for step j of every interval.
     pub(super) fn step(&self, tau: f64, j: usize, held: bool) -> Weights {
-        let (first, part) = self.window(j as f64 / self.per as f64 - tau / self.interval);
+        let (mut first, mut part) = self.window(j as f64 / self.per as f64 - tau / self.interval);
+        if held && part == 0.0 {
+            // the jump at the beginning is seen from the sample before it
+            (first, part) = (first - 1, 1.0);
+        }
         let mut weights = Weights { first, ..Weights::default() };
         for tap in 0..TAPS {
             let window = (part, 1.0 / self.per as f64);
@@ -179,6 +207,12 @@ impl DelayFilter {
     /// Weights at the samples: the first stage counts.
     pub(super) fn sample(&self, tau: f64, held: bool) -> Weights {
         let (first, part) = self.window(-tau / self.interval);
+        if part == 0.0 && !held {
+            let mut weights = Weights { first: first - 1, ..Weights::default() };
+            weights.value[0] = [0.0, 1.0, 0.0];
+            weights.slope[0] = [-0.5, 0.0, 0.5].map(|w| w / self.interval);
+            return weights;
+        }
         let mut weights = Weights { first, ..Weights::default() };
         for tap in 0..TAPS {
             let (value, slope) = self.units.input(self.unit(tap, held), Place::after(&self.units.time, 1, part));
@@ -230,7 +264,8 @@ fn units() -> Run {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::Scheme;
+    use crate::model::Model;
+    use crate::simulate::{Scheme, Simulator};
 
     fn run(held: bool) -> Run {
         let (time, inputs) = (vec![0.0, 1.0, 2.5, 3.0], vec![1.0, 3.0, -1.0, 2.0]);
@@ -284,6 +319,25 @@ mod tests {
         }
     }
 
+    /// Jumps on the ends of a step count by half for it, so that all steps together see each of them once.
+    #[test]
+    fn slopes_at_whole_intervals_are_means_of_both_sides() {
+        let mut run = run(true);
+        run.time = vec![0.0, 0.1, 0.2, 0.3];
+        for rule in RULES.map(Rule::of) {
+            for k in 1..3 {
+                let (from, h, step) = (0.1 * f64::from(k), 0.1, 1e-7);
+                let at = |from: f64| Follower::default().step(&run, 0, (from, h), &rule);
+                let (low, high, middle) = (at(from - step), at(from + step), at(from));
+                for stage in 0..3 {
+                    let mean = 0.5 * (low.slope[stage] + high.slope[stage]);
+                    let got = middle.slope[stage];
+                    assert!((got - mean).abs() < 1e-3 * mean.abs().max(1.0), "{k} {stage}: {got} {mean}");
+                }
+            }
+        }
+    }
+
     /// The general rule at a step, however it lies.
     fn general(run: &Run, (from, h): (f64, f64), rule: &Rule) -> StageValues {
         Follower::default().step(run, 0, (from, h), rule)
@@ -308,9 +362,7 @@ mod tests {
             };
             let rule = Rule::of(scheme);
             let filter = DelayFilter::new(&time, per, rule).expect("even");
-            // on samples the slope of a held input is that of either side: only whole steps meet them exactly
-            let aligned = [0.0, 0.25, 1.0].into_iter().filter(|_| per == 1);
-            for tau in [0.03, 0.31, 0.7, 2.74, 50.0].into_iter().chain(aligned) {
+            for tau in [0.03, 0.31, 0.7, 2.74, 50.0, 0.0, 0.25, 1.0] {
                 for (k, begin) in time.iter().enumerate().take(n as usize - 1) {
                     let at = |i: i64| values[i.clamp(0, i64::from(n) - 1) as usize];
                     let seen = |w: &Weights| [0, 1, 2].map(|tap| at(k as i64 + w.first + tap));
@@ -325,8 +377,53 @@ mod tests {
                     }
                     let w = filter.sample(tau, held);
                     let (value, slope) = w.at(0, seen(&w));
-                    let want = run.input_at(0, time[k] - tau);
+                    let side = |step: f64| run.input_at(0, time[k] - tau + step).1;
+                    // on a sample the mean of both sides
+                    let want = (run.input_at(0, time[k] - tau).0, 0.5 * (side(-1e-9) + side(1e-9)));
                     assert!((value - want.0).abs() < 1e-12 && (slope - want.1).abs() < 1e-10, "{held} {tau} {k}");
+                }
+            }
+        }
+    }
+
+    /// Derivative of all outputs by a delay at this value, and the central difference over a hundredth of the interval.
+    fn by_delay(text: &str, (held, uneven): (bool, f64), tau: f64) -> (Vec<f64>, Vec<f64>) {
+        let model = Model::from_text("m.fdm", text).expect("a model");
+        let dt = 0.1;
+        let time: Vec<f64> = (0..60).map(|k| dt * (f64::from(k) + if k == 59 { uneven } else { 0.0 })).collect();
+        let inputs = (0..60).map(|k| [0.0, 1.0, -0.5, 2.0, 0.3][k / 7 % 5]).collect();
+        let (measured, input_gaps, output_gaps) = (vec![0.0; 60], vec![0], vec![0]);
+        let run = Run { name: "r".into(), inputs, held: vec![held], measured, input_gaps, output_gaps, time };
+        let mut simulator = Simulator::new(model.dynamics(), &run, 1).expect("suited");
+        let place = model.definition().params.iter().position(|p| p.quantity.name == "tau").expect("a delay");
+        let mut theta = model.definition().start();
+        let mut at = |tau: f64| {
+            theta[place] = tau;
+            let (mut y, mut rows) = (vec![0.0; 60], vec![0.0; 60 * 8]);
+            simulator.sensitivities(&theta, &[place], &mut y, &mut rows).expect("finite");
+            (y, rows.iter().step_by(8).copied().collect::<Vec<f64>>())
+        };
+        let step = 0.01 * dt;
+        let (low, high) = (at(tau - step).0, at(tau + step).0);
+        (at(tau).1, high.iter().zip(&low).map(|(h, l)| (h - l) / (2.0 * step)).collect())
+    }
+
+    #[test]
+    fn the_derivative_by_a_delay_of_whole_intervals_is_that_of_both_sides() {
+        let gain = "model m { input u; param tau = 0.5 in [0, 2]; output y = 2*delay(u, tau); }";
+        let lag = "model m { input u; state x = 0; param tau = 0.5 in [0, 2]; der(x) = 3*(delay(u, tau) - x); output y = x; }";
+        let bent = "model m { input u; state x = 0; param tau = 0.5 in [0, 2]; \
+                    der(x) = 3*(delay(u, tau) - x) - x^3; output y = x; }";
+        for (text, held) in [(gain, false), (lag, false), (bent, false), (lag, true), (bent, true)] {
+            for uneven in [0.0, 0.3] {
+                for tau in [0.5, 0.5 * (1.0 + 1e-6), 0.53] {
+                    let (got, want) = by_delay(text, (held, uneven), tau);
+                    let size = want.iter().fold(0.0_f64, |s, w| s.max(w.abs()));
+                    let off = got.iter().zip(&want).map(|(g, w)| (g - w).abs()).fold(0.0, f64::max);
+                    // just beside a kink the difference is taken across it
+                    let allowed = if tau == 0.5 || tau == 0.53 { 0.02 * size } else { f64::INFINITY };
+                    assert!(size > 0.1 && off <= allowed, "{text} {held} {uneven} {tau}: {off} of {size}");
+                    assert!(got.iter().any(|g| g.abs() > 0.1), "{text} {held} {tau}");
                 }
             }
         }

@@ -2,11 +2,11 @@
 //!
 //! [`Course`] shows the same to who integrates more than the states, as a filter does.
 
-use super::delayed_inputs::{DelayFilter, Follower, Rule, StageValues, TAPS, Weights};
+use super::delayed_inputs::{DelayFilter, Follower, ROUNDING, Rule, StageValues, TAPS, Weights};
 use super::error::Unsuited;
 use super::steps::{Grid, Steps};
 use crate::dynamics::Layout;
-use crate::record::{Cursor, Run};
+use crate::record::{Cursor, Place, Run};
 use fdm_grammar::graph::Signal;
 
 /// Values of inputs and delayed inputs where the integrator needs them; delayed states are filled in elsewhere.
@@ -124,7 +124,7 @@ impl DriveTable {
         }
         let mut cursor = Cursor::default();
         for (sample, t) in grid.samples().iter().enumerate() {
-            let (value, slope) = run.input(input, cursor.at(&run.time, t - tau));
+            let (value, slope) = seen_at(run, input, cursor.at(&run.time, t - tau), t - tau);
             self.samples[sample * self.width + column] = value;
             self.sample_slopes[sample * delays + d] = slope;
         }
@@ -279,6 +279,26 @@ impl<'r> Seen<'r> {
         self.next += 1;
         self.samples
     }
+}
+
+/// Value and slope of an input at a time; on a sample the mean of the slopes on both sides.
+fn seen_at(run: &Run, input: usize, place: Place, t: f64) -> (f64, f64) {
+    let (value, slope) = run.input(input, place);
+    let time = &run.time;
+    let rounding = ROUNDING * time.last().copied().unwrap_or(0.0).abs().max(t.abs());
+    let near = |k: &usize| (time[*k] - t).abs() <= rounding;
+    let after = time.partition_point(|s| *s <= t);
+    let Some(k) = [after.checked_sub(1), (after < time.len()).then_some(after)].into_iter().flatten().find(near) else {
+        return (value, slope);
+    };
+    if run.held[input] {
+        return (value, slope);
+    }
+    let at = |k: usize| run.inputs[k * run.held.len() + input];
+    let side = |a: usize, b: usize| (at(b) - at(a)) / (time[b] - time[a]);
+    let before = if k > 0 { side(k - 1, k) } else { 0.0 };
+    let behind = if k + 1 < time.len() { side(k, k + 1) } else { 0.0 };
+    (value, 0.5 * (before + behind))
 }
 
 /// A record whose vanishing inputs, which are held, are zero before the first sample and from the last one on.

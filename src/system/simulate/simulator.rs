@@ -8,7 +8,7 @@ use super::error::{Divergence, MOST_AT_ONCE, MOST_IMPLICIT, MOST_STEPS, Unsuited
 use super::runge_kutta::Sensitivity;
 use super::steps::{Grid, Scheme, Steps};
 use super::stiff::{Collocation, StiffSensitivity};
-use super::trajectory::Trajectory;
+use super::trajectory::{Trajectory, node};
 use crate::dynamics::{Dynamics, Layout};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
@@ -54,6 +54,21 @@ impl Integrator {
                 Self::Discrete(Box::new(LinearIntegrator { method, intervals, response: None, sensitivity: None }))
             }
             None => Self::RungeKutta(None),
+        }
+    }
+}
+
+impl Integrator {
+    /// All samples, step by step; those of a linear model go another way.
+    fn march<'a>(
+        &mut self,
+        trajectory: &mut Trajectory<'a>,
+        visit: impl FnMut(&mut Trajectory<'a>, usize, usize) -> Result<(), Divergence>,
+    ) -> Result<(), Divergence> {
+        match self {
+            Self::RungeKutta(_) | Self::Discrete(_) => march(trajectory, visit, Trajectory::advance),
+            Self::Delayed(delayed, _) => march(trajectory, visit, |t, k| delayed.advance(t, k)),
+            Self::Stiff(collocation, _) => march(trajectory, visit, |t, k| collocation.advance(t, k)),
         }
     }
 }
@@ -141,18 +156,33 @@ impl<'a> Simulator<'a> {
     pub fn simulate(&mut self, theta: &[f64], y: &mut [f64]) -> Result<(), Divergence> {
         self.begin(theta, 0)?;
         let Self { trajectory, integrator } = self;
+        let q = trajectory.dynamics.layout().outputs;
         match integrator {
-            Integrator::RungeKutta(_) => march(trajectory, y, Trajectory::advance),
-            Integrator::Delayed(delayed, _) => march(trajectory, y, |trajectory, k| delayed.advance(trajectory, k)),
-            Integrator::Stiff(collocation, _) => {
-                march(trajectory, y, |trajectory, k| collocation.advance(trajectory, k))
-            }
             Integrator::Discrete(linear) => {
-                let q = trajectory.dynamics.layout().outputs;
                 let mut sink = |block: Block<'_>| y[block.first * q..][..block.y.len()].copy_from_slice(block.y);
                 linear.run(trajectory, &[], &mut sink)
             }
+            other => other.march(trajectory, |t, sample, k| t.observe(sample, k, &mut y[sample * q..])),
         }
+    }
+
+    /// States at the samples (N by n) for parameters theta (p); false where they are not known, because the model is linear
+    /// and goes from sample to sample at once.
+    ///
+    /// # Errors
+    /// [`Divergence`] as [`Simulator::simulate`].
+    pub fn states(&mut self, theta: &[f64], x: &mut [f64]) -> Result<bool, Divergence> {
+        self.begin(theta, 0)?;
+        let Self { trajectory, integrator } = self;
+        let n = trajectory.dynamics.layout().states;
+        if matches!(integrator, Integrator::Discrete(_)) || n == 0 {
+            return Ok(false);
+        }
+        let visit = |t: &mut Trajectory<'_>, sample: usize, k: usize| {
+            x[sample * n..][..n].copy_from_slice(&t.nodes[node(k)]);
+            Ok(())
+        };
+        integrator.march(trajectory, visit).map(|()| true)
     }
 
     /// Outputs and their derivatives by the parameters `columns` (indices into theta), a block of samples at a time to
@@ -266,26 +296,26 @@ impl<'a> Simulator<'a> {
     }
 }
 
-/// The loop over the steps, without sensitivities.
+/// The loop over the steps, without sensitivities; visits every sample with its node.
 #[inline(always)]
 fn march<'a>(
     trajectory: &mut Trajectory<'a>,
-    y: &mut [f64],
+    mut visit: impl FnMut(&mut Trajectory<'a>, usize, usize) -> Result<(), Divergence>,
     mut advance: impl FnMut(&mut Trajectory<'a>, usize) -> Result<(), Divergence>,
 ) -> Result<(), Divergence> {
-    let (steps, q) = (trajectory.grid.steps(), trajectory.dynamics.layout().outputs);
+    let steps = trajectory.grid.steps();
     if let Some(history) = &mut trajectory.history {
         history.node(trajectory.run.time[0], &trajectory.nodes[0], &[]);
     }
     for k in 0..=steps {
         if let Some(sample) = trajectory.grid.sample_at(k) {
-            trajectory.observe(sample, k, &mut y[sample * q..])?;
+            visit(trajectory, sample, k)?;
         }
         if k < steps {
             advance(trajectory, k)?;
         }
     }
-    trajectory.stateless(|trajectory, sample| trajectory.observe(sample, 0, &mut y[sample * q..]))
+    trajectory.stateless(|trajectory, sample| visit(trajectory, sample, 0))
 }
 
 /// The longest delay of a state.

@@ -1,0 +1,88 @@
+//! Integration errors that no estimate should be trusted with: what is fitted is then the steps, not the model.
+
+use std::fmt;
+
+/// An integration error above 1e-3 of an output's range.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IntegrationFault {
+    /// The run.
+    pub run: String,
+    /// The output.
+    pub output: String,
+    /// Time since the run began where the error is largest, in the model's time unit.
+    pub time: f64,
+    /// The error there, as a part of the output's range.
+    pub part: f64,
+    /// The same beside the standard deviation of the output's residual; none where nothing of it was compared.
+    pub beside_residual: Option<f64>,
+    /// The state that is farthest off there; none where that is not known.
+    pub state: Option<String>,
+}
+
+/// Beside the standard deviation of the residual an integration error below this part moves no estimate by as much as its error.
+const SMALL: f64 = 0.1;
+
+impl IntegrationFault {
+    /// Whether the error is not small beside the residual either.
+    pub fn is_severe(&self) -> bool {
+        self.beside_residual.is_none_or(|beside| beside > SMALL)
+    }
+}
+
+impl fmt::Display for IntegrationFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { run, output, time, part, beside_residual, state } = self;
+        write!(f, "run `{run}`: integration error {part:.0e} of the range of `{output}` at time {time}")?;
+        if let Some(state) = state {
+            write!(f, ", where state `{state}` is farthest off")?;
+        }
+        if let Some(beside) = beside_residual {
+            write!(f, "; {beside:.1e} of the standard deviation of its residual")?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::output_error::options::FitOptions;
+    use crate::time_domain::fit;
+    use fdm_system::model::Model;
+    use fdm_system::record::Run;
+
+    /// A pendulum at full swing, seen four times in a period.
+    fn faults(noise: f64, steps: usize) -> (bool, Vec<super::IntegrationFault>) {
+        let text = "model m { input u; state x = 1; state v = 0; param w = 1; der(x) = v; der(v) = u - w*w*sin(x); output y = x; }";
+        let model = Model::from_text("m.fdm", text).unwrap();
+        let time: Vec<f64> = (0..40).map(|k| 1.2 * f64::from(k)).collect();
+        let blank = Run {
+            name: "r".into(),
+            inputs: vec![0.0; time.len()],
+            held: vec![false],
+            measured: vec![0.0; time.len()],
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+            time,
+        };
+        let mut simulator = fdm_system::simulate::Simulator::new(model.dynamics(), &blank, 64).unwrap();
+        let mut measured = vec![0.0; blank.len()];
+        simulator.simulate(&model.definition().start(), &mut measured).unwrap();
+        let rough = |k: usize| noise * ((k * k * 7 % 11) as f64 / 5.0 - 1.0);
+        measured.iter_mut().enumerate().for_each(|(k, y)| *y += rough(k));
+        let run = Run { measured, ..blank };
+        let found =
+            fit(&model, &[run], &FitOptions { per_interval: Some(steps), ..FitOptions::default() }, &mut ()).unwrap();
+        (found.is_good(), found.integration_faults)
+    }
+
+    #[test]
+    fn steps_that_are_fitted_instead_of_the_model_are_told_with_place_and_state() {
+        let (good, found) = faults(1e-3, 1);
+        assert!(!good && found[0].is_severe() && found[0].part > 1e-3, "{found:?}");
+        assert!(found[0].state.is_some() && found[0].time > 0.0 && found[0].to_string().contains("`y`"), "{found:?}");
+        // beside much more noise the same error does not matter, and is said all the same
+        let (good, found) = faults(2.0, 2);
+        assert!(good && found.iter().all(|f| !f.is_severe()), "{found:?}");
+        assert!(faults(1e-3, 32).1.is_empty());
+    }
+}

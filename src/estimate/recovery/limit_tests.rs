@@ -1,0 +1,107 @@
+//! Limits bind every estimation that a fit makes, and what was reached by then is whole.
+
+use crate::observer::{Iteration, Observer, Stop};
+use crate::output_error::options::{Continuation, FitOptions, MultiStart};
+use crate::problem::Options;
+use crate::termination::Termination;
+use crate::time_domain::fit;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use std::ops::ControlFlow;
+
+/// Begins so far off that every fallback strategy has its turn.
+const TEXT: &str = "model m { input u; state x = 0; state v = 0; param w = 3; \
+                    der(x) = v; der(v) = u - w*w*x; output y = x; }";
+
+fn model() -> Model {
+    Model::from_text("m.fdm", TEXT).unwrap()
+}
+
+/// A step onto w = 1.
+fn run() -> Run {
+    let time: Vec<f64> = (0..160).map(|k| 0.25 * f64::from(k)).collect();
+    Run {
+        name: "r".into(),
+        inputs: vec![1.0; time.len()],
+        held: vec![false],
+        measured: time.iter().enumerate().map(|(k, t)| 1.0 - t.cos() + 1e-3 * (k * k % 7) as f64).collect(),
+        input_gaps: vec![0],
+        output_gaps: vec![0],
+        time,
+    }
+}
+
+/// Counts, and ends the work where it is told to.
+#[derive(Default)]
+struct Counting {
+    estimations: usize,
+    iterations: usize,
+    most: Option<(usize, Stop)>,
+}
+
+impl Observer for Counting {
+    fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
+        self.estimations += usize::from(iteration.number == 0);
+        self.iterations += usize::from(iteration.number > 0);
+        if self.stopped().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.most.filter(|(most, _)| self.iterations >= *most).map(|(_, stop)| stop)
+    }
+}
+
+fn limited(total: Option<usize>, options: FitOptions) -> (crate::Fit, Counting) {
+    let mut seen = Counting::default();
+    let iterations = total.unwrap_or(100);
+    let inner = Options { iterations, total, ..options.options.clone() };
+    let fit = fit(&model(), &[run()], &FitOptions { options: inner, ..options }, &mut seen).unwrap();
+    (fit, seen)
+}
+
+#[test]
+fn without_a_limit_fallbacks_reach_what_the_start_does_not() {
+    let (fit, seen) = limited(None, FitOptions::default());
+    assert!(fit.rescue.is_some() && seen.estimations > 1, "{} estimations", seen.estimations);
+    assert!((fit.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 1e-2);
+}
+
+#[test]
+fn no_iterations_are_no_fallbacks_either() {
+    let (fit, seen) = limited(Some(0), FitOptions::default());
+    assert_eq!((seen.estimations, seen.iterations), (1, 0));
+    assert_eq!(fit.estimate.parameter("w", None).unwrap().value, 3.0);
+    assert_eq!(fit.estimate.termination, Termination::IterationLimit);
+    assert!(fit.rescue.is_none() && fit.estimate.runs[0].response.len() == run().len());
+}
+
+#[test]
+fn strategies_that_were_asked_for_are_bound_too_and_end_with_the_whole_record() {
+    let asked = [
+        FitOptions { continuation: Continuation::Shares(vec![0.25, 0.5, 1.0]), ..FitOptions::default() },
+        FitOptions { starts: MultiStart { count: 3, seed: 1 }, ..FitOptions::default() },
+        FitOptions { confidence: true, reweight: true, ..FitOptions::default() },
+    ];
+    for (k, options) in asked.into_iter().enumerate() {
+        for total in [0, 4] {
+            let (fit, seen) = limited(Some(total), options.clone());
+            let starts = options.starts.count;
+            assert!(seen.iterations <= total * starts.max(1) + total, "{k}: {} of {total}", seen.iterations);
+            assert_eq!(fit.estimate.runs[0].response.len(), run().len(), "{k}");
+        }
+    }
+}
+
+#[test]
+fn what_was_reached_at_a_time_limit_is_that_of_the_whole_record() {
+    for most in [0, 1, 3, 6, 12] {
+        let mut seen = Counting { most: Some((most, Stop::TimeLimit)), ..Counting::default() };
+        let options = FitOptions { continuation: Continuation::Shares(vec![0.2, 1.0]), ..FitOptions::default() };
+        for options in [options, FitOptions::default()] {
+            let fit = fit(&model(), &[run()], &options, &mut seen).unwrap();
+            assert_eq!(fit.estimate.termination, Termination::TimeLimit, "{most}");
+            assert_eq!(fit.estimate.runs[0].response.len(), run().len(), "{most}");
+            assert!(fit.estimate.cost.is_some() && !fit.is_good(), "{most}");
+        }
+    }
+}
