@@ -105,17 +105,20 @@ fn percent(p: &ParameterEstimate) -> String {
 }
 
 fn interval(p: &ParameterEstimate) -> String {
-    let (Some(error), Some([low, high])) = (p.error(), p.interval()) else { return String::new() };
+    let Some([low, high]) = p.interval() else { return String::new() };
+    let error = p.error().unwrap_or(high - low);
     let shown = |v: f64| digits(v, digits_by_error(v, error, 2).unwrap_or(5));
     format!("{} to {}", shown(low), shown(high))
 }
 
 fn status(p: &ParameterEstimate) -> String {
     let bound = |b: Option<f64>| b.map_or(String::new(), |b| digits(b, 4));
+    let limit =
+        |sign: &str, limit: Option<f64>| limit.map_or(String::new(), |l| format!(", 95 % {sign} {}", digits(l, 3)));
     match p.status {
         Status::Estimated => String::new(),
-        Status::AtLowerBound => format!("at its lower bound {}", bound(p.lower)),
-        Status::AtUpperBound => format!("at its upper bound {}", bound(p.upper)),
+        Status::AtLowerBound => format!("at its lower bound {}{}", bound(p.lower), limit("<", p.limit)),
+        Status::AtUpperBound => format!("at its upper bound {}{}", bound(p.upper), limit(">", p.limit)),
         Status::NotDetermined => "not determined".into(),
         Status::Fixed => "fixed".into(),
         Status::Derived => "derived".into(),

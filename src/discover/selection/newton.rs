@@ -231,6 +231,7 @@ fn estimate(
         start: Some(start),
         lower: param.lower.is_finite().then_some(param.lower),
         upper: param.upper.is_finite().then_some(param.upper),
+        limit: None,
     }
 }
 

@@ -243,7 +243,7 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     };
     let without_priors = (!priors.is_empty()).then(|| Inverse::of_products(&information, &inside));
     let samples = vec![None; setting.noise.len()];
-    Some(CramerRao { scale, inside, inverse, noise: Some(noise), samples, without_priors })
+    Some(CramerRao { scale, inside, inverse, held: Vec::new(), noise: Some(noise), samples, without_priors })
 }
 
 /// R at these values, diagonal.

@@ -191,6 +191,7 @@ mod tests {
             start: None,
             lower: None,
             upper: None,
+            limit: None,
         }
     }
 

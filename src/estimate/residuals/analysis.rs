@@ -64,7 +64,8 @@ pub fn residual_quality(signals: &Signals<'_>) -> Vec<OutputQuality> {
     };
     let judge = |(o, name): (usize, &String)| {
         let fit = OutputFit::new(name, signals.run, signals.measured, signals.response, o, q);
-        let tests = sampling.as_ref().map_err(|e| *e).and_then(|sampling| tests(signals, o, sampling));
+        let own = sampling.as_ref().map_err(|e| *e).map(|sampling| thinned(signals, o, sampling));
+        let tests = own.and_then(|(own, sampling)| tests(&own, &sampling, signals, o));
         match tests {
             Ok(t) => {
                 let (whiteness, inputs) = (Some(t.whiteness), t.inputs);
@@ -117,20 +118,86 @@ struct Tests {
     inputs: Vec<InputCorrelation>,
 }
 
-fn tests(signals: &Signals<'_>, output: usize, sampling: &EvenGrid) -> Result<Tests, Untested> {
+/// The samples at which an output is compared, as far as they have a step in common that is more than one place, on a grid of their own: an output of every
+/// tenth row has its neighbours ten places away. All samples where there is no such step.
+fn thinned(signals: &Signals<'_>, output: usize, sampling: &EvenGrid) -> (Vec<usize>, EvenGrid) {
+    let q = signals.outputs.len();
+    let compared = |k: &usize| !signals.measured[k * q + output].is_nan();
+    let kept: Vec<usize> = (0..sampling.place.len()).filter(compared).collect();
+    let places: Vec<usize> = kept.iter().map(|k| sampling.place[*k]).collect();
+    let step = places.windows(2).fold(0, |step, pair| divisor(step, pair[1] - pair[0]));
+    if step < 2 {
+        return ((0..sampling.place.len()).collect(), sampling.clone());
+    }
+    let place = places.iter().map(|place| (place - places[0]) / step).collect();
+    (kept, EvenGrid { interval: sampling.interval * step as f64, place })
+}
+
+/// The greatest common divisor.
+fn divisor(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { divisor(b, a % b) }
+}
+
+/// Of the samples `kept`, at their places.
+fn tests(kept: &[usize], sampling: &EvenGrid, signals: &Signals<'_>, output: usize) -> Result<Tests, Untested> {
     let (q, m) = (signals.outputs.len(), signals.inputs.len());
-    let cells = signals.measured.iter().zip(signals.response).skip(output).step_by(q);
     // a response that is not finite is as good as none
-    let residual = |(z, y): (&f64, &f64)| if (z - y).is_finite() { z - y } else { f64::NAN };
-    let residuals = sampling.spread(cells.map(residual));
+    let residual = |k: &usize| {
+        let v = signals.measured[k * q + output] - signals.response[k * q + output];
+        if v.is_finite() { v } else { f64::NAN }
+    };
+    let residuals = sampling.spread(kept.iter().map(residual));
     let whiteness = Whiteness::new(&residuals, sampling)?;
     let series = centred(residuals);
     let colour = autoregression::of_series(&series);
     let inputs = signals.inputs.iter().enumerate().filter_map(|(i, name)| {
-        let input = sampling.spread(signals.input_values.iter().skip(i).step_by(m).copied());
+        let input = sampling.spread(kept.iter().map(|k| signals.input_values[k * m + i]));
         InputCorrelation::new(name, &series, &input, &colour, sampling.interval)
     });
     let inputs = inputs.collect();
     let spectrum = ResidualSpectrum::new(&series, sampling.interval);
     Ok(Tests { whiteness, spectrum, distribution: Distribution::new(&series), inputs })
+}
+
+#[cfg(test)]
+mod tests_of_thinned_records {
+    use super::*;
+    use fdm_numeric::random::Stream;
+
+    /// Residuals of every tenth row, AR(1) from one to the next, which have nothing to do with the input.
+    fn every_tenth(seed: u64, keep: f64) -> OutputQuality {
+        let (mut random, mut v) = (Stream::seeded(seed), 0.0);
+        let n = 800;
+        let mut noise = |k: usize| {
+            v = keep * v + random.normal_by_inversion();
+            if k % 10 == 3 { v } else { f64::NAN }
+        };
+        let measured: Vec<f64> = (0..n).map(|k| if k % 10 == 3 { noise(k) } else { f64::NAN }).collect();
+        let input_values: Vec<f64> = (0..n).map(|k| f64::from(u8::from(k / 60 % 3 == 1))).collect();
+        let time: Vec<f64> = (0..n).map(|k| 0.1 * k as f64).collect();
+        let (outputs, inputs) = (["y".to_string()], ["u".to_string()]);
+        let signals = Signals {
+            run: "r",
+            time: &time,
+            outputs: &outputs,
+            measured: &measured,
+            response: &vec![0.0; n],
+            inputs: &inputs,
+            input_values: &input_values,
+        };
+        residual_quality(&signals).remove(0)
+    }
+
+    #[test]
+    fn an_output_of_every_tenth_row_is_tested_on_its_own_grid() {
+        for keep in [0.0, 0.8] {
+            let all: Vec<OutputQuality> = (0..200).map(|seed| every_tenth(seed, keep)).collect();
+            let said = all.iter().filter(|q| q.inputs[0].is_significant()).count();
+            assert!(said <= 8, "{said} of 200 at one percent");
+            let whiteness = all[0].whiteness.as_ref().expect("enough");
+            assert!((whiteness.interval - 1.0).abs() < 1e-9 && whiteness.degrees == 16, "{whiteness:?}");
+            let coloured = all.iter().filter(|q| !q.whiteness.as_ref().expect("enough").is_white()).count();
+            assert!(if keep > 0.0 { coloured > 190 } else { coloured <= 8 }, "{coloured} of 200");
+        }
+    }
 }

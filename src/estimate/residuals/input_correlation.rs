@@ -9,6 +9,8 @@ use serde::{Deserialize, Serialize};
 const LAGS: usize = 50;
 /// Part of the record up to which an input may act.
 const REACH: usize = 10;
+/// Part of the input's power that has to meet residuals at a lag.
+const LEAST_PART: f64 = 0.2;
 /// Correlations count below this p-value.
 const SIGNIFICANT: f64 = 0.01;
 
@@ -51,7 +53,7 @@ impl InputCorrelation {
         colour: &AutoRegression,
         interval: f64,
     ) -> Option<Self> {
-        let (filled, present): (Vec<f64>, usize) = filled(residuals);
+        let filled = filled(residuals);
         let input = moving(input)?;
         let n = filled.len();
         let furthest = (n / REACH).max(1);
@@ -59,6 +61,13 @@ impl InputCorrelation {
         let places = (furthest / step) as i64;
         let norm = (square(&filled) * square(&input)).sqrt();
         let spread = spread(residuals, &input, colour) / norm;
+        // what of the input meets a residual at each lag
+        let met: Vec<f64> = residuals.iter().map(|v| if v.is_nan() { 0.0 } else { 1.0 }).collect();
+        let power: Vec<f64> = input.iter().map(|u| u * u).collect();
+        let [mut before, mut behind] = [vec![0.0; places as usize + 1], vec![0.0; places as usize + 1]];
+        add_lagged_products(&power, &met, step, &mut before);
+        add_lagged_products(&met, &power, step, &mut behind);
+        let whole = before[0];
         let mut found = Self::empty(name);
         let mut largest_ratio = -1.0;
         let [mut following, mut leading] = [vec![0.0; places as usize + 1], vec![0.0; places as usize + 1]];
@@ -66,9 +75,12 @@ impl InputCorrelation {
         add_lagged_products(&filled, &input, step, &mut leading);
         for place in -places..=places {
             let lag = place * step as i64;
-            let shift = lag.unsigned_abs() as usize;
             let r = if place >= 0 { &following } else { &leading }[place.unsigned_abs() as usize] / norm;
-            let deviation = spread * ((present.saturating_sub(shift)).max(1) as f64 / present as f64).sqrt();
+            let part = if place >= 0 { &before } else { &behind }[place.unsigned_abs() as usize] / whole;
+            if part.is_nan() || part < LEAST_PART {
+                continue;
+            }
+            let deviation = spread * part.sqrt();
             let time = lag as f64 * interval;
             if r.abs() / deviation > largest_ratio {
                 (largest_ratio, found.largest_lag, found.largest) = (r.abs() / deviation, time, r);
@@ -101,10 +113,9 @@ fn spread(residuals: &[f64], input: &[f64], colour: &AutoRegression) -> f64 {
     (colour.variance * square(&rows)).sqrt()
 }
 
-/// Zeros for what is missing, and how many values there are.
-fn filled(series: &[f64]) -> (Vec<f64>, usize) {
-    let present = series.iter().filter(|v| !v.is_nan()).count();
-    (series.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect(), present)
+/// Zeros for what is missing.
+fn filled(series: &[f64]) -> Vec<f64> {
+    series.iter().map(|v| if v.is_nan() { 0.0 } else { *v }).collect()
 }
 
 /// The input about its mean, zero where it is not known; none when it does not move.

@@ -19,6 +19,7 @@ use crate::problem::{Problem, ProblemRun};
 use crate::residuals::autocovariance::Lagged;
 use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
 use crate::unknowns::Unknowns;
+use fdm_numeric::statistics::chi_squared_tail;
 use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -29,6 +30,8 @@ const ROUNDS: usize = 12;
 const SETTLING: usize = 6;
 /// Change of the autocovariances, relative to the variance, that ends the rounds.
 const SETTLED: f64 = 1e-3;
+/// Residuals are larger than their known noise below this probability.
+const SIGNIFICANT: f64 = 0.01;
 /// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
 const MOST_NUMBERS: usize = 20_000_000;
 
@@ -84,10 +87,30 @@ pub(crate) fn corrected(
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
                 colours.extend(short.report(problem, &noise.covariance));
             }
+            if is_as_declared(&runs, bound, &colours) {
+                let values = bound.inverse.values.clone();
+                return Ok(Corrected { values, colours, freedom: Vec::new(), unbiased: None });
+            }
             return Ok(Corrected { values: covariance, colours, freedom, unbiased: None });
         }
     }
     Err(Uncorrected::NotFinite)
+}
+
+/// Whether the noise of all outputs is known beforehand and nothing speaks against it: residuals are white, and not larger than such noise. The Cramer-Rao
+/// bound is then the covariance, and estimates follow the normal law.
+fn is_as_declared(runs: &[SensitivityRows], bound: &CramerRao, colours: &[NoiseColour]) -> bool {
+    let Some(noise) = bound.noise.as_ref().filter(|_| bound.samples.iter().all(Option::is_none)) else { return false };
+    let (q, mut square, mut count) = (bound.samples.len(), 0.0, 0.0);
+    for (o, residuals) in runs.iter().flat_map(|run| run.residuals.iter().enumerate()) {
+        let variance = noise.covariance[o * q + o];
+        for v in residuals.iter().filter(|v| !v.is_nan()) {
+            (square, count) = (square + v * v / variance, count + 1.0);
+        }
+    }
+    let estimated = (bound.inverse.chosen.len() - bound.held.len()) as f64;
+    let chance = chi_squared_tail(square, count - estimated);
+    colours.iter().all(NoiseColour::is_white) && chance.is_some_and(|chance| chance >= SIGNIFICANT)
 }
 
 /// How well the corrected variances are known.

@@ -255,6 +255,85 @@ fn intervals_hold_where_noise_swings() {
     assert!(held >= 93.0 && (0.95..1.7).contains(&ratio), "{held} {ratio}");
 }
 
+/// Of `repeats` intervals over twelve samples how many hold, in per cent; noise that swings once in so many samples.
+fn held_of_twelve(period: Option<f64>, repeats: u64) -> f64 {
+    let (x, mut hits) = (grid(12, 1.5), 0);
+    for seed in 0..repeats {
+        let (mut normal, mut last) = (Normal(23 + seed * 7919), [0.0; 2]);
+        let fit = timed(x.clone(), |k, _| {
+            let Some(period) = period else { return 0.02 * normal.next() };
+            for _ in 0..if k == 0 { 200 } else { 1 } {
+                let v = 2.0 * 0.95 * (std::f64::consts::TAU / period).cos() * last[0] - 0.9025 * last[1];
+                last = [v + 0.004 * normal.next(), last[0]];
+            }
+            last[0]
+        });
+        for (p, truth) in fit.parameters.iter().zip([2.0, 1.5]) {
+            let [low, high] = p.interval().expect("known");
+            hits += usize::from(low < truth && truth < high);
+        }
+    }
+    100.0 * hits as f64 / (2 * repeats) as f64
+}
+
+#[test]
+fn intervals_of_twelve_samples_hold_where_noise_swings_slowly() {
+    // 120 intervals of which two and two belong together: known to 3 %
+    let white = held_of_twelve(None, 60);
+    assert!((92.0..=100.0).contains(&white), "white {white}");
+    let slow = held_of_twelve(Some(12.0), 60);
+    assert!(slow >= 86.0, "{slow}");
+}
+
+/// Three parameters of which one is at its bound, and what its neighbour's interval then holds.
+#[test]
+fn intervals_hold_beside_a_parameter_at_its_bound() {
+    let (mut at, mut hits) = (0, [0; 2]);
+    for seed in 0..300 {
+        let mut normal = Normal(71 + seed * 7919);
+        let data = run("r", grid(60, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| 0.2 * normal.next());
+        let mut params = both_params();
+        // an error of the rate below the truth, so that one in six fits ends at it
+        (params[1].lower, params[1].value) = (1.5 - 0.1135, 2.0);
+        let fit = solve(&mut problem(params, vec![data]), &Options::default());
+        if fit.parameters[1].status != Status::AtLowerBound {
+            continue;
+        }
+        at += 1;
+        for (k, truth) in [2.0, 1.5].into_iter().enumerate() {
+            let [low, high] = fit.parameters[k].interval().expect("known");
+            hits[k] += usize::from(low <= truth && truth <= high);
+        }
+    }
+    assert!((25..85).contains(&at), "{at} of 300 at the bound");
+    // with the errors that hold for a value at the bound only: 85 % of the amplitudes
+    assert!(hits.iter().all(|hits| 100 * hits >= 91 * at), "{hits:?} of {at}");
+}
+
+#[test]
+fn known_white_noise_leaves_cramer_rao_and_the_normal_law() {
+    let given = || Options { noise: Noise::Given(vec![Some(0.02)]), ..Options::default() };
+    let fit = |deviation: f64, keep: f64| {
+        let (mut normal, mut v) = (Normal(9), 0.0);
+        let data = run("r", grid(40, 3.0), 1, DECAY, &[2.0, 1.5], |_, _| {
+            v = keep * v + deviation * (1.0 - keep * keep).sqrt() * normal.next();
+            v
+        });
+        solve(&mut problem(both_params(), vec![data]), &given())
+    };
+    let right = fit(0.02, 0.0);
+    for p in &right.parameters {
+        assert_eq!((p.corrected_error, p.degrees_of_freedom), (p.standard_error, None), "{}", p.name);
+        let [low, high] = p.interval().expect("known");
+        let wide = (high - low) / p.standard_error.expect("known");
+        assert!((wide - 2.0 * 1.959_964).abs() < 1e-4, "{wide}");
+    }
+    // what speaks against it counts: noise three times as large, and slow noise
+    for wrong in [fit(0.06, 0.0), fit(0.02, 0.9)] {
+        assert!(wrong.parameters.iter().all(|p| p.degrees_of_freedom.is_some()), "{:?}", wrong.colours);
+    }
+}
+
 #[test]
 fn outputs_have_colours_of_their_own() {
     let (mut normal, mut slow) = (Normal(3), 0.0);

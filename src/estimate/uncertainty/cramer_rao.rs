@@ -4,6 +4,7 @@
 use crate::iteration::likelihood::LikelihoodSteps;
 use crate::iteration::priors::PriorRow;
 use crate::noise::Weights;
+use crate::uncertainty::bounds::{Held, opened};
 use fdm_numeric::least_squares::ACCURATE;
 use fdm_numeric::quadratic::Inverse;
 
@@ -14,8 +15,10 @@ pub(crate) struct CramerRao {
     pub(crate) scale: Vec<f64>,
     /// Whether each unknown is strictly within its bounds.
     pub(crate) inside: Vec<bool>,
-    /// Covariance in scaled unknowns, and what is not determined.
+    /// Covariance in scaled unknowns, and what is not determined; those in `held` as if they had no bounds.
     pub(crate) inverse: Inverse,
+    /// Parameters at their bounds about which the data say as much as about all others.
+    pub(crate) held: Vec<Held>,
     /// Noise corrected for degrees of freedom; none when there are none left.
     pub(crate) noise: Option<Weights>,
     /// For each output its independent compared samples where its noise is estimated; none where it is known.
@@ -59,10 +62,16 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
         steps.problem.gather_with(&factors, steps.problem.priors.rows(&values), &mut steps.quadratic);
         inverse = steps.quadratic.invert(inverse.chosen.clone(), inverse)?;
     }
+    let bounds = unknowns.lower.iter().zip(&unknowns.upper).enumerate();
+    let at: Vec<(usize, f64, f64)> = bounds
+        .filter(|(j, (lower, upper))| !inside[*j] && lower < upper)
+        .map(|(j, (lower, upper))| (j, if values[j] <= *lower { 1.0 } else { -1.0 }, upper - lower))
+        .collect();
+    let (inverse, held) = opened(&mut steps.quadratic, inverse, &at);
     let scale = steps.quadratic.scale.clone();
     let without_priors = by_data_alone(steps, &inside);
     let samples = likelihood.samples_of_outputs();
-    Some(CramerRao { scale, inside, inverse, noise, samples, without_priors })
+    Some(CramerRao { scale, inside, inverse, held, noise, samples, without_priors })
 }
 
 /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.

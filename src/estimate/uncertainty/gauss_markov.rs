@@ -133,14 +133,14 @@ impl GaussMarkov {
 }
 
 /// Prior probability that all noise is white.
-const WHITE: f64 = 0.85;
+const WHITE: f64 = 0.6;
 /// What is left of it: for first-order noise, for its smooth kind, and for second-order noise that oscillates.
-const SHARES: [f64; 3] = [0.7, 0.1, 0.2];
+const SHARES: [f64; 3] = [0.5, 0.1, 0.4];
 /// White parts of first-order noise, and of all others.
 const PARTS: [f64; 3] = [0.0, 0.3, 0.6];
 const OTHER_PARTS: [f64; 2] = [0.0, 0.4];
 /// Angles that oscillating noise turns through in its correlation time.
-const TURNS: [f64; 2] = [2.0, 6.0];
+const TURNS: [f64; 3] = [2.0, 6.0, 20.0];
 /// Factor from one period to the next, at most.
 const PERIOD_STEP: f64 = 1.4;
 /// Shortest correlation time, in intervals.
@@ -148,8 +148,8 @@ const SHORTEST: f64 = 0.4;
 /// Longest, in lengths of the longest record; smooth noise correlates over more than twice its time, and longer ones are trends.
 const LONGEST: f64 = 2.0;
 const LONGEST_SMOOTH: f64 = 0.25;
-/// Longest period, in the same.
-const LONGEST_PERIOD: f64 = 0.25;
+/// Longest period, in the same: what swings once within a short record is what its parameters imitate best.
+const LONGEST_PERIOD: f64 = 1.0;
 /// Factor from one time to the next, at most.
 const STEP: f64 = 1.7;
 
@@ -180,7 +180,9 @@ pub(super) fn candidates(runs: &[&SensitivityRows], interval: f64) -> (Vec<Gauss
         }
     }
     for angular in spaced(2.0 * interval, LONGEST_PERIOD * length, PERIOD_STEP).map(|period| TAU / period) {
-        for (turns, smooth) in TURNS.into_iter().flat_map(|t| [(t, false), (t, true)]) {
+        // what turns longest is a line, rough or smooth
+        let kinds = TURNS.into_iter().flat_map(|t| [(t, false), (t, true)]).take(2 * TURNS.len() - 1);
+        for (turns, smooth) in kinds {
             let time_constant = turns / angular;
             let noise = |white| GaussMarkov { time_constant, angular, smooth, white, clock: Clock::Time };
             oscillating.extend(OTHER_PARTS.map(noise));

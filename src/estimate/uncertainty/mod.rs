@@ -2,9 +2,10 @@
 //!
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** Cramer-Rao bounds ([`cramer_rao`]), directions that are not identifiable
 //! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`]): known beforehand, coloured in long runs ([`coloured`]), averaged
-//! over noise models in short ones ([`model_averaged`]), in spectra ([`spectra`], with noise in measured regressors, whose bias is removed); and the table of
+//! over noise models in short ones ([`model_averaged`]), beside parameters at their bounds ([`bounds`]), in spectra ([`spectra`], with noise in measured regressors, whose bias is removed); and the table of
 //! the parameters ([`parameters`]).
 
+pub(super) mod bounds;
 pub(super) mod coloured;
 #[cfg(test)]
 mod coloured_tests;

@@ -1,6 +1,7 @@
 //! What is reported of each parameter: value, standard errors (Cramer-Rao and corrected), confidence interval by Student's law, status; errors of derived
 //! quantities by the delta method; correlations.
 
+use super::bounds::within;
 use super::cramer_rao::CramerRao;
 use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
@@ -16,9 +17,9 @@ use std::fmt;
 pub enum Status {
     /// Estimated, with a standard error.
     Estimated,
-    /// Held at its lower bound: not part of the covariance.
+    /// Held at its lower bound: not part of the covariance. Errors of the others allow for it where there is a [`ParameterEstimate::limit`].
     AtLowerBound,
-    /// Held at its upper bound: not part of the covariance.
+    /// Held at its upper bound, likewise.
     AtUpperBound,
     /// The data do not determine it; see [`Estimate::undetermined`](crate::Estimate::undetermined).
     NotDetermined,
@@ -74,6 +75,10 @@ pub struct ParameterEstimate {
     pub lower: Option<f64>,
     /// Greatest admissible value.
     pub upper: Option<f64>,
+    /// Of a parameter at its bound: the value that it lies on this side of with 95 % probability. None where the data do not say, so that errors of
+    /// the others hold for a value at the bound only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<f64>,
 }
 
 impl ParameterEstimate {
@@ -83,8 +88,11 @@ impl ParameterEstimate {
     }
 
     /// The interval that holds the true value in 95 of 100 cases, by the error that is to be trusted and what is known of it: as many of
-    /// these errors on both sides as Student's law says.
+    /// these errors on both sides as Student's law says. From the bound to the limit for a parameter at its bound.
     pub fn interval(&self) -> Option<[f64; 2]> {
+        if let Some(limit) = self.limit {
+            return Some([self.value.min(limit), self.value.max(limit)]);
+        }
         let half = self.error()? * quantile(self.degrees_of_freedom.filter(|_| self.corrected_error.is_some()));
         Some([self.value - half, self.value + half])
     }
@@ -128,6 +136,8 @@ pub(crate) struct Statistics {
     freedom: Vec<f64>,
     /// Position of an unknown in `covariance`.
     place: Vec<Option<usize>>,
+    /// Of unknowns at their bounds how far inside they may be.
+    limits: Vec<Option<f64>>,
     /// Undetermined directions over the chosen unknowns, per parameter unit.
     null: Vec<Vec<f64>>,
     /// The same in words.
@@ -147,8 +157,9 @@ impl Statistics {
     ) -> Self {
         let Some(bound) = bound else {
             let (status, place) = (vec![Status::NotEstimated; values.len()], vec![None; values.len()]);
-            let (covariance, corrected, freedom, null, directions, by_prior) = Default::default();
-            return Self { status, covariance, corrected, freedom, place, null, directions, by_prior };
+            let (covariance, corrected, freedom, limits) = Default::default();
+            let (null, directions, by_prior) = Default::default();
+            return Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior };
         };
         let inverse = &bound.inverse;
         let name = |j: usize| name_of(problem, unknowns, j);
@@ -167,22 +178,33 @@ impl Statistics {
         let mut place = vec![None; values.len()];
         for (k, j) in inverse.chosen.iter().enumerate() {
             place[*j] = Some(k);
-            if determined[k] {
+            if determined[k] && inside[*j] {
                 status[*j] = Status::Estimated;
             }
         }
         let scale: Vec<f64> = inverse.chosen.iter().map(|j| bound.scale[*j]).collect();
         let entries = || scale.iter().flat_map(|a| scale.iter().map(move |b| a * b));
         let physical = |values: &[f64]| values.iter().zip(entries()).map(|(v, s)| v / s).collect::<Vec<f64>>();
-        let mut covariance = physical(&inverse.values);
+        let mut about = inverse.values.clone();
+        let mut reach = within(inverse, &bound.held, &mut about);
+        let mut covariance = physical(&about);
         let freedom = corrected.map_or(Vec::new(), |c| c.freedom.clone());
-        let corrected = corrected.map_or(Vec::new(), |c| physical(&c.values));
+        if let Some(corrected) = corrected {
+            about.clone_from(&corrected.values);
+            reach = within(inverse, &bound.held, &mut about);
+        }
+        let corrected = corrected.map_or(Vec::new(), |_| physical(&about));
+        let mut limits = vec![None; values.len()];
+        for (held, reach) in bound.held.iter().zip(reach).filter(|_| bound.noise.is_some()) {
+            let wider = quantile(freedom.get(held.place).copied()) / quantile(None);
+            limits[inverse.chosen[held.place]] = reach.map(|reach| reach * wider / scale[held.place]);
+        }
         if bound.noise.is_none() {
             covariance.clear();
         }
         let null = inverse.null.iter().map(|v| v.iter().zip(&scale).map(|(x, s)| x / s).collect()).collect();
         let by_prior = by_prior.unwrap_or_default().into_iter().filter(|d| !directions.contains(d)).collect();
-        Self { status, covariance, corrected, freedom, place, null, directions, by_prior }
+        Self { status, covariance, corrected, freedom, place, limits, null, directions, by_prior }
     }
 
     /// An entry of one of the covariances.
@@ -198,6 +220,12 @@ impl Statistics {
             variance.filter(|_| self.status[unknown] == Status::Estimated).map(|v| v.max(0.0).sqrt())
         };
         [error(&self.covariance), error(&self.corrected)]
+    }
+
+    /// The value that an unknown at its bound lies on this side of.
+    fn limit(&self, unknown: usize, value: f64) -> Option<f64> {
+        let reach = self.limits.get(unknown).copied().flatten()?;
+        Some(if self.status[unknown] == Status::AtLowerBound { value + reach } else { value - reach })
     }
 
     /// Degrees of freedom of an unknown's corrected error.
@@ -267,6 +295,7 @@ impl Statistics {
                     start: Some(start),
                     lower: bound(param.lower),
                     upper: bound(param.upper),
+                    limit: unknown.and_then(|j| self.limit(j, values[j])),
                 });
             }
         }
@@ -302,6 +331,7 @@ impl Statistics {
                     start: None,
                     lower: None,
                     upper: None,
+                    limit: None,
                 });
             }
         }

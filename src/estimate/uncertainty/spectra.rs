@@ -6,6 +6,7 @@
 //! Weights that are estimated from few frequencies cost precision, and the information promises too much: the middle grows by
 //! `2 sum_o 2/v(o) (A(o) - A(o) D A(o))`, A the information of one output, v the degrees of freedom of its noise (Kenward and Roger 1997).
 
+use super::bounds::stay;
 use super::cramer_rao::CramerRao;
 use super::measured_regressors::RegressorEffect;
 use super::sandwich::{Corrected, Sandwich, Uncorrected};
@@ -54,7 +55,8 @@ pub(crate) fn corrected_spectra(
     // the bias by that noise is removed
     let mut unbiased = None;
     let mut extrapolated = bound.clone();
-    if let Some(simex) = regressors.and_then(|regressors| regressors.simex) {
+    if let Some(mut simex) = regressors.and_then(|regressors| regressors.simex) {
+        stay(&bound.inverse, &bound.held, &mut simex.step);
         let mut moved = values.to_vec();
         for (unknown, step) in bound.inverse.chosen.iter().zip(&simex.step) {
             let value = values[*unknown] + step / bound.scale[*unknown];

@@ -168,6 +168,7 @@ fn recursively(stage: &Stage, setting: &Setting) -> Found {
             start: None,
             lower: None,
             upper: None,
+            limit: None,
         })
         .collect();
     found
@@ -200,6 +201,7 @@ fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
             start: None,
             lower: None,
             upper: None,
+            limit: None,
         }));
     }
     Ok(found)

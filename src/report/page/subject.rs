@@ -177,6 +177,7 @@ impl Subject {
             start: None,
             lower: None,
             upper: None,
+            limit: None,
         };
         match &self.content {
             Content::Result(ResultDocument::Fit(fit)) => fit.parameters.clone(),

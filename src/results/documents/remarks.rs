@@ -3,6 +3,7 @@
 use super::digits::digits;
 use fdm_estimate::residuals::{InputCorrelation, OutputQuality};
 use fdm_estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
+use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -18,6 +19,8 @@ pub enum About {
     Correlated,
     /// Parameters at their bounds.
     Bound,
+    /// Intervals that may hold less often than in 95 of 100 cases.
+    Intervals,
     /// Parameters that noise in the equations had drawn.
     Drawn,
     /// Help that the iteration needed.
@@ -63,6 +66,10 @@ const DRAWN: f64 = 0.3;
 const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
 const OFFSET: f64 = 0.2;
+/// Probability of an offset as large by chance, below which it is worth a line.
+const OFFSET_CHANCE: f64 = 0.01;
+/// Samples that do not tell the colour of their noise: where neighbours correlate by 0.9 they are worth three independent ones.
+const FEW_SAMPLES: usize = 60;
 /// Most lines about correlations with inputs.
 const MOST_INPUTS: usize = 6;
 /// Most lines about parameters at their bounds.
@@ -85,6 +92,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     say(About::NoNoise, estimate.noise_free.iter().map(rounding).collect());
     if estimate.noise_free.is_empty() {
         say(About::Colour, colour(estimate));
+        say(About::Intervals, few(estimate));
     }
     remarks
 }
@@ -123,7 +131,7 @@ pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<Remark> {
     let mut remarks: Vec<Remark> =
         untested(quality, several).into_iter().map(|s| Remark::new(About::Untested, s)).collect();
     for q in quality {
-        if let Some(parts) = q.fit.tic_parts.filter(|p| p.bias > OFFSET) {
+        if let Some(parts) = q.fit.tic_parts.filter(|p| p.bias > OFFSET && chance_of_offset(q) < OFFSET_CHANCE) {
             let share = 100.0 * parts.bias;
             let said = format!("{} is an offset for {share:.0} %: a bias parameter may be missing", place(q));
             remarks.push(Remark::new(About::Offset, said));
@@ -147,6 +155,20 @@ pub fn residual_remarks(quality: &[OutputQuality], time: &str) -> Vec<Remark> {
         remarks.push(Remark::new(About::Input, said));
     }
     remarks
+}
+
+/// Probability of a mean residual as far from zero, were it zero: Student's law, with as many independent samples as the autocorrelation leaves. What is known
+/// of that is summed as far as it is positive (Geyer's initial sequence).
+fn chance_of_offset(q: &OutputQuality) -> f64 {
+    let Some(share) = q.fit.tic_parts.map(|parts| parts.bias).filter(|share| *share < 1.0) else { return 0.0 };
+    let lags = q.whiteness.as_ref().map_or(&[][..], |w| &w.autocorrelation);
+    let n = q.fit.compared as f64;
+    let positive = lags.iter().take_while(|r| **r > 0.0);
+    // about their mean, residuals correlate by 1/n less than they do
+    let alike = 1.0 + 2.0 * positive.map(|r| r + 1.0 / n).sum::<f64>();
+    let independent = (n / alike).max(2.0);
+    let deviate = (share / (1.0 - share) * (independent - 1.0)).sqrt();
+    Student::new(independent - 1.0).map_or(1.0, |law| 2.0 * law.tail(deviate))
 }
 
 /// Residuals that no test was possible for: those of one run for one reason in one line.
@@ -186,12 +208,47 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
         Status::AtUpperBound => Some("upper"),
         _ => None,
     };
-    let held = estimate.parameters.iter().filter_map(|p| Some((called(p), side(p)?)));
-    let told: Vec<String> = held.clone().take(MOST_BOUNDS).map(|(name, side)| {
-        format!("{name} is at its {side} bound: the best value may lie beyond it, or far from these start values (try --starts 8)")
-    }).collect();
+    let held = estimate.parameters.iter().filter_map(|p| Some((p, side(p)?)));
+    let say = |(p, side): (&ParameterEstimate, &str)| {
+        let errors = match p.limit {
+            Some(limit) => {
+                let word = if limit > p.value { "below" } else { "above" };
+                format!(
+                    "with 95 % probability it is {word} {}, and errors of the others allow for that",
+                    digits(limit, 3)
+                )
+            }
+            None => "errors of the others hold only where that is the true value".into(),
+        };
+        let name = called(p);
+        format!(
+            "{name} is at its {side} bound: the best value may lie beyond it, or far from these start values (try --starts 8); {errors}"
+        )
+    };
+    let told: Vec<String> = held.clone().take(MOST_BOUNDS).map(say).collect();
     let more = held.count().saturating_sub(MOST_BOUNDS);
     told.into_iter().chain((more > 0).then(|| format!("{more} more parameters are at a bound"))).collect()
+}
+
+/// Outputs of so few samples that the colour of their noise is not known; where it is known beforehand there is nothing to say.
+fn few(estimate: &Estimate) -> Vec<String> {
+    if estimate.colours.is_empty() || estimate.parameters.iter().all(|p| p.degrees_of_freedom.is_none()) {
+        return Vec::new();
+    }
+    let mut counts: Vec<(&str, usize)> = Vec::new();
+    for o in estimate.outputs.iter().filter(|o| o.compared > 0) {
+        match counts.iter_mut().find(|(name, _)| *name == o.name) {
+            Some((_, count)) => *count += o.compared,
+            None => counts.push((&o.name, o.compared)),
+        }
+    }
+    let most = counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
+    if most == 0 || most > FEW_SAMPLES {
+        return Vec::new();
+    }
+    vec![format!(
+        "{most} samples do not tell the colour of their noise: if it drifts or swings slowly, fewer than 95 % of such intervals hold"
+    )]
 }
 
 /// Whether the Cramer-Rao errors can be trusted.
@@ -244,6 +301,26 @@ fn named(name: &str, run: Option<&str>) -> String {
 mod tests {
     use super::*;
     use fdm_estimate::residuals::{OutputFit, Untested};
+
+    #[test]
+    fn an_offset_is_what_chance_does_not_explain() {
+        let of = |values: &[f64]| OutputQuality {
+            fit: OutputFit::new("y", "r", values, &vec![0.0; values.len()], 0, 1),
+            untested: None,
+            whiteness: None,
+            spectrum: None,
+            distribution: None,
+            inputs: Vec::new(),
+        };
+        let noise = |n: usize, mean: f64| (0..n).map(|k| mean + (2.4 * k as f64 + 0.3).sin()).collect::<Vec<f64>>();
+        // a quarter of the mean square: chance in eight samples, none in eighty
+        for (n, offsets) in [(8, 0), (80, 1)] {
+            let quality = of(&noise(n, 0.42));
+            assert!(quality.fit.tic_parts.is_some_and(|p| p.bias > OFFSET), "{:?}", quality.fit);
+            let said = residual_remarks(&[quality], "s");
+            assert_eq!(said.iter().filter(|r| r.about == About::Offset).count(), offsets, "{n} samples: {said:?}");
+        }
+    }
 
     #[test]
     fn what_could_not_be_tested_is_said_once_for_each_run() {

@@ -18,6 +18,7 @@ pub(crate) fn parameter(name: &str, run: Option<&str>, value: f64, errors: Optio
         start: None,
         lower: None,
         upper: None,
+        limit: None,
     }
 }
 
