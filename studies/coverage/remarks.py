@@ -81,11 +81,12 @@ def kind(about, sentence):
 def main():
     parse = argparse.ArgumentParser()
     parse.add_argument("--repeats", type=int, default=250)
+    parse.add_argument("--only", nargs="*", default=CONDITIONS, help="conditions")
     asked = parse.parse_args()
     kinds = ["input", "feedback", "offset", "colour", "variance", "white p < 0.01"]
     print("| records | fits | " + " | ".join(f"{k}, %" for k in kinds) + " | covers, % | others |")
     print("|---|---|" + "---|" * (len(kinds) + 2))
-    for condition in CONDITIONS:
+    for condition in asked.only:
         found = [f for f in cell("remarks", [condition], make, asked.repeats) if f.get("termination") == "converged"]
         count = Counter(k for f in found for k in {kind(*r) for r in f["remarks"]})
         count["white p < 0.01"] = sum(any(p < 0.01 for p in f["white"]) for f in found)

@@ -285,7 +285,6 @@ fn intervals_of_twelve_samples_hold_where_noise_swings_slowly() {
     assert!(slow >= 86.0, "{slow}");
 }
 
-/// Three parameters of which one is at its bound, and what its neighbour's interval then holds.
 #[test]
 fn intervals_hold_beside_a_parameter_at_its_bound() {
     let (mut at, mut hits) = (0, [0; 2]);

@@ -127,7 +127,7 @@ fn weight(about: About) -> (usize, &'static str) {
         About::Offset => (2, "residuals"),
         About::Input => (3, "residuals"),
         About::Colour => (4, "residuals"),
-        About::Drawn => (5, "parameters"),
+        About::Drawn | About::Intervals => (5, "parameters"),
         About::Correlated => (6, "correlations"),
         About::Prior => (7, "parameters"),
         About::Iteration => (8, "convergence"),

@@ -87,10 +87,11 @@ fn bar(share: f64) -> Markup {
 }
 
 fn flags(p: &ParameterEstimate, partners: &[String]) -> Markup {
+    let limit = |side| p.limit.map_or(String::new(), |l| format!(", with 95 % probability {side} {}", text(l, 3)));
     let status = match p.status {
         Status::Estimated => None,
-        Status::AtLowerBound => Some(("flag", format!("at its lower bound {}", shown(p.lower, 4)))),
-        Status::AtUpperBound => Some(("flag", format!("at its upper bound {}", shown(p.upper, 4)))),
+        Status::AtLowerBound => Some(("flag", format!("at its lower bound {}{}", shown(p.lower, 4), limit("below")))),
+        Status::AtUpperBound => Some(("flag", format!("at its upper bound {}{}", shown(p.upper, 4), limit("above")))),
         Status::NotDetermined => Some(("flag", "not determined by the data".to_string())),
         other => Some(("quiet", other.to_string())),
     };
