@@ -68,7 +68,7 @@ const MOST_PAIRS: usize = 6;
 const OFFSET: f64 = 0.2;
 /// Probability of an offset as large by chance, below which it is worth a line.
 const OFFSET_CHANCE: f64 = 0.01;
-/// Samples that do not tell the colour of their noise: where neighbours correlate by 0.9 they are worth three independent ones.
+/// Samples that do not determine the colour of their noise: where neighbours correlate by 0.9 they are worth three independent ones.
 const FEW_SAMPLES: usize = 60;
 /// Most lines about correlations with inputs.
 const MOST_INPUTS: usize = 6;
@@ -247,7 +247,7 @@ fn few(estimate: &Estimate) -> Vec<String> {
         return Vec::new();
     }
     vec![format!(
-        "{most} samples do not tell the colour of their noise: if it drifts or swings slowly, fewer than 95 % of such intervals hold"
+        "{most} samples do not determine the colour of their noise: if it drifts or oscillates slowly, fewer than 95 % of such intervals hold"
     )]
 }
 
