@@ -83,8 +83,12 @@ fn verdict(v: &Verification) -> String {
             "the derivatives could not be checked: no point around the start values has finite values{skipped}\n"
         );
     }
+    let way = match v.directions {
+        0 => "compared with complex steps".to_string(),
+        count => format!("summed along {count} random directions of all variables, compared with complex steps"),
+    };
     let mut text = format!(
-        "derivatives: {} entries, structural zeros included, compared with complex steps at {} points{skipped}: ",
+        "derivatives: {} entries, structural zeros included, {way} at {} points{skipped}: ",
         v.compared, v.points
     );
     match (&v.failures[..], &v.worst) {

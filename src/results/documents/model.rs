@@ -120,6 +120,9 @@ pub struct Derivatives {
     pub skipped: usize,
     /// Entries that were compared.
     pub compared: usize,
+    /// Random directions along which a large model was compared, all variables at once.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub directions: Option<usize>,
     /// The one that differs most.
     pub worst: Option<DiscrepancyDocument>,
     /// Those that differ by too much.
@@ -196,6 +199,7 @@ impl ModelDocument {
                 points: verification.points,
                 skipped: verification.skipped,
                 compared: verification.compared,
+                directions: Some(verification.directions).filter(|count| *count > 0),
                 worst: verification.worst.as_ref().map(found),
                 failures: verification.failures.iter().map(found).collect(),
             },

@@ -101,7 +101,7 @@ impl Scatter {
     }
 
     /// Between -1 and 1 (Marsaglia's xorshift, multiplied).
-    fn uniform(&mut self) -> f64 {
+    pub(super) fn uniform(&mut self) -> f64 {
         self.state ^= self.state >> 12;
         self.state ^= self.state << 25;
         self.state ^= self.state >> 27;

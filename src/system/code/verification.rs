@@ -33,6 +33,12 @@ const TRIALS: usize = 4;
 /// Operations that may be spent: a fraction of a second, so that checking stays quicker than compiling.
 const BUDGET: usize = 10_000_000;
 
+/// Budgets that one point may take leaf by leaf; beyond, all leaves are moved at once.
+const BUDGETS: usize = 4;
+
+/// Directions in which all leaves of a large model are moved at once.
+const DIRECTIONS: usize = 6;
+
 /// An entry whose two derivatives differ.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Discrepancy {
@@ -57,6 +63,8 @@ pub struct Verification {
     pub skipped: usize,
     /// Comparisons made, structural zeros included.
     pub compared: usize,
+    /// Directions in which all leaves were moved at once at a point, since the model is too large for one after the other; else 0.
+    pub directions: usize,
     /// The largest deviation, failure or not; none when everything was equal.
     pub worst: Option<Discrepancy>,
     /// Entries beyond [`TOLERANCE`], each at its worst point, ordered by equation.
@@ -123,6 +131,9 @@ impl<'a> Comparison<'a> {
         for (i, value) in self.sides.values(site).into_iter().enumerate() {
             self.judge(i, None, (symbolic.values[i], 0.0), value);
         }
+        if self.is_large() && self.agrees_in_all_directions(site, &symbolic) {
+            return;
+        }
         let mut column = vec![(0.0, 0.0); self.sides.equations()];
         let free: Vec<usize> = (0..self.sides.leaves()).filter(|leaf| self.is_free(*leaf)).collect();
         let mut suspected = false;
@@ -148,6 +159,58 @@ impl<'a> Comparison<'a> {
                 }
             }
         }
+    }
+
+    /// Whether steps of one leaf after the other, each through all equations, would take too long.
+    fn is_large(&self) -> bool {
+        let s = self.schedule;
+        let plain = [&s.prepare, &s.rates, &s.outputs].map(|p| p.instructions.len()).into_iter().sum::<usize>();
+        (plain + self.sides.equations()).saturating_mul(self.sides.leaves()) > BUDGETS * BUDGET
+    }
+
+    /// Moves all leaves at once, in random directions: what a step finds is the sum of all partials of an equation along the direction, structural
+    /// zeros included, at the cost of one evaluation. False where an equation differs, or has a partial that is not finite: then leaf by leaf.
+    fn agrees_in_all_directions(&mut self, site: &Site, symbolic: &Symbolic) -> bool {
+        let before = (self.found.compared, self.found.worst.clone());
+        let leaves: Vec<f64> = site.x.iter().chain(&site.drive).chain(&site.theta).copied().collect();
+        for number in 0..DIRECTIONS {
+            let mut chance = Scatter::new(number);
+            let direction = leaves.iter().enumerate().map(|(leaf, value)| {
+                let size = if *value == 0.0 || !value.is_finite() { 1.0 } else { value.abs() };
+                let part = chance.uniform();
+                if self.is_free(leaf) { size * part } else { 0.0 }
+            });
+            let direction: Vec<f64> = direction.collect();
+            let mut sums = vec![(0.0, 0.0, 0.0); self.sides.equations()];
+            for entry in symbolic.entries.iter().filter(|e| direction[e.leaf] != 0.0) {
+                let along = direction[entry.leaf];
+                let (sum, size, noise) = &mut sums[entry.equation];
+                *sum += entry.value * along;
+                *size += (entry.value * along).abs();
+                *noise += entry.noise * along.abs();
+            }
+            let steps: Vec<f64> = direction.iter().map(|v| v * STEP).collect();
+            let numeric = self.sides.moved(site, &steps, &mut Rounding::exact());
+            for (equation, ((sum, size, noise), numeric)) in sums.into_iter().zip(numeric).enumerate() {
+                let numeric = numeric / STEP;
+                if !numeric.is_finite() {
+                    // overflow on the way
+                    continue;
+                }
+                let relative = (sum - numeric).abs() / (size + noise / TOLERANCE + NOTHING);
+                if relative.is_nan() || relative > TOLERANCE {
+                    (self.found.compared, self.found.worst) = before;
+                    return false;
+                }
+                self.found.compared += 1;
+                if relative > 0.0 && self.found.worst.as_ref().is_none_or(|worst| relative > worst.relative) {
+                    let (equation, by) = (self.equation_name(equation), Some("all variables".into()));
+                    self.found.worst = Some(Discrepancy { equation, by, symbolic: sum, numeric, relative });
+                }
+            }
+        }
+        self.found.directions = DIRECTIONS;
+        true
     }
 
     /// Fixed parameters are not differentiated by.
@@ -403,9 +466,16 @@ impl<'a> Sides<'a> {
     }
 
     fn stepped(&mut self, site: &Site, leaf: usize, step: f64, rounding: &mut Rounding) -> Vec<f64> {
-        let mut leaves: Vec<Complex64> =
-            site.x.iter().chain(&site.drive).chain(&site.theta).map(|v| Complex64::from(*v)).collect();
-        leaves[leaf].im = step;
+        let mut steps = vec![0.0; self.leaves()];
+        steps[leaf] = step;
+        let found = self.moved(site, &steps, rounding);
+        found.into_iter().map(|change| change / step).collect()
+    }
+
+    /// What becomes of all equations when each leaf takes a step of its own.
+    fn moved(&mut self, site: &Site, steps: &[f64], rounding: &mut Rounding) -> Vec<f64> {
+        let values = site.x.iter().chain(&site.drive).chain(&site.theta);
+        let leaves: Vec<Complex64> = values.zip(steps).map(|(v, step)| Complex64::new(*v, *step)).collect();
         let (x, rest) = leaves.split_at(self.layout.states);
         let (drive, theta) = rest.split_at(self.layout.drive());
         let at = |known| ComplexPoint { t: site.t, x, drive, known };
@@ -414,7 +484,7 @@ impl<'a> Sides<'a> {
         results.extend(evaluate(&self.schedule.outputs, at(&known), &mut self.values, rounding));
         results.extend(&known[self.layout.initial.clone()]);
         results.extend(&known[self.layout.tau.clone()]);
-        results.into_iter().map(|z| z.im / step).collect()
+        results.into_iter().map(|z| z.im).collect()
     }
 }
 
@@ -605,6 +675,64 @@ mod tests {
             pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
             let found = check(&model, &wrong);
             assert_eq!((found.failures.len(), found.failures[0].by.as_deref()), (1, Some(&*format!("p{j}"))));
+        }
+    }
+
+    /// A chain of so many states, each driven by its neighbours and one parameter.
+    fn chain(count: u32) -> Model {
+        let mut model = blank(count as usize, 0, &[0.7]);
+        let k = model.graph.leaf(Leaf::Param(0));
+        for i in 0..count {
+            let (own, next) = (model.graph.leaf(Leaf::State(i)), model.graph.leaf(Leaf::State((i + 1) % count)));
+            let product = model.graph.apply(Op::Mul, &[own, k]);
+            let wave = model.graph.apply(Op::Sin, &[next]);
+            model.states[i as usize].rate = model.graph.apply(Op::Add, &[product, wave]);
+        }
+        model
+    }
+
+    #[test]
+    fn all_leaves_of_a_large_model_are_moved_at_once() {
+        let mut model = chain(9000);
+        let schedule = Schedule::new(&mut model);
+        let found = check(&model, &schedule);
+        assert!(found.passed() && found.directions == DIRECTIONS, "{:?}", found.failures);
+        assert_eq!(found.compared, found.points * 2 * 9000 * (DIRECTIONS + 1), "rates and initial values");
+        assert!(found.worst.is_some_and(|worst| worst.relative < 1e-12));
+    }
+
+    #[test]
+    fn directions_find_every_wrong_entry() {
+        let mut model = chain(12);
+        let schedule = Schedule::new(&mut model);
+        let agrees = |schedule: &Schedule| {
+            let mut comparison = Comparison::new(&model, schedule);
+            let site = comparison.sides.site(&model, Scatter::new(0), &Nominal::start(&model));
+            let symbolic = comparison.sides.symbolic(&site);
+            comparison.agrees_in_all_directions(&site, &symbolic)
+        };
+        assert!(agrees(&schedule));
+        let mut entries = 0;
+        for k in 0..schedule.rates_and_partials.results.len() {
+            // the rates themselves are compared apart
+            if (schedule.rates_and_partials.results[k].slot as usize) < 12 {
+                continue;
+            }
+            for spoil in [negate, clear] {
+                let mut wrong = schedule.clone();
+                spoil(&mut wrong.rates_and_partials, k);
+                assert!(!agrees(&wrong), "result {k}");
+                entries += 1;
+            }
+        }
+        assert!(entries >= 2 * 24, "{entries}");
+        for (position, i, _) in schedule.layout.patterns.rates_by_state.entries() {
+            let mut wrong = schedule.clone();
+            let pattern = &mut wrong.layout.patterns.rates_by_state;
+            pattern.columns.remove(position);
+            pattern.rows[i + 1..].iter_mut().for_each(|r| *r -= 1);
+            wrong.layout.stage.by_state.remove(position);
+            assert!(!agrees(&wrong), "{position}");
         }
     }
 
