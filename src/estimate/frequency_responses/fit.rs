@@ -20,7 +20,7 @@ use crate::spectra::starting_values::regressed_values;
 use crate::spectra::unobservable_modes::{longest, unobservable_modes};
 use crate::spectra::{SpectralError, StartingValue, Unanswered, UnobservableMode};
 use fdm_grammar::graph::Signal;
-use fdm_system::linear::{LinearModel, Structure, Trim};
+use fdm_system::linear::{LinearModel, Recorded, Structure, Trim};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use nalgebra::DMatrix;
@@ -206,7 +206,8 @@ impl Setting {
         if !(0.0..1.0).contains(&options.coherence) {
             return Err(ResponseError::NoCoherence(options.coherence));
         }
-        let linear = LinearModel::new(model).map_err(SpectralError::Trim)?;
+        let recorded = Recorded::of(model.definition(), runs);
+        let linear = LinearModel::near(model, &recorded).map_err(SpectralError::Trim)?;
         short_delays(model, &linear, longest(runs))?;
         let wanted = wanted(model, linear.structure(), options)?;
         let measured = Measured::new(model, runs, options)?;

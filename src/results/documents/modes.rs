@@ -191,7 +191,12 @@ pub fn trim_sentence(model: &Model, trim: &Trim) -> String {
             let names: Vec<String> = trim.solved.iter().map(|s| name(model, *s)).take(LISTED).collect();
             let more = trim.solved.len().saturating_sub(LISTED);
             let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
-            format!("linearised at a trim that was solved from the equations for {}{rest}", names.join(", "))
+            let assumed: Vec<String> = trim.assumed.iter().map(|s| name(model, *s)).collect();
+            let held = match assumed.len() {
+                0 => String::new(),
+                _ => format!(", with {} held, which the model's `trim` does not name", assumed.join(", ")),
+            };
+            format!("linearised at a trim that was solved from the equations for {}{rest}{held}", names.join(", "))
         }
     };
     let (states, inputs) = values(model, trim);

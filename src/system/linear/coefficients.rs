@@ -5,8 +5,10 @@ use super::trim::{Equations, TrimError, Unbalanced, sizes};
 use crate::code::Bytecode;
 use crate::dynamics::{Point, Workspace};
 use crate::model::Model;
+use crate::record::Run;
 use fdm_grammar::Linearisation;
-use fdm_grammar::graph::{Leaf, Names, Signal};
+use fdm_grammar::graph::{Leaf, Names, Node, Signal};
+use fdm_grammar::op::Build;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -30,6 +32,8 @@ pub struct Trim {
     pub obtained: Obtained,
     /// What the equations determine; all else has the values that the model gives it.
     pub solved: Vec<Signal>,
+    /// What was held at its start value or recorded mean, since the equations alone led nowhere.
+    pub assumed: Vec<Signal>,
     /// Values of the states (n).
     pub states: Vec<f64>,
     /// Values of the inputs (m).
@@ -65,14 +69,22 @@ impl LinearModel {
     /// # Errors
     /// [`TrimError::NotFound`] when rates do not vanish for any values of what the model's `trim` leaves open.
     pub fn new(model: &Model) -> Result<Self, TrimError> {
+        Self::near(model, &Recorded::default())
+    }
+
+    /// The same; where the model alone says too little, the trim is looked for at recorded means.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn near(model: &Model, recorded: &Recorded) -> Result<Self, TrimError> {
         let definition = model.definition();
         let theta = definition.start();
-        let found = found(definition, &theta)?;
+        let found = found(definition, &theta, recorded)?;
         Ok(Self::at(definition, found, theta))
     }
 
     fn at(definition: &fdm_grammar::Model, found: Found, theta: Vec<f64>) -> Self {
-        let Found { linearisation, z, obtained } = found;
+        let Found { linearisation, z, obtained, assumed } = found;
         let Linearisation { terms, slopes, by_unknown, delayed, tau_slopes, coefficients, balance } = linearisation;
         let free = |k: &u32| !definition.params[*k as usize].fixed;
         let moved: BTreeSet<u32> = balance.by_param.iter().map(|(_, k)| *k).filter(free).collect();
@@ -102,11 +114,17 @@ impl LinearModel {
             through,
             counts: (slopes.len(), by_unknown.len()),
             unknowns: (z.clone(), vec![0.0; unknowns * theta.len()]),
-            trim: Trim { obtained, solved: balance.unknowns.clone(), states: Vec::new(), inputs: Vec::new() },
+            given: definition
+                .trim
+                .iter()
+                .map(|(s, _)| *s)
+                .chain(assumed.iter().copied())
+                .map(|s| name(definition, s))
+                .collect(),
+            trim: Trim { obtained, solved: balance.unknowns.clone(), assumed, states: Vec::new(), inputs: Vec::new() },
             equations: Equations::new(balance),
             start: (theta, z),
             names: names(definition),
-            given: definition.trim.iter().map(|(s, _)| name(definition, *s)).collect(),
             structure: Arc::new(structure),
         }
     }
@@ -197,7 +215,7 @@ impl LinearModel {
     fn lost(&self, unbalanced: Unbalanced) -> TrimError {
         let rows = &self.equations.balance.rows;
         let equations = unbalanced.0.iter().map(|i| self.names.0[rows[*i] as usize].clone()).collect();
-        TrimError::NotFound { equations, given: self.given.clone() }
+        TrimError::NotFound { equations, given: self.given.clone(), open: Vec::new() }
     }
 
     fn finite(&self, values: &Values) -> Result<(), TrimError> {
@@ -222,15 +240,118 @@ fn copy(to: &mut Vec<f64>, from: &[f64]) {
     to.extend_from_slice(from);
 }
 
+/// Means of records, for a trim that the model alone does not find.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recorded {
+    /// Of the declared inputs; nothing where that is not known.
+    inputs: Vec<f64>,
+    /// Of the states that an output shows as they are (state, mean).
+    states: Vec<(u32, f64)>,
+}
+
+impl Recorded {
+    /// The means over all samples of runs of this model.
+    pub fn of(model: &fdm_grammar::Model, runs: &[Run]) -> Self {
+        let mean = |values: &mut dyn Iterator<Item = f64>| {
+            let (sum, count) = values.filter(|v| v.is_finite()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+            (count > 0.0).then(|| sum / count)
+        };
+        let declared = model.inputs.iter().filter(|i| i.is_declared()).count();
+        let input = |k: usize| {
+            mean(&mut runs.iter().flat_map(|r| r.inputs.iter().skip(k).step_by(r.held.len().max(1)).copied()))
+        };
+        let q = model.outputs.len();
+        let output = |o: usize| mean(&mut runs.iter().flat_map(|r| r.measured.iter().skip(o).step_by(q).copied()));
+        let shown = model.outputs.iter().enumerate().filter_map(|(o, shown)| match model.graph.node(shown.expr) {
+            Node::Leaf(Leaf::State(k)) => Some((k, output(o)?)),
+            _ => None,
+        });
+        Self { inputs: (0..declared).map_while(input).collect(), states: shown.collect() }
+    }
+
+    fn state(&self, state: u32) -> Option<f64> {
+        self.states.iter().find(|(k, _)| *k == state).map(|(_, mean)| *mean)
+    }
+}
+
 /// A linearisation with the unknowns that the equations determine, and their values.
 struct Found {
     linearisation: Linearisation,
     z: Vec<f64>,
     obtained: Obtained,
+    assumed: Vec<Signal>,
 }
 
-/// Looks for the trim: at what is given, else by solving for the states that are not given, else for the inputs too.
-fn found(model: &fdm_grammar::Model, theta: &[f64]) -> Result<Found, TrimError> {
+/// Most states of a model of which some are held to find a trim, and most of those that are held in pairs.
+const MOST_HELD: (usize, usize) = (32, 8);
+
+/// Looks for the trim: from the start values; then with open states held at them, one and two at a time, those first that the equations that
+/// will not vanish depend on most (a rate of turn at zero); then with the recorded inputs held at their means.
+fn found(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Result<Found, TrimError> {
+    let nothing = Recorded::default();
+    let lost = match sought(model, theta, &nothing) {
+        Ok(found) => return Ok(found),
+        Err(lost) => lost,
+    };
+    let open = open(model, theta, &lost.rows);
+    let hold = |held: &[(Signal, f64)], recorded: &Recorded| -> Option<Found> {
+        let mut model = model.clone();
+        for (signal, value) in held {
+            let value = model.graph.number(*value);
+            model.trim.push((*signal, value));
+        }
+        // where all that matters is held, nothing says that the rates vanish
+        let solved = |found: &Found| matches!(found.obtained, Obtained::Initial | Obtained::Solved);
+        let found = sought(&model, theta, recorded).ok().filter(solved)?;
+        Some(Found { assumed: held.iter().map(|(signal, _)| *signal).collect(), ..found })
+    };
+    if model.states.len() <= MOST_HELD.0 {
+        let states: Vec<(Signal, f64)> = open.iter().filter(|(s, _)| matches!(s, Signal::State(_))).copied().collect();
+        let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
+        let inputs = (0..recorded.inputs.len()).map(|k| (Signal::Input(k as u32), recorded.inputs[k]));
+        let inputs: Vec<(Signal, f64)> = inputs.filter(|(s, _)| !given(s)).collect();
+        let one = || states.iter().map(|s| vec![*s]);
+        let first = &states[..states.len().min(MOST_HELD.1)];
+        let two = (0..first.len()).flat_map(|a| (a + 1..first.len()).map(move |b| vec![first[a], first[b]]));
+        let tried = one().find_map(|held| hold(&held, &nothing));
+        let tried = tried.or_else(|| Some(inputs).filter(|i| !i.is_empty()).and_then(|held| hold(&held, recorded)));
+        let tried = tried.or_else(|| one().find_map(|held| hold(&held, recorded)).filter(|_| *recorded != nothing));
+        let tried = tried.or_else(|| two.into_iter().find_map(|held| hold(&held, &nothing)));
+        if let Some(found) = tried {
+            return Ok(found);
+        }
+    }
+    Err(TrimError::NotFound {
+        equations: lost.rows.iter().map(|k| name(model, Signal::State(*k))).collect(),
+        given: model.trim.iter().map(|(s, _)| name(model, *s)).collect(),
+        open: open.iter().map(|(signal, value)| (name(model, *signal), *value)).collect(),
+    })
+}
+
+/// States and declared inputs that nothing gives, with their start values: those first that these rates depend on most.
+fn open(model: &fdm_grammar::Model, theta: &[f64], rows: &[u32]) -> Vec<(Signal, f64)> {
+    let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
+    let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].is_declared());
+    let all = (0..model.states.len() as u32).map(Signal::State).chain(declared.map(Signal::Input));
+    let all: Vec<Signal> = all.filter(|s| !given(s)).collect();
+    let mut known = Equations::new(Linearisation::new(model, &[]).balance);
+    known.evaluate(theta, &[]);
+    let start: Vec<f64> = all.iter().map(|s| known.known()[place(*s, model.states.len())]).collect();
+    let mut equations = Equations::new(Linearisation::new(model, &all).balance);
+    equations.evaluate(theta, &start);
+    let weights = equations.weights(rows);
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by(|a, b| weights[*b].total_cmp(&weights[*a]));
+    order.into_iter().map(|k| (all[k], start[k])).collect()
+}
+
+/// States whose rates do not vanish together.
+struct Lost {
+    rows: Vec<u32>,
+}
+
+/// Looks for the trim at what is given, else by solving for the states that are not given, else for the inputs too.
+fn sought(model: &fdm_grammar::Model, theta: &[f64], recorded: &Recorded) -> Result<Found, Lost> {
     let given = |s: &Signal| model.trim.iter().any(|(g, _)| g == s);
     let states = (0..model.states.len() as u32).map(Signal::State).filter(|s| !given(s)).collect::<Vec<_>>();
     let declared = (0..model.inputs.len() as u32).filter(|k| model.inputs[*k as usize].is_declared());
@@ -240,25 +361,26 @@ fn found(model: &fdm_grammar::Model, theta: &[f64]) -> Result<Found, TrimError> 
     let all = Linearisation::new(model, &both);
     if all.by_unknown.is_empty() {
         let obtained = if depends(model) { Obtained::Given } else { Obtained::NotNeeded };
-        return Ok(Found { linearisation: known, z: Vec::new(), obtained });
+        return Ok(Found { linearisation: known, z: Vec::new(), obtained, assumed: Vec::new() });
     }
     let mut equations = Equations::new(known.balance);
     equations.evaluate(theta, &[]);
     let n = model.states.len();
-    let first = |s: &Signal| equations.known()[place(*s, n)];
+    let first = |s: &Signal| match s {
+        Signal::State(k) => recorded.state(*k).unwrap_or_else(|| equations.known()[place(*s, n)]),
+        Signal::Input(k) => {
+            recorded.inputs.get(*k as usize).copied().unwrap_or_else(|| equations.known()[place(*s, n)])
+        }
+    };
     let starts = [states, both].map(|unknowns| (unknowns.iter().map(first).collect::<Vec<f64>>(), unknowns));
-    let mut failure = Unbalanced(Vec::new());
-    let mut rows = Vec::new();
+    let mut lost = Lost { rows: Vec::new() };
     for (z, unknowns) in starts {
         match solved(model, theta, unknowns, z) {
             Ok(found) => return Ok(found),
-            Err((unbalanced, of)) => (failure, rows) = (unbalanced, of),
+            Err(failure) => lost = failure,
         }
     }
-    Err(TrimError::NotFound {
-        equations: failure.0.iter().map(|i| name(model, Signal::State(rows[*i]))).collect(),
-        given: model.trim.iter().map(|(s, _)| name(model, *s)).collect(),
-    })
+    Err(lost)
 }
 
 /// Whether a coefficient depends on a state or an input.
@@ -267,8 +389,6 @@ fn depends(model: &fdm_grammar::Model) -> bool {
         (0..model.states.len() as u32).map(Signal::State).chain((0..model.inputs.len() as u32).map(Signal::Input));
     !Linearisation::new(model, &all.collect::<Vec<_>>()).by_unknown.is_empty()
 }
-
-type Lost = (Unbalanced, Vec<u32>);
 
 /// Solves for these unknowns, then again for those alone that the equations determine there.
 fn solved(model: &fdm_grammar::Model, theta: &[f64], unknowns: Vec<Signal>, start: Vec<f64>) -> Result<Found, Lost> {
@@ -282,7 +402,9 @@ fn solved(model: &fdm_grammar::Model, theta: &[f64], unknowns: Vec<Signal>, star
             z = start;
         }
     }
-    let lost = |unbalanced, equations: &Equations| (unbalanced, equations.balance.rows.clone());
+    let lost = |unbalanced: Unbalanced, equations: &Equations| Lost {
+        rows: unbalanced.0.iter().map(|i| equations.balance.rows[*i]).collect(),
+    };
     equations.solve(theta, &mut z).map_err(|u| lost(u, &equations))?;
     let columns = equations.determined(&sizes(&z));
     let chosen: Vec<Signal> = columns.iter().map(|k| unknowns[*k]).collect();
@@ -291,7 +413,7 @@ fn solved(model: &fdm_grammar::Model, theta: &[f64], unknowns: Vec<Signal>, star
     let mut z: Vec<f64> = columns.iter().map(|k| z[*k]).collect();
     equations.solve(theta, &mut z).map_err(|u| lost(u, &equations))?;
     let obtained = if at_rest { Obtained::Initial } else { Obtained::Solved };
-    Ok(Found { linearisation, z, obtained })
+    Ok(Found { linearisation, z, obtained, assumed: Vec::new() })
 }
 
 fn place(signal: Signal, states: usize) -> usize {

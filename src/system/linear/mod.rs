@@ -10,7 +10,7 @@ mod roots;
 mod tests;
 mod trim;
 
-pub use coefficients::{LinearModel, Obtained, Trim};
+pub use coefficients::{LinearModel, Obtained, Recorded, Trim};
 pub use coefficients::{Slope, Structure, TauSlope, Term, Values};
 pub use modes::{Mode, ModeErrors, Modes, ModesError};
 pub use trim::TrimError;

@@ -10,14 +10,15 @@ use fdm_numeric::dense::GaussJordan;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TrimError {
     /// The rates of these states cannot be made zero together.
-    #[error("no trim was found: the rate{} of {} cannot be made zero{}; \
-        `trim {{ x = value; u = value; }}` in the model says where it is linearised", if equations.len() == 1 { "" } else { "s" },
-        listed(equations), held(given))]
+    #[error("no trim was found: the rate{} of {} cannot be made zero{}; {}", if equations.len() == 1 { "" } else { "s" },
+        listed(equations), held(given), wanted(open))]
     NotFound {
         /// The states, by name.
         equations: Vec<String>,
         /// What `trim` holds, by name.
         given: Vec<String>,
+        /// States and inputs that it leaves open, with their start values: those first that these rates depend on most.
+        open: Vec<(String, f64)>,
     },
     /// A coefficient is not a number at the trim.
     #[error("at the trim the equations have no derivative: {} of `{equation}` by `{signal}` is {value}",
@@ -36,6 +37,20 @@ pub enum TrimError {
 
 fn listed(names: &[String]) -> String {
     names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+}
+
+/// What would mend it.
+fn wanted(open: &[(String, f64)]) -> String {
+    const NAMED: usize = 4;
+    let Some((name, value)) = open.first() else {
+        return "`trim { x = value; u = value; }` in the model says where it is linearised".into();
+    };
+    let names: Vec<String> = open.iter().take(NAMED).map(|(name, _)| name.clone()).collect();
+    let more = if open.len() > names.len() { ", ..." } else { "" };
+    format!(
+        "open are {}{more}: say in the model what is known of them, as in `trim {{ {name} = {value}; }}`",
+        listed(&names)
+    )
 }
 
 fn held(given: &[String]) -> String {
@@ -97,6 +112,19 @@ impl Equations {
         places.zip(&self.out[first..]).map(|((i, j), v)| (i, j, *v))
     }
 
+    /// How much each unknown moves these rates (states), as evaluated last, each rate by its largest derivative.
+    pub(super) fn weights(&self, states: &[u32]) -> Vec<f64> {
+        let mut largest = vec![0.0_f64; self.balance.rows.len()];
+        self.by_unknown().for_each(|(i, _, d)| largest[i] = largest[i].max(d.abs()));
+        let mut weights = vec![0.0_f64; self.balance.unknowns.len()];
+        for (i, j, d) in
+            self.by_unknown().filter(|(i, ..)| states.contains(&self.balance.rows[*i]) && largest[*i] > 0.0)
+        {
+            weights[j] = weights[j].max(d.abs() / largest[i]);
+        }
+        weights
+    }
+
     /// The values of states and inputs that are known, as evaluated last.
     pub(super) fn known(&self) -> &[f64] {
         &self.out[self.balance.rows.len() + self.balance.by_unknown.len() + self.balance.by_param.len()..]
@@ -107,7 +135,10 @@ impl Equations {
         let mut terms = vec![0.0; self.balance.rows.len()];
         self.by_unknown().for_each(|(i, j, d)| terms[i] += (d * z[j]).abs());
         self.by_param().for_each(|(i, j, d)| terms[i] += (d * theta[j]).abs());
-        let zero = |i: usize| self.rates()[i] == 0.0 || self.rates()[i].abs() <= Self::ZERO * terms[i];
+        let zero = |i: usize| {
+            let rate = self.rates()[i];
+            rate == 0.0 || rate.is_finite() && rate.abs() <= Self::ZERO * terms[i]
+        };
         (0..terms.len()).filter(|i| !zero(*i)).collect()
     }
 
