@@ -24,6 +24,7 @@ fuzz_target!(|input: (u8, &[u8])| {
         every: 1 + usize::from(choice >> 1 & 3),
         hold: if choice & 8 != 0 { vec!["u".into()] } else { Vec::new() },
         require_outputs: choice & 16 != 0,
+        without: Vec::new(),
         ..ReadOptions::default()
     };
     FILE.with_borrow_mut(|file| {

@@ -47,7 +47,8 @@ fn predictions(
     let mut predictions = Vec::new();
     for (k, ((folder, model), candidate)) in results.iter().zip(&comparison.candidates).enumerate() {
         let quiet = arguments.output.quiet || k > 0;
-        let runs = read_runs(&arguments.data, &arguments.selection.options(true), model, quiet)?;
+        let elsewhere = vec![true; model.layout().outputs];
+        let runs = read_runs(&arguments.data, &arguments.selection.options(true), model, &elsewhere, quiet)?;
         for fitted in fitted_before(folder, &runs, &arguments.data) {
             remark(format_args!(
                 "note: {}: run `{fitted}` was part of the fit: it is no validation data",

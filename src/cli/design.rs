@@ -58,7 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.output.quiet;
     let (model, folder) = arguments.model.load()?;
     let model = arguments.model.changed(&model)?;
-    let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, quiet)?;
+    let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, &[], quiet)?;
     let question = arguments.question(&model, folder.as_ref(), runs)?;
     arguments.refuse_others()?;
     let progress = Progress::without_interrupt(quiet);

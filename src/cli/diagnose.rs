@@ -3,7 +3,7 @@
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, as_json, ended, print, remark};
-use crate::load::{Estimated, ModelFile, Records, read_records, say_notes};
+use crate::load::{Estimated, ModelFile, Records, measured, read_records, say_notes};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
@@ -115,9 +115,10 @@ impl Arguments {
     /// Runs that are fitted, and validation runs.
     fn runs(&self, model: &Model) -> Result<(Vec<Run>, Vec<Run>), Failure> {
         let options = self.records.selection.options(true);
-        let mut records = read_records(&self.records.data, &options, model)?;
+        let mut records = read_records(&self.records.data, &options, model, &[])?;
         let fitted = records.len();
-        records.extend(read_records(&self.validation, &options, model)?);
+        let elsewhere = measured(model, records.iter().map(|(run, _)| run));
+        records.extend(read_records(&self.validation, &options, model, &elsewhere)?);
         if !self.output.quiet {
             say_notes(&records);
         }

@@ -3,7 +3,7 @@
 use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, read_runs};
+use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, measured, read_runs};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
@@ -103,14 +103,15 @@ impl Arguments {
     }
 
     /// Runs that are not fitted but predicted.
-    fn validation_runs(&self, model: &Model) -> Result<Vec<Run>, Failure> {
+    fn validation_runs(&self, model: &Model, fitted: &[Run]) -> Result<Vec<Run>, Failure> {
         let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
         let used: Vec<PathBuf> = self.records.data.iter().map(place).collect();
         if let Some(both) = self.frequency.validation.iter().find(|path| used.contains(&place(path))) {
             let said = "is both --data and --validation: validation data must not be fitted; give another run";
             return Err(Failure::input([format!("{} {said}", both.display())]));
         }
-        read_runs(&self.frequency.validation, &self.records.selection.options(true), model, true)
+        let options = self.records.selection.options(true);
+        read_runs(&self.frequency.validation, &options, model, &measured(model, fitted), true)
     }
 }
 
@@ -126,7 +127,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let model = arguments.model.load()?;
     let runs = arguments.records.runs(&model, quiet)?;
     let mut options = arguments.options(question, &model)?;
-    let validation = arguments.validation_runs(&model)?;
+    let validation = arguments.validation_runs(&model, &runs)?;
     let mut text = match (&mut options, arguments.methods.start()) {
         (Chosen::Output(options) | Chosen::Filter(options), Some(StartValues::EquationError)) => {
             start_at_best_iterate(&model, &runs, options)?

@@ -6,7 +6,7 @@ use clap::Args;
 use fdm_estimate::{Changes, Noise};
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences};
 use fdm_system::Model;
-use fdm_system::record::{ReadOptions, Run, Summary, channels, read};
+use fdm_system::record::{Note, ReadOptions, Run, Summary, channels, read_all};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -165,12 +165,21 @@ pub(crate) struct Selection {
     /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
     #[arg(long, alias = "hold", value_name = "INPUT", requires = "data")]
     zoh: Vec<String>,
+    /// Leave an output out: it is not compared, whether it was measured or not; may be given several times
+    #[arg(long = "without-output", value_name = "OUTPUT", requires = "data")]
+    without_output: Vec<String>,
 }
 
 impl Records {
     /// Reads all runs, with all their outputs.
     pub(crate) fn runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
-        read_runs(&self.data, &self.selection.options(true), model, quiet)
+        read_runs(&self.data, &self.selection.options(true), model, &[], quiet)
+    }
+
+    /// Reads runs that a result predicts: each may lack outputs.
+    pub(crate) fn predicted_runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
+        let elsewhere = vec![true; model.layout().outputs];
+        read_runs(&self.data, &self.selection.options(true), model, &elsewhere, quiet)
     }
 
     /// Writes into a result what it was made from.
@@ -181,7 +190,7 @@ impl Records {
 }
 
 impl Selection {
-    /// How files are read; with `require_outputs` each must hold every output of the model.
+    /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {
             map: self.map.clone(),
@@ -190,8 +199,18 @@ impl Selection {
             every: self.every,
             hold: self.zoh.clone(),
             require_outputs,
+            without: self.without_output.clone(),
         }
     }
+}
+
+/// Which outputs (q) some run measures.
+pub(crate) fn measured<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run>) -> Vec<bool> {
+    let mut measured = vec![false; model.layout().outputs];
+    for run in runs {
+        measured.iter_mut().enumerate().for_each(|(k, measured)| *measured |= run.measures(k));
+    }
+    measured
 }
 
 /// Reads runs and says what a careful reader would mention about them.
@@ -199,32 +218,26 @@ pub(crate) fn read_runs(
     files: &[PathBuf],
     options: &ReadOptions,
     model: &Model,
+    elsewhere: &[bool],
     quiet: bool,
 ) -> Result<Vec<Run>, Failure> {
-    let records = read_records(files, options, model)?;
+    let records = read_records(files, options, model, elsewhere)?;
     if !quiet {
         say_notes(&records);
     }
     Ok(records.into_iter().map(|(run, _)| run).collect())
 }
 
-/// Reads runs; the problems of all files are reported together. Runs are named after their files.
+/// Reads runs; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
+/// (q, or nothing) may be missing in all of them.
 pub(crate) fn read_records(
     files: &[PathBuf],
     options: &ReadOptions,
     model: &Model,
+    elsewhere: &[bool],
 ) -> Result<Vec<(Run, Summary)>, Failure> {
     let channels = channels(model.definition());
-    let (mut runs, mut errors) = (Vec::new(), Vec::new());
-    for path in files {
-        match read(path, &channels, options) {
-            Ok(run) => runs.push(run),
-            Err(e) => errors.push(e),
-        }
-    }
-    if !errors.is_empty() {
-        return Err(Failure::Records(errors));
-    }
+    let mut runs = read_all(files, &channels, options, elsewhere).map_err(Failure::Records)?;
     number_equal_names(&mut runs);
     let mut known = files_of_runs();
     known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.display().to_string())));
@@ -260,13 +273,15 @@ fn number_equal_names(runs: &mut [(Run, Summary)]) {
 /// Says what a careful reader would mention about the records.
 pub(crate) fn say_notes(records: &[(Run, Summary)]) {
     for (run, summary) in records {
+        let not_measured =
+            |name: &str| summary.notes.iter().any(|n| matches!(n, Note::NotMeasured { output } if output == name));
         for note in &summary.notes {
             remark(format_args!("note: {}: {note}", run.name));
         }
         let missing: Vec<String> = summary
             .sources
             .iter()
-            .filter(|s| s.gaps > 0 && s.column.is_some())
+            .filter(|s| s.gaps > 0 && s.column.is_some() && !not_measured(&s.channel))
             .map(|s| format!("{} of `{}`", s.gaps, s.channel))
             .collect();
         if !missing.is_empty() {

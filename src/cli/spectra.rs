@@ -53,9 +53,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let declared = definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.as_str()).collect();
     let shown = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
     let inputs = chosen(&arguments.inputs, declared, "input")?;
-    let outputs = chosen(&arguments.outputs, shown, "output")?;
+    let mut outputs = chosen(&arguments.outputs, shown, "output")?;
     let options = arguments.records.selection.options(false);
-    let runs = read_runs(&arguments.records.data, &options, &model, arguments.output.quiet)?;
+    outputs.retain(|o| !options.without.contains(&definition.outputs[*o].quantity.name));
+    if outputs.is_empty() {
+        return Err(Failure::input(["--without-output leaves no output"]));
+    }
+    let runs = read_runs(&arguments.records.data, &options, &model, &[], arguments.output.quiet)?;
     let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(&inputs, &outputs)).collect();
     let names = names(&model, &inputs, &outputs);
     let found = arguments.estimate(&runs, &names)?;

@@ -37,7 +37,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.delivery.output.quiet;
     let mut progress = Progress::new(quiet);
     let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
-    let runs = arguments.records.runs(&model, quiet)?;
+    let runs = arguments.records.predicted_runs(&model, quiet)?;
     let options = arguments.integration.among(folder.validation(&model));
     let prepared = arguments.delivery.prepare(&model, &runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);

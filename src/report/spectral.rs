@@ -4,7 +4,8 @@ use super::estimate::{output_table, parameter_table};
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{SpectralFit, StartingValue, UnobservableMode};
-use fdm_results::documents::{digits, estimate_remarks};
+use fdm_grammar::graph::Signal;
+use fdm_results::documents::{BridgeDocument, digits, estimate_remarks};
 use fdm_system::linear::{Obtained, Trim};
 use fdm_system::model::Model;
 use std::f64::consts::TAU;
@@ -24,6 +25,7 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
         text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));
     }
     estimate_remarks(&fit.estimate).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
+    fit.bridged.iter().for_each(|b| text.push_str(&format!("\n{}", BridgeDocument::of(b).sentence())));
     if !fit.dependent.is_empty() {
         let outputs = fit.dependent.join(", ");
         text.push_str(&format!(
@@ -128,10 +130,16 @@ pub(super) fn trimmed_at(model: &Model, trim: Option<&Trim>) -> String {
         _ => "solved from the equations",
     };
     let definition = model.definition();
+    let held = |s: &Signal| match s {
+        Signal::State(k) => definition.states[*k as usize].quantity.name.as_str(),
+        Signal::Input(k) => definition.inputs[*k as usize].quantity.name.as_str(),
+    };
+    let held: Vec<&str> = trim.assumed.iter().map(held).collect();
+    let held = if held.is_empty() { String::new() } else { format!(", {} held", held.join(", ")) };
     let states = definition.states.iter().zip(&trim.states).map(|(s, v)| (&s.quantity.name, v));
     let inputs = definition.inputs.iter().zip(&trim.inputs).map(|(i, v)| (&i.quantity.name, v));
     let values: Vec<String> = states.chain(inputs).map(|(name, v)| format!("{name} = {}", digits(*v, 5))).collect();
-    format!("linearised at the trim ({how}): {}\n", values.join(", "))
+    format!("linearised at the trim ({how}{held}): {}\n", values.join(", "))
 }
 
 /// Spectra of a run as columns: frequency, then for each output measured and modelled real and imaginary parts.

@@ -10,6 +10,7 @@ mod hostile;
 mod json;
 mod live;
 mod lsp;
+mod missing;
 mod refused_diagnoses;
 mod refused_spectra;
 mod reproduce;

@@ -202,7 +202,13 @@ fn at_frequencies(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Resul
         })
         .collect();
     let left: Vec<Complex64> = rate.iter().zip(channel(1)).map(|(rate, known)| rate - known).collect();
-    let stacked = |c: &[Complex64]| c.iter().map(|c| c.re).chain(c.iter().map(|c| c.im)).collect::<Vec<f64>>();
+    // nothing in a run that does not measure a signal; not where its gaps leave too much in doubt
+    let whole = |k: &usize| left[*k].is_finite() && (0..series.columns.len()).all(|c| channel(c + 2)[*k].is_finite());
+    let whole: Vec<usize> = (0..count).filter(whole).collect();
+    let stacked = |c: &[Complex64]| {
+        let at = || whole.iter().map(|k| c[*k]);
+        at().map(|c| c.re).chain(at().map(|c| c.im)).collect::<Vec<f64>>()
+    };
     Ok(Rows {
         left: stacked(&left),
         rate: stacked(&rate),
@@ -228,7 +234,7 @@ fn transformed(run: &Run, series: &Series<'_>, choice: &Frequencies) -> Result<S
         input_gaps: Vec::new(),
         output_gaps: vec![0; width],
     };
-    let options = SpectrumOptions::default();
+    let options = SpectrumOptions { allow_unmeasured: true, ..SpectrumOptions::default() };
     Spectrum::of(&channels, choice, &options)
         .map_err(|error| RegressionError::Spectrum { run: run.name.clone(), error })
 }

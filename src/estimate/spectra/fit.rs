@@ -20,7 +20,7 @@ use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::spectrum::{Frequencies, Spectrum};
+use fdm_system::spectrum::{Bridge, Frequencies, Spectrum};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use std::sync::PoisonError;
@@ -53,6 +53,8 @@ pub struct SpectralFit {
     pub band: (f64, f64),
     /// Effective number of independent frequencies of all runs.
     pub independent: f64,
+    /// Channels with long gaps: the run, and what was done about them.
+    pub bridged: Vec<(String, Bridge)>,
     /// Nonlinear terms that are measured regressors: computed from records, as known inputs.
     pub measured_regressors: Vec<CarriedTerm>,
     /// Where the model was linearised, when that matters.
@@ -149,6 +151,7 @@ pub fn fit_spectra(
         spectra: compared(&setting, &found),
         band: band(&setting.spectra),
         independent: setting.spectra.iter().map(Spectrum::independent).sum(),
+        bridged: bridged(&setting.spectra),
         ends,
         measured_regressors,
         trim,
@@ -168,6 +171,11 @@ pub fn fit_spectra(
         }
     }
     Ok(fit)
+}
+
+fn bridged(spectra: &[Spectrum]) -> Vec<(String, Bridge)> {
+    let of = |s: &Spectrum| s.bridged.iter().map(|bridge| (s.name.clone(), bridge.clone())).collect::<Vec<_>>();
+    spectra.iter().flat_map(of).collect()
 }
 
 /// Outputs that take part in a linear dependence between residuals.

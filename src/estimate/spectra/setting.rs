@@ -16,7 +16,7 @@ use fdm_grammar::carried::CarriedTerm;
 use fdm_grammar::graph::{Leaf, Signal};
 use fdm_grammar::model::{Origin, Param, Quantity};
 use fdm_system::frequency::{EndColumn, EndTerms, Plans};
-use fdm_system::linear::{LinearModel, Structure, Values};
+use fdm_system::linear::{LinearModel, Recorded, Structure, Values};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::{Ends, Frequencies, Spectrum, SpectrumError, SpectrumOptions};
@@ -60,7 +60,8 @@ impl Setting {
     pub(super) fn new(model: &Model, runs: &[Run], options: &SpectralOptions) -> Result<Self, SpectralError> {
         let (model, measured_regressors) = linear_or_regressed(model, options.nonlinear)?;
         checked_model(&model, runs)?;
-        let linear = LinearModel::new(&model).map_err(SpectralError::Trim)?;
+        let recorded = Recorded::of(model.definition(), runs);
+        let linear = LinearModel::near(&model, &recorded).map_err(SpectralError::Trim)?;
         short_delays(&model, &linear, longest(runs))?;
         let runs: Result<Vec<Run>, _> = runs.iter().map(|r| r.with_measured(model.definition())).collect();
         let spectra = spectra(&model, &runs.map_err(SpectralError::Incomplete)?, options)?;
@@ -363,8 +364,11 @@ pub(crate) fn moved(spectrum: &Spectrum, inputs: usize) -> f64 {
         place.filter(|_| power > 0.0).map_or(0.0, |k| spectrum.omega[k] / TAU)
     };
     let highest = |planes: &[num_complex::Complex64]| planes.chunks(count).map(up_to).fold(0.0, f64::max);
+    // where nothing is known, nothing moves
+    let known = |v: &num_complex::Complex64| if v.is_nan() { num_complex::Complex64::ZERO } else { *v };
     let of_inputs = highest(&spectrum.inputs[..inputs * count]);
-    let wanted = if of_inputs > 0.0 { of_inputs } else { highest(&spectrum.outputs) };
+    let outputs = || spectrum.outputs.iter().map(known).collect::<Vec<_>>();
+    let wanted = if of_inputs > 0.0 { of_inputs } else { highest(&outputs()) };
     wanted.max(FEWEST / spectrum.duration()).min(spectrum.omega[count - 1] / TAU)
 }
 

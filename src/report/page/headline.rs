@@ -131,7 +131,7 @@ fn weight(about: About) -> (usize, &'static str) {
         About::Correlated => (6, "correlations"),
         About::Prior => (7, "parameters"),
         About::Iteration => (8, "convergence"),
-        About::NoNoise | About::Untested => (9, "residuals"),
+        About::NoNoise | About::Untested | About::NotMeasured | About::Bridged => (9, "residuals"),
     }
 }
 

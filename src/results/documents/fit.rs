@@ -1,6 +1,6 @@
 //! A fit, whichever way the model was compared with the records.
 
-use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
+use super::frequency::{BridgeDocument, FrequencyDomain, FrequencyResponses, TimeDomain};
 use super::json::present;
 use super::modes::ModesDocument;
 use super::outputs::OutputDocument;
@@ -301,11 +301,14 @@ impl FitDocument {
 
     /// Of a fit of spectra.
     pub fn of_spectra(fit: &SpectralFit) -> Self {
+        let document = Self::of_estimate(&fit.model, &fit.estimate);
+        let bridged = fit.bridged.iter().map(|b| Remark::bridged(BridgeDocument::of(b).sentence()));
         Self {
             parameters: fit.parameters(),
+            remarks: document.remarks.iter().cloned().chain(bridged).collect(),
             frequency_domain: Some(FrequencyDomain::of(fit)),
             time_domain: Some(fit.finish.as_ref().map(TimeDomain::of)),
-            ..Self::of_estimate(&fit.model, &fit.estimate)
+            ..document
         }
     }
 

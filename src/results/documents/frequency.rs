@@ -1,12 +1,13 @@
 //! The frequency domain: fits of spectra and of frequency responses, and the frequency responses that records show.
 
+use super::digits::digits;
 use super::outputs::OutputDocument;
 use fdm_estimate::{
     Fit, PairFit, ParameterEstimate, ResponseFit, Sensitivity, SpectralFit, StartingValue, Status, UnobservableMode,
 };
 use fdm_system::Model;
 use fdm_system::linear::Trim;
-use fdm_system::spectrum::FrequencyResponseEstimate;
+use fdm_system::spectrum::{Bridge, FrequencyResponseEstimate};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
@@ -19,6 +20,9 @@ pub struct FrequencyDomain {
     pub independent_frequencies: f64,
     /// Frequencies of each run.
     pub frequencies: Vec<usize>,
+    /// Channels with long gaps, and what was done about them.
+    #[serde(default)]
+    pub bridged: Vec<BridgeDocument>,
     /// End values of the states, found together with the parameters.
     pub end_values: Vec<ParameterEstimate>,
     /// Nonlinear terms computed from records: measured regressors.
@@ -39,6 +43,49 @@ pub struct FrequencyDomain {
     pub unanswered: Option<String>,
     /// Why there are no time histories.
     pub unfinished: Option<String>,
+}
+
+/// A channel of a run with long gaps.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BridgeDocument {
+    /// The run.
+    pub run: String,
+    /// The channel.
+    pub channel: String,
+    /// Samples without a value.
+    pub missing: usize,
+    /// Samples of the longest gap.
+    pub longest: usize,
+    /// Root mean square error of the bridges in the coefficients that are compared, as a part of their root mean square; none when none is.
+    pub error: Option<f64>,
+    /// Frequencies at which the error is too large, so that they are not compared.
+    pub left_out: usize,
+}
+
+impl BridgeDocument {
+    /// Of a channel of this run.
+    pub fn of((run, bridge): &(String, Bridge)) -> Self {
+        let Bridge { channel, missing, longest, error, left_out } = bridge;
+        let (missing, longest, error, left_out) = (*missing, *longest, *error, *left_out);
+        Self { run: run.clone(), channel: channel.name.clone(), missing, longest, error, left_out }
+    }
+
+    /// In words.
+    pub fn sentence(&self) -> String {
+        let Self { run, channel, missing, longest, left_out, .. } = self;
+        let gaps = format!("{missing} missing values of `{channel}` in {run}, {longest} in the longest gap");
+        match self.error {
+            Some(error) => {
+                let left = if *left_out > 0 {
+                    format!("; {left_out} frequencies at which it would be larger are not compared")
+                } else {
+                    String::new()
+                };
+                format!("{gaps}, were bridged: the error is {} % of its spectrum{left}", digits(100.0 * error, 2))
+            }
+            None => format!("{gaps}: its spectrum is not compared"),
+        }
+    }
 }
 
 /// A nonlinear term that was computed from records.
@@ -112,6 +159,7 @@ impl FrequencyDomain {
             band: fit.band,
             independent_frequencies: fit.independent,
             frequencies: fit.spectra.iter().map(|s| s.omega.len()).collect(),
+            bridged: fit.bridged.iter().map(BridgeDocument::of).collect(),
             end_values: fit.ends.clone(),
             known_inputs: known.map(|t| KnownInput { term: t.text.clone(), equations: t.equations.clone() }).collect(),
             trim: fit.trim.as_ref().map(TrimValues::of),

@@ -34,8 +34,8 @@ pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null,
 pub use digits::{digits, digits_by_error};
 pub use fit::{Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
-    FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput, MultipleCoherence, Pair,
-    ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
+    BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,
+    MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
 };
 pub use json::{from_text, to_text};
 pub use model::{

@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::digits::digits;
-use fdm_estimate::residuals::{InputCorrelation, OutputQuality};
+use fdm_estimate::residuals::{InputCorrelation, OutputFit, OutputQuality};
 use fdm_estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,10 @@ pub enum About {
     Input,
     /// Residuals that could not be tested.
     Untested,
+    /// Outputs that some run, or every run, does not measure.
+    NotMeasured,
+    /// Channels whose gaps were bridged before they were transformed.
+    Bridged,
 }
 
 /// What should not be overlooked.
@@ -49,6 +53,11 @@ pub struct Remark {
 impl Remark {
     fn new(about: About, sentence: String) -> Self {
         Self { about, sentence }
+    }
+
+    /// About gaps that were bridged.
+    pub(super) fn bridged(sentence: String) -> Self {
+        Self::new(About::Bridged, sentence)
     }
 }
 
@@ -84,6 +93,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         remarks.push(Remark::new(About::Prior, format!("not determined by the data: {}; {what}", d.sentence)));
     }
     let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
+    say(About::NotMeasured, not_measured(&estimate.outputs));
     say(About::Correlated, correlated(estimate));
     say(About::Bound, bounds(estimate));
     say(About::Drawn, drawn(estimate));
@@ -95,6 +105,23 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         say(About::Intervals, few(estimate));
     }
     remarks
+}
+
+/// Outputs of which runs hold no value, or none that can be used; one line for each output.
+fn not_measured(outputs: &[OutputFit]) -> Vec<String> {
+    let mut found: Vec<(&str, Vec<&str>)> = Vec::new();
+    for fit in outputs.iter().filter(|fit| fit.compared == 0) {
+        match found.iter_mut().find(|(name, _)| *name == fit.name) {
+            Some((_, runs)) => runs.push(&fit.run),
+            None => found.push((&fit.name, vec![&fit.run])),
+        }
+    }
+    let line = |(name, runs): (&str, Vec<&str>)| {
+        let measured = outputs.iter().any(|fit| fit.name == name && fit.compared > 0);
+        let place = if measured { format!(" in {}, where", runs.join(", ")) } else { ":".into() };
+        format!("`{name}` is not compared{place} no value of it can be used")
+    };
+    found.into_iter().map(line).collect()
 }
 
 /// Parameters that the noise of records in the equations had drawn far enough to be worth a line.
@@ -300,7 +327,7 @@ fn named(name: &str, run: Option<&str>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fdm_estimate::residuals::{OutputFit, Untested};
+    use fdm_estimate::residuals::Untested;
 
     #[test]
     fn an_offset_is_what_chance_does_not_explain() {

@@ -39,7 +39,7 @@ pub struct Channel {
 pub struct Channels {
     /// Unit of the model's time.
     pub time: Unit,
-    /// Whether time matters; otherwise the run's time counts samples and the file needs no time column.
+    /// Whether time matters; otherwise the file needs no time column, and the run's time counts samples where there is none that rises.
     pub timed: bool,
     /// The least number of samples that are of use.
     pub samples: usize,
@@ -76,11 +76,6 @@ impl Channels {
         inputs.chain(self.outputs.iter().map(|c| (Role::Output, c)))
     }
 
-    /// Whether the output at this index must be in the record.
-    pub(crate) fn needs(&self, output: usize, require_outputs: bool) -> bool {
-        require_outputs || self.driving.contains(&output)
-    }
-
     /// Whether the record of the output of this name drives the model.
     pub(crate) fn drives(&self, output: &str) -> bool {
         self.driving.iter().any(|k| self.outputs[*k].name == output)
@@ -94,6 +89,19 @@ impl Channels {
     pub(crate) fn means_time(&self, name: &str) -> bool {
         matches!(name, "t" | "time") && !self.all().any(|(_, c)| c.name == name)
     }
+}
+
+/// What is asked of the column of an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Demand {
+    /// It must be there and hold a value.
+    Needed,
+    /// It may be missing or empty, but not be there under a name that looks misspelt.
+    IfMeasured,
+    /// It may be missing or empty.
+    Free,
+    /// It is not read.
+    LeftOut,
 }
 
 /// A column that a channel is read from, and how its numbers become the model's: `scale*value + offset`, or the logarithm of that.
@@ -129,8 +137,10 @@ impl Source {
 pub(crate) struct Plan {
     /// The time column; `None` when samples are counted.
     pub(crate) time: Option<Source>,
+    /// Whether rows are selected by time, or the model needs it: then every cell of the time column must hold a time.
+    pub(crate) strict: bool,
     /// Inputs in the model's order.
     pub(crate) inputs: Vec<Source>,
-    /// Outputs in the model's order; `None` where the file has no such column and needs none.
+    /// Outputs in the model's order; `None` where the file has no such column and needs none, or it is left out.
     pub(crate) outputs: Vec<Option<Source>>,
 }

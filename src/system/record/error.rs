@@ -195,6 +195,14 @@ pub enum Fault {
         /// Names of all columns.
         columns: Names,
     },
+    /// A column of nearly the name of an output that other runs measure.
+    #[error("no column for the output `{output}`, and `{column}` looks like it")]
+    Misspelt {
+        /// Name of the output.
+        output: String,
+        /// Title of the column.
+        column: String,
+    },
     /// Two columns of the same name.
     #[error("`{name}` stands for {count} columns, expected one")]
     Ambiguous {
@@ -213,6 +221,19 @@ pub enum Fault {
         /// What there is.
         channels: Names,
     },
+    /// An option names an output that the model does not have.
+    #[error("{option} {output}: the model has no such output; its outputs are {outputs}")]
+    UnknownOutput {
+        /// The option, as it is typed.
+        option: &'static str,
+        /// What it names.
+        output: String,
+        /// What there is.
+        outputs: Names,
+    },
+    /// `--without-output` of one whose record drives the model.
+    #[error("--without-output {0}: `measured({0})` drives the model, so that its record is needed")]
+    LeftOutDrives(String),
     /// An option names a column that the file does not have.
     #[error("--map {channel}={column}: the file has no such column; the columns are {columns}")]
     UnknownColumn {

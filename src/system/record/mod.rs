@@ -25,7 +25,7 @@ pub use derived::bridge;
 pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 pub use read::{ChannelSource, Note, Sampling, Summary};
-pub use read::{ReadOptions, read};
+pub use read::{ReadOptions, read, read_all};
 pub use run::Run;
 pub use run::{Cursor, Place};
 pub use table::{Delimiter, Dialect, Mark};

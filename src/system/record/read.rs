@@ -1,7 +1,7 @@
 //! A file becomes a run: the columns that a model wants, the rows that the user selects, the units of the model; and what was found on the
 //! way ([`Summary`]), for people to look at before they trust a fit.
 
-use super::channel::{Channel, Channels, Plan, Role, Source};
+use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError};
 use super::run::Run;
 use super::samples::{self, Samples};
@@ -26,13 +26,24 @@ pub struct ReadOptions {
     pub every: usize,
     /// Inputs that keep their value until the next sample.
     pub hold: Vec<String>,
-    /// Whether every output must have a column with values; otherwise missing ones are all NaN.
+    /// Whether every output must have a column with values, in some run at least; otherwise missing ones are all NaN.
     pub require_outputs: bool,
+    /// Outputs that are left out: all NaN, whether the file has a column for them or not.
+    #[serde(default)]
+    pub without: Vec<String>,
 }
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { map: Vec::new(), from: None, to: None, every: 1, hold: Vec::new(), require_outputs: true }
+        Self {
+            map: Vec::new(),
+            from: None,
+            to: None,
+            every: 1,
+            hold: Vec::new(),
+            require_outputs: true,
+            without: Vec::new(),
+        }
     }
 }
 
@@ -45,10 +56,67 @@ impl Default for ReadOptions {
 /// # Errors
 /// All problems that can be told apart: options and columns first, then the cells of the selected rows.
 pub fn read(path: &Path, channels: &Channels, options: &ReadOptions) -> Result<(Run, Summary), RecordError> {
+    let demand = if options.require_outputs { Demand::Needed } else { Demand::Free };
+    demanding(path, channels, options, |_| demand)
+}
+
+/// Reads several records for one model. An output may be missing in a run, its column or all its values, where another run measures it, or where
+/// `elsewhere` (q, or nothing) says so; such a run holds NaN, and a note says it.
+///
+/// # Errors
+/// As [`read()`], of every file; an output that no run measures, where outputs are required; and a missing output whose column may be there
+/// under a name that is nearly the same.
+pub fn read_all(
+    paths: &[impl AsRef<Path>],
+    channels: &Channels,
+    options: &ReadOptions,
+    elsewhere: &[bool],
+) -> Result<Vec<(Run, Summary)>, Vec<RecordError>> {
+    let q = channels.outputs.len();
+    let each = |demand: &dyn Fn(usize) -> Demand| {
+        let (mut found, mut errors) = (Vec::new(), Vec::new());
+        for path in paths {
+            match demanding(path.as_ref(), channels, options, demand) {
+                Ok(one) => found.push(one),
+                Err(e) => errors.push(e),
+            }
+        }
+        if errors.is_empty() { Ok(found) } else { Err(errors) }
+    };
+    if !options.require_outputs {
+        return each(&|_| Demand::Free);
+    }
+    let elsewhere = |k: usize| elsewhere.get(k).copied().unwrap_or(false);
+    if paths.len() == 1 {
+        return each(&|k| if elsewhere(k) { Demand::IfMeasured } else { Demand::Needed });
+    }
+    let found = each(&|_| Demand::IfMeasured)?;
+    let left_out = |k: usize| options.without.contains(&channels.outputs[k].name);
+    let measured = |k: usize| elsewhere(k) || left_out(k) || found.iter().any(|(run, _)| run.measures(k));
+    let missing: Vec<bool> = (0..q).map(|k| !measured(k)).collect();
+    if missing.contains(&true) {
+        // read once more, so that each file says what it lacks
+        return each(&|k| if missing[k] { Demand::Needed } else { Demand::IfMeasured });
+    }
+    Ok(found)
+}
+
+fn demanding(
+    path: &Path,
+    channels: &Channels,
+    options: &ReadOptions,
+    demand: impl Fn(usize) -> Demand,
+) -> Result<(Run, Summary), RecordError> {
+    let of = |(k, channel): (usize, &Channel)| match () {
+        () if channels.driving.contains(&k) => Demand::Needed,
+        () if options.without.contains(&channel.name) => Demand::LeftOut,
+        () => demand(k),
+    };
+    let demands: Vec<Demand> = channels.outputs.iter().enumerate().map(of).collect();
     let told = |problems| RecordError { file: path.display().to_string(), problems };
     let table = Table::open(path).map_err(|p| told(vec![p]))?;
     let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
-    assemble(name, &table, channels, options).map_err(told)
+    assemble(name, &table, channels, options, &demands).map_err(told)
 }
 
 fn assemble(
@@ -56,19 +124,24 @@ fn assemble(
     table: &Table,
     channels: &Channels,
     options: &ReadOptions,
+    demands: &[Demand],
 ) -> Result<(Run, Summary), Vec<Problem>> {
     let mut problems = check_options(channels, options);
     let mut notes = Vec::new();
-    let plan = search::plan(table, channels, options, &mut notes).map_err(|p| problems.extend(p));
+    let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
     let samples = samples::collect(table, &plan, channels.timed, options)?;
-    check_amount(table, &plan, channels, options, &samples)?;
+    check_amount(table, &plan, channels, demands, &samples)?;
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let run = finish(name, samples, &plan, channels, options, &mut notes)?;
     let names: Vec<_> = names(channels).collect();
-    let sampling = if channels.timed { Sampling::new(&run.time) } else { None };
+    let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
+    let sampling = if channels.timed || !counted { Sampling::new(&run.time) } else { None };
+    let empty = |(k, _): &(usize, &Option<Source>)| !run.measures(*k);
+    let columns = plan.outputs.iter().enumerate().filter(|(_, source)| source.is_some());
+    notes.extend(columns.filter(empty).map(|(k, _)| Note::NotMeasured { output: channels.outputs[k].name.clone() }));
     notes.extend(suspicions(&run, &names, sampling));
     let sources = sources(table, &plan, &run, &names);
     let used = run.len();
@@ -105,6 +178,17 @@ fn check_options(channels: &Channels, options: &ReadOptions) -> Vec<Problem> {
         let fault = Fault::UnknownChannel { option: "--zoh", channel: held.clone(), channels: Names::new(inputs()) };
         problems.push(fault.anywhere().maybe_hint(hint));
     }
+    for name in &options.without {
+        if channels.drives(name) {
+            problems.push(Fault::LeftOutDrives(name.clone()).anywhere());
+        } else if !channels.outputs.iter().any(|c| c.name == *name) {
+            let outputs = || channels.outputs.iter().map(|c| c.name.as_str());
+            let hint = nearest(name, outputs()).map(|n| format!("did you mean `{n}`?"));
+            let (option, channel) = ("--without-output", name.clone());
+            let fault = Fault::UnknownOutput { option, output: channel, outputs: Names::new(outputs()) };
+            problems.push(fault.anywhere().maybe_hint(hint));
+        }
+    }
     problems
 }
 
@@ -113,7 +197,7 @@ fn check_amount(
     table: &Table,
     plan: &Plan,
     channels: &Channels,
-    options: &ReadOptions,
+    demands: &[Demand],
     samples: &Samples,
 ) -> Result<(), Vec<Problem>> {
     let found = samples.time.len();
@@ -132,12 +216,14 @@ fn check_amount(
     let no_input =
         |k: usize| empty(&samples.inputs, m, k).then_some((Role::Input, &channels.inputs[k], &plan.inputs[k]));
     let no_output = |k: usize| {
-        let source = plan.outputs[k].as_ref().filter(|_| channels.needs(k, options.require_outputs))?;
+        let source = plan.outputs[k].as_ref().filter(|_| demands[k] == Demand::Needed)?;
         empty(&samples.measured, q, k).then_some((Role::Output, &channels.outputs[k], source))
     };
     let problem = |(role, channel, source): (Role, &Channel, &Source)| {
         let fault = Fault::NoValues { role, channel: channel.name.clone() };
-        fault.anywhere().column(&table.columns[source.column].title)
+        let may_go = role == Role::Output && !channels.drives(&channel.name);
+        let hint = may_go.then(|| format!("if it was not measured, say --without-output {}", channel.name));
+        fault.anywhere().column(&table.columns[source.column].title).maybe_hint(hint)
     };
     let problems: Vec<_> = (0..m).filter_map(no_input).chain((0..q).filter_map(no_output)).map(problem).collect();
     if problems.is_empty() { Ok(()) } else { Err(problems) }
@@ -153,9 +239,11 @@ fn finish(
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
     let Samples { time, inputs, mut measured, .. } = samples;
-    let time = match plan.time.as_ref().filter(|_| channels.timed) {
-        Some(source) => since_first(time, source.scale).ok_or_else(|| vec![Fault::TimeResolution.anywhere()])?,
-        None => (0..time.len()).map(|k| k as f64).collect(),
+    let count = time.len();
+    let time = match (plan.time.as_ref().map(|source| since_first(time, source.scale)), channels.timed) {
+        (Some(Some(time)), _) => time,
+        (Some(None), true) => return Err(vec![Fault::TimeResolution.anywhere()]),
+        _ => (0..count).map(|k| k as f64).collect(),
     };
     let (declared, q) = (plan.inputs.len(), plan.outputs.len());
     let mut inputs = derived::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
@@ -294,7 +382,7 @@ pub enum Note {
         /// Whether the column states it and the model does not.
         stated_by_column: bool,
     },
-    /// An output that the file does not have, where it need not.
+    /// An output that the file does not have, or that has no value in it, where it need not.
     NotMeasured {
         /// The output.
         output: String,
@@ -354,7 +442,7 @@ impl fmt::Display for Note {
                     "column `{column}` states no unit; it is taken to be in {unit}, the unit of the {role} `{channel}`"
                 )
             }
-            Self::NotMeasured { output } => write!(f, "the file has no column for the output `{output}`"),
+            Self::NotMeasured { output } => write!(f, "the output `{output}` is not measured in this run"),
             Self::Constant { role, channel, value, samples } => {
                 write!(f, "the {role} `{channel}` never changes: {value} in all {samples} samples")
             }

@@ -8,7 +8,7 @@ pub struct Run {
     /// Name that tables show, unique among the runs of a problem.
     pub name: String,
     /// Time since the run began (N), in the model's time unit, strictly rising from 0. For a model without states
-    /// and without explicit time it counts samples.
+    /// and without explicit time it counts samples where the file has no time that rises.
     pub time: Vec<f64>,
     /// Inputs, one row per sample (N by m), in the model's units, hidden ones (records of outputs) behind the declared
     /// ones; gaps are bridged linearly and counted.
@@ -32,6 +32,11 @@ impl Run {
     /// Whether there is no sample.
     pub fn is_empty(&self) -> bool {
         self.time.is_empty()
+    }
+
+    /// Whether an output (by index) has a value in any sample.
+    pub fn measures(&self, output: usize) -> bool {
+        self.measured.iter().skip(output).step_by(self.output_gaps.len().max(1)).any(|v| !v.is_nan())
     }
 
     /// Some neighbouring samples as a run of the same name; their times stay those of the whole record, so that a part that

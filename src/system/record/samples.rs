@@ -12,7 +12,7 @@ use csv::ByteRecord;
 pub(crate) struct Samples {
     /// Rows below the header, selected or not.
     pub(crate) rows: usize,
-    /// Times of the samples in the file's unit, or row numbers (N).
+    /// Times of the samples in the file's unit, or row numbers (N); NaN where a time that is not needed cannot be read.
     pub(crate) time: Vec<f64>,
     /// Inputs (N by m).
     pub(crate) inputs: Vec<f64>,
@@ -123,6 +123,10 @@ impl Collector<'_> {
     /// The time of a row as it stands in the file, or the row's number.
     fn time(&mut self, row: Row, record: &ByteRecord, number: usize) -> Option<f64> {
         let Some(source) = &self.plan.time else { return Some(number as f64) };
+        if !self.plan.strict {
+            let text = record.get(source.column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
+            return Some(if let Cell::Number(value, _) = text::scan(text) { value } else { f64::NAN });
+        }
         let value = self.number(source.column, row, record)?;
         if value.is_nan() {
             self.blame(Kind::Cell, Some(source.column), row, Fault::NoTime);

@@ -1,6 +1,6 @@
 //! The search for the columns of a file that hold a model's channels, and for the conversion of their units.
 
-use super::channel::{Channel, Channels, Plan, Role, Source};
+use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, excerpt};
 use super::read::{Note, ReadOptions};
 use super::table::{Heading, Table};
@@ -12,23 +12,24 @@ use fdm_grammar::diagnostic::nearest;
 /// A column is taken whose title or name (title without unit) is the channel's name or what `--map` says; failing
 /// that, the only one that differs in upper and lower case alone. The time is in the column `t`, else `time` in any
 /// case, else `T`. `--map channel=name [unit]` also gives the unit of a column that has none; `--map channel=log(name [unit])`
-/// reads the natural logarithm of the column's numbers in that unit.
+/// reads the natural logarithm of the column's numbers in that unit. `demands` are those on the outputs.
 pub(crate) fn plan(
     table: &Table,
     channels: &Channels,
     options: &ReadOptions,
+    demands: &[Demand],
     notes: &mut Vec<Note>,
 ) -> Result<Plan, Vec<Problem>> {
     let mut search = Search { table, channels, options, notes, problems: Vec::new() };
     search.check_map();
-    let time = search.time();
-    let inputs: Vec<_> = channels.inputs.iter().map(|c| search.channel(Role::Input, c, true)).collect();
-    let needs = |k: usize| channels.needs(k, options.require_outputs);
-    let outputs = channels.outputs.iter().enumerate();
-    let outputs: Vec<_> = outputs.map(|(k, c)| search.channel(Role::Output, c, needs(k))).collect();
+    let strict = search.is_time_wanted();
+    let time = if strict { search.time() } else { search.optional_time() };
+    let inputs: Vec<_> = channels.inputs.iter().map(|c| search.channel(Role::Input, c, Demand::Needed)).collect();
+    let outputs = channels.outputs.iter().zip(demands);
+    let outputs: Vec<_> = outputs.map(|(c, demand)| search.channel(Role::Output, c, *demand)).collect();
     let problems = search.problems;
     if problems.is_empty() {
-        Ok(Plan { time, inputs: inputs.into_iter().flatten().collect(), outputs })
+        Ok(Plan { time, strict, inputs: inputs.into_iter().flatten().collect(), outputs })
     } else {
         Err(problems)
     }
@@ -79,12 +80,25 @@ impl Search<'_> {
         self.options.map.iter().find(|(c, _)| is_channel(c)).map(|(c, column)| (c.as_str(), column.as_str()))
     }
 
+    /// Whether the model or an option hangs on the time.
+    fn is_time_wanted(&self) -> bool {
+        let window = self.options.from.is_some() || self.options.to.is_some();
+        self.channels.timed || window || self.mapped(|c| self.channels.means_time(c)).is_some()
+    }
+
+    /// The time column that a model may do without, as long as nothing about it is in doubt.
+    fn optional_time(&self) -> Option<Source> {
+        let column = self.time_column().ok().flatten()?;
+        let unit = self.table.columns[column].unit.clone();
+        let own = unit.as_deref().and_then(|u| Unit::parse(u).ok());
+        let (scale, offset) = own.map_or(Some((1.0, 0.0)), |own| own.conversion(&self.channels.time))?;
+        Some(Source { column, unit, scale, offset, logarithm: false })
+    }
+
     fn time(&mut self) -> Option<Source> {
         let mapped = self.mapped(|c| self.channels.means_time(c)).map(|(c, t)| (c.to_string(), t.to_string()));
         let found = match mapped {
             Some((channel, column)) => self.mapped_column(&channel, &column)?,
-            // without dynamics, time only selects
-            None if !self.channels.timed && self.options.from.is_none() && self.options.to.is_none() => return None,
             None => match self.time_column() {
                 Ok(Some(column)) => Found::plain(column),
                 Ok(None) if !self.channels.timed => return None,
@@ -139,17 +153,24 @@ impl Search<'_> {
         self.problems.push(fault.anywhere().hint(hint));
     }
 
-    fn channel(&mut self, role: Role, channel: &Channel, needed: bool) -> Option<Source> {
+    fn channel(&mut self, role: Role, channel: &Channel, demand: Demand) -> Option<Source> {
+        if demand == Demand::LeftOut {
+            return None;
+        }
         let mapped = self.mapped(|c| c == channel.name).map(|(_, column)| column.to_string());
         let found = match mapped {
             Some(column) => self.mapped_column(&channel.name, &column)?,
             None => match self.column(&channel.name) {
                 Ok(Some(column)) => Found::plain(column),
                 Ok(None) => {
-                    if needed {
-                        self.missing(role, channel);
-                    } else {
-                        self.notes.push(Note::NotMeasured { output: channel.name.clone() });
+                    let misspelt = || self.like(&channel.name, &|h| !self.is_taken(h));
+                    match demand {
+                        Demand::Needed => self.missing(role, channel),
+                        Demand::IfMeasured => match misspelt() {
+                            Some(title) => self.misspelt(channel, &title),
+                            None => self.notes.push(Note::NotMeasured { output: channel.name.clone() }),
+                        },
+                        _ => self.notes.push(Note::NotMeasured { output: channel.name.clone() }),
                     }
                     return None;
                 }
@@ -160,6 +181,25 @@ impl Search<'_> {
             },
         };
         self.source(role, channel, found)
+    }
+
+    /// Whether a column is the time, another channel, or what an option names.
+    fn is_taken(&self, heading: &Heading) -> bool {
+        let named = |name: &str| heading.name.eq_ignore_ascii_case(name) || heading.title.eq_ignore_ascii_case(name);
+        let mapped = |text: &str| named(text) || named(&Heading::new(text).name);
+        let time = self.time_column().ok().flatten().is_some_and(|k| self.table.columns[k].title == heading.title);
+        time || self.channels.names().any(named) || self.options.map.iter().any(|(_, text)| mapped(text))
+    }
+
+    /// Other runs measure an output, and this one has a column that looks like it.
+    fn misspelt(&mut self, channel: &Channel, title: &str) {
+        let name = &channel.name;
+        let hint = format!(
+            "if it is meant, say --map \"{name}={title}\"; if `{name}` was not measured in this run, add an empty column `{name}`, \
+             or leave it out of all runs with --without-output {name}"
+        );
+        let fault = Fault::Misspelt { output: name.clone(), column: title.into() };
+        self.problems.push(fault.anywhere().hint(hint));
     }
 
     /// The column of that title or name.
@@ -221,7 +261,7 @@ impl Search<'_> {
             Ok(Some(found)) => return Some(found),
             Ok(None) => {
                 let columns = self.table.titles();
-                let hint = self.like(name).map(|title| format!("did you mean `{title}`?"));
+                let hint = self.like(name, &|_| true).map(|title| format!("did you mean `{title}`?"));
                 let fault = Fault::UnknownColumn { channel: channel.into(), column: excerpt(text), columns };
                 self.problems.push(fault.anywhere().maybe_hint(hint));
             }
@@ -247,20 +287,24 @@ impl Search<'_> {
 
     fn missing(&mut self, role: Role, channel: &Channel) {
         let name = &channel.name;
-        let hint = match self.like(name) {
+        let hint = match self.like(name, &|_| true) {
             Some(title) => format!("if `{title}` is meant, say --map \"{name}={title}\""),
             None => format!("name the column `{name}`, or say --map {name}=COLUMN"),
         };
         let drives = role == Role::Output && self.channels.drives(name);
-        let hint = if drives { format!("`measured({name})` drives the model; {hint}") } else { hint };
+        let hint = match role {
+            Role::Output if drives => format!("`measured({name})` drives the model; {hint}"),
+            Role::Output => format!("{hint}; if it was not measured, say --without-output {name}"),
+            _ => hint,
+        };
         let fault = Fault::Missing { role, channel: name.clone(), columns: self.table.titles() };
         self.problems.push(fault.anywhere().hint(hint));
     }
 
-    /// Title of the column whose name is nearest, or begins with the name.
-    fn like(&self, name: &str) -> Option<String> {
+    /// Title of the column, of those that may be meant, whose name is nearest, or begins with the name.
+    fn like(&self, name: &str, may_be: &dyn Fn(&Heading) -> bool) -> Option<String> {
         // the distance costs the product of the lengths
-        let headings = || self.table.columns.iter().filter(|h| !h.title.is_empty() && h.name.len() <= 100);
+        let headings = || self.table.columns.iter().filter(|h| !h.title.is_empty() && h.name.len() <= 100 && may_be(h));
         // names of one letter are all equally near
         let resembles = |other: &&str| other.to_lowercase().contains(|c| name.to_lowercase().contains(c));
         let near = nearest(name, headings().map(|h| h.name.as_str())).filter(resembles);

@@ -234,6 +234,7 @@ fn options_are_checked_together() {
         every: 0,
         hold: vec!["y".into(), "v".into()],
         require_outputs: true,
+        without: Vec::new(),
     };
     let texts: Vec<_> = bad("t,u,y\n0,1,1\n", &uy(), &options).iter().map(Problem::to_string).collect();
     let parts =
@@ -274,7 +275,9 @@ fn gaps_are_counted_bridged_or_not_compared() {
     let problems = bad("t,u,y\n0,,\n1,,NaN\n", &uy(), &plain());
     let texts: Vec<_> = problems.iter().map(Problem::to_string).collect();
     assert_eq!(texts[0], "column `u`: the input `u` has no value in any selected row");
-    assert_eq!(texts[1], "column `y`: the output `y` has no value in any selected row");
+    let said =
+        "column `y`: the output `y` has no value in any selected row (if it was not measured, say --without-output y)";
+    assert_eq!(texts[1], said);
     let lenient = ReadOptions { require_outputs: false, ..plain() };
     let (run, summary) = good("t,u\n0,1\n1,1\n2,1\n", &uy(), &lenient);
     assert!(run.measured.len() == 3 && run.measured.iter().all(|v| v.is_nan()));

@@ -18,8 +18,21 @@ pub(super) struct EvenRows {
     pub(super) width: usize,
     /// Places by width; NaN throughout for a channel that was never measured.
     pub(super) rows: Vec<f64>,
-    /// The longest gap of each channel: places that are missing, and time of the first.
-    gaps: Vec<(usize, f64)>,
+    /// The gaps of each channel.
+    pub(super) gaps: Vec<Vec<Gap>>,
+    /// Time of the first place.
+    start: f64,
+}
+
+/// Places of a channel without a value, one after the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Gap {
+    /// The first place.
+    pub(super) first: usize,
+    /// How many there are.
+    pub(super) length: usize,
+    /// Whether the value before, or behind, stands in all of them; otherwise a line does from the one to the other.
+    pub(super) constant: bool,
 }
 
 impl EvenRows {
@@ -49,14 +62,14 @@ impl EvenRows {
         // the clock's own mean rate, unless a gap was shortened
         let shortened = grid.place.windows(2).any(|p| p[1] - p[0] >= LONGEST_GAP);
         let dt = if shortened { grid.interval } else { (run.time[n - 1] - run.time[0]) / (places - 1) as f64 };
-        let mut even = Self { dt, places, width, rows, gaps: Vec::new() };
-        even.gaps = (0..width).map(|c| even.bridge(c, c < m && run.held.get(c) == Some(&true), run.time[0])).collect();
+        let mut even = Self { dt, places, width, rows, gaps: Vec::new(), start: run.time[0] };
+        even.gaps = (0..width).map(|c| even.bridge(c, c < m && run.held.get(c) == Some(&true))).collect();
         Ok(even)
     }
 
-    /// Fills the gaps of a channel, linearly or with the value before; gives the longest gap.
-    fn bridge(&mut self, channel: usize, held: bool, start: f64) -> (usize, f64) {
-        let (width, mut longest, mut k) = (self.width, (0, start), 0);
+    /// Fills the gaps of a channel, linearly or with the value before; gives them.
+    fn bridge(&mut self, channel: usize, held: bool) -> Vec<Gap> {
+        let (width, mut gaps, mut k) = (self.width, Vec::new(), 0);
         let value = |rows: &[f64], k: usize| rows[k * width + channel];
         while k < self.places {
             if !value(&self.rows, k).is_nan() {
@@ -64,9 +77,7 @@ impl EvenRows {
                 continue;
             }
             let end = (k..self.places).find(|e| !value(&self.rows, *e).is_nan()).unwrap_or(self.places);
-            if end - k > longest.0 {
-                longest = (end - k, start + k as f64 * self.dt);
-            }
+            gaps.push(Gap { first: k, length: end - k, constant: held || k == 0 || end == self.places });
             let before = (k > 0).then(|| value(&self.rows, k - 1));
             let after = (end < self.places).then(|| value(&self.rows, end));
             for i in k..end {
@@ -79,7 +90,13 @@ impl EvenRows {
             }
             k = end;
         }
-        longest
+        gaps
+    }
+
+    /// The longest gap of a channel: places that are missing, and time of the first.
+    pub(super) fn longest_gap(&self, channel: usize) -> (usize, f64) {
+        let longest = self.gaps[channel].iter().rev().max_by_key(|gap| gap.length);
+        longest.map_or((0, self.start), |gap| (gap.length, self.start + gap.first as f64 * self.dt))
     }
 
     /// Whether a channel has no values at all.
@@ -93,7 +110,7 @@ impl EvenRows {
     /// # Errors
     /// [`SpectrumError::Gap`] otherwise.
     pub(super) fn check_gap(&self, channel: usize, highest: f64, name: ChannelName) -> Result<(), SpectrumError> {
-        let (missing, time) = self.gaps[channel];
+        let (missing, time) = self.longest_gap(channel);
         let quarter = (0.25 / (highest * self.dt)).floor();
         let allowed = (quarter.clamp(1.0, (LONGEST_GAP / 2) as f64) as usize).min(self.places / 10).max(1);
         if missing <= allowed {

@@ -3,6 +3,7 @@
 //!
 //! Start at [`Spectrum::of`]: `even_rows` -> `frequencies` -> `transform` (sums over samples) -> what lies between the samples.
 
+mod bridged;
 mod cross_spectra;
 mod decimation;
 mod direct_sum;
@@ -18,6 +19,7 @@ mod spectrum;
 mod tests;
 mod transform;
 
+pub use bridged::Bridge;
 pub use cross_spectra::CrossSpectra;
 pub use error::{ChannelName, SpectrumError};
 pub use frequencies::{Comb, Frequencies};

@@ -3,6 +3,7 @@
 //! The sum over samples is the integral over the record by the midpoint rule. What a simulation integrates is not the samples but
 //! what lies between them, and that has an exact transform: the sum times a factor, and something for the two half intervals at the ends.
 
+use super::bridged::{Bridge, trust};
 use super::cross_spectra::NO_POWER;
 use super::error::{ChannelName, SpectrumError};
 use super::even_rows::EvenRows;
@@ -41,8 +42,10 @@ pub struct Spectrum {
     pub input_held: Vec<bool>,
     /// What each input is before the record (m): the first of its samples, or zero less the mean that was taken off. Nothing where that is not known.
     pub input_before: Vec<f64>,
-    /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed.
+    /// Measured outputs, q by M; NaN for one that was never measured, where that was allowed, and where gaps leave too much in doubt.
     pub outputs: Vec<Complex64>,
+    /// Channels with long gaps, and what was done about them.
+    pub bridged: Vec<Bridge>,
     /// Values of the inputs half an interval before the first transformed sample, and half an interval behind the last (m each).
     pub input_ends: [Vec<f64>; 2],
     /// The same of the outputs (q each).
@@ -80,7 +83,8 @@ impl Spectrum {
     /// Transforms a run at the chosen frequencies.
     ///
     /// # Errors
-    /// [`SpectrumError`]: uneven sampling, long gaps, channels without values, and bands that the record cannot show.
+    /// [`SpectrumError`]: uneven sampling, gaps that leave no output at any frequency, channels without values, and bands that the record cannot
+    /// show.
     pub fn of(run: &Run, choice: &Frequencies, options: &SpectrumOptions) -> Result<Self, SpectrumError> {
         let mut even = EvenRows::of(run)?;
         let outer = usize::from(options.ends == Ends::Interpolated);
@@ -88,10 +92,11 @@ impl Spectrum {
         let comb = choice.of(samples, even.dt, even.width)?;
         let m = run.inputs.len() / run.len();
         let highest = comb.omega.last().map_or(0.0, |w| w / TAU);
+        let mut long = Vec::new();
         for c in 0..even.width {
             let name = options.name(c, m);
             if !even.never_measured(c) {
-                even.check_gap(c, highest, name)?;
+                long.extend(even.check_gap(c, highest, name).err().map(|error| (c, error)));
             } else if c < m || !options.allow_unmeasured {
                 return Err(SpectrumError::NeverMeasured(name));
             }
@@ -131,7 +136,27 @@ impl Spectrum {
                 }
             }
         }
-        let outputs = transforms.split_off(m * comb.len());
+        let mut outputs = transforms.split_off(m * comb.len());
+        let mut bridged = Vec::with_capacity(long.len());
+        for (c, _) in &long {
+            let trust = trust(&even, *c, &comb.omega, &sums[c * comb.len()..][..comb.len()]);
+            let told = if *c < m { 0..even.width - m } else { c - m..c - m + 1 };
+            for (k, _) in trust.kept.iter().enumerate().filter(|(_, kept)| !**kept) {
+                told.clone().for_each(|o| outputs[o * comb.len() + k] = Complex64::new(f64::NAN, f64::NAN));
+            }
+            bridged.push(Bridge {
+                channel: options.name(*c, m),
+                missing: even.gaps[*c].iter().map(|gap| gap.length).sum(),
+                longest: even.longest_gap(*c).0,
+                error: trust.error,
+                left_out: trust.kept.iter().filter(|kept| !**kept).count(),
+            });
+        }
+        if let Some((_, error)) = long.into_iter().next()
+            && outputs.iter().all(|v| v.is_nan())
+        {
+            return Err(error);
+        }
         let ends: Vec<[f64; 2]> = courses.iter().zip(&sides).map(|(course, sides)| course.ends(*sides)).collect();
         let pick = |channels: std::ops::Range<usize>| {
             [0, 1].map(|side| ends[channels.clone()].iter().map(|e| e[side]).collect())
@@ -147,6 +172,7 @@ impl Spectrum {
             input_held,
             input_before,
             outputs,
+            bridged,
             input_ends: pick(0..m),
             output_ends: pick(m..even.width),
             omega: comb.omega,

@@ -235,6 +235,44 @@ fn a_linear_model_has_the_same_response_in_both_domains() {
     }
 }
 
+/// A slow signal with noise, and the same with gaps of so many samples.
+fn with_gaps(n: usize, gaps: &[(usize, usize)]) -> [Run; 2] {
+    let x: Vec<f64> = noise(5, n)
+        .iter()
+        .enumerate()
+        .map(|(k, v)| (0.021 * k as f64).sin() + 0.4 * (0.0613 * k as f64 + 1.0).cos() + 0.02 * v)
+        .collect();
+    let whole = run(0.05, &[], false, &[x]);
+    let mut gappy = whole.clone();
+    gaps.iter().for_each(|(first, count)| gappy.measured[*first..first + count].fill(f64::NAN));
+    [whole, gappy]
+}
+
+#[test]
+fn a_bridge_makes_the_error_that_is_stated() {
+    for gaps in [&[(300, 20)][..], &[(200, 20), (700, 12), (900, 12)], &[(0, 9), (500, 30)]] {
+        let [whole, gappy] =
+            with_gaps(1200, gaps).map(|r| Spectrum::of(&r, &ALL, &SpectrumOptions::default()).expect("a spectrum"));
+        let [bridge] = &gappy.bridged[..] else { panic!("{:?}", gappy.bridged) };
+        assert!(whole.bridged.is_empty());
+        assert_eq!(bridge.missing, gaps.iter().map(|g| g.1).sum::<usize>());
+        let pairs = || whole.outputs.iter().zip(&gappy.outputs).filter(|(_, g)| !g.is_nan());
+        assert_eq!(pairs().count() + bridge.left_out, whole.omega.len());
+        let off: f64 = pairs().map(|(w, g)| (w - g).norm_sqr()).sum();
+        let size: f64 = pairs().map(|(_, g)| g.norm_sqr()).sum();
+        let (made, stated) = ((off / size).sqrt(), bridge.error.expect("some are kept"));
+        assert!(
+            made < 3.0 * stated && stated < 5.0 * made && stated < 0.02,
+            "{gaps:?}: {made} {stated} {}",
+            bridge.left_out
+        );
+        assert!(bridge.left_out < whole.omega.len() / 2, "{bridge:?}");
+    }
+    let [_, lost] = with_gaps(1200, &[(400, 300)]);
+    let message = Spectrum::of(&lost, &ALL, &SpectrumOptions::default()).expect_err("nothing is left").to_string();
+    assert!(message.contains("300"), "{message}");
+}
+
 #[test]
 fn offsets_and_gaps_change_nothing_that_matters() {
     let (n, dt) = (400, 0.05);
@@ -272,10 +310,10 @@ fn what_cannot_be_transformed_is_told() {
     uneven.time.iter_mut().for_each(|t| *t = t.powf(1.7));
     assert!(told(&uneven, &ALL).contains("not at equal intervals"));
     let mut gap = good.clone();
-    gap.measured[30..36].fill(f64::NAN);
+    gap.measured[30..50].fill(f64::NAN);
     let message = told(&gap, &Frequencies::Grid { lowest: None, highest: Some(2.0) });
     assert!(
-        message.starts_with("output `q`: 6 samples in a row are missing at time 3, and a line across at most 1"),
+        message.starts_with("output `q`: 20 samples in a row are missing at time 3, and a line across at most 1"),
         "{message}"
     );
     let mut empty = good.clone();
