@@ -15,5 +15,6 @@ mod kills;
 mod miniature;
 mod nonlinear;
 mod papers;
+mod petab;
 mod stiff;
 mod trex550;
