@@ -67,11 +67,12 @@ module.exports = grammar({
       seq(
         field('name', $.identifier),
         optional(field('shape', $.index)),
-        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run)),
+        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.by_log)),
       ),
     value: ($) => seq('=', choice('free', $.expression)),
     bounds: ($) => seq('in', '[', $.expression, ',', $.expression, ']'),
     per_run: () => seq('per', 'run'),
+    by_log: () => 'log',
 
     equation: ($) => seq($.expression, '=', $.expression, ';'),
     time: ($) => seq('time', $.unit, ';'),

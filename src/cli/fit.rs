@@ -15,7 +15,7 @@ use fdm_estimate::{
 };
 use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
-    history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_table, way,
+    history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
 };
 use fdm_results::documents::{FitDocument, TimeDomain};
 use fdm_results::store::Identity;
@@ -319,7 +319,8 @@ impl Found {
         if let Self::Output(fit) = self
             && !fit.starts.is_empty()
         {
-            text.push_str(&format!("{}\n", starts_table(&fit.starts, arguments.starts as usize)));
+            text.push_str(&starts_table(&fit.starts, arguments.starts as usize));
+            text.push_str(&format!("{}\n", starts_hint(&fit.model.definition().params)));
         }
         if let Some(fit) = self.in_time().filter(|_| arguments.watch) {
             text.push_str(&format!("\n{}\n", overlays(&histories(fit, runs))));
@@ -332,6 +333,8 @@ impl Found {
             Self::Responses(fit) => fit.cost().map(|c| format!(", average cost {c:.3}")),
             _ => e.cost.map(|c| format!(", cost {c:.9e}")),
         };
+        let logarithm = e.log_likelihood.map(|l| format!(", log-likelihood {l:.6}"));
+        let cost = cost.map(|cost| cost + &logarithm.unwrap_or_default());
         text.push_str(&format!("{} after {} iterations{}\n", e.termination, e.iterations, cost.unwrap_or_default()));
         let integrated = match self {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) if !e.runs.is_empty() => &fit.integration[..],

@@ -45,6 +45,9 @@ pub struct Estimate {
     pub outputs: Vec<OutputFit>,
     /// Minus the logarithm of the likelihood, without its constant, at the maximum-likelihood values (see [`Self::bias_corrections`]).
     pub cost: Option<f64>,
+    /// Logarithm of the likelihood of the measured numbers, whole: with its constant, without priors. None where noise is not that of
+    /// independent samples in time.
+    pub log_likelihood: Option<f64>,
     /// How the iteration ended.
     pub termination: Termination,
     /// Gauss-Newton iterations made.

@@ -113,6 +113,11 @@ impl Likelihood {
         self.worth * self.counts.iter().sum::<usize>() as f64
     }
 
+    /// Logarithm of the likelihood whose variable part is `cost`.
+    pub(super) fn logarithm(&self, cost: f64) -> f64 {
+        -cost - 0.5 * self.samples() * std::f64::consts::TAU.ln()
+    }
+
     /// The same of each output whose noise is estimated; none of one whose noise is known.
     pub(super) fn samples_of_outputs(&self) -> Vec<Option<f64>> {
         let of = |(o, count): (usize, &usize)| self.estimates(o).then_some(self.worth * *count as f64);

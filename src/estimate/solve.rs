@@ -2,7 +2,7 @@
 
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
-use crate::iteration::likelihood::{LikelihoodCost, Observed};
+use crate::iteration::likelihood::{LikelihoodCost, LikelihoodSteps, Observed};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
 use crate::noise::Likelihood;
@@ -66,24 +66,31 @@ pub fn estimate_from(
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let priors = Priors::new(problem, &unknowns);
     observer.begin(&|| unknowns.names(problem));
-    let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
-    let cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
-    let Unknowns { start, lower, upper, affine, .. } = &unknowns;
-    let space = Space { start, lower, upper, affine, reach: &[] };
+    let logarithmic = unknowns.searched(problem);
+    let searched = logarithmic.as_ref().unwrap_or(&unknowns);
+    let evaluator = Evaluator::new(problem, searched, likelihood.is_full());
+    let cost = LikelihoodCost { evaluator, unknowns: searched, likelihood: &likelihood, priors: &priors };
     let Options { iterations, tolerance, gain, optimizer, .. } = *options;
-    let mut steps =
-        GaussNewton::new(cost, space, StepOptions { iterations, tolerance, gain, ..StepOptions::default() });
-    let end = steps.run(resume, |steps, monitor| approach(optimizer, steps, monitor), &mut Observed(observer));
+    let step_options = StepOptions { iterations, tolerance, gain, ..StepOptions::default() };
+    let mut steps = GaussNewton::new(cost, space(searched), step_options);
+    let mut observed = Observed { observer, unknowns: searched };
+    let end = steps.run(resume, |steps, monitor| approach(optimizer, steps, monitor), &mut observed);
     observer.ended(steps.history.len().saturating_sub(1));
     observer.doing("standard errors");
+    let fallbacks = steps.fallbacks();
+    if logarithmic.is_some() {
+        steps = of_parameters(steps, &unknowns, step_options);
+    }
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
     let possible = likelihood.admits(steps.weights.cost);
     let conclusion = conclusion.filter(|_| possible);
     let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
-    let fallbacks = steps.fallbacks();
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;
     let evaluations = cost.evaluations();
     let mut responses = cost.evaluator.into_responses();
+    let in_time = |run: &ProblemRun<'_>| run.response.coefficients().is_none() && run.response.known_noise().is_none();
+    let in_time = end.is_ok() && possible && problem.runs.iter().all(in_time);
+    let log_likelihood = in_time.then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
 
     let corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
@@ -129,6 +136,7 @@ pub fn estimate_from(
         parameters,
         outputs,
         cost,
+        log_likelihood,
         iterations: history.len().saturating_sub(1),
         aids: fallbacks,
         evaluations,
@@ -148,6 +156,46 @@ pub fn estimate_from(
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
     })
+}
+
+fn space(unknowns: &Unknowns) -> Space<'_> {
+    let Unknowns { start, lower, upper, affine, .. } = unknowns;
+    Space { start, lower, upper, affine, reach: &[] }
+}
+
+/// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
+fn of_parameters<'c, 'e, 'a>(
+    steps: LikelihoodSteps<'c, 'e, 'a>,
+    unknowns: &'e Unknowns,
+    options: StepOptions,
+) -> LikelihoodSteps<'c, 'e, 'a> {
+    let values = steps.problem.unknowns.parameters(&steps.values);
+    let GaussNewton { problem: mut cost, weights, history, .. } = steps;
+    cost.unknowns = unknowns;
+    cost.evaluator.set_unknowns(unknowns);
+    let mut steps = GaussNewton::new(cost, space(unknowns), options);
+    (steps.values, steps.weights, steps.history) = (values, weights, history);
+    steps
+}
+
+/// The cost at `start` (all parameters of each run), infinite where a response cannot be computed.
+pub(crate) fn cost_at(problem: &mut Problem<'_>, options: &Options, start: &[Vec<f64>]) -> f64 {
+    if !problem.mistakes(options).is_empty() {
+        return f64::INFINITY;
+    }
+    let unknowns = Unknowns::new(problem);
+    let (q, worth) = (problem.outputs.len(), problem.worth());
+    let likelihood = Likelihood::new(&options.noise, q, problem.runs.iter().map(|r| &r.measured[..]), worth);
+    let priors = Priors::new(problem, &unknowns);
+    let evaluator = Evaluator::new(problem, &unknowns, likelihood.is_full());
+    let mut cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
+    let value = |g: usize| {
+        let (run, k) = unknowns.owner(g);
+        start[run.unwrap_or(0)][k]
+    };
+    let values: Vec<f64> = (0..unknowns.len()).map(value).collect();
+    let cost = cost.evaluate(&values).map_or(f64::INFINITY, |weights| weights.cost);
+    if cost.is_nan() { f64::INFINITY } else { cost }
 }
 
 /// The responses of all runs to other values; none where one cannot be simulated.

@@ -10,7 +10,17 @@ use fdm_system::simulate::{Block, Divergence, RowLayout, Sink};
 pub(super) fn param(name: &str, value: f64) -> Param {
     let quantity = Quantity { name: name.into(), doc: String::new(), unit: None };
     let (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
-    Param { quantity, origin: Origin::Declared, value, lower, upper, fixed: false, per_run: false, prior: None }
+    Param {
+        quantity,
+        origin: Origin::Declared,
+        value,
+        lower,
+        upper,
+        fixed: false,
+        per_run: false,
+        logarithmic: false,
+        prior: None,
+    }
 }
 
 /// Outputs (q) and their partials (q by p) at a sample.

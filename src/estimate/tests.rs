@@ -48,6 +48,9 @@ fn a_straight_line_gives_the_textbook_numbers() {
     close(fit.parameters[1].standard_error.expect("determined"), (s2 * n / det).sqrt());
     close(fit.correlations.at(0, 1), -sx / (sxx * n).sqrt());
     close(fit.noise.expect("estimated").at(0, 0), s2);
+    // that of the likeliest variance, which is not corrected for degrees of freedom
+    let likeliest = s2 * (n - 2.0) / n;
+    close(fit.log_likelihood.expect("in time"), -0.5 * n * ((std::f64::consts::TAU * likeliest).ln() + 1.0));
     assert!(fit.iterations <= 2, "linear: one step and a look");
 }
 

@@ -1,7 +1,11 @@
 //! The vector of unknowns: shared free parameters first, then for every run its own copies of the per-run ones.
+//!
+//! A search may take the logarithm of a positive parameter for its unknown ([`Unknowns::searched`]); what follows from the values
+//! that were found (standard errors, bounds) is of the parameters themselves.
 
 use crate::observer::UnknownName;
 use crate::problem::Problem;
+use fdm_numeric::elementary::{exp, log};
 
 /// Which entry of the vector is which parameter of which run.
 #[derive(Debug, Clone)]
@@ -22,6 +26,8 @@ pub(super) struct Unknowns {
     pub(super) affine: Vec<usize>,
     /// All parameters of each run at the start (runs by p).
     pub(super) theta: Vec<Vec<f64>>,
+    /// Bounds of the parameter behind each unknown that is its logarithm; empty where all unknowns are parameters.
+    logarithms: Vec<Option<(f64, f64)>>,
 }
 
 impl Unknowns {
@@ -51,6 +57,7 @@ impl Unknowns {
             start: Vec::new(),
             affine: Vec::new(),
             theta,
+            logarithms: Vec::new(),
         };
         for g in 0..unknowns.len() {
             let (run, k) = unknowns.owner(g);
@@ -62,6 +69,49 @@ impl Unknowns {
             unknowns.start.push(unknowns.theta[run.unwrap_or(0)][k]);
         }
         unknowns
+    }
+
+    /// The same with the logarithms of the parameters that are declared so; none where there are none.
+    pub(super) fn searched(&self, problem: &Problem<'_>) -> Option<Self> {
+        let is_log = |g: usize| problem.params[self.owner(g).1].logarithmic;
+        if !(0..self.len()).any(is_log) {
+            return None;
+        }
+        let mut searched = self.clone();
+        searched.logarithms =
+            (0..self.len()).map(|g| is_log(g).then(|| (self.lower[g].max(0.0), self.upper[g]))).collect();
+        for g in (0..self.len()).filter(|g| is_log(*g)) {
+            searched.lower[g] = log(self.lower[g].max(0.0));
+            searched.upper[g] = log(self.upper[g]);
+            searched.start[g] = log(self.start[g]).clamp(searched.lower[g], searched.upper[g]);
+        }
+        // a response that is affine in a parameter is not so in its logarithm
+        searched.affine.retain(|g| !is_log(*g));
+        Some(searched)
+    }
+
+    /// The parameter behind an unknown with this value.
+    fn parameter(&self, unknown: usize, value: f64) -> f64 {
+        match self.logarithms.get(unknown) {
+            Some(Some((lower, upper))) => exp(value).clamp(*lower, *upper),
+            _ => value,
+        }
+    }
+
+    /// An unknown with this value once its parameter is `factor` times as large.
+    pub(super) fn scaled(&self, unknown: usize, value: f64, factor: f64) -> f64 {
+        if matches!(self.logarithms.get(unknown), Some(Some(_))) { value + log(factor) } else { value * factor }
+    }
+
+    /// The parameters behind all unknowns.
+    pub(super) fn parameters(&self, values: &[f64]) -> Vec<f64> {
+        values.iter().enumerate().map(|(g, value)| self.parameter(g, *value)).collect()
+    }
+
+    /// Derivative of each parameter by its unknown; empty where all are 1.
+    pub(super) fn slopes(&self, values: &[f64]) -> Vec<f64> {
+        let slope = |(logarithm, value): (&Option<_>, &f64)| if logarithm.is_some() { exp(*value) } else { 1.0 };
+        self.logarithms.iter().zip(values).map(slope).collect()
     }
 
     /// Number of unknowns.
@@ -116,7 +166,8 @@ impl Unknowns {
     /// Writes the unknowns into the parameters of a run.
     pub(super) fn assemble(&self, run: usize, values: &[f64], theta: &mut [f64]) {
         for (c, k) in self.columns.iter().enumerate() {
-            theta[*k] = values[self.position(run, c)];
+            let unknown = self.position(run, c);
+            theta[*k] = self.parameter(unknown, values[unknown]);
         }
     }
 }

@@ -130,6 +130,12 @@ pub trait Problem {
         None
     }
 
+    /// An unknown with this value once what it stands for is `factor` times as large.
+    fn scaled(&self, unknown: usize, value: f64, factor: f64) -> f64 {
+        let _ = unknown;
+        value * factor
+    }
+
     /// Evaluations with sensitivities so far, and without.
     fn evaluations(&self) -> (usize, usize) {
         (0, 0)
@@ -1154,8 +1160,8 @@ impl<P: Problem> GaussNewton<'_, P> {
 
     fn reset(&mut self, factor: f64) {
         let bounds = self.space.lower.iter().zip(self.space.upper);
-        let scaled =
-            self.space.start.iter().zip(bounds).map(|(v, (lower, upper))| (v * factor).max(*lower).min(*upper));
+        let scaled = self.space.start.iter().zip(bounds).enumerate();
+        let scaled = scaled.map(|(j, (v, (lower, upper)))| self.problem.scaled(j, *v, factor).max(*lower).min(*upper));
         self.values = scaled.collect();
         (self.damping, self.level) = (self.options.damping, DAMPING);
         (self.last, self.predicted) = (f64::INFINITY, f64::INFINITY);

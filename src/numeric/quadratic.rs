@@ -118,6 +118,17 @@ impl Quadratic {
         }
     }
 
+    /// Multiplies the columns of J so far by `slopes` (P): unknowns of which these are functions take their place.
+    pub fn stretch(&mut self, slopes: &[f64]) {
+        for (row, slope) in self.hessian.chunks_mut(self.size).zip(slopes) {
+            row.iter_mut().zip(slopes).for_each(|(value, other)| *value *= slope * other);
+        }
+        self.rhs.iter_mut().zip(slopes).for_each(|(value, slope)| *value *= slope);
+        for row in self.triangle.chunks_mut(self.width) {
+            row.iter_mut().zip(slopes).for_each(|(value, slope)| *value *= slope);
+        }
+    }
+
     /// Length of a row [J v].
     pub fn width(&self) -> usize {
         self.width

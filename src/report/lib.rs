@@ -46,7 +46,7 @@ pub use regression::{dependence_table, regression_table, structure_table};
 pub use response::{response_svg, response_table};
 pub use spectral::{hidden_mode, prediction_table, spectral_table, spectrum_columns};
 pub use stages::{Shown, Stage, dot, stage};
-pub use starts::starts_table;
+pub use starts::{starts_hint, starts_table};
 pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;

@@ -2,6 +2,7 @@
 
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::{StartSummary, Termination};
+use fdm_grammar::model::Param;
 use fdm_results::documents::digits;
 
 /// Starts shown; of more the best.
@@ -31,6 +32,20 @@ pub fn starts_table(starts: &[StartSummary], count: usize) -> String {
     }
     text.push_str(&closing(starts, count));
     text
+}
+
+/// What would help the search; empty where there is nothing to say.
+pub fn starts_hint(params: &[Param]) -> String {
+    let wide = |p: &&Param| p.spans_decades() && p.lower > 0.0 && !p.logarithmic && !p.fixed;
+    let names: Vec<&str> = params.iter().filter(wide).map(|p| p.quantity.name.as_str()).collect();
+    match &names[..] {
+        [] => String::new(),
+        [one] => format!("the bounds of {one} span decades: `log` behind them lets the search run in its logarithm\n"),
+        more => {
+            let names = more.join(", ");
+            format!("the bounds of {names} span decades: `log` behind them lets the search run in logarithms\n")
+        }
+    }
 }
 
 fn closing(starts: &[StartSummary], count: usize) -> String {

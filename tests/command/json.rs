@@ -6,7 +6,7 @@ use support::command::{at_home, good};
 fn json_has_the_promised_keys() {
     let words = "fit models/ship_roll_decay/linear.fdm --data models/ship_roll_decay/run.csv --json --quiet";
     let result: serde_json::Value = serde_json::from_str(&good(&mut at_home(words))).unwrap();
-    for key in ["parameters", "outputs", "cost", "termination", "iterations"] {
+    for key in ["parameters", "outputs", "cost", "log_likelihood", "termination", "iterations"] {
         assert!(!result[key].is_null(), "{key}");
     }
     for key in ["name", "value", "standard_error", "unit", "status", "run"] {

@@ -11,6 +11,7 @@
 (role) @keyword
 (effect_declarations ["state" "let" "const"] @keyword)
 ["in" "fixed" "free" "per" "run"] @attribute
+(by_log) @attribute
 ["if" "then" "else"] @keyword.conditional
 ["and" "or" "not"] @keyword.operator
 ["+" "-" "*" "/" "^" "<" "<=" ">" ">=" "==" "!=" "=" "+=" "~" "|"] @operator

@@ -22,6 +22,9 @@ pub(super) fn attributes(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
         if let Some(span) = d.per_run.filter(|_| symbol.role != Role::Param) {
             findings.push(wrong(symbol, span, "`per run`", per_run_hint(symbol)));
         }
+        if let Some(span) = d.log.filter(|_| symbol.role != Role::Param) {
+            findings.push(wrong(symbol, span, "`log`", "only params are estimated by their logarithms"));
+        }
         if let (Some(fixed), Some(per_run), Role::Param) = (d.fixed, d.per_run, symbol.role) {
             let message = format!("`{}` cannot be fixed and have a value of its own in each run", symbol.name());
             let finding = Diagnostic::new(Code::WrongAttribute, fixed.max(per_run), message);
@@ -128,6 +131,9 @@ pub(super) fn ranges(
         {
             bounded(scope, symbol, bounds, lower, upper, &mut ranges[s], findings);
         }
+        if let Some(log) = symbol.declaration.log {
+            positive(scope, symbol, log, &mut ranges[s], findings);
+        }
     }
     delays(scope, kinds, indices, expressions, &mut ranges, findings);
     ranges
@@ -136,7 +142,8 @@ pub(super) fn ranges(
 fn derived_attributes(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
     let d = symbol.declaration;
     let name = symbol.name();
-    let spans = [(d.bounds.map(|b| b.span), "bounds"), (d.fixed, "`fixed`"), (d.per_run, "`per run`")];
+    let spans =
+        [(d.bounds.map(|b| b.span), "bounds"), (d.fixed, "`fixed`"), (d.per_run, "`per run`"), (d.log, "`log`")];
     for (span, what) in spans {
         if let Some(span) = span {
             let message = format!("{what} cannot be given for `{name}`, which other params define");
@@ -177,6 +184,29 @@ fn bounded(
         let finding = Diagnostic::new(Code::OutsideBounds, place, message);
         findings.push(finding.label(bounds.span, "the bounds").hint("start inside the bounds or widen them"));
     }
+}
+
+/// A param that is estimated by its logarithm is above 0, and so are its bounds; a lower one of 0 is never reached.
+fn positive(scope: &Scope<'_>, symbol: &Symbol<'_>, log: Span, range: &mut Range, findings: &mut Vec<Diagnostic>) {
+    let name = symbol.name();
+    if let Some(bounds) = symbol.declaration.bounds
+        && (range.lower < 0.0 || range.upper <= 0.0)
+    {
+        let (lower, upper) = (range.lower, range.upper);
+        let message = format!("`{name}` is estimated by its logarithm, its bounds [{lower}, {upper}] are not positive");
+        let finding = Diagnostic::new(Code::BadBounds, bounds.span, message).label(log, "by its logarithm");
+        let upper = if upper > 0.0 { upper.to_string() } else { "upper".into() };
+        findings.push(finding.hint(format!("`in [lower, {upper}] log` with `lower` above 0, or no `log`")));
+    } else if range.value <= 0.0 {
+        let place = match symbol.declaration.value {
+            Some(Value::Expr(root)) => scope.tree.span(root),
+            _ => symbol.declaration.name.span,
+        };
+        let message = format!("`{name}` is estimated by its logarithm and cannot start at {}", range.value);
+        let finding = Diagnostic::new(Code::OutsideBounds, place, message).label(log, "by its logarithm");
+        findings.push(finding.hint("start above 0, or remove `log`"));
+    }
+    range.lower = range.lower.max(0.0);
 }
 
 /// A param that is a delay cannot go below zero.

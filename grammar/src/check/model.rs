@@ -34,6 +34,7 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
         upper: range.upper,
         fixed: symbol.declaration.fixed.is_some(),
         per_run: symbol.declaration.per_run.is_some(),
+        logarithmic: symbol.declaration.log.is_some(),
         prior: None,
     }
 }
@@ -56,6 +57,7 @@ pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &
             upper: f64::INFINITY,
             fixed: true,
             per_run: false,
+            logarithmic: false,
             prior: None,
         });
     }
@@ -78,6 +80,7 @@ fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: true,
+        logarithmic: false,
         prior: None,
     }
 }

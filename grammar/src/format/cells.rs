@@ -54,6 +54,8 @@ fn cell(piece: &Piece<'_>, last: Cell) -> Option<Cell> {
         // bounds belong to the value that they directly follow, `fixed` and `per run` too
         "in" if last != Cell::Value => Some(Cell::Bounds),
         "fixed" | "per" if !matches!(last, Cell::Value | Cell::Bounds | Cell::Doc) => Some(Cell::Doc),
+        // behind a unit it is no function
+        "log" if last == Cell::Unit => Some(Cell::Doc),
         _ => None,
     }
 }

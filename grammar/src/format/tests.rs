@@ -165,6 +165,17 @@ fn neighbours_are_lined_up() {
 }
 
 #[test]
+fn logarithms_of_params_keep_their_place() {
+    let text = "model m { param k=1e-3 in [1e-6,1e3] [1/s] log, a = log(2) log; output y = log(k)*a; }";
+    let wanted = "model m {
+  param k = 1e-3 in [1e-6, 1e3] [1/s] log, a = log(2) log;
+  output y = log(k)*a;
+}
+";
+    assert_eq!(formatted(text), wanted, "\n{}", formatted(text));
+}
+
+#[test]
 fn rows_of_a_matrix_are_lined_up() {
     let text = "model m { param A[3,2] = [
       [-0.5,a],

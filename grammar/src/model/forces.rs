@@ -83,6 +83,7 @@ fn factor(quantity: Quantity) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: false,
+        logarithmic: false,
         prior: None,
     }
 }

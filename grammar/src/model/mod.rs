@@ -123,6 +123,8 @@ pub struct Param {
     pub fixed: bool,
     /// Has a value of its own in every run.
     pub per_run: bool,
+    /// Positive, and searched by its logarithm (`log`).
+    pub logarithmic: bool,
     /// What was known before; the copies of every run have it each.
     pub prior: Option<Prior>,
 }
@@ -131,6 +133,15 @@ impl Param {
     /// Whether it is the first sample of an input: neither estimated nor given, and no user declared it.
     pub fn is_recorded(&self) -> bool {
         matches!(self.origin, Origin::FirstSample(_))
+    }
+
+    /// Whether both bounds have one sign and the one is 100 times further from zero than the other, or more: its logarithm says
+    /// more of its size than its value.
+    pub fn spans_decades(&self) -> bool {
+        const WIDE: f64 = 100.0;
+        let Self { lower, upper, .. } = *self;
+        lower > 0.0 && upper.is_finite() && upper >= WIDE * lower
+            || upper < 0.0 && lower.is_finite() && lower <= WIDE * upper
     }
 }
 

@@ -113,7 +113,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_as => Want::As,
         Rule::colon => Want::Colon,
         Rule::open | Rule::connections => Want::Open,
-        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per => Want::Attribute,
+        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per | Rule::by_log => Want::Attribute,
         Rule::unit => Want::Unit,
         Rule::word_run => Want::Run,
         Rule::equals => Want::Equals,
@@ -301,6 +301,7 @@ impl<'a> Build<'a> {
                 Rule::value => d.value = self.value(part),
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
+                Rule::by_log => d.log = Some(place),
                 _ => d.per_run = Some(place),
             }
         }
@@ -462,6 +463,7 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
         Rule::value => "a second value",
         Rule::bounds => "bounds twice",
         Rule::fixed => "`fixed` twice",
+        Rule::by_log => "`log` twice",
         _ => "`per run` twice",
     };
     Diagnostic::new(Code::WrongAttribute, second, format!("`{name}` has {what}"))

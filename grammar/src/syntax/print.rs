@@ -182,6 +182,7 @@ impl<'a> Printer<'a> {
         }
         out.push_str(if d.fixed.is_some() { " fixed" } else { "" });
         out.push_str(if d.per_run.is_some() { " per run" } else { "" });
+        out.push_str(if d.log.is_some() { " log" } else { "" });
         out
     }
 

@@ -58,7 +58,7 @@ fn of_declaration(d: &mut Declaration, visit: &mut impl FnMut(&mut Span)) {
         visit(span);
     }
     let rest = [d.shape.as_mut().map(|s| &mut s.span), d.bounds.as_mut().map(|b| &mut b.span)];
-    rest.into_iter().chain([d.fixed.as_mut(), d.per_run.as_mut()]).flatten().for_each(visit);
+    rest.into_iter().chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut()]).flatten().for_each(visit);
 }
 
 fn optional(name: &mut Option<Name>, visit: &mut impl FnMut(&mut Span)) {

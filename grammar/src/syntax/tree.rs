@@ -243,6 +243,8 @@ pub struct Declaration {
     pub fixed: Option<Span>,
     /// `per run`
     pub per_run: Option<Span>,
+    /// `log`: estimated by its logarithm
+    pub log: Option<Span>,
     /// Said of what no user wrote: a state or a `let` of a block.
     pub made: Option<Made>,
     /// The whole declaration.
@@ -261,6 +263,7 @@ impl Declaration {
             bounds: None,
             fixed: None,
             per_run: None,
+            log: None,
             made: None,
             span,
         }

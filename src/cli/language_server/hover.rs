@@ -10,7 +10,7 @@ const ABOUT: &[(&str, &str)] = &[
     ("model", "`model name \"doc\" { ... }`"),
     ("input", "a recorded signal that drives the model"),
     ("state", "a quantity with an equation `der(x) = ...;`, and its value at the beginning of a run"),
-    ("param", "a number to be estimated: start value, bounds `in [lower, upper]`, `fixed`, `per run`"),
+    ("param", "a number to be estimated: start value, bounds `in [lower, upper]`, `fixed`, `per run`, `log`"),
     ("const", "a number that is known"),
     ("let", "a name for an expression"),
     ("output", "what a recorded channel should be"),

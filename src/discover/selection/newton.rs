@@ -232,6 +232,7 @@ fn estimate(
         lower: param.lower.is_finite().then_some(param.lower),
         upper: param.upper.is_finite().then_some(param.upper),
         limit: None,
+        logarithmic: false,
     }
 }
 
@@ -284,7 +285,17 @@ mod tests {
 
     fn param(name: &str, value: f64, (lower, upper): (f64, f64), per_run: bool) -> Param {
         let quantity = Quantity { name: name.into(), doc: String::new(), unit: None };
-        Param { quantity, origin: Origin::Declared, value, lower, upper, fixed: false, per_run, prior: None }
+        Param {
+            quantity,
+            origin: Origin::Declared,
+            value,
+            lower,
+            upper,
+            fixed: false,
+            per_run,
+            logarithmic: false,
+            prior: None,
+        }
     }
 
     /// Two runs with zeros of their own; the truth is a = 2, b = 0.7, c = 0.5 and -0.25, d = 1.8.

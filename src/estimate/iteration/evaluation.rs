@@ -141,11 +141,13 @@ impl<'e, 'a> Evaluator<'e, 'a> {
         self.evaluate(ahead, Want::Response)?;
         self.evaluations += 1;
         let (unknowns, q) = (&*self.unknowns, self.outputs);
+        let slopes = unknowns.slopes(values);
         let work = |(r, state): (usize, &mut RunState<'_, '_>)| {
             std::mem::swap(&mut state.ahead, &mut state.y);
             state.y.resize(state.ahead.len(), 0.0);
             unknowns.assemble(r, values, &mut state.theta);
-            let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| step[unknowns.position(r, c)]).collect();
+            let along = |g: usize| slopes.get(g).map_or(step[g], |slope| slope * step[g]);
+            let own: Vec<f64> = (0..unknowns.columns.len()).map(|c| along(unknowns.position(r, c))).collect();
             state.failure = state.bend(unknowns, q, &own, inverse_noise).err();
         };
         each(&mut self.states, work);
@@ -158,7 +160,13 @@ impl<'e, 'a> Evaluator<'e, 'a> {
                 bend[unknowns.position(run, c)] += b;
             }
         }
+        bend.iter_mut().zip(&slopes).for_each(|(b, slope)| *b *= slope);
         Ok(())
+    }
+
+    /// Takes up other unknowns for the same parameters.
+    pub(crate) fn set_unknowns(&mut self, unknowns: &'e Unknowns) {
+        self.unknowns = Cow::Borrowed(unknowns);
     }
 
     /// What is unknown.

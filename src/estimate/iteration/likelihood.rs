@@ -25,7 +25,7 @@ impl LikelihoodCost<'_, '_, '_> {
     /// Cost and weights of the last evaluation, which was at `values`.
     fn weigh(&self, values: &[f64]) -> Weights {
         let mut weights = self.likelihood.weights(&self.evaluator.moments);
-        let prior = self.priors.cost(values);
+        let prior = self.priors.cost(&self.unknowns.parameters(values));
         weights.cost += prior;
         weights.rounding += 4.0 * f64::EPSILON * prior;
         weights
@@ -34,11 +34,12 @@ impl LikelihoodCost<'_, '_, '_> {
     /// The quadratic of the last linearisation with a factor for each group of sums.
     pub(crate) fn gather_with(
         &self,
+        values: &[f64],
         factors: &[f64],
         priors: impl Iterator<Item = PriorRow>,
         quadratic: &mut Quadratic,
     ) {
-        gather(quadratic, self.unknowns, self.evaluator.sums(), factors, priors);
+        gather(quadratic, (self.unknowns, values), self.evaluator.sums(), factors, priors);
     }
 }
 
@@ -85,7 +86,8 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
     }
 
     fn gather(&mut self, values: &[f64], weights: &Weights, quadratic: &mut Quadratic) {
-        self.gather_with(&self.likelihood.factors(weights), self.priors.rows(values), quadratic);
+        let priors = self.priors.rows(&self.unknowns.parameters(values)).collect::<Vec<_>>().into_iter();
+        self.gather_with(values, &self.likelihood.factors(weights), priors, quadratic);
     }
 
     fn keep(&mut self) {
@@ -112,6 +114,10 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
         Some(self.evaluator.bend(values, ahead, step, &weights.inverse(), slope).is_ok())
     }
 
+    fn scaled(&self, unknown: usize, value: f64, factor: f64) -> f64 {
+        self.unknowns.scaled(unknown, value, factor)
+    }
+
     fn evaluations(&self) -> (usize, usize) {
         (self.evaluator.evaluations, self.evaluator.simulations)
     }
@@ -122,9 +128,13 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
 }
 
 /// An [`Observer`] as the monitor of an iteration.
-pub(crate) struct Observed<'o>(pub(crate) &'o mut dyn Observer);
+pub(crate) struct Observed<'o, 'u> {
+    pub(crate) observer: &'o mut dyn Observer,
+    /// What the values of the iteration are of; the observer sees parameters.
+    pub(crate) unknowns: &'u Unknowns,
+}
 
-impl Monitor for Observed<'_> {
+impl Monitor for Observed<'_, '_> {
     fn iteration(
         &mut self,
         iteration: &Iteration,
@@ -132,10 +142,10 @@ impl Monitor for Observed<'_> {
         state: Option<&dyn Fn() -> Vec<u8>>,
     ) -> ControlFlow<()> {
         if let Some(state) = state {
-            self.0.state(state);
+            self.observer.state(state);
         }
-        self.0.values(values);
-        self.0.iteration(iteration)
+        self.observer.values(&self.unknowns.parameters(values));
+        self.observer.iteration(iteration)
     }
 
     fn goes_on(&mut self) -> bool {
@@ -146,12 +156,13 @@ impl Monitor for Observed<'_> {
 /// Gathers the sums of all runs, in their order, each group times its factor, and what was known before.
 fn gather<'s>(
     quadratic: &mut Quadratic,
-    unknowns: &Unknowns,
+    (unknowns, values): (&Unknowns, &[f64]),
     runs: impl Iterator<Item = &'s Sums>,
     factors: &[f64],
     priors: impl Iterator<Item = PriorRow>,
 ) {
     quadratic.begin(unknowns.len());
+    let slopes = unknowns.slopes(values);
     let (mut rows, mut work) = (Vec::new(), Vec::new());
     for (run, sums) in runs.enumerate() {
         for (group, factor) in factors.iter().copied().enumerate() {
@@ -167,7 +178,11 @@ fn gather<'s>(
             }
         }
     }
+    if !slopes.is_empty() {
+        quadratic.stretch(&slopes);
+    }
     for PriorRow { unknown, weight, residual } in priors {
+        let weight = slopes.get(unknown).map_or(weight, |slope| weight * slope);
         quadratic.add_row_of(unknown, weight, residual, &mut rows, &mut work);
     }
     quadratic.end();

@@ -282,3 +282,84 @@ fn what_converged_is_a_minimum_wherever_it_started() {
     });
     assert!(good > 200, "{good} of 216");
 }
+
+/// The decay with logarithms for unknowns, from these values.
+fn by_logarithms(start: [f64; 2]) -> Problem<'static> {
+    let mut problem = decay([(1e-6, 1e4); 2]);
+    for (p, value) in problem.params.iter_mut().zip(start) {
+        (p.value, p.logarithmic) = (value, true);
+    }
+    problem
+}
+
+#[test]
+fn logarithms_lead_to_the_same_estimates_from_decades_away() {
+    let near = estimate(&mut decay([(1e-6, 1e4); 2]), &Options::default(), &mut ()).expect("a possible problem");
+    for optimizer in [Optimizer::GaussNewton, Optimizer::Lbfgs] {
+        let far = estimate(&mut by_logarithms([1e-5, 1e-5]), &by(optimizer), &mut ()).expect("a possible problem");
+        assert!(far.termination.is_good(), "{}", far.termination);
+        for (a, b) in far.parameters.iter().zip(&near.parameters) {
+            assert!((a.value / b.value - 1.0).abs() < 1e-8, "{a:?} {b:?}");
+            let errors = a.standard_error.expect("determined") / b.standard_error.expect("determined");
+            assert!((errors - 1.0).abs() < 1e-6, "the error is that of the parameter, by the delta method: {errors}");
+            assert_eq!((a.start, a.lower, a.upper, a.logarithmic), (Some(1e-5), Some(1e-6), Some(1e4), true));
+            let [low, high] = a.interval().expect("known");
+            assert!((low * high / a.value.powi(2) - 1.0).abs() < 1e-12 && low > 0.0, "even in the logarithm");
+            assert!(
+                ((high - low) / (2.0 * quantile(a.degrees_of_freedom) * a.error().expect("known")) - 1.0).abs() < 0.01,
+                "as wide as the error says"
+            );
+        }
+        let costs = (far.cost.expect("simulated"), near.cost.expect("simulated"));
+        assert!((costs.0 - costs.1).abs() < 1e-9, "{costs:?}");
+    }
+}
+
+#[test]
+fn what_stands_at_a_bound_of_its_logarithm_stands_on_it_to_the_bit() {
+    let mut problem = by_logarithms([0.1, 0.1]);
+    problem.params[1].upper = 0.9;
+    let fit = estimate(&mut problem, &Options::default(), &mut ()).expect("a possible problem");
+    assert!(fit.termination.is_good(), "{}", fit.termination);
+    assert_eq!((fit.parameters[1].value, fit.parameters[1].status), (0.9, Status::AtUpperBound));
+    assert_eq!(fit.parameters[0].status, Status::Estimated);
+}
+
+#[test]
+fn slopes_by_logarithms_are_those_of_differences() {
+    use crate::iteration::evaluation::Evaluator;
+    use crate::iteration::likelihood::LikelihoodCost;
+    use crate::iteration::priors::Priors;
+    use crate::noise::Likelihood;
+    use crate::unknowns::Unknowns;
+    use fdm_numeric::least_squares::{GaussNewton, Problem as _, Space};
+    let mut problem = by_logarithms([0.7, 0.4]);
+    problem.params[0].prior = Some(fdm_grammar::model::Prior { mean: 1.0, deviation: 0.3 });
+    problem.params[1].logarithmic = false;
+    let unknowns = Unknowns::new(&problem).searched(&problem).expect("one is a logarithm");
+    let likelihood =
+        Likelihood::new(&Noise::Given(vec![Some(0.02)]), 1, [&problem.runs[0].measured[..]].into_iter(), 1.0);
+    let priors = Priors::new(&problem, &unknowns);
+    let evaluator = Evaluator::new(&mut problem, &unknowns, false);
+    let cost = LikelihoodCost { evaluator, unknowns: &unknowns, likelihood: &likelihood, priors: &priors };
+    let Unknowns { start, lower, upper, affine, .. } = &unknowns;
+    let space = Space { start, lower, upper, affine, reach: &[] };
+    let mut steps = GaussNewton::new(cost, space, fdm_numeric::least_squares::Options::default());
+    let at = [0.7f64.ln(), 0.4];
+    for precise in [false, true] {
+        if precise {
+            assert!(steps.problem.make_precise());
+        }
+        let weights = steps.linearise(&at, None).expect("finite");
+        let gradient = steps.gradient(&at, &weights).expect("finite");
+        for (j, slope) in gradient.iter().enumerate() {
+            let mut cost = |h: f64| {
+                let mut values = at;
+                values[j] += h;
+                steps.problem.evaluate(&values).expect("finite").cost
+            };
+            let difference = (cost(1e-5) - cost(-1e-5)) / 2e-5;
+            assert!((slope / difference - 1.0).abs() < 1e-7, "{j}: {slope} {difference}");
+        }
+    }
+}

@@ -192,6 +192,7 @@ mod tests {
             lower: None,
             upper: None,
             limit: None,
+            logarithmic: false,
         }
     }
 

@@ -11,6 +11,8 @@ pub(super) mod fallback;
 #[cfg(test)]
 mod limit_tests;
 pub(super) mod multi_start;
+mod screening;
 mod segmented_response;
 mod shooting;
+pub(crate) mod spread;
 mod substitution;

@@ -488,6 +488,7 @@ impl WithoutCuts<'_> {
             correlations: part(&estimate.correlations, &rows),
             outputs: estimate.outputs.into_iter().filter(|o| shown(&o.name)).collect(),
             cost,
+            log_likelihood: None,
             termination: if lost { Termination::Impossible } else { estimate.termination },
             noise: estimate.noise.map(|n| part(&n, &(0..self.outputs).collect::<Vec<_>>())),
             noise_free: estimate.noise_free.into_iter().filter(|n| shown(n)).collect(),

@@ -59,7 +59,7 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
         } else {
             likelihood.factors(noise)
         };
-        steps.problem.gather_with(&factors, steps.problem.priors.rows(&values), &mut steps.quadratic);
+        steps.problem.gather_with(&values, &factors, steps.problem.priors.rows(&values), &mut steps.quadratic);
         inverse = steps.quadratic.invert(inverse.chosen.clone(), inverse)?;
     }
     let bounds = unknowns.lower.iter().zip(&unknowns.upper).enumerate();
@@ -91,7 +91,7 @@ fn by_data_alone(steps: &mut LikelihoodSteps<'_, '_, '_>, inside: &[bool]) -> Op
         return None;
     }
     let factors = steps.problem.likelihood.factors(&steps.weights);
-    steps.problem.gather_with(&factors, std::iter::empty(), &mut steps.quadratic);
+    steps.problem.gather_with(&steps.values, &factors, std::iter::empty(), &mut steps.quadratic);
     let moved = |j: &usize| inside[*j] && steps.quadratic.scale[*j] > 0.0;
     let chosen: Vec<usize> = (0..inside.len()).filter(moved).collect();
     let inverse = steps.quadratic.invert(chosen, Inverse::default())?;

@@ -7,6 +7,7 @@ use super::identifiability::{Direction, Reach, faint, undetermined};
 use super::sandwich::Corrected;
 use crate::problem::Problem;
 use crate::unknowns::Unknowns;
+use fdm_numeric::elementary::exp;
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -79,6 +80,9 @@ pub struct ParameterEstimate {
     /// the others hold for a value at the bound only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<f64>,
+    /// Whether it was searched by its logarithm, in which its interval is even.
+    #[serde(rename = "log", default, skip_serializing_if = "std::ops::Not::not")]
+    pub logarithmic: bool,
 }
 
 impl ParameterEstimate {
@@ -88,12 +92,17 @@ impl ParameterEstimate {
     }
 
     /// The interval that holds the true value in 95 of 100 cases, by the error that is to be trusted and what is known of it: as many of
-    /// these errors on both sides as Student's law says. From the bound to the limit for a parameter at its bound.
+    /// these errors on both sides as Student's law says, in the logarithm where that was searched. From the bound to the limit for a
+    /// parameter at its bound.
     pub fn interval(&self) -> Option<[f64; 2]> {
         if let Some(limit) = self.limit {
             return Some([self.value.min(limit), self.value.max(limit)]);
         }
         let half = self.error()? * quantile(self.degrees_of_freedom.filter(|_| self.corrected_error.is_some()));
+        if self.logarithmic && self.value > 0.0 {
+            let factor = exp(half / self.value);
+            return Some([self.value / factor, self.value * factor]);
+        }
         Some([self.value - half, self.value + half])
     }
 }
@@ -296,6 +305,7 @@ impl Statistics {
                     lower: bound(param.lower),
                     upper: bound(param.upper),
                     limit: unknown.and_then(|j| self.limit(j, values[j])),
+                    logarithmic: param.logarithmic,
                 });
             }
         }
@@ -332,6 +342,7 @@ impl Statistics {
                     lower: None,
                     upper: None,
                     limit: None,
+                    logarithmic: false,
                 });
             }
         }

@@ -169,6 +169,7 @@ fn recursively(stage: &Stage, setting: &Setting) -> Found {
             lower: None,
             upper: None,
             limit: None,
+            logarithmic: false,
         })
         .collect();
     found
@@ -202,6 +203,7 @@ fn by_regression(stage: &Stage, setting: &Setting) -> Result<Found, Fault> {
             lower: None,
             upper: None,
             limit: None,
+            logarithmic: false,
         }));
     }
     Ok(found)

@@ -178,6 +178,7 @@ impl Subject {
             lower: None,
             upper: None,
             limit: None,
+            logarithmic: false,
         };
         match &self.content {
             Content::Result(ResultDocument::Fit(fit)) => fit.parameters.clone(),

@@ -109,8 +109,9 @@ fn attributes(p: &Param) -> String {
         (p.lower > f64::NEG_INFINITY || p.upper < f64::INFINITY).then(|| format!("in [{}, {}]", p.lower, p.upper));
     let fixed = p.fixed.then(|| "fixed".to_string());
     let per_run = p.per_run.then(|| "per run".to_string());
+    let log = p.logarithmic.then(|| "log".to_string());
     let prior = p.prior.map(|prior| format!("~ normal({}, {})", prior.mean, prior.deviation));
-    [bounds, fixed, per_run, prior].into_iter().flatten().collect::<Vec<_>>().join(" ")
+    [bounds, fixed, per_run, log, prior].into_iter().flatten().collect::<Vec<_>>().join(" ")
 }
 
 /// Left and right sides: rates, initial values that are not free, derived parameters, outputs, the trim.

@@ -29,6 +29,9 @@ pub struct FitDocument {
     pub outputs: Vec<OutputDocument>,
     /// Minus the logarithm of the likelihood, without its constant.
     pub cost: Option<f64>,
+    /// Logarithm of the likelihood with its constant, without priors; left out where noise is not that of samples in time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub log_likelihood: Option<f64>,
     /// How the iteration ended, in one word.
     pub termination: Terminated,
     /// The same in a sentence.
@@ -329,6 +332,7 @@ impl FitDocument {
             parameters: e.parameters.clone(),
             outputs: e.outputs.iter().map(|o| OutputDocument::of(model, o)).collect(),
             cost: e.cost,
+            log_likelihood: e.log_likelihood,
             termination: Terminated::from(&e.termination),
             message: e.termination.to_string(),
             iterations: e.iterations,

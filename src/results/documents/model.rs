@@ -83,6 +83,9 @@ pub struct ParamDocument {
     pub fixed: bool,
     /// Whether every run has its own.
     pub per_run: bool,
+    /// Whether it is searched by its logarithm; left out where it is not.
+    #[serde(rename = "log", default, skip_serializing_if = "std::ops::Not::not")]
+    pub logarithmic: bool,
     /// What is known of it.
     pub prior: Option<PriorDocument>,
 }
@@ -161,7 +164,8 @@ impl ModelDocument {
             let (name, unit, doc) = parts(&p.quantity);
             let prior = p.prior.map(|prior| PriorDocument { mean: prior.mean, deviation: prior.deviation });
             let (lower, upper) = (finite(p.lower), finite(p.upper));
-            ParamDocument { name, unit, doc, value: p.value, lower, upper, fixed: p.fixed, per_run: p.per_run, prior }
+            let Param { value, fixed, per_run, logarithmic, .. } = *p;
+            ParamDocument { name, unit, doc, value, lower, upper, fixed, per_run, logarithmic, prior }
         };
         let input = |i: &Input| {
             let (name, unit, doc) = parts(&i.quantity);

@@ -19,6 +19,7 @@ pub(crate) fn parameter(name: &str, run: Option<&str>, value: f64, errors: Optio
         lower: None,
         upper: None,
         limit: None,
+        logarithmic: false,
     }
 }
 

@@ -21,6 +21,17 @@ fn output(expression: &str, x: f64, u: f64, a: f64) -> f64 {
 }
 
 #[test]
+fn params_are_estimated_by_their_logarithms_where_that_is_said() {
+    let model = good(
+        "input u; param a = 1, b = 1e-3 in [1e-6, 1e3] log, c = log(8) log, d = 3 in [0, inf] log, e = 1 fixed log;
+        output y = (a + b + c + d + e)*log(u);",
+    );
+    let flags: Vec<_> = model.params.iter().map(|p| (p.quantity.name.as_str(), p.logarithmic, p.lower)).collect();
+    let free = f64::NEG_INFINITY;
+    assert_eq!(flags, [("a", false, free), ("b", true, 1e-6), ("c", true, 0.0), ("d", true, 0.0), ("e", true, 0.0)]);
+}
+
+#[test]
 fn everything_declared_is_in_the_model() {
     let model = good(
         "time [min];

@@ -133,14 +133,14 @@ impl Evaluator<'_, '_> {
             if let Some(values) = &values {
                 // 0 by the structure of an expression is no start value
                 if values[at].is_none() && role == Role::Param {
-                    (element.fixed, element.per_run) = (Some(d.name.span), None);
+                    (element.fixed, element.per_run, element.log) = (Some(d.name.span), None, None);
                 }
                 element.value = Some(Value::Expr(item(values)));
             }
             element.bounds = bounds.as_ref().map(|(l, u, span)| Bounds { lower: item(l), upper: item(u), span: *span });
             // entries that others define have no attributes; those of the other entries are meant
             if some && derived[at] {
-                (element.bounds, element.fixed, element.per_run) = (None, None, None);
+                (element.bounds, element.fixed, element.per_run, element.log) = (None, None, None, None);
             }
             into.push(element);
         }

@@ -249,7 +249,7 @@ fn give(d: &mut Declaration, given: ExprRef, is_const: &dyn Fn(&str) -> bool, wh
     if is_constant(whole, given, is_const) || literal && any_number() {
         d.fixed = Some(whole.span(given));
     } else {
-        (d.bounds, d.fixed) = (None, None);
+        (d.bounds, d.fixed, d.log) = (None, None, None);
     }
 }
 
