@@ -149,7 +149,7 @@ impl Monitor for Observed<'_, '_> {
     }
 
     fn goes_on(&mut self) -> bool {
-        matches!(self.0.stopped(), None | Some(Stop::Iterations))
+        matches!(self.observer.stopped(), None | Some(Stop::Iterations))
     }
 }
 

@@ -33,8 +33,7 @@ pub(crate) fn screened(
     if !spread.is_wide() {
         let usable = |start: &Vec<Vec<f64>>| cost_of(model, runs, start, options).is_finite();
         // the fit chooses steps with more care
-        let chosen =
-            || chosen_steps(model, runs, &own, options.scheme).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
+        let chosen = || chosen_steps(model, runs, &own, options).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
         if usable(&own) || chosen() {
             return own;
         }
