@@ -31,7 +31,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         },
         model => model?,
     };
-    let found = verify(model.definition(), model.schedule(), &Nominal::start(model.definition()));
+    // the noise of outputs has derivatives too
+    let whole = model.definition().with_precisions().map_or_else(|| model.clone(), |whole| model.altered(whole));
+    let found = verify(whole.definition(), whole.schedule(), &Nominal::start(whole.definition()));
     let printed = print(&match arguments.json {
         true => as_json(&ModelDocument::of(&model, &found))?,
         false => check_text(&model, &found),

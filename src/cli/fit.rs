@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use crate::regress::equation_error;
 use clap::Args;
 use fdm_estimate::{
-    BestOptions, Estimate, FilterFit, Fit, FitOptions, Keeper, MultiStart, Noise, ResponseFit, ResponseOptions,
+    BestOptions, Estimate, FilterFit, Fit, FitOptions, Keeper, Loss, MultiStart, Noise, ResponseFit, ResponseOptions,
     SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra,
 };
 use fdm_report::{
@@ -36,6 +36,9 @@ pub(crate) struct Arguments {
     estimated: Estimated,
     #[command(flatten)]
     noise: MeasurementNoise,
+    /// What is made of residuals: `squares`, or against outliers `huber` (1.345 deviations, or `huber:K`) and `student` (4 degrees of freedom, or `student:N`)
+    #[arg(long, value_name = "LOSS", default_value = "squares", help_heading = "Estimation")]
+    loss: Loss,
     #[command(flatten)]
     methods: Methods,
     /// Fit from N starts and take the best: the given one, and random ones between the bounds of the parameters or around their
@@ -71,6 +74,7 @@ impl Arguments {
     fn question(&self) -> Result<Question, Failure> {
         let own = given(&[
             ("--noise", self.noise.is_given()),
+            ("--loss", !self.loss.is_squares()),
             ("--starts", self.starts > 1),
             ("--intervals", self.intervals),
             ("--history", self.history),
@@ -95,7 +99,7 @@ impl Arguments {
             }
             (method, Domain::Time) => {
                 let starts = MultiStart { count: self.starts as usize, seed: self.seed };
-                let options = FitOptions { changes, options, starts, ..FitOptions::default() };
+                let options = FitOptions { changes, options, starts, loss: self.loss, ..FitOptions::default() };
                 let options = self.strategies.among(self.integration.among(options));
                 if method == Method::FilterError { Chosen::Filter(options) } else { Chosen::Output(options) }
             }

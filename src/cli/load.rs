@@ -339,6 +339,8 @@ pub(crate) fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
     }
     let any = given.iter().any(Option::is_some);
     let declared = outputs.iter().any(|o| o.noise.is_some());
+    // deviations without a number put the model's expressions aside
+    let aside = kind == Some(Noise::Diagonal) && outputs.iter().any(|o| o.noise_model.is_some());
     if any && kind == Some(Noise::Full) {
         wrong.push("--noise full estimates the whole covariance: deviations cannot be given beside it".into());
     }
@@ -350,7 +352,7 @@ pub(crate) fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
     }
     Ok(match kind {
         Some(Noise::Full) => Noise::Full,
-        _ if any || declared => Noise::Given(given),
+        _ if any || declared || aside => Noise::Given(given),
         _ => Noise::Diagonal,
     })
 }

@@ -228,13 +228,14 @@ const N: bool = false;
 
 /// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
 /// time and frequency, frequency responses. Optimizers are rows as well.
-const OPTIONS: [(&str, [bool; 6]); 34] = [
+const OPTIONS: [(&str, [bool; 6]); 35] = [
     ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
     ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
     ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
     ("--start-values", [Y, Y, Y, N, N, N]),
     ("--own-values", [N, Y, N, N, N, N]),
     ("--noise", [Y, Y, Y, N, N, N]),
+    ("--loss", [Y, N, N, N, N, N]),
     ("--iterations", [Y, Y, Y, N, N, Y]),
     ("--tolerance", [Y, Y, Y, N, N, Y]),
     ("--gain", [Y, Y, N, N, N, Y]),

@@ -3,7 +3,7 @@
 pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
 use crate::observer::Iteration;
-use crate::residuals::OutputFit;
+use crate::residuals::{NoiseVariation, OutputFit};
 use crate::termination::Termination;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
@@ -70,6 +70,9 @@ pub struct Estimate {
     pub colours: Vec<NoiseColour>,
     /// Why errors were not corrected for the colour of the residuals; none when they were.
     pub uncorrected: Option<Uncorrected>,
+    /// Whether the noise of each output is of one size; empty when that was not tested.
+    #[serde(default)]
+    pub noise_variation: Vec<NoiseVariation>,
     /// Covariance R of the measurement noise (q by q): as given, or estimated and corrected for degrees of freedom; 0
     /// for an output that was never measured. None when nothing was estimated or no degree of freedom is left.
     pub noise: Option<Symmetric>,

@@ -7,7 +7,7 @@ use crate::filter_error::{FilterError, FilterFit, fit_filter};
 use crate::frequency_responses::{ResponseError, ResponseFit, fit_responses};
 use crate::method::{Domain, Method};
 use crate::observer::{CheckpointStore, Observer};
-use crate::output_error::error::FitError;
+use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::changed;
@@ -96,6 +96,9 @@ pub fn identify(
     observer: &mut dyn Observer,
 ) -> Result<Identified, IdentifyError> {
     let FitOptions { method, domain, .. } = *options;
+    if !options.loss.is_squares() && (method, domain) != (Method::OutputError, Domain::Time) {
+        return Err(IdentifyError::Fit(FitError::Strategy(StrategyError::LossOfMethod { method, domain })));
+    }
     match (method, domain) {
         (Method::OutputError, Domain::Time) => {
             Ok(Identified::OutputError(Box::new(fit_kept(model, runs, options, checkpoints, observer)?)))

@@ -57,9 +57,11 @@ pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observ
 pub use output_error::defect::FitDefect;
 pub use output_error::error::{FitError, StrategyError};
 pub use output_error::fit::{
-    Continuity, Fit, LengthFit, Recovery, RecoveryStrategy, RecoveryStrategy as Remedy, Reweighting, Variation, Weight,
+    Continuity, Fit, LengthFit, NoiseOfSamples, Recovery, RecoveryStrategy, RecoveryStrategy as Remedy, Reweighting,
+    Variation, Weight,
 };
 pub use output_error::integration_fault::IntegrationFault;
+pub use output_error::loss::Loss;
 pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, MultiStart, SharedSteps, Shooting};
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};

@@ -53,6 +53,12 @@ pub trait Response: Send {
     /// As [`Response::simulate`]; blocks before the failure may have been handed over.
     fn sensitivities(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence>;
 
+    /// What the last evaluation adds to the cost beside half the squares of the residuals, where the likelihood is another: rows and residuals then give its
+    /// gradient and its information.
+    fn surcharge(&self) -> Option<f64> {
+        None
+    }
+
     /// Whether the response is one of frequencies, of which real and imaginary part are two samples one after the other, and
     /// [`Response::planes`] hands it over in planes.
     fn is_planar(&self) -> bool {

@@ -16,6 +16,7 @@ use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::Uncorrected;
 use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::spectra::corrected_spectra;
+use crate::uncertainty::varying_noise::allow;
 use crate::unknowns::Unknowns;
 use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot, Space};
 
@@ -92,7 +93,7 @@ pub fn estimate_from(
     let in_time = end.is_ok() && possible && problem.runs.iter().all(in_time);
     let log_likelihood = in_time.then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
 
-    let corrected = match &conclusion {
+    let mut corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
         Some(_) if end.as_ref().is_ok_and(Termination::is_stopped) => Err(Uncorrected::NotAsked),
@@ -106,6 +107,23 @@ pub fn estimate_from(
             } else {
                 corrected(problem, &unknowns, &values, conclusion, priors)
             }
+        }
+    };
+    let in_time = problem.runs.iter().all(|r| {
+        r.response.known_noise().is_none() && r.response.coefficients().is_none() && r.response.surcharge().is_none()
+    });
+    let noise_variation = match (&conclusion, &mut corrected) {
+        (Some(conclusion), Ok(own)) if in_time => {
+            let priors = priors.rows(&values);
+            allow(problem, &unknowns, &values, &responses, conclusion, priors, own)
+        }
+        _ => Ok(Vec::new()),
+    };
+    let noise_variation = match noise_variation {
+        Ok(found) => found,
+        Err(reason) => {
+            corrected = Err(reason);
+            Vec::new()
         }
     };
     // the values of an iteration that is not at a minimum are shown as they are
@@ -147,6 +165,7 @@ pub fn estimate_from(
         corrected_covariance,
         uncorrected: corrected.as_ref().err().cloned(),
         colours: corrected.map_or(Vec::new(), |c| c.colours),
+        noise_variation,
         noise,
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         bias_corrections,

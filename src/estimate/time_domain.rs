@@ -7,7 +7,9 @@ use crate::method::{Domain, Method};
 use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
+use crate::output_error::noise_model::{deviations, fit_noise_model, without_infinite};
 use crate::output_error::options::{FitOptions, SharedSteps};
+use crate::output_error::robust::{fit_robust, mistake};
 use crate::output_error::single::{changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
 use crate::recovery::budget::Budget;
@@ -43,9 +45,16 @@ pub fn fit_kept(
     if (options.method, options.domain) != (Method::OutputError, Domain::Time) {
         return Err(FitError::Method { method: options.method, domain: options.domain });
     }
-    let model = without_noise(&changed(model, &options.changes)?);
+    let given = changed(model, &options.changes)?;
+    let model = without_noise(&given);
     let mut options = options.clone().with_declared_noise(&model);
+    let deviations = deviations(&model, &options.options.noise);
+    if let Some(mistake) = mistake(&options, deviations.is_some()) {
+        return Err(FitError::Strategy(mistake));
+    }
     let mut start = starts(&model, runs, &options.changes);
+    let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d)).transpose()?;
+    let runs = known.as_deref().unwrap_or(runs);
     let ledger = CheckpointWriter::new(keeper);
     let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
     if options.starts.count > 1 {
@@ -60,6 +69,15 @@ pub fn fit_kept(
     let mut budget = Budget::new(observer, options.options.total);
     let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
     let found = attempt(&model, runs, &start, &options, &mut stages)
+        .and_then(|fit| match &deviations {
+            _ if !fit.estimate.termination.is_good() => Ok(fit),
+            Some(deviations) => {
+                let model = without_process_noise(&given);
+                fit_noise_model(&model, runs, &start, (fit, deviations), &options, &mut stages)
+            }
+            None if !options.loss.is_squares() => fit_robust(&model, runs, &start, fit, &options, &mut stages),
+            None => Ok(fit),
+        })
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     Ok(Fit { starts: summaries, ..found? })
@@ -107,9 +125,19 @@ pub fn examined(
     Ok(fit)
 }
 
-/// The model with the intensities of noises held: they move no response, so that output error says nothing of them.
+/// The model with the parameters of noises held: they move no response, so that squares of residuals say nothing of them.
 fn without_noise(model: &Model) -> Model {
-    let only = model.definition().only_in_noise();
+    held(model, model.definition().only_in_noise())
+}
+
+/// The model with those held that stand in the equations' noise alone: output error says nothing of them.
+fn without_process_noise(model: &Model) -> Model {
+    let definition = model.definition();
+    let output = definition.only_in_output_noise();
+    held(model, definition.only_in_noise().iter().zip(output).map(|(noise, output)| *noise && !output).collect())
+}
+
+fn held(model: &Model, only: Vec<bool>) -> Model {
     if !only.contains(&true) {
         return model.clone();
     }

@@ -2,7 +2,7 @@
 //!
 //! Parameters that belong to no distribution (degrees of freedom that are not positive, NaN) give none.
 
-use statrs::distribution::{Beta, ChiSquared, ContinuousCDF, FisherSnedecor, Gamma, Normal, StudentsT};
+use statrs::distribution::{Beta, ChiSquared, Continuous, ContinuousCDF, FisherSnedecor, Gamma, Normal, StudentsT};
 
 /// Probability of a standard normal deviate below `z`.
 pub fn normal_cdf(z: f64) -> f64 {
@@ -52,6 +52,11 @@ impl Student {
     /// That of so many degrees of freedom; none where these are not positive.
     pub fn new(degrees: f64) -> Option<Self> {
         StudentsT::new(0.0, 1.0, degrees).ok().map(Self)
+    }
+
+    /// The density at `t`.
+    pub fn density(&self, t: f64) -> f64 {
+        self.0.pdf(t)
     }
 
     /// Probability of a value below `t`.

@@ -1,6 +1,7 @@
 //! A model at a glance: what it declares, how sparse its derivatives are, and whether they were confirmed.
 
 use super::table::{aligned_right, plain, trimmed};
+use fdm_grammar::graph::show;
 use fdm_grammar::model::{Param, Quantity};
 use fdm_results::documents::digits;
 use fdm_system::Model;
@@ -62,7 +63,9 @@ fn declarations(model: &Model) -> String {
         .iter()
         .for_each(|d| add(if d.tied { "tied" } else { "derived" }, &d.quantity, String::new(), String::new()));
     for o in &definition.outputs {
-        let noise = o.noise.map_or(String::new(), |deviation| format!("noise {}", digits(deviation, 6)));
+        let expression = o.noise_model.map(|e| format!("noise {}", show(&definition.graph, e, definition)));
+        let number = o.noise.map(|deviation| format!("noise {}", digits(deviation, 6)));
+        let noise = expression.or(number).unwrap_or_default();
         add("output", &o.quantity, String::new(), noise);
     }
     aligned_right(&mut table, 3);

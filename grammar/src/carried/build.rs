@@ -30,6 +30,7 @@ pub(super) fn build(original: &Model, plan: Plan) -> Carried {
     let initial = original.states.iter().map(|s| s.initial);
     let derived = original.derived.iter().map(|d| d.expr);
     let noises = original.states.iter().filter_map(|s| s.noise);
+    let noises = noises.chain(original.outputs.iter().filter_map(|o| o.noise_model));
     let trim = original.trim.iter().map(|(_, e)| *e);
     let others: Vec<ExprId> = initial.chain(derived).chain(trim).chain(noises).collect();
     let others = builder.moved(&others);
@@ -44,7 +45,9 @@ pub(super) fn build(original: &Model, plan: Plan) -> Carried {
     model.outputs.iter_mut().zip(outputs).for_each(|(o, e)| o.expr = *e);
     model.derived.iter_mut().zip(derived).for_each(|(d, e)| d.expr = *e);
     model.trim.iter_mut().zip(trim).for_each(|((_, value), e)| *value = *e);
-    model.states.iter_mut().filter_map(|s| s.noise.as_mut()).zip(noises).for_each(|(q, e)| *q = *e);
+    let process = model.states.iter_mut().filter_map(|s| s.noise.as_mut());
+    let of_outputs = model.outputs.iter_mut().filter_map(|o| o.noise_model.as_mut());
+    process.chain(of_outputs).zip(noises).for_each(|(q, e)| *q = *e);
     Carried { model, terms }
 }
 

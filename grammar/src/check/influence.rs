@@ -5,7 +5,7 @@ use super::names::{Meaning, Scope, SymbolId};
 use super::order::{Blocks, Owner};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::graph::{Leaf, Node, Signal};
-use crate::model::{Model, Origin};
+use crate::model::{Model, Origin, Output};
 use crate::op::ExprId;
 use crate::syntax::{Role, Value};
 
@@ -92,7 +92,7 @@ fn reached_params(model: &Model) -> Vec<bool> {
     let trim = model.trim.iter().map(|(_, e)| *e);
     // and the intensity of a noise how far the measurement strays from the outputs
     let noise = model.states.iter().filter_map(|s| s.noise);
-    let mut open: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).chain(trim).chain(noise).collect();
+    let mut open: Vec<ExprId> = model.outputs.iter().flat_map(Output::expressions).chain(trim).chain(noise).collect();
     while let Some(e) = open.pop() {
         if std::mem::replace(&mut seen[e.index()], true) {
             continue;

@@ -97,6 +97,7 @@ impl Kinds {
                 _ => Level::Varying,
             },
             Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
+            Owner::Known(k) if known[k].part == Part::Noise => Level::Varying,
             Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
             Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,

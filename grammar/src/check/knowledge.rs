@@ -1,8 +1,8 @@
-//! What is known beside the equations: `prior a ~ normal(mean, deviation);`, `noise y = deviation;`, `noise der(x) = intensity;`,
+//! What is known beside the equations: `prior a ~ normal(mean, deviation);`, `noise y = deviation;` (one number, or an expression of everything), `noise der(x) = intensity;`,
 //! `trim { x = value; }`.
 
 use super::expressions::{Expressions, Indices};
-use super::kinds::Kinds;
+use super::kinds::{Kinds, Level};
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::graph::Signal;
@@ -260,6 +260,7 @@ pub(super) struct Knowledge {
     pub(super) trim: Vec<(Signal, ExprId)>,
     pub(super) priors: Vec<(u32, Prior)>,
     pub(super) noise: Vec<(u32, f64)>,
+    pub(super) noise_models: Vec<(u32, ExprId)>,
 }
 
 /// The numbers behind all statements, checked: deviations are positive, and what they are about is estimated.
@@ -286,6 +287,12 @@ pub(super) fn values(
         if k.part == Part::Intensity {
             knowledge.process.push((indices.of[k.symbol], expressions.of(k.root)));
             intensity(scope, kinds, expressions, k, findings);
+            continue;
+        }
+        if k.part == Part::Noise && kinds.of(k.root).level > Level::Constant {
+            if !kinds.of(k.root).broken {
+                knowledge.noise_models.push((indices.of[k.symbol], expressions.of(k.root)));
+            }
             continue;
         }
         if k.part == Part::Mean {

@@ -149,7 +149,7 @@ pub(super) fn assemble(
                 });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
-            Role::Output => model.outputs.push(Output { quantity, expr, noise: None }),
+            Role::Output => model.outputs.push(Output::new(quantity, expr)),
             Role::Param | Role::Const | Role::Let | Role::Table => {}
         }
     }
@@ -174,6 +174,9 @@ fn learn(model: &mut Model, knowledge: Knowledge) {
     }
     for (k, deviation) in knowledge.noise {
         model.outputs[k as usize].noise = Some(deviation);
+    }
+    for (k, deviation) in knowledge.noise_models {
+        model.outputs[k as usize].noise_model = Some(deviation);
     }
     for (k, intensity) in knowledge.process {
         model.states[k as usize].noise = Some(intensity);
@@ -208,7 +211,7 @@ fn show_slopes(model: &mut Model, first: usize) {
         used
     };
     let driving = used(model, model.states.iter().map(|s| s.rate).collect());
-    let shown = used(model, model.outputs.iter().map(|o| o.expr).collect());
+    let shown = used(model, model.outputs.iter().flat_map(Output::expressions).collect());
     let mut at_samples: Vec<u32> = (0..model.inputs.len() as u32).collect();
     for k in (first..driving.len()).filter(|k| shown[*k]) {
         let Some(own) = model.inputs[k].slope else { continue };
@@ -230,7 +233,7 @@ fn show_slopes(model: &mut Model, first: usize) {
         .flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise))
         .chain(model.derived.iter().map(|d| d.expr));
     let others: Vec<ExprId> = others.chain(model.trim.iter().map(|(_, e)| *e)).collect();
-    let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
+    let outputs: Vec<ExprId> = model.outputs.iter().flat_map(Output::expressions).collect();
     let mut graph = Graph::default();
     let others = model.graph.rebuild(&others, &mut graph, Graph::reference);
     let outputs = model.graph.rebuild(&outputs, &mut graph, |g, reference| {
@@ -245,7 +248,7 @@ fn show_slopes(model: &mut Model, first: usize) {
     let places = states.chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let places = places.chain(model.trim.iter_mut().map(|(_, e)| e));
     places.zip(others).for_each(|(e, new)| *e = new);
-    model.outputs.iter_mut().zip(outputs).for_each(|(o, new)| o.expr = new);
+    model.outputs.iter_mut().flat_map(Output::expressions_mut).zip(outputs).for_each(|(e, new)| *e = new);
     model.graph = graph;
 }
 
@@ -253,7 +256,7 @@ fn show_slopes(model: &mut Model, first: usize) {
 /// such, the graph is built anew without them.
 fn drop_unused_delays(model: &mut Model) {
     let states = model.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise));
-    let outputs = model.outputs.iter().map(|o| o.expr);
+    let outputs = model.outputs.iter().flat_map(Output::expressions);
     let trim = model.trim.iter().map(|(_, e)| *e);
     let params = model.derived.iter().map(|d| d.expr).chain(model.ties.iter().map(|t| t.expr));
     let roots: Vec<ExprId> = states.chain(outputs).chain(params).chain(trim).collect();
@@ -263,7 +266,7 @@ fn drop_unused_delays(model: &mut Model) {
     let mut graph = Graph::default();
     let mut moved = model.graph.rebuild(&roots, &mut graph, Graph::reference).into_iter();
     let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
-    let outputs = model.outputs.iter_mut().map(|o| &mut o.expr);
+    let outputs = model.outputs.iter_mut().flat_map(Output::expressions_mut);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let expressions = expressions.chain(model.ties.iter_mut().map(|t| &mut t.expr));
     let expressions = expressions.chain(model.trim.iter_mut().map(|(_, e)| e));

@@ -61,7 +61,7 @@ impl Model {
             state.rate = push(&mut graph, Entry::Rate(k as u32), None, state.rate);
             let quantity = named(format!("state {}", state.quantity.name));
             let expr = graph.leaf(Leaf::State(k as u32));
-            model.outputs.push(super::Output { quantity, expr, noise: None });
+            model.outputs.push(super::Output::new(quantity, expr));
         }
         model.graph = graph;
         model

@@ -15,7 +15,7 @@ pub use substitution::Unshown;
 pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Node, Signal};
-use crate::op::ExprId;
+use crate::op::{Build, ExprId, Op};
 use crate::unit::Unit;
 
 /// What is common to everything that has a name.
@@ -165,6 +165,25 @@ pub struct Output {
     pub expr: ExprId,
     /// Standard deviation of the measurement noise, when it is known (`noise y = 0.02;`).
     pub noise: Option<f64>,
+    /// The same as an expression of everything, when it is not one number (`noise y = 0.02 + 0.1*abs(y);`).
+    pub noise_model: Option<ExprId>,
+}
+
+impl Output {
+    /// An output of whose noise nothing is known.
+    pub fn new(quantity: Quantity, expr: ExprId) -> Self {
+        Self { quantity, expr, noise: None, noise_model: None }
+    }
+
+    /// Its expression and that of its noise.
+    pub fn expressions(&self) -> impl Iterator<Item = ExprId> + use<> {
+        [self.expr].into_iter().chain(self.noise_model)
+    }
+
+    /// The same, to be changed.
+    pub fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
+        [&mut self.expr].into_iter().chain(&mut self.noise_model)
+    }
 }
 
 /// A checked model.
@@ -212,8 +231,20 @@ impl Model {
         self.params.iter().map(|p| p.value).collect()
     }
 
-    /// For each parameter whether it stands in intensities of noises (`noise der(x) = q;`) and nowhere else: it moves no response.
+    /// For each parameter whether it stands in noises (`noise der(x) = q;`, `noise y = s*abs(y);`) and nowhere else: it moves no response.
     pub fn only_in_noise(&self) -> Vec<bool> {
+        self.only_in(
+            self.states.iter().filter_map(|s| s.noise).chain(self.outputs.iter().filter_map(|o| o.noise_model)),
+        )
+    }
+
+    /// For each parameter whether it stands in the noise of outputs (`noise y = s*abs(y);`) and nowhere else but in other noises.
+    pub fn only_in_output_noise(&self) -> Vec<bool> {
+        self.only_in(self.outputs.iter().filter_map(|o| o.noise_model))
+    }
+
+    /// For each parameter whether it stands in these noises and in no equation.
+    fn only_in(&self, noises: impl Iterator<Item = ExprId>) -> Vec<bool> {
         let mentioned = |roots: Vec<ExprId>| {
             let mut mentioned = vec![false; self.params.len()];
             for e in self.graph.reachable(roots) {
@@ -227,13 +258,28 @@ impl Model {
         let others = self.outputs.iter().map(|o| o.expr).chain(self.trim.iter().map(|(_, e)| *e));
         let delays = self.graph.delayed().iter().map(|d| d.tau);
         let elsewhere = mentioned(states.chain(others).chain(delays).collect());
-        let noise = mentioned(self.states.iter().filter_map(|s| s.noise).collect());
+        let noise = mentioned(noises.collect());
         noise.iter().zip(elsewhere).map(|(noise, elsewhere)| *noise && !elsewhere).collect()
     }
 
-    /// Whether an expression (of rates or outputs) mentions explicit time.
+    /// The model with one over the standard deviation of each noise that is an expression as outputs behind its own, in their order; none where there are
+    /// none. An infinite deviation, of a sample that says nothing, is then 0.
+    pub fn with_precisions(&self) -> Option<Self> {
+        let noisy = self.outputs.iter().filter_map(|o| Some((&o.quantity.name, o.noise_model?)));
+        let noisy: Vec<(&String, ExprId)> = noisy.collect();
+        let mut model = (!noisy.is_empty()).then(|| self.clone())?;
+        for (name, deviation) in noisy {
+            let one = model.graph.number(1.0);
+            let expr = model.graph.apply(Op::Div, &[one, deviation]);
+            let name = format!("1/(noise of {name})");
+            model.outputs.push(Output::new(Quantity { name, doc: String::new(), unit: None }, expr));
+        }
+        Some(model)
+    }
+
+    /// Whether an expression (of rates, outputs or their noise) mentions explicit time.
     pub fn uses_time(&self) -> bool {
-        let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().map(|o| o.expr));
+        let roots = self.states.iter().map(|s| s.rate).chain(self.outputs.iter().flat_map(Output::expressions));
         let time = self.graph.depends(|l| matches!(l, Leaf::Time | Leaf::Delayed(_)));
         let computed = self.inputs.iter().filter_map(|i| i.computed.as_ref());
         let mut beside =

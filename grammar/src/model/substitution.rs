@@ -3,7 +3,7 @@
 //! starts from which it fails otherwise.
 
 use super::reading::{Reading, Unsettled, reading, unsettled};
-use super::{Input, Model, Quantity};
+use super::{Input, Model, Output, Quantity};
 use crate::graph::{Graph, Leaf, Reference, Signal};
 use crate::op::{Build, ExprId, Op};
 
@@ -83,7 +83,7 @@ impl Model {
     /// All expressions but the rates: initial values, derived parameters, outputs, trim.
     fn values(&self) -> impl Iterator<Item = ExprId> + '_ {
         let derived = self.derived.iter().map(|d| d.expr);
-        let outputs = self.outputs.iter().map(|o| o.expr);
+        let outputs = self.outputs.iter().flat_map(Output::expressions);
         let trim = self.trim.iter().map(|(_, e)| *e);
         self.states
             .iter()
@@ -100,7 +100,7 @@ impl Model {
             .iter_mut()
             .flat_map(|s| std::iter::once(&mut s.initial).chain(&mut s.noise))
             .chain(derived)
-            .chain(self.outputs.iter_mut().map(|o| &mut o.expr))
+            .chain(self.outputs.iter_mut().flat_map(Output::expressions_mut))
             .chain(self.trim.iter_mut().map(|(_, e)| e))
     }
 

@@ -257,10 +257,8 @@ fn states_of(current: &FittedModel, runs: &[Run]) -> Vec<Vec<f64>> {
     definition.params.iter_mut().for_each(|p| p.fixed = true);
     definition.derived.clear();
     let states = definition.states.clone();
-    let shown = |(k, state): (usize, &fdm_grammar::model::State)| Output {
-        quantity: state.quantity.clone(),
-        expr: definition.graph.leaf(Leaf::State(k as u32)),
-        noise: None,
+    let shown = |(k, state): (usize, &fdm_grammar::model::State)| {
+        Output::new(state.quantity.clone(), definition.graph.leaf(Leaf::State(k as u32)))
     };
     let outputs = states.iter().enumerate().map(shown).collect();
     definition.outputs = outputs;

@@ -4,10 +4,12 @@ use super::error::FilterError;
 use super::likelihood::{Deviation, Lost, Setting};
 use super::scoring::{Found, minimise};
 use crate::estimate::{Estimate, ParameterEstimate, RunFit, Symmetric};
+use crate::method::{Domain, Method};
 use crate::noise::Weights;
 use crate::observer::Observer;
-use crate::output_error::error::FitError;
+use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
+use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{changed, starts};
 use crate::recovery::budget::{Budget, stop};
@@ -56,6 +58,12 @@ pub fn fit_filter(
 ) -> Result<FilterFit, FilterError> {
     let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes)?;
+    let refused = refused(&model, &options.options.noise, Method::FilterError, Domain::Time);
+    let loss = StrategyError::LossOfMethod { method: Method::FilterError, domain: Domain::Time };
+    if let Some(refused) = refused.or((!options.loss.is_squares()).then_some(loss)) {
+        return Err(FilterError::Fit(FitError::Strategy(refused)));
+    }
+    let model = without_output_noise(&model);
     let start = starts(&model, runs, &options.changes);
     let mut setting = Setting::new(&model, runs, &start, &options.options)?;
     let mut values = setting.unknowns.start.clone();
@@ -150,6 +158,7 @@ fn concluded(
         corrected_covariance,
         colours: Vec::new(),
         uncorrected: Some(Uncorrected::Innovations),
+        noise_variation: Vec::new(),
         noise: Some(covariance_of(setting, &values)),
         noise_free: Vec::new(),
         bias_corrections: Vec::new(),
@@ -300,6 +309,7 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
         corrected_covariance: empty(),
         colours: Vec::new(),
         uncorrected: Some(Uncorrected::NoDegreesOfFreedom),
+        noise_variation: Vec::new(),
         noise: None,
         noise_free: Vec::new(),
         bias_corrections: Vec::new(),

@@ -40,7 +40,7 @@ impl Programs {
         definition.states.iter_mut().for_each(|s| s.rate = zero);
         let showing = |roots: [&[ExprId]; 3]| {
             let mut definition = definition.clone();
-            let output = |expr: ExprId| Output { quantity: nameless(), expr, noise: None };
+            let output = |expr: ExprId| Output::new(nameless(), expr);
             definition.outputs = roots.concat().into_iter().map(output).collect();
             model.altered(definition)
         };

@@ -9,6 +9,7 @@ use crate::noise::Noise;
 use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
+use crate::output_error::noise_model::without_output_noise;
 use crate::output_error::single::{changed, starts};
 use crate::problem::{Problem, ProblemRun};
 use crate::recovery::budget::Budget;
@@ -127,7 +128,8 @@ pub fn fit_responses(
     observer: &mut dyn Observer,
 ) -> Result<ResponseFit, ResponseError> {
     let observer = &mut Budget::new(observer, options.options.total);
-    let model = changed(model, &options.changes).map_err(SpectralError::of)?;
+    // errors are those that the coherence gives
+    let model = without_output_noise(&changed(model, &options.changes).map_err(SpectralError::of)?);
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes).swap_remove(0);
     let mut found = setting.estimated(&start, options, observer)?;

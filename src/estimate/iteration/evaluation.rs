@@ -67,6 +67,8 @@ pub(crate) struct Evaluator<'e, 'a> {
     outputs: usize,
     /// Sums of products of residuals over all runs, q by q, of the last evaluation.
     pub(crate) moments: Vec<f64>,
+    /// What the cost has beside the squares, of the last evaluation; none where the squares are all of it.
+    pub(crate) surcharge: Option<f64>,
     /// Evaluations with sensitivities so far, and without.
     pub(crate) evaluations: usize,
     pub(crate) simulations: usize,
@@ -95,7 +97,8 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             RunState { run, theta, y, kept, ahead, bend, moments, sums, planes, failure: None }
         });
         let states = states.collect();
-        Self { states, unknowns, outputs: q, moments: vec![0.0; q * q], evaluations: 0, simulations: 0 }
+        let moments = vec![0.0; q * q];
+        Self { states, unknowns, outputs: q, moments, surcharge: None, evaluations: 0, simulations: 0 }
     }
 
     /// Evaluates all runs.
@@ -114,9 +117,13 @@ impl<'e, 'a> Evaluator<'e, 'a> {
             Want::Sensitivities(_) => self.evaluations += 1,
         }
         self.moments.fill(0.0);
+        self.surcharge = None;
         for (run, state) in self.states.iter().enumerate() {
             if let Some(failure) = state.failure {
                 return Err(RunFailure { run, failure });
+            }
+            if let Some(own) = state.run.response.surcharge() {
+                self.surcharge = Some(self.surcharge.unwrap_or(0.0) + own);
             }
             for (k, total) in self.moments.iter_mut().enumerate() {
                 *total += state.moments.at(k / q, k % q);

@@ -26,7 +26,9 @@ impl LikelihoodCost<'_, '_, '_> {
     fn weigh(&self, values: &[f64]) -> Weights {
         let mut weights = self.likelihood.weights(&self.evaluator.moments);
         let prior = self.priors.cost(&self.unknowns.parameters(values));
-        weights.cost += prior;
+        let surcharge = self.evaluator.surcharge.unwrap_or(0.0);
+        weights.cost += prior + surcharge;
+        weights.rounding += 4.0 * f64::EPSILON * surcharge.abs();
         weights.rounding += 4.0 * f64::EPSILON * prior;
         weights
     }
@@ -111,6 +113,8 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
         weights: &Weights,
         slope: &mut [f64],
     ) -> Option<bool> {
+        // rows that are no derivatives of the outputs bend by something else
+        self.evaluator.surcharge.is_none().then_some(())?;
         Some(self.evaluator.bend(values, ahead, step, &weights.inverse(), slope).is_ok())
     }
 

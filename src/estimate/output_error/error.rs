@@ -66,6 +66,11 @@ pub enum StrategyError {
     NoStates,
     Delays,
     TooManySegments { cells: usize, most: usize },
+    Loss { value: f64 },
+    LossOfNoiseModel,
+    LossOfFullNoise,
+    NoiseModel { method: Method, domain: Domain },
+    LossOfMethod { method: Method, domain: Domain },
 }
 
 impl fmt::Display for StrategyError {
@@ -85,6 +90,30 @@ impl fmt::Display for StrategyError {
                 f,
                 "multiple shooting is not possible with delays: a segment would begin with a past that it does not know; \
                  lengthen the record instead (--continuation)"
+            ),
+            Self::Loss { value } => {
+                write!(
+                    f,
+                    "a loss has a positive number, and Student's law 1 degree of freedom or more; {value} was given"
+                )
+            }
+            Self::LossOfNoiseModel => write!(
+                f,
+                "the model says how large the noise of each sample is, and the loss takes it for one size in each output; \
+                 take the noise of one size (--noise diagonal) or squares (--loss squares)"
+            ),
+            Self::LossOfFullNoise => write!(
+                f,
+                "a loss other than squares is of each output by itself; leave out --noise full, or take squares (--loss squares)"
+            ),
+            Self::NoiseModel { method, domain } => write!(
+                f,
+                "noise that is an expression (`noise y = ...;`) is estimated by output error in the time domain, not by {method} in the {domain} domain; \
+                 --noise diagonal takes one size for each output instead"
+            ),
+            Self::LossOfMethod { method, domain } => write!(
+                f,
+                "losses other than squares are of output error in the time domain, not of {method} in the {domain} domain; take --loss squares"
             ),
             Self::TooManySegments { cells, most } => write!(
                 f,

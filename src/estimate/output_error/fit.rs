@@ -4,6 +4,7 @@ use crate::estimate::{Estimate, ParameterEstimate, Status};
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
+use crate::output_error::loss::Loss;
 use crate::residuals::OutputQuality;
 use crate::termination::Termination;
 use fdm_system::model::Model;
@@ -36,6 +37,10 @@ pub struct Fit {
     pub substituted: Vec<String>,
     /// How continuous the result of multiple shooting is; none when there was none.
     pub shooting: Option<Continuity>,
+    /// What was made of residuals.
+    pub loss: Loss,
+    /// The noise of every sample, where it is an expression; empty where all noise is of one size.
+    pub noise_of_samples: Vec<NoiseOfSamples>,
     /// What came out of each start; empty when there was only one. Those that an interruption prevented are missing.
     pub starts: Vec<StartSummary>,
 }
@@ -54,6 +59,8 @@ impl Fit {
             reweighting: None,
             substituted: Vec::new(),
             shooting: None,
+            loss: Loss::Squares,
+            noise_of_samples: Vec::new(),
             starts: Vec::new(),
         }
     }
@@ -62,6 +69,16 @@ impl Fit {
     pub fn is_good(&self) -> bool {
         self.estimate.is_good() && !self.integration_faults.iter().any(IntegrationFault::is_severe)
     }
+}
+
+/// The noise of every sample of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseOfSamples {
+    /// Name of the run.
+    pub run: String,
+    /// Its standard deviation at the estimates, in the output's unit (N by q row-major); NaN where nothing is compared, and for outputs whose noise is of one
+    /// size.
+    pub deviations: Vec<f64>,
 }
 
 /// A way out.

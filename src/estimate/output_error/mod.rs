@@ -6,5 +6,11 @@ pub(super) mod defect;
 pub(super) mod error;
 pub(super) mod fit;
 pub(super) mod integration_fault;
+pub(super) mod loss;
+pub(super) mod noise_model;
 pub(super) mod options;
+pub(super) mod robust;
 pub(super) mod single;
+mod standardised;
+#[cfg(test)]
+mod tests;

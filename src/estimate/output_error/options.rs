@@ -4,6 +4,7 @@ use crate::changes::Changes;
 use crate::equation_error::RegressionOptions;
 use crate::frequency_responses::ResponseOptions;
 use crate::method::{Domain, Method};
+use crate::output_error::loss::Loss;
 use crate::problem::Options;
 use crate::spectra::{Nonlinear, SpectralOptions};
 use fdm_system::frequency::EndTerms;
@@ -25,6 +26,9 @@ pub struct FitOptions {
     pub changes: Changes,
     /// How to estimate.
     pub options: Options,
+    /// What is made of residuals; other than squares by output error in the time domain only.
+    #[serde(skip_serializing_if = "Loss::is_squares")]
+    pub loss: Loss,
     /// Equal steps between neighbouring samples; chosen for accuracy when not given.
     pub per_interval: Option<usize>,
     /// How to integrate; chosen for accuracy and speed when not given.

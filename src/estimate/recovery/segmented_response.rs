@@ -19,7 +19,7 @@ impl SegmentModels {
         let mut shown = model.definition().clone();
         for j in 0..shown.states.len() {
             let (quantity, expr) = (shown.states[j].quantity.clone(), shown.graph.leaf(Leaf::State(j as u32)));
-            shown.outputs.push(Output { quantity, expr, noise: None });
+            shown.outputs.push(Output::new(quantity, expr));
         }
         let mut freed = shown.clone();
         for j in 0..freed.states.len() {

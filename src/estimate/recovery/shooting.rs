@@ -491,6 +491,7 @@ impl WithoutCuts<'_> {
             log_likelihood: None,
             termination: if lost { Termination::Impossible } else { estimate.termination },
             noise: estimate.noise.map(|n| part(&n, &(0..self.outputs).collect::<Vec<_>>())),
+            noise_variation: estimate.noise_variation.into_iter().filter(|v| shown(&v.output)).collect(),
             noise_free: estimate.noise_free.into_iter().filter(|n| shown(n)).collect(),
             undetermined: estimate
                 .undetermined

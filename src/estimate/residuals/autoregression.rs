@@ -195,12 +195,25 @@ pub(crate) fn choose(autocovariances: &[f64], samples: usize) -> AutoRegression 
 
 /// The colour of one series (NaN where there is no value) by itself.
 pub(crate) fn of_series(series: &[f64]) -> AutoRegression {
+    let (autocovariances, present) = tapered(series);
+    choose(&autocovariances, present)
+}
+
+/// The same by Schwarz's criterion alone: rather too short than uncertain, where the series is a statistic and a model of it is all that is wanted.
+pub(crate) fn short_of_series(series: &[f64]) -> AutoRegression {
+    let (autocovariances, present) = tapered(series);
+    let models = LevinsonDurbin::of(&autocovariances);
+    models.model(models.best(present, (present.max(2) as f64).ln()))
+}
+
+/// The autocovariances of a series, and how many values it has.
+fn tapered(series: &[f64]) -> (Vec<f64>, usize) {
     let present = series.iter().filter(|v| !v.is_nan()).count();
     let lagged = Lagged::of(series, most_order(present));
     let length = series.len().max(1) as f64;
     // tapered as the sums of a series without gaps are, so that they belong to a stationary process
     let means = lagged.means().enumerate().map(|(k, mean)| mean * (1.0 - k as f64 / length));
-    choose(&means.collect::<Vec<_>>(), present)
+    (means.collect(), present)
 }
 
 /// From which side a recurrence runs.

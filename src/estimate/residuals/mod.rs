@@ -1,7 +1,7 @@
 //! How well a response matches a measurement, and what the residuals say about the noise and about what the model lacks.
 //!
 //! **In** the time, the measurement, the response and the inputs of a run. **Out** [`OutputQuality`] of each output: size and kind of the mismatch
-//! ([`OutputFit`], Theil's coefficient), whiteness, spectrum and distribution of the residuals, correlation with the inputs; which of two responses is nearer
+//! ([`OutputFit`], Theil's coefficient), whiteness, spectrum and distribution of the residuals, correlation with the inputs; whether the noise varies ([`NoiseVariation`]); which of two responses is nearer
 //! ([`advantage`], Diebold and Mariano's test); autocovariances and autoregressions for the errors of estimates. **Start** at [`run_quality`].
 
 mod analysis;
@@ -10,6 +10,7 @@ pub(crate) mod autoregression;
 mod diebold_mariano;
 mod distribution;
 mod input_correlation;
+pub(crate) mod noise_variation;
 mod output_fit;
 mod whiteness;
 
@@ -17,5 +18,6 @@ pub use analysis::{OutputQuality, Signals, residual_quality, run_quality};
 pub use diebold_mariano::{Advantage, advantage};
 pub use distribution::Distribution;
 pub use input_correlation::InputCorrelation;
+pub use noise_variation::{Cause, NoiseVariation, Trend};
 pub use output_fit::{OutputFit, TicParts};
 pub use whiteness::{ResidualSpectrum, RunsTest, Untested, Whiteness};

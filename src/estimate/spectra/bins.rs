@@ -249,11 +249,7 @@ impl SpectralBins {
         definition.outputs = states
             .iter()
             .enumerate()
-            .map(|(k, state)| Output {
-                quantity: state.quantity.clone(),
-                expr: definition.graph.leaf(Leaf::State(k as u32)),
-                noise: None,
-            })
+            .map(|(k, state)| Output::new(state.quantity.clone(), definition.graph.leaf(Leaf::State(k as u32))))
             .collect();
         let model = self.setting.model.sketched(definition);
         let linear = LinearModel::new(&model).ok()?;

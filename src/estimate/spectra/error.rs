@@ -1,7 +1,7 @@
 //! Why nothing was estimated from spectra, and why a model has no response at their frequencies: every reason in a sentence, in the names of the model.
 
 use crate::changes::ChangeError;
-use crate::output_error::error::FitError;
+use crate::output_error::error::{FitError, StrategyError};
 use crate::problem::ProblemError;
 use fdm_grammar::carried::NotCarried;
 use fdm_grammar::graph::Signal;
@@ -19,6 +19,8 @@ pub enum SpectralError {
     NoRuns,
     /// Changes that cannot be made.
     Changes(Vec<ChangeError>),
+    /// Something that only another method can follow.
+    Strategy(StrategyError),
     /// A run without a spectrum.
     Spectrum {
         /// Name of the run.
@@ -98,6 +100,7 @@ impl SpectralError {
     pub(crate) fn of(error: FitError) -> Self {
         match error {
             FitError::Changes(e) => Self::Changes(e),
+            FitError::Strategy(e) => Self::Strategy(e),
             _ => Self::NoRuns,
         }
     }
@@ -108,6 +111,7 @@ impl fmt::Display for SpectralError {
         let lines = |reasons: Vec<String>| reasons.join("\n");
         match self {
             Self::NoRuns => f.write_str("there is no run to compare the model with"),
+            Self::Strategy(e) => write!(f, "{e}"),
             Self::Changes(e) => f.write_str(&lines(e.iter().map(ToString::to_string).collect())),
             Self::Spectrum { run, reason } => write!(f, "run `{run}`: {reason}"),
             Self::Incomplete(e) => e.fmt(f),

@@ -8,10 +8,12 @@ use super::setting::{Setting, band, weight};
 use super::starting_values::{StartingValue, regressed_values};
 use super::unobservable_modes::{UnobservableMode, longest, unobservable_modes};
 use crate::estimate::{Estimate, ParameterEstimate};
+use crate::method::{Domain, Method};
 use crate::noise::Noise;
 use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
+use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::single::{changed, starts};
 use crate::problem::Options;
 use crate::recovery::budget::{Budget, stop};
@@ -109,6 +111,10 @@ pub fn fit_spectra(
 ) -> Result<SpectralFit, SpectralError> {
     let observer = &mut Budget::new(observer, options.options.total);
     let model = changed(model, &options.changes).map_err(SpectralError::of)?;
+    if let Some(refused) = refused(&model, &options.options.noise, Method::OutputError, Domain::Frequency) {
+        return Err(SpectralError::Strategy(refused));
+    }
+    let model = without_output_noise(&model);
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes);
     let mut how = options.options.clone();

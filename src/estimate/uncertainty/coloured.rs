@@ -137,7 +137,7 @@ fn known_by(
 }
 
 /// Sensitivities and residuals of all runs.
-fn rows(
+pub(super) fn rows(
     problem: &mut Problem<'_>,
     sandwich: &Sandwich<'_>,
     values: &[f64],

@@ -2,7 +2,8 @@
 //!
 //! **In** the quadratic and the residuals at the end of an iteration. **Out** Cramer-Rao bounds ([`cramer_rao`]), directions that are not identifiable
 //! ([`identifiability`]), covariances corrected for the noise as it really is ([`sandwich`]): known beforehand, coloured in long runs ([`coloured`]), averaged
-//! over noise models in short ones ([`model_averaged`]), beside parameters at their bounds ([`bounds`]), in spectra ([`spectra`], with noise in measured regressors, whose bias is removed); and the table of
+//! over noise models in short ones ([`model_averaged`]), beside parameters at their bounds ([`bounds`]), in spectra ([`spectra`], with noise in measured regressors,
+//! whose bias is removed), of a size that varies ([`varying_noise`]); and the table of
 //! the parameters ([`parameters`]).
 
 pub(super) mod bounds;
@@ -22,3 +23,6 @@ pub(super) mod sandwich;
 mod sensitivity_rows;
 pub(super) mod spectra;
 mod spectral_rows;
+pub(super) mod varying_noise;
+#[cfg(test)]
+mod varying_noise_tests;

@@ -131,6 +131,44 @@ impl SensitivityRows {
         self.even && self.residuals.iter().map(compared).filter(|n| *n > 0).min().is_some_and(|n| n >= LONG)
     }
 
+    /// The share of each residual of an output that fitting takes (length): `s' D s / r` with the Cramer-Rao covariance of this run's columns (width by
+    /// width) and the inverse variance of the noise.
+    pub(super) fn leverages(&self, output: usize, covariance: &[f64], inverse_noise: f64) -> Vec<f64> {
+        let rows = &self.rows[output];
+        let mut mapped = vec![0.0; rows.len()];
+        add_mapped(rows, covariance, self.width, &mut mapped);
+        let share = |(row, mapped): (&[f64], &[f64])| row.iter().zip(mapped).map(|(a, b)| a * b).sum::<f64>();
+        let width = self.width.max(1);
+        rows.chunks(width).zip(mapped.chunks(width)).map(|pair| inverse_noise * share(pair)).collect()
+    }
+
+    /// The same with the rows of all outputs weighted by `inverse_noise` (q by q).
+    pub(super) fn weighted(&self, inverse_noise: &[f64]) -> Self {
+        let q = self.rows.len();
+        let weigh = |o: usize| {
+            let mut rows = vec![0.0; self.rows[o].len()];
+            self.weigh(&inverse_noise[o * q..(o + 1) * q], &mut rows);
+            rows
+        };
+        self.with_rows((0..q).map(weigh).collect())
+    }
+
+    /// The same with each row times a factor (q by length).
+    pub(super) fn scaled(&self, factors: &[Vec<f64>]) -> Self {
+        let scaled = |(rows, factors): (&Vec<f64>, &Vec<f64>)| {
+            let mut rows = rows.clone();
+            rows.chunks_mut(self.width.max(1)).zip(factors).for_each(|(row, factor)| scale(*factor, row));
+            rows
+        };
+        self.with_rows(self.rows.iter().zip(factors).map(scaled).collect())
+    }
+
+    fn with_rows(&self, rows: Vec<Vec<f64>>) -> Self {
+        let squares = rows.iter().map(|rows| squared(rows, self.width)).collect();
+        let (moments, residuals) = (self.moments.clone(), self.residuals.clone());
+        Self { rows, squares, moments, residuals, ..*self }
+    }
+
     /// Runs the noise's filters over the rows, weighted by `inverse_noise` (q by q): backward to what each innovation does,
     /// and forward again to what the noise looks like.
     pub(crate) fn filter(&self, colour: &Colour, inverse_noise: &[f64]) -> Filtered {

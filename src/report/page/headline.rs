@@ -126,7 +126,7 @@ fn weight(about: About) -> (usize, &'static str) {
         About::Bound => (1, "parameters"),
         About::Offset => (2, "residuals"),
         About::Input => (3, "residuals"),
-        About::Colour => (4, "residuals"),
+        About::Colour | About::Noise => (4, "residuals"),
         About::Drawn | About::Intervals => (5, "parameters"),
         About::Correlated => (6, "correlations"),
         About::Prior => (7, "parameters"),

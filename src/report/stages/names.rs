@@ -130,6 +130,8 @@ fn equations(model: &Model) -> Vec<(String, String)> {
     };
     let trim = m.trim.iter().map(|(s, e)| (format!("{} at the trim", signal(s)), shown(*e)));
     let noise = |s: &fdm_grammar::model::State| Some((format!("noise of der({})", s.quantity.name), shown(s.noise?)));
-    let trim = trim.chain(m.states.iter().filter_map(noise));
+    let measured =
+        |o: &fdm_grammar::model::Output| Some((format!("noise of {}", o.quantity.name), shown(o.noise_model?)));
+    let trim = trim.chain(m.states.iter().filter_map(noise)).chain(m.outputs.iter().filter_map(measured));
     rates.chain(initial).chain(derived).chain(outputs).chain(trim).collect()
 }

@@ -9,7 +9,7 @@ use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity,
+    BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity, Loss,
     NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, SpectralFit, StartSummary, Symmetric,
     Termination, by_confidence,
 };
@@ -95,6 +95,9 @@ pub struct FitDocument {
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub starts: Option<Option<Vec<StartDocument>>>,
 
+    /// What was made of residuals, where that is not squares: `{"huber": K}` or `{"student": N}`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loss: Option<Loss>,
     /// `filter error`; missing of other methods.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<String>,
@@ -286,7 +289,8 @@ impl FitDocument {
             ..Self::of_estimate(&fit.model, e)
         };
         if !fit.quality.is_empty() {
-            document.outputs = OutputDocument::of_quality(&fit.model, &fit.quality);
+            document.outputs = OutputDocument::of_fit(fit);
+            document.loss = (!fit.loss.is_squares()).then_some(fit.loss);
             document.remarks = fit_remarks(fit);
         }
         document
@@ -360,6 +364,7 @@ impl FitDocument {
             weights: None,
             starts: None,
             method: None,
+            loss: None,
             deviations: None,
             silent: None,
             frequency_domain: None,

@@ -110,6 +110,9 @@ pub struct OutputDeclared {
     pub doc: String,
     /// Standard deviation of its measurement noise, where it is declared.
     pub noise: Option<f64>,
+    /// The same as an expression, where it is declared so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_model: Option<String>,
 }
 
 /// Generated derivatives beside complex steps.
@@ -178,7 +181,8 @@ impl ModelDocument {
         };
         let output = |o: &Output| {
             let (name, unit, doc) = parts(&o.quantity);
-            OutputDeclared { name, unit, doc, noise: o.noise }
+            let noise_model = o.noise_model.map(|e| show(&definition.graph, e, definition));
+            OutputDeclared { name, unit, doc, noise: o.noise, noise_model }
         };
         let derived = |q: &Quantity| {
             let (name, unit, doc) = parts(q);

@@ -1,9 +1,11 @@
 //! How well one output of one run is matched, in the output's unit.
 
 use super::json::present;
+use fdm_estimate::Fit;
 use fdm_estimate::residuals::{
-    Distribution, InputCorrelation, OutputFit, OutputQuality, ResidualSpectrum, TicParts, Whiteness,
+    Distribution, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, ResidualSpectrum, TicParts, Whiteness,
 };
+use fdm_grammar::graph::show;
 use fdm_system::Model;
 use serde::{Deserialize, Serialize};
 
@@ -40,9 +42,42 @@ pub struct OutputDocument {
     /// Its correlation with each input that moves; missing where that was not asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub inputs: Option<Vec<InputCorrelation>>,
+    /// How its noise varies in all runs, where chance does not explain that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_variation: Option<NoiseVariation>,
+    /// Its noise where the model says it in an expression.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise_model: Option<NoiseModelDocument>,
     /// Why there is no test, in words.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub untested: Option<Option<String>>,
+}
+
+/// The noise of an output whose deviation is an expression, in the output's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NoiseModelDocument {
+    /// The standard deviation, as the model says it.
+    pub expression: String,
+    /// Its smallest and largest value at the compared samples of the run.
+    pub deviations: [f64; 2],
+    /// Root mean square of the residuals over their deviations: 1 where the expression is right.
+    pub standardised: f64,
+}
+
+impl NoiseModelDocument {
+    /// Of the output with this place among q, in a run of a fit; none where its noise is of one size.
+    fn of(fit: &Fit, run: usize, output: usize) -> Option<Self> {
+        let definition = fit.model.definition();
+        let q = definition.outputs.len();
+        let (samples, residuals) = (fit.noise_of_samples.get(run)?, &fit.estimate.runs.get(run)?.residuals);
+        let expression = show(&definition.graph, definition.outputs.get(output)?.noise_model?, definition);
+        let cells = samples.deviations.iter().zip(residuals).skip(output).step_by(q);
+        let compared: Vec<(f64, f64)> = cells.filter(|(s, _)| !s.is_nan()).map(|(s, v)| (*s, v / s)).collect();
+        let first = compared.first()?.0;
+        let ends = compared.iter().fold([first, first], |[low, high], (s, _)| [low.min(*s), high.max(*s)]);
+        let mean = compared.iter().map(|(_, e)| e * e).sum::<f64>() / compared.len() as f64;
+        Some(Self { expression, deviations: ends, standardised: mean.sqrt() })
+    }
 }
 
 impl OutputDocument {
@@ -63,6 +98,8 @@ impl OutputDocument {
             spectrum: None,
             distribution: None,
             inputs: None,
+            noise_variation: None,
+            noise_model: None,
             untested: None,
         }
     }
@@ -78,6 +115,18 @@ impl OutputDocument {
             ..Self::of(model, &q.fit)
         };
         quality.iter().map(one).collect()
+    }
+
+    /// Of a fit: what the residuals say, and what is known of the noise.
+    pub fn of_fit(fit: &Fit) -> Vec<Self> {
+        let mut outputs = Self::of_quality(&fit.model, &fit.quality);
+        let q = fit.model.definition().outputs.len().max(1);
+        for (k, output) in outputs.iter_mut().enumerate() {
+            let varies = fit.estimate.noise_variation.iter().find(|v| v.output == output.name && v.is_significant());
+            output.noise_variation = varies.cloned();
+            output.noise_model = NoiseModelDocument::of(fit, k / q, k % q);
+        }
+        outputs
     }
 
     /// What the tests of whiteness say, where there were any.

@@ -1,7 +1,7 @@
 //! What should not be overlooked in a result, in plain words.
 
 use super::digits::digits;
-use fdm_estimate::residuals::{InputCorrelation, OutputFit, OutputQuality};
+use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
 use fdm_estimate::{Estimate, Fit, ParameterEstimate, Status, Uncorrected};
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
@@ -29,6 +29,8 @@ pub enum About {
     NoNoise,
     /// The colour of the residuals, and what it does to standard errors.
     Colour,
+    /// Noise that is not of one size, and what that does to standard errors.
+    Noise,
     /// Residuals that are an offset.
     Offset,
     /// Residuals that follow or lead an input.
@@ -103,6 +105,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     if estimate.noise_free.is_empty() {
         say(About::Colour, colour(estimate));
         say(About::Intervals, few(estimate));
+        say(About::Noise, varying(estimate));
     }
     remarks
 }
@@ -142,6 +145,11 @@ fn drawn(estimate: &Estimate) -> Vec<String> {
 /// Both, of a fit in the time domain.
 pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
+    if !fit.loss.is_squares() {
+        let said =
+            format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
+        remarks.push(Remark::new(About::Noise, said));
+    }
     if fit.estimate.noise_free.is_empty() {
         remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }
@@ -313,6 +321,32 @@ fn colour(estimate: &Estimate) -> Vec<String> {
         coloured.join(", "),
         digits(middle, 2)
     )]
+}
+
+/// Outputs whose noise varies, what with, and what was done about it.
+fn varying(estimate: &Estimate) -> Vec<String> {
+    let one = |v: &NoiseVariation| {
+        let name = format!("`{}`", v.output);
+        let grows = |trend: Option<Trend>| trend.is_some_and(|t| t.correlation > 0.0);
+        let verb = |grows: bool| if grows { "grows" } else { "falls" };
+        let cause = match v.causes().first()? {
+            Cause::Response => format!("noise of {name} {} with the size of the signal", verb(grows(v.response))),
+            Cause::Time => format!("noise of {name} {} with time", verb(grows(v.time))),
+            Cause::Run => format!("noise of {name} differs from run to run"),
+        };
+        let [low, high] = v.deviations.map(|d| digits(d, 2));
+        let range = if low == high { String::new() } else { format!(", from {low} to {high}") };
+        let done = match estimate.noise.is_some() && estimate.uncorrected.is_none() && low != high {
+            true => format!(
+                ": the corrected errors allow for it; a model of the noise (`noise {} = ...;`) would use the data better",
+                v.output
+            ),
+            // a noise model is there, and does not say it all
+            false => ": what the model says of the noise is not all of it".into(),
+        };
+        Some(format!("{cause} (p = {}){range}{done}", digits(v.p_value, 1)))
+    };
+    estimate.noise_variation.iter().filter(|v| v.is_significant()).filter_map(one).collect()
 }
 
 fn called(p: &ParameterEstimate) -> String {

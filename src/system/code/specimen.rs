@@ -114,7 +114,7 @@ pub(super) fn ship() -> Model {
     }
     model.states.iter_mut().zip(rates).for_each(|(s, rate)| s.rate = rate);
     model.states[0].initial = u0;
-    let outputs = [u, v, r].map(|x| Output { quantity: quantity("y"), expr: x, noise: None });
+    let outputs = [u, v, r].map(|x| Output::new(quantity("y"), x));
     model.outputs = outputs.into();
     model
 }
@@ -149,7 +149,7 @@ pub(super) fn random(seed: u64, special: bool) -> Model {
     }
     for k in 0..random.below(4) {
         let expr = pool[pool.len() - 1 - random.below(pool.len().min(20))];
-        model.outputs.push(Output { quantity: quantity(format!("y{k}")), expr, noise: None });
+        model.outputs.push(Output::new(quantity(format!("y{k}")), expr));
     }
     if let Some(e) = of_params.last() {
         model.derived.push(Derived { quantity: quantity("d"), expr: *e, tied: false });

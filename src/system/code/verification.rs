@@ -511,7 +511,7 @@ mod tests {
         let late = g.delay(fdm_grammar::graph::Signal::State(0), tau);
         let product = g.apply(Op::Mul, &[late, c]);
         let sum = g.apply(Op::Add, &[product, d]);
-        model.outputs.push(Output { quantity: quantity("late"), expr: sum, noise: None });
+        model.outputs.push(Output::new(quantity("late"), sum));
         let rate = model.states[2].rate;
         model.states[2].rate = g.apply(Op::Add, &[rate, product]);
         model.states[1].initial = g.apply(Op::Mul, &[c, c]);
@@ -577,7 +577,7 @@ mod tests {
         let mut model = blank(3, 0, &[]);
         let args = [0, 1, 2].map(|k| model.graph.leaf(Leaf::State(k)));
         let expr = model.graph.apply(op, &args[..op.row().arity]);
-        model.outputs.push(Output { quantity: quantity(op.row().name), expr, noise: None });
+        model.outputs.push(Output::new(quantity(op.row().name), expr));
         model
     }
 

@@ -418,7 +418,7 @@ fn a_model_says_what_it_wants() {
         params: Vec::new(),
         derived: Vec::new(),
         ties: Vec::new(),
-        outputs: vec![Output { quantity: quantity("y", ""), expr: x, noise: None }],
+        outputs: vec![Output::new(quantity("y", ""), x)],
         trim: Vec::new(),
         graph,
     };

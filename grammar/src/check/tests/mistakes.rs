@@ -521,14 +521,9 @@ fn priors_and_noise() {
             "noise y = 0;",
             &["2:11 E0302 the noise of `y` is 0, and must be above 0; without this statement the noise is estimated"],
         ),
-        (
-            "noise y = a;",
-            &["2:11 E0305 the noise of `y` cannot depend on the param `a`; it is made of numbers and consts"],
-        ),
-        (
-            "noise y = t;",
-            &["2:11 E0305 the noise of `y` cannot depend on the time `t`; it is made of numbers and consts"],
-        ),
+        ("noise y = a;", &[]),
+        ("param s = 0.1; input column; noise y = s*abs(y) + 0.01*exp(-t) + column;", &[]),
+        ("noise y = 0.1*abs(yy);", &["2:19 E0201 `yy` is not declared; did you mean `y`?"]),
         ("noise y = 1; noise y = 2;", &["2:20 E0202 the noise of `y` is given a second time; remove one of them"]),
         ("const s = 0.1; noise y = s;", &[]),
     ]);

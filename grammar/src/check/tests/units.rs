@@ -250,6 +250,13 @@ fn records_priors_and_noise() {
             &["2:53 E0602 m and m/s cannot be added; a factor in s lies between them"],
         ),
         ("output d [m] = x; noise d = 0.1; prior b ~ normal(1, 0.1);", &[]),
+        ("output d [m] = x; noise d = 0.1*abs(d) + 0.2 + b*x;", &[]),
+        (
+            "output d [m] = x; noise d = 0.1*h;",
+            &[
+                "2:29 E0602 `d` is declared in m, the noise of `d` is in ft; they differ by the factor 3.28084 (1 m is 3.28084 ft); convert with a constant, `const c = 0.3048 [m/ft];`",
+            ],
+        ),
         (
             "output d [m] = x; const s = 1 [ft]; noise d = s;",
             &[

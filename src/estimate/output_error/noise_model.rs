@@ -1,0 +1,256 @@
+//! A fit in which the noise of outputs is an expression (`noise y = 0.02 + 0.1*abs(y);`): the likelihood of everything, its parameters among them, from the
+//! estimates of a fit whose noise is of one size.
+
+use super::error::{FitError, StrategyError};
+use super::fit::{Fit, NoiseOfSamples};
+use super::options::FitOptions;
+use super::single::{after, chosen_steps};
+use super::standardised::Standardised;
+use crate::derived::DerivedQuantities;
+use crate::estimate::{Estimate, RunFit, Symmetric};
+use crate::method::{Domain, Method};
+use crate::noise::Noise;
+use crate::observer::Observer;
+use crate::problem::{Options, Problem, ProblemRun};
+use crate::residuals::OutputFit;
+use crate::residuals::noise_variation::{OutputSeries, test};
+use crate::solve::estimate;
+use crate::uncertainty::sandwich::NoiseColour;
+use fdm_system::model::Model;
+use fdm_system::record::Run;
+use fdm_system::record::even_grid::EvenGrid;
+use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, integration_error};
+
+/// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
+/// [`with_precisions`](fdm_grammar::Model::with_precisions). None where there are none.
+pub(crate) fn deviations(model: &Model, noise: &Noise) -> Option<Vec<Option<usize>>> {
+    let outputs = &model.definition().outputs;
+    let aside = |o: usize| match noise {
+        Noise::Diagonal => false,
+        Noise::Full => true,
+        Noise::Given(given) => given.iter().all(Option::is_none) || given[o].is_some(),
+    };
+    let mut next = outputs.len()..;
+    let place = |(o, output): (usize, &fdm_grammar::model::Output)| {
+        let place = output.noise_model.and_then(|_| next.next());
+        place.filter(|_| !aside(o))
+    };
+    let places: Vec<Option<usize>> = outputs.iter().enumerate().map(place).collect();
+    places.iter().any(Option::is_some).then_some(places)
+}
+
+/// The runs without the samples whose deviation is infinite: these say nothing, whatever they are.
+///
+/// # Errors
+/// [`FitError::Unsuited`] for a run that the model cannot be simulated on.
+pub(crate) fn without_infinite(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    deviations: &[Option<usize>],
+) -> Result<Vec<Run>, FitError> {
+    let Some(definition) = model.definition().with_precisions() else { return Ok(runs.to_vec()) };
+    let (whole, q) = (model.sketched(definition), deviations.len());
+    let simulated = whole.definition().outputs.len();
+    let mut kept = runs.to_vec();
+    for (run, theta) in kept.iter_mut().zip(starts) {
+        let simulator = Simulator::new(whole.dynamics(), run, Steps::equal(Scheme::default(), 1));
+        let mut y = vec![0.0; run.len() * simulated];
+        // where the start diverges, what comes before is kept
+        let _ = simulator.map_err(|e| FitError::unsuited(run, e))?.simulate(theta, &mut y);
+        for (z, y) in run.measured.chunks_exact_mut(q).zip(y.chunks_exact(simulated)) {
+            let infinite = |s: &Option<usize>| s.is_some_and(|s| y[s] == 0.0);
+            z.iter_mut().zip(deviations).filter(|(_, s)| infinite(s)).for_each(|(z, _)| *z = f64::NAN);
+        }
+    }
+    Ok(kept)
+}
+
+/// Why a method that knows noise of one size only cannot estimate a model, if it cannot.
+pub(crate) fn refused(model: &Model, noise: &Noise, method: Method, domain: Domain) -> Option<StrategyError> {
+    deviations(model, noise).map(|_| StrategyError::NoiseModel { method, domain })
+}
+
+/// The model with the parameters held that stand in the noise of outputs alone.
+pub(crate) fn without_output_noise(model: &Model) -> Model {
+    let only = model.definition().only_in_output_noise();
+    if !only.contains(&true) {
+        return model.clone();
+    }
+    let mut params = model.definition().params.clone();
+    params.iter_mut().zip(only).filter(|(_, only)| *only).for_each(|(p, _)| p.fixed = true);
+    model.with_params(params)
+}
+
+/// A fit by the likelihood with `deviations` (q), from the estimates of `first`; `model` has the changes in `options`.
+///
+/// # Errors
+/// [`FitError`], as any fit.
+pub(crate) fn fit_noise_model(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    (first, deviations): (Fit, &[Option<usize>]),
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let definition = model.definition().with_precisions();
+    let Some(whole) = definition.map(|definition| model.altered(definition)) else { return Ok(first) };
+    let mut starts = after(model, runs, &first.estimate, starts);
+    let integration = steps(&whole, runs, &starts, options)?;
+    let fitting = Fitting { model, whole: &whole, runs, deviations, integration: &integration, options };
+    // what stands in the noise alone first: its start values know nothing of the residuals
+    let only = model.definition().only_in_output_noise();
+    if only.iter().zip(&model.definition().params).any(|(only, p)| *only && !p.fixed) {
+        let noise = fitting.estimate(&starts, |k| only[k], observer)?;
+        starts = after(model, runs, &noise, &starts);
+    }
+    let found = fitting.estimate(&starts, |_| true, observer)?;
+    let reached = after(model, runs, &found, &starts);
+    let (estimate, samples) = fitting.told(found, &reached)?;
+    Ok(Fit { model: model.clone(), estimate, integration, noise_of_samples: samples, ..first })
+}
+
+/// Steps of each run for outputs and deviations.
+fn steps(whole: &Model, runs: &[Run], starts: &[Vec<f64>], options: &FitOptions) -> Result<Vec<Accuracy>, FitError> {
+    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options.scheme) };
+    let steps = Steps::equal(options.scheme.unwrap_or_default(), per_interval);
+    let one = |(run, theta): (&Run, &Vec<f64>)| {
+        let error = integration_error(whole.dynamics(), run, theta, steps.clone());
+        Ok(Accuracy { steps: steps.clone(), error: error.map_err(|e| FitError::unsuited(run, e))? })
+    };
+    runs.iter().zip(starts).map(one).collect()
+}
+
+struct Fitting<'f> {
+    model: &'f Model,
+    /// The model with one over its deviations as outputs.
+    whole: &'f Model,
+    runs: &'f [Run],
+    deviations: &'f [Option<usize>],
+    integration: &'f [Accuracy],
+    options: &'f FitOptions,
+}
+
+impl Fitting<'_> {
+    fn simulator(&self, r: usize, theta: &[f64]) -> Result<Simulator<'_>, FitError> {
+        let run = &self.runs[r];
+        let simulator = Simulator::new(self.whole.dynamics(), run, self.integration[r].steps.clone());
+        let mut simulator = simulator.map_err(|e| FitError::unsuited(run, e))?;
+        simulator.suits(theta).map_err(|e| FitError::unsuited(run, e))?;
+        Ok(simulator)
+    }
+
+    /// Estimates the parameters that `open` says, from these values.
+    fn estimate(
+        &self,
+        starts: &[Vec<f64>],
+        open: impl Fn(usize) -> bool,
+        observer: &mut dyn Observer,
+    ) -> Result<Estimate, FitError> {
+        let mut prepared = Vec::with_capacity(self.runs.len());
+        for (r, theta) in starts.iter().enumerate() {
+            let run = &self.runs[r];
+            let response = Standardised::new(self.simulator(r, theta)?, run.measured.clone(), self.deviations.to_vec());
+            let (name, start, measured) = (run.name.clone(), theta.clone(), response.targets());
+            prepared.push(ProblemRun { name, response: Box::new(response), measured, start });
+        }
+        let definition = self.model.definition();
+        let derived = DerivedQuantities::of(self.whole.definition(), self.whole.dynamics());
+        let mut problem = Problem::new(definition, prepared, derived);
+        problem.affine = Vec::new();
+        problem.outputs = self.names();
+        for (k, param) in problem.params.iter_mut().enumerate() {
+            param.fixed |= !open(k);
+            if let Some(first) = starts.first().filter(|_| !param.per_run) {
+                param.value = first[k];
+            }
+        }
+        let given = |o: usize| match &self.options.options.noise {
+            Noise::Given(given) => given[o],
+            _ => None,
+        };
+        let shown = Standardised::shown(self.deviations);
+        let unit = |o: &Option<usize>| match o {
+            Some(o) if self.deviations[*o].is_none() => given(*o),
+            _ => Some(1.0),
+        };
+        let options = Options { noise: Noise::Given(shown.iter().map(unit).collect()), ..self.options.options.clone() };
+        estimate(&mut problem, &options, observer).map_err(FitError::Problem)
+    }
+
+    /// Names of the standardised outputs.
+    fn names(&self) -> Vec<String> {
+        let outputs = &self.model.definition().outputs;
+        let mut last = String::new();
+        let name = |o: Option<usize>| match o {
+            Some(o) => {
+                last.clone_from(&outputs[o].quantity.name);
+                last.clone()
+            }
+            None => format!("noise of {last}"),
+        };
+        Standardised::shown(self.deviations).into_iter().map(name).collect()
+    }
+
+    /// The estimate in the model's own outputs, and the noise of every sample.
+    fn told(&self, found: Estimate, reached: &[Vec<f64>]) -> Result<(Estimate, Vec<NoiseOfSamples>), FitError> {
+        if found.runs.is_empty() {
+            return Ok((found, Vec::new()));
+        }
+        let (q, names) = (self.deviations.len(), self.model.definition().outputs.iter());
+        let names: Vec<String> = names.map(|o| o.quantity.name.clone()).collect();
+        let (mut outputs, mut runs, mut samples) = (Vec::new(), Vec::new(), Vec::new());
+        let mut series: Vec<(String, Vec<OutputSeries>)> = names.iter().map(|n| (n.clone(), Vec::new())).collect();
+        let mut squares = vec![(0.0, 0usize); q];
+        for (r, theta) in reached.iter().enumerate() {
+            let mut simulator = self.simulator(r, theta)?;
+            let simulated = simulator.outputs();
+            let mut y = vec![0.0; simulator.samples() * simulated];
+            // the estimate was reached by simulating it
+            let _ = simulator.simulate(theta, &mut y);
+            let response: Vec<f64> = y.chunks_exact(simulated).flat_map(|y| y[..q].iter().copied()).collect();
+            let run = &self.runs[r];
+            let measured = &run.measured;
+            let residuals: Vec<f64> = measured.iter().zip(&response).map(|(z, y)| z - y).collect();
+            let deviation = |(k, v): (usize, &f64)| {
+                let place = self.deviations[k % q].filter(|_| !v.is_nan())?;
+                Some(1.0 / y[k / q * simulated + place].abs())
+            };
+            let deviations: Vec<f64> = residuals.iter().enumerate().map(|k| deviation(k).unwrap_or(f64::NAN)).collect();
+            let grid = EvenGrid::of(&run.time).unwrap_or_else(|_| EvenGrid::counted(run.len()));
+            for (o, name) in names.iter().enumerate() {
+                outputs.push(OutputFit::new(name, &run.name, measured, &response, o, q));
+                let cells = || residuals.iter().zip(&deviations).skip(o).step_by(q);
+                for (v, s) in cells().filter(|(v, _)| !v.is_nan()) {
+                    let square = if self.deviations[o].is_some() { s * s } else { v * v };
+                    squares[o] = (squares[o].0 + square, squares[o].1 + 1);
+                }
+                if self.deviations[o].is_some() {
+                    series[o].1.push(OutputSeries {
+                        response: grid.spread(response.iter().skip(o).step_by(q).map(|y| y.abs())),
+                        time: grid.spread(run.time.iter().map(|t| t - run.time[0])),
+                        residuals: grid.spread(cells().map(|(v, s)| v / s)),
+                        left: Vec::new(),
+                    });
+                }
+            }
+            samples.push(NoiseOfSamples { run: run.name.clone(), deviations });
+            runs.push(RunFit { run: run.name.clone(), response, residuals });
+        }
+        let variances = squares.iter().map(|(sum, count)| sum / (*count).max(1) as f64);
+        let mut noise = Symmetric { size: q, values: vec![0.0; q * q] };
+        variances.enumerate().for_each(|(o, v)| noise.values[o * q + o] = v);
+        let shown = |c: &NoiseColour| names.contains(&c.output);
+        let estimate = Estimate {
+            outputs,
+            runs,
+            noise: found.noise.as_ref().map(|_| noise),
+            colours: found.colours.iter().filter(|c| shown(c)).cloned().collect(),
+            noise_free: Vec::new(),
+            noise_variation: test(&series),
+            ..found
+        };
+        Ok((estimate, samples))
+    }
+}
