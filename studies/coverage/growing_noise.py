@@ -60,8 +60,8 @@ WAYS = {
     "growing, plain": ("growing", "", "", []),
     "growing, noise model": (
         "growing",
-        "param s = 0.01, g = 0.05, r = 0.01, e = 0.05;",
-        "noise y = s + g*abs(y), w = r + e*abs(w);",
+        "param s = 0.01, p = 0.05, r = 0.01, e = 0.05;",
+        "noise y = s + p*abs(y), w = r + e*abs(w);",
         [],
     ),
     "student, huber": ("student", "", "", ["--loss", "huber"]),
