@@ -470,6 +470,19 @@ pub use fdm_estimate::Options;
 /// # Example
 ///
 /// ```
+/// use fdm::{FitOptions, Loss, fit};
+/// let (model, runs) = fdm::example::decay()?;
+/// let loss = Loss::Huber(1.345); // outliers pull less than by squares
+/// let found = fit(&model, &runs, &FitOptions { loss, ..FitOptions::default() }, &mut ())?;
+/// assert!(found.estimate.is_good());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[doc(inline)]
+pub use fdm_estimate::Loss;
+
+/// # Example
+///
+/// ```
 /// use fdm::{FitOptions, Noise, Options, fit};
 /// let (model, runs) = fdm::example::roll()?;
 /// let options = Options { noise: Noise::Full, ..Options::default() }; // outputs whose noise may correlate
