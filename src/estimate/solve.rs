@@ -89,9 +89,11 @@ pub fn estimate_from(
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;
     let evaluations = cost.evaluations();
     let mut responses = cost.evaluator.into_responses();
-    let in_time = |run: &ProblemRun<'_>| run.response.coefficients().is_none() && run.response.known_noise().is_none();
-    let in_time = end.is_ok() && possible && problem.runs.iter().all(in_time);
-    let log_likelihood = in_time.then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
+    let in_time = problem.runs.iter().all(|r| {
+        r.response.known_noise().is_none() && r.response.coefficients().is_none() && r.response.surcharge().is_none()
+    });
+    let log_likelihood =
+        (in_time && end.is_ok() && possible).then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
 
     let mut corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
@@ -109,9 +111,6 @@ pub fn estimate_from(
             }
         }
     };
-    let in_time = problem.runs.iter().all(|r| {
-        r.response.known_noise().is_none() && r.response.coefficients().is_none() && r.response.surcharge().is_none()
-    });
     let noise_variation = match (&conclusion, &mut corrected) {
         (Some(conclusion), Ok(own)) if in_time => {
             let priors = priors.rows(&values);

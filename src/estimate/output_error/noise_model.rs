@@ -113,7 +113,7 @@ pub(crate) fn fit_noise_model(
 
 /// Steps of each run for outputs and deviations.
 fn steps(whole: &Model, runs: &[Run], starts: &[Vec<f64>], options: &FitOptions) -> Result<Vec<Accuracy>, FitError> {
-    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options.scheme) };
+    let Some(per_interval) = options.per_interval else { return chosen_steps(whole, runs, starts, options) };
     let steps = Steps::equal(options.scheme.unwrap_or_default(), per_interval);
     let one = |(run, theta): (&Run, &Vec<f64>)| {
         let error = integration_error(whole.dynamics(), run, theta, steps.clone());
