@@ -57,6 +57,8 @@ pub(super) struct Likelihood {
 pub(super) struct Weights {
     /// Minus the logarithm of the likelihood, without the constant n/2 log 2 pi.
     pub(super) cost: f64,
+    /// What of the cost is beside the squares, where the likelihood is another; it may have any sign.
+    pub(super) beside: f64,
     /// Changes of the cost below this are rounding.
     pub(super) rounding: f64,
     /// R, q by q.
@@ -231,7 +233,7 @@ impl Likelihood {
 impl Weights {
     fn blank(q: usize) -> Self {
         let (covariance, whitener) = (vec![0.0; q * q], vec![0.0; q * q]);
-        Self { cost: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q], scatter: 1.0 }
+        Self { cost: 0.0, beside: 0.0, rounding: 0.0, covariance, whitener, exact: vec![false; q], scatter: 1.0 }
     }
 
     /// R^-1 times the independent part of a sample, q by q; zero for outputs that were never measured.

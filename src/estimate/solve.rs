@@ -83,7 +83,7 @@ pub fn estimate_from(
         steps = of_parameters(steps, &unknowns, step_options);
     }
     let conclusion = if end.is_ok() { conclude(&mut steps) } else { None };
-    let possible = likelihood.admits(steps.weights.cost);
+    let possible = likelihood.admits(steps.weights.cost - steps.weights.beside);
     let conclusion = conclusion.filter(|_| possible);
     let end = end.map(|summary| if possible { Termination::of(summary, observer) } else { Termination::Impossible });
     let GaussNewton { problem: cost, values, weights, history, .. } = steps;

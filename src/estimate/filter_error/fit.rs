@@ -245,6 +245,7 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     let (scale, inverse) = Inverse::of_products(&believed, &inside);
     let noise = Weights {
         cost: 0.0,
+        beside: 0.0,
         rounding: 0.0,
         covariance: covariance_of(setting, values).values,
         whitener: Vec::new(),

@@ -28,6 +28,7 @@ impl LikelihoodCost<'_, '_, '_> {
         let prior = self.priors.cost(&self.unknowns.parameters(values));
         let surcharge = self.evaluator.surcharge.unwrap_or(0.0);
         weights.cost += prior + surcharge;
+        weights.beside = surcharge;
         weights.rounding += 4.0 * f64::EPSILON * surcharge.abs();
         weights.rounding += 4.0 * f64::EPSILON * prior;
         weights

@@ -87,7 +87,9 @@ pub(crate) fn corrected(
                 short.settle(&sandwich, &others, &mut covariance, &mut freedom)?;
                 colours.extend(short.report(problem, &noise.covariance));
             }
-            if is_as_declared(&runs, bound, &colours) {
+            // the noise of a surcharge is one that is estimated
+            let declared = problem.runs.iter().all(|run| run.response.surcharge().is_none());
+            if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
                 return Ok(Corrected { values, colours, freedom: Vec::new(), unbiased: None });
             }
