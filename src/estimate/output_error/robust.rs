@@ -21,6 +21,7 @@ use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
+use std::f64::consts::TAU;
 
 /// Most rounds.
 const ROUNDS: usize = 60;
@@ -134,7 +135,7 @@ impl Fitting<'_> {
 
 /// The estimate with the residuals of what was measured; its cost is that of the loss.
 fn with_own(found: Estimate, runs: &[Run], (loss, scales): (Loss, &[f64]), q: usize) -> Estimate {
-    let (mut outputs, mut own, mut cost) = (Vec::new(), Vec::new(), 0.0);
+    let (mut outputs, mut own, mut cost, mut count) = (Vec::new(), Vec::new(), 0.0, 0.0);
     for (run, fit) in runs.iter().zip(&found.runs) {
         for (o, of) in found.outputs.iter().filter(|o| o.run == run.name).enumerate() {
             outputs.push(OutputFit::new(&of.name, &run.name, &run.measured, &fit.response, o, q));
@@ -142,10 +143,14 @@ fn with_own(found: Estimate, runs: &[Run], (loss, scales): (Loss, &[f64]), q: us
         let residuals: Vec<f64> = run.measured.iter().zip(&fit.response).map(|(z, y)| z - y).collect();
         for (k, v) in residuals.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
             cost += loss.cost(v / scales[k % q]) + scales[k % q].ln() + loss.constant();
+            count += 1.0;
         }
         own.push(RunFit { run: run.name.clone(), response: fit.response.clone(), residuals });
     }
-    Estimate { outputs, runs: own, cost: found.cost.map(|_| cost), ..found }
+    // Huber's loss is that of no law
+    let is_law = matches!(loss, Loss::Student(_));
+    let log_likelihood = found.log_likelihood.filter(|_| is_law).map(|_| -cost - 0.5 * count * TAU.ln());
+    Estimate { outputs, runs: own, cost: found.cost.map(|_| cost), log_likelihood, ..found }
 }
 
 /// Residuals of an output in all runs, those that there are.

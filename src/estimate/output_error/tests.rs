@@ -58,6 +58,8 @@ fn a_noise_model_is_estimated_by_maximum_likelihood() {
     let run = record(200, &mut |_, y| (0.02 + 0.1 * y) * normal.next());
     let fit = fitted("noise y = s + g*abs(y);", &run, FitOptions::default());
     assert!(fit.estimate.is_good(), "{:?}", fit.estimate.termination);
+    // below the cost that noise of deviation 1 can have
+    assert!(fit.estimate.cost.is_some_and(|cost| cost < 0.0), "{:?}", fit.estimate.cost);
     let best = ["a", "x0", "s", "g"].map(|name| value(&fit, name));
     let least = cost(&run, best);
     assert!((fit.estimate.cost.expect("a cost") - least).abs() < 1e-6 * least.abs(), "{:?} {least}", fit.estimate.cost);
@@ -200,6 +202,12 @@ fn the_likelihood_of_students_law_is_at_its_maximum_and_outliers_pull_less() {
         residuals.iter().map(|v| 2.5 * (v * v / (4.0 * s * s)).ln_1p() + s.ln()).sum::<f64>()
     };
     let (a, x0) = (value(&fit, "a"), value(&fit, "x0"));
+    // Student's density with 4 degrees of freedom is 3/8 (1 + e^2/4)^(-5/2)
+    let log_likelihood = fit.estimate.log_likelihood.expect("a law");
+    let want = 150.0 * 0.375f64.ln() - cost(a, x0);
+    assert!((log_likelihood - want).abs() < 1e-6 * want.abs(), "{log_likelihood} {want}");
+    let huber = fitted("", &run, FitOptions { loss: Loss::Huber(1.345), ..FitOptions::default() });
+    assert_eq!(huber.estimate.log_likelihood, None, "Huber's loss is that of no law");
     for (da, dx) in [(1e-4, 0.0), (-1e-4, 0.0), (0.0, 1e-4), (0.0, -1e-4)] {
         assert!(cost(a + da, x0 + dx) > cost(a, x0) - 1e-9, "{da} {dx}");
     }
