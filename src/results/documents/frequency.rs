@@ -21,7 +21,7 @@ pub struct FrequencyDomain {
     /// Frequencies of each run.
     pub frequencies: Vec<usize>,
     /// Channels with long gaps, and what was done about them.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub bridged: Vec<BridgeDocument>,
     /// End values of the states, found together with the parameters.
     pub end_values: Vec<ParameterEstimate>,
