@@ -65,8 +65,12 @@ fn a_held_out_run_that_is_one_of_the_others() {
     );
     fs::copy(desk.path("run.csv"), desk.path("copy.csv")).unwrap();
     let twice = "model.fdm --data run.csv --data other.csv --holdout copy.csv";
-    refused(&desk, twice, &["`copy` has the samples of the training run `run`"]);
-    refused(&desk, &format!("{twice} --domain frequency"), &["`copy` has the samples of the training run `run`"]);
+    refused(&desk, twice, &["`copy` (copy.csv) has the samples of the training run `run`"]);
+    refused(
+        &desk,
+        &format!("{twice} --domain frequency"),
+        &["`copy` (copy.csv) has the samples of the training run `run`"],
+    );
 }
 
 #[test]
@@ -74,7 +78,11 @@ fn records_too_short_to_judge() {
     let desk = desk();
     record(&desk, "short.csv", 3, 20, 0.1);
     for domain in ["", " --domain frequency"] {
-        refused(&desk, &format!("model.fdm --data short.csv{domain}"), &["`short` has 20 samples", "32 are needed"]);
+        refused(
+            &desk,
+            &format!("model.fdm --data short.csv{domain}"),
+            &["`short` (short.csv) has 20 samples", "32 are needed"],
+        );
     }
     record(&desk, "brief.csv", 3, 40, 0.1);
     refused(
