@@ -88,7 +88,7 @@ fn records_too_short_to_judge() {
     refused(
         &desk,
         "model.fdm --data brief.csv --domain frequency --band 0.3:2",
-        &["`brief` has 14 bins", "32 are needed"],
+        &["`brief` (brief.csv) has 14 bins", "32 are needed"],
     );
 }
 
