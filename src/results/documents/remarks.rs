@@ -77,7 +77,7 @@ const DRAWN: f64 = 0.3;
 const MOST_PAIRS: usize = 6;
 /// Part of the mean square residual that makes an offset worth a line.
 const OFFSET: f64 = 0.2;
-/// Probability of an offset as large by chance, below which it is worth a line.
+/// Probability of an offset as large by chance, below which it is remarked on.
 const OFFSET_CHANCE: f64 = 0.01;
 /// Samples that do not determine the colour of their noise: where neighbours correlate by 0.9 they are worth three independent ones.
 const FEW_SAMPLES: usize = 60;
