@@ -2,11 +2,12 @@
 
 use crate::deliver::{NamedFile, Output, column, standing, write_all};
 use crate::failure::{Ending, Failure, ended};
-use crate::load::{ModelOrResult, Selection, noise, read_runs};
+use crate::halt::TimeLimit;
+use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{Noise, initial_guess};
-use fdm_lab::design::{Asked, Question, Step, design, table};
+use fdm_lab::design::{Asked, Question, Step, design_while, table};
 use fdm_lab::experiment::Amount;
 use fdm_report::design_table;
 use fdm_results::store::ResultFolder;
@@ -32,10 +33,10 @@ pub(crate) struct Arguments {
     #[arg(long = "rest", value_name = "INPUT=VALUE", value_parser = amount, help_heading = "The next run")]
     rest: Vec<(String, Amount)>,
     /// Length of the next run, in the model's unit of time [default: that of the first run]
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
     duration: Option<f64>,
     /// Time between its samples [default: that of the first run]
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
     dt: Option<f64>,
     /// Standard deviation of the noise of an output [default: what the result found, or the model declares]
     #[arg(long, value_name = "OUTPUT=DEVIATION", help_heading = "The next run")]
@@ -51,6 +52,8 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "records", help_heading = "Result")]
     force: bool,
     #[command(flatten)]
+    limit: TimeLimit,
+    #[command(flatten)]
     output: Output,
 }
 
@@ -61,9 +64,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, &[], quiet)?;
     let question = arguments.question(&model, folder.as_ref(), runs)?;
     arguments.refuse_others()?;
-    let progress = Progress::without_interrupt(quiet);
+    let progress = Progress::without_interrupt(quiet).within(&arguments.limit);
+    let halt = progress.halt();
     progress.say("comparing manoeuvres");
-    let found = design(&question);
+    let found = design_while(&question, &|| halt.goes_on());
     progress.finish();
     let found = found.map_err(Failure::Input)?;
     let printed = arguments.output.print(|| design_table(&found, &model), || &found)?;
@@ -74,7 +78,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let files: Vec<NamedFile> = found.steps.iter().enumerate().filter_map(one).collect();
         write_all(folder, &files)?;
     }
-    ended(printed)
+    // told in any case
+    let in_time = progress.in_time();
+    ended(in_time && printed)
 }
 
 /// The name of the k-th run that is planned.

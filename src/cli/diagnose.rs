@@ -3,13 +3,14 @@
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, as_json, ended, print, remark};
-use crate::load::{Estimated, ModelFile, Records, measured, read_records, say_notes};
+use crate::halt::TimeLimit;
+use crate::load::{Estimated, ModelFile, Records, measured, number, read_records, say_notes};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
-use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose};
+use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose_while};
 use fdm_estimate::FitOptions;
 use fdm_report::diagnosis_text;
 use fdm_results::documents::DiagnosisDocument;
@@ -52,6 +53,8 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Result")]
     write: Option<PathBuf>,
     #[command(flatten)]
+    limit: TimeLimit,
+    #[command(flatten)]
     places: Places,
     #[command(flatten)]
     output: Output,
@@ -59,7 +62,7 @@ pub(crate) struct Arguments {
 
 /// A number between 0 and 1.
 fn probability(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    let value = number(text)?;
     if value > 0.0 && value < 1.0 { Ok(value) } else { Err("a probability is between 0 and 1".into()) }
 }
 
@@ -78,7 +81,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         screening: ScreeningOptions::default(),
         domain,
     };
-    let mut progress = Progress::without_interrupt(arguments.output.quiet);
+    let mut progress = Progress::without_interrupt(arguments.output.quiet).within(&arguments.limit);
+    let halt = progress.halt();
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
     let progress = Mutex::new(progress);
     let say = |text: &str| {
@@ -86,16 +90,20 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             progress.say(text);
         }
     };
-    let found = diagnose(&model, &runs, &validation, &catalogue, &options, &say);
+    let goes_on = || halt.goes_on();
+    let found = diagnose_while(&model, &runs, &validation, &catalogue, (&options, &say), &goes_on);
+    let mut in_time = true;
     if let Ok(progress) = progress.lock() {
         progress.finish();
+        in_time = progress.in_time();
     }
     let found = found.map_err(|error| match error {
         DiagnosisError::Model(e) => Failure::Model(e),
         other => Failure::input([other]),
     })?;
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
-    arguments.deliver(&model, &found, manifest, destination.as_ref())
+    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
+    if in_time { Ok(ending) } else { ended(false) }
 }
 
 impl Arguments {

@@ -2,7 +2,7 @@
 
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print, print_coloured, print_data};
-use crate::load::load_model;
+use crate::load::{load_model, number};
 use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
@@ -150,10 +150,10 @@ pub(crate) struct Extend {
     #[command(flatten)]
     effects: Effects,
     /// Sampling interval of the records; start values and bounds of lags and delays follow from it
-    #[arg(long, value_name = "TIME", default_value_t = 0.01)]
+    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 0.01)]
     step: f64,
     /// Length of the records
-    #[arg(long, value_name = "TIME", default_value_t = 10.0)]
+    #[arg(long, value_parser = number, value_name = "TIME", default_value_t = 10.0)]
     duration: f64,
     /// Write the extended model here
     #[arg(long, value_name = "FILE")]

@@ -3,6 +3,7 @@
 use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, measured, read_runs};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
@@ -10,8 +11,9 @@ use crate::progress::Progress;
 use crate::regress::equation_error;
 use clap::Args;
 use fdm_estimate::{
-    BestOptions, Estimate, FilterFit, Fit, FitOptions, Keeper, Loss, MultiStart, Noise, ResponseFit, ResponseOptions,
-    SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter, fit_kept, fit_responses, fit_spectra,
+    BestOptions, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise, ResponseFit,
+    ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter, fit_kept,
+    fit_responses, fit_spectra,
 };
 use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
@@ -55,6 +57,8 @@ pub(crate) struct Arguments {
     frequency: FrequencyDomain,
     #[command(flatten)]
     integration: Integration,
+    #[command(flatten)]
+    limit: TimeLimit,
     /// Show the 95 % interval of each parameter
     #[arg(long, help_heading = "Result")]
     intervals: bool,
@@ -127,7 +131,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         let frequencies = (question.domain == Domain::Frequency).then(|| arguments.frequency.spectra.frequencies());
         return equation_error(asked, &arguments.delivery, frequencies);
     }
-    let mut progress = Progress::new(quiet).watching(arguments.watch);
+    let mut progress = Progress::new(quiet).within(&arguments.limit).watching(arguments.watch);
     let model = arguments.model.load()?;
     let runs = arguments.records.runs(&model, quiet)?;
     let mut options = arguments.options(question, &model)?;
@@ -169,7 +173,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
-    ended(found.is_good(starts) && delivered && whole)
+    // told in any case
+    let in_time = progress.in_time();
+    ended(in_time && found.is_good(starts) && delivered && whole)
 }
 
 /// Start values from recursive least squares, where none were typed; says which iterate they are.
@@ -279,7 +285,7 @@ impl Found {
 
     fn is_good(&self, starts: usize) -> bool {
         match self {
-            Self::Output(_) | Self::Filter(_) => self.estimate().is_good() && self.is_complete(starts),
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => fit.is_good() && self.is_complete(starts),
             Self::Spectra(fit) => fit.is_good(),
             Self::Responses(fit) => fit.is_good(),
         }
@@ -449,6 +455,7 @@ pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
 /// What is said behind a result of output error; `complete` when all starts have ended.
 pub(crate) fn remarks(fit: &Fit, complete: bool) -> Vec<String> {
     let mut remarks: Vec<String> = unsuccessful(&fit.estimate).into_iter().collect();
+    remarks.extend(integration_remarks(fit));
     if fit.model.definition().states.iter().any(|s| s.noise.is_some()) {
         remarks.push("the model's process noise was left out: `--method filter-error` takes it into account".into());
     }
@@ -456,4 +463,14 @@ pub(crate) fn remarks(fit: &Fit, complete: bool) -> Vec<String> {
         remarks.push("interrupted: the result is the best of the starts that had ended".into());
     }
     remarks
+}
+
+/// What is said about integration errors that are not to be passed over.
+pub(crate) fn integration_remarks(fit: &Fit) -> Vec<String> {
+    const ADVICE: &str = "take more steps (--steps), another method (--integrator), or leave both to be chosen";
+    let said = |fault: &IntegrationFault| match fault.is_severe() {
+        true => format!("{fault}: the estimates are those of the steps, not of the model; {ADVICE}"),
+        false => format!("note: {fault}"),
+    };
+    fit.integration_faults.iter().map(said).collect()
 }

@@ -14,6 +14,7 @@ mod effects;
 mod failure;
 mod fit;
 mod fmt;
+mod halt;
 mod help;
 pub mod language_server;
 mod load;

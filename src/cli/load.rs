@@ -4,6 +4,7 @@
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
 use fdm_estimate::{Changes, Noise};
+use fdm_grammar::number::held;
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences};
 use fdm_system::Model;
 use fdm_system::record::{Note, ReadOptions, Run, Summary, channels, read_all};
@@ -154,10 +155,10 @@ pub(crate) struct Selection {
     #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "data")]
     map: Vec<(String, String)>,
     /// Use the record from this time on, in the file's unit
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
     from: Option<f64>,
     /// Use the record up to this time, in the file's unit
-    #[arg(long, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
     to: Option<f64>,
     /// Use every N-th sample
     #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "data")]
@@ -371,7 +372,8 @@ pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
 
 /// A number as it is typed.
 pub(crate) fn number(text: &str) -> Result<f64, String> {
-    text.trim().parse().map_err(|_| format!("`{text}` is not a number"))
+    let text = text.trim();
+    held(text).map_err(|unheld| format!("`{text}` {unheld}: {}", unheld.hint()))
 }
 
 /// `CHANNEL=COLUMN`

@@ -1,6 +1,7 @@
 //! How model and records are compared: method, domain, optimizer; and the one table of what can be combined.
 
 use crate::failure::Failure;
+use crate::load::number;
 use clap::{Args, ValueEnum};
 use fdm_estimate::{self as estimate, Noise, Options};
 
@@ -110,14 +111,14 @@ pub(crate) struct Methods {
     optimizer: Option<Optimizer>,
     #[command(flatten)]
     start: Start,
-    /// Most iterations
-    #[arg(long, value_name = "N", default_value_t = 100, allow_negative_numbers = true)]
-    iterations: usize,
+    /// Most iterations, those of fallback strategies included; 0 judges the start values [default: 100 of each estimation]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    iterations: Option<usize>,
     /// Converged when every relative step is smaller than this
-    #[arg(long, value_name = "T", default_value = "1e-9", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "T", default_value = "1e-9", allow_negative_numbers = true)]
     tolerance: f64,
     /// Factor on every step, above 0, at most 1; steps that are too long are damped anyway
-    #[arg(long, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
     gain: f64,
 }
 
@@ -177,7 +178,7 @@ impl Methods {
             )]));
         }
         let mut options = self.start.given();
-        let iteration = [("--iterations", self.iterations != 100), ("--tolerance", self.tolerance != 1e-9)];
+        let iteration = [("--iterations", self.iterations.is_some()), ("--tolerance", self.tolerance != 1e-9)];
         options.extend(given(&iteration));
         options.extend(given(&[("--gain", self.gain != 1.0)]));
         options.extend(others);
@@ -208,8 +209,9 @@ impl Methods {
             Optimizer::NelderMead => estimate::Optimizer::NelderMead,
             Optimizer::Lbfgs => estimate::Optimizer::Lbfgs,
         };
-        let (iterations, tolerance, gain) = (self.iterations, self.tolerance, self.gain);
-        Options { noise, iterations, tolerance, gain, optimizer, ..Options::default() }
+        let (tolerance, gain, total) = (self.tolerance, self.gain, self.iterations);
+        let iterations = total.unwrap_or(Options::default().iterations);
+        Options { noise, iterations, total, tolerance, gain, optimizer, ..Options::default() }
     }
 }
 
@@ -228,7 +230,7 @@ const N: bool = false;
 
 /// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
 /// time and frequency, frequency responses. Optimizers are rows as well.
-const OPTIONS: [(&str, [bool; 6]); 35] = [
+const OPTIONS: [(&str, [bool; 6]); 36] = [
     ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
     ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
     ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
@@ -247,6 +249,7 @@ const OPTIONS: [(&str, [bool; 6]); 35] = [
     ("--weights", [Y, N, N, N, N, N]),
     ("--checkpoint", [Y, N, N, N, N, N]),
     ("--steps", [Y, N, Y, N, N, N]),
+    ("--integration-accuracy", [Y, N, N, N, N, N]),
     ("--integrator runge-kutta", [Y, N, Y, N, N, N]),
     ("--integrator radau", [Y, N, N, N, N, N]),
     ("--band", [N, Y, N, N, Y, Y]),

@@ -22,6 +22,15 @@ pub(crate) struct Integration {
     /// Integration scheme: `auto` takes Radau for stiff models
     #[arg(long, value_name = "SCHEME", value_enum, default_value_t)]
     integrator: Integrator,
+    /// Integration error that is of no consequence, as a part of each output's range [default: 1e-8]
+    #[arg(long, value_name = "A", value_parser = accuracy, allow_negative_numbers = true, conflicts_with = "steps")]
+    integration_accuracy: Option<f64>,
+}
+
+/// A part of an output's range.
+fn accuracy(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if (1e-13..=1e-3).contains(&value) { Ok(value) } else { Err("expected a part from 1e-13 to 1e-3".into()) }
 }
 
 /// What `--integrator` takes.
@@ -51,15 +60,22 @@ impl Integration {
         self.steps.map(NonZeroUsize::get)
     }
 
+    /// The integration error that was said to be of no consequence.
+    pub(crate) fn accuracy(&self) -> Option<f64> {
+        self.integration_accuracy
+    }
+
     /// The options of a fit with these among them.
     pub(crate) fn among(&self, options: FitOptions) -> FitOptions {
-        FitOptions { per_interval: self.per_interval(), scheme: self.scheme(), ..options }
+        let (per_interval, scheme, accuracy) = (self.per_interval(), self.scheme(), self.accuracy());
+        FitOptions { per_interval, scheme, accuracy, ..options }
     }
 
     /// The options that were given.
     pub(crate) fn given(&self) -> Vec<&'static str> {
         given(&[
             ("--steps", self.steps.is_some()),
+            ("--integration-accuracy", self.integration_accuracy.is_some()),
             ("--integrator runge-kutta", self.scheme() == Some(Scheme::RungeKutta)),
             ("--integrator radau", self.scheme() == Some(Scheme::Radau)),
         ])
@@ -139,7 +155,7 @@ pub(crate) struct Spectra {
     #[arg(long, value_name = "LO:HI", value_parser = band)]
     band: Option<(f64, f64)>,
     /// Frequency spacing, by zoom (chirp-z) transform [default: each record's own bins, i/T]
-    #[arg(long, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", allow_negative_numbers = true)]
     df: Option<f64>,
     /// End-point (leakage) corrections [default: free]
     #[arg(long, alias = "ends", value_name = "HOW", value_enum)]
@@ -252,13 +268,13 @@ pub(crate) struct FrequencyDomain {
     pub(crate) validation: Vec<PathBuf>,
     /// Frequency responses: lengths of the averaged segments, in the model's time [default: two, the second half as long as the
     /// first]
-    #[arg(long, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
     segments: Vec<f64>,
     /// Frequency responses: a pair that is compared; may be given several times [default: all that the model connects]
     #[arg(long = "pair", value_name = "OUTPUT/INPUT", value_parser = pair)]
     pairs: Vec<(String, String)>,
     /// Frequency responses: least coherence of a frequency that counts [default: 0.6]
-    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "C", allow_negative_numbers = true)]
     coherence: Option<f64>,
 }
 

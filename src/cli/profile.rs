@@ -3,18 +3,18 @@
 
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
-use crate::fit::print_so_far;
+use crate::fit::{integration_remarks, print_so_far};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::Integration;
 use crate::progress::Progress;
 use clap::Args;
-use fdm_estimate::{FitOptions, Options, Status, fit};
+use fdm_estimate::{FitOptions, IntegrationFault, Options, Status, fit};
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::{profile_svg, profile_table};
 use fdm_system::Model;
 use rayon::prelude::*;
 use std::path::PathBuf;
-use std::sync::atomic::Ordering;
 
 /// What `fdm profile` takes.
 #[derive(Debug, Args)]
@@ -32,6 +32,8 @@ pub(crate) struct Arguments {
     noise: MeasurementNoise,
     #[command(flatten)]
     integration: Integration,
+    #[command(flatten)]
+    limit: TimeLimit,
     #[command(flatten)]
     output: Output,
     /// Draw the cost over each parameter to an SVG file
@@ -52,7 +54,7 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let mut progress = Progress::new(arguments.output.quiet);
+    let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let model = arguments.model.load()?;
     arguments.are_known(&model)?;
     let runs = arguments.records.runs(&model, arguments.output.quiet)?;
@@ -62,8 +64,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         ..FitOptions::default()
     });
     let found = fit(&model, &runs, &options, &mut progress).or_failure()?;
-    let interrupted = progress.interrupted();
-    let goes_on = move || !interrupted.load(Ordering::Relaxed);
+    let halt = progress.halt();
+    let goes_on = move || halt.goes_on();
     let profiler = match Profiler::new(&found, &runs, &options, &goes_on) {
         Ok(profiler) => profiler,
         Err(e) => {
@@ -85,10 +87,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     progress.finish();
     let profiles = profiles.or_failure()?;
     let printed = arguments.output.print(|| profile_table(&profiles), || &profiles)?;
+    integration_remarks(&found).iter().for_each(|r| remark(format_args!("{r}")));
+    let integrated = !found.integration_faults.iter().any(IntegrationFault::is_severe);
     let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| write(file, profile_svg(&profiles)));
     if let Err(e) = &drawn {
         remark(format_args!("error: {e}; the result is what is printed"));
     }
     let lost = |p: &Profile| p.ends.iter().any(|e| matches!(e, End::Interrupted(_)));
-    ended(printed && drawn.is_ok() && !profiles.iter().any(lost))
+    // told in any case
+    let in_time = progress.in_time();
+    ended(in_time && integrated && printed && drawn.is_ok() && !profiles.iter().any(lost))
 }

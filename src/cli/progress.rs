@@ -2,8 +2,9 @@
 //! An interrupt ends a fit after the iteration in hand, and what was reached is printed.
 
 use crate::failure::remark;
+use crate::halt::{Halt, TimeLimit};
 use crate::progress_file::{Course, CourseWriter};
-use fdm_estimate::{Iteration, Observer, StartSummary, UnknownName};
+use fdm_estimate::{Iteration, Observer, StartSummary, Stop, UnknownName};
 use fdm_lab::study::{Repeat, Watch};
 use fdm_report::{sparkline, visible};
 use fdm_system::Model;
@@ -11,7 +12,6 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -70,27 +70,32 @@ pub(crate) struct Progress {
     costs: Option<Vec<f64>>,
     /// Where others read how far it is.
     course: Option<Course>,
-    interrupted: Arc<AtomicBool>,
+    halt: Halt,
 }
 
 impl Progress {
     /// Of work of which nothing can be kept before its end: an interrupt ends the program at once.
     pub(crate) fn without_interrupt(quiet: bool) -> Self {
         let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
-        let interrupted = Arc::new(AtomicBool::new(false));
-        Self { bar, lines: in_lines(quiet), costs: None, course: None, interrupted }
+        Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default() }
     }
 
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
     pub(crate) fn new(quiet: bool) -> Self {
         let progress = Self::without_interrupt(quiet);
-        let interrupted = &progress.interrupted;
+        let interrupted = progress.halt.interrupted();
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does
             let _ = signal_hook::flag::register_conditional_default(signal, Arc::clone(interrupted));
             let _ = signal_hook::flag::register(signal, Arc::clone(interrupted));
         }
         progress
+    }
+
+    /// Ends the work when the time is over, too.
+    pub(crate) fn within(mut self, limit: &TimeLimit) -> Self {
+        self.halt = self.halt.at(limit.deadline());
+        self
     }
 
     /// Shows how the cost falls.
@@ -120,17 +125,26 @@ impl Progress {
     }
 
     fn flow(&self) -> ControlFlow<()> {
-        if self.interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if self.halt.goes_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     }
 
-    /// Set by an interrupt, for work that is not an estimation.
-    pub(crate) fn interrupted(&self) -> Arc<AtomicBool> {
-        Arc::clone(&self.interrupted)
+    /// When to end, for work that is not an estimation.
+    pub(crate) fn halt(&self) -> Halt {
+        self.halt.clone()
     }
 
     /// Ends the live line.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+
+    /// Says so where the time limit has ended the work; says whether it has not.
+    pub(crate) fn in_time(&self) -> bool {
+        let over = self.halt.ran_out_of_time();
+        if over {
+            remark(format_args!("stopped by --time-limit: the result is the best so far"));
+        }
+        !over
     }
 }
 
@@ -139,6 +153,17 @@ impl Observer for Progress {
         if let Some(course) = &self.course {
             course.lock().names = names();
         }
+    }
+
+    fn doing(&mut self, what: &str) {
+        if let Some(course) = &self.course {
+            course.lock().doing = what.to_string();
+        }
+        self.bar.set_message(what.to_string());
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        self.halt.stop()
     }
 
     fn values(&mut self, values: &[f64]) {
@@ -197,7 +222,7 @@ pub(crate) struct RepeatProgress {
     lines: bool,
     count: usize,
     so_far: Option<RepeatsSoFar>,
-    interrupted: Arc<AtomicBool>,
+    halt: Halt,
 }
 
 /// The repeats that have ended, for others to read while the rest is at work.
@@ -228,10 +253,10 @@ impl RepeatsSoFar {
 
 impl RepeatProgress {
     /// Of so many repeats of something that has a name, or none.
-    pub(crate) fn new(name: &str, count: usize, quiet: bool, interrupted: Arc<AtomicBool>) -> Self {
+    pub(crate) fn new(name: &str, count: usize, quiet: bool, halt: Halt) -> Self {
         let template = "{spinner} {msg} {bar:30} {pos} of {len} repeats [{elapsed}, {eta} left]";
         let bar = bar(Some(count as u64), !quiet, template, 200).with_message(visible(name).into_owned());
-        Self { bar, lines: in_lines(quiet), count, so_far: None, interrupted }
+        Self { bar, lines: in_lines(quiet), count, so_far: None, halt }
     }
 
     /// Keeps what came of every repeat for others to read.
@@ -273,7 +298,7 @@ impl Watch for RepeatProgress {
     }
 
     fn goes_on(&self) -> bool {
-        !self.interrupted.load(Ordering::Relaxed)
+        self.halt.goes_on()
     }
 }
 

@@ -2,7 +2,8 @@
 //! frequency domain; recursively with forgetting; and the search for the structure of a rate.
 
 use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
-use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::failure::{Ending, Failure, OrFailure, ended, remark};
+use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
 use clap::{Args, ValueEnum};
@@ -34,7 +35,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Regression")]
     band: Option<(f64, f64)>,
     /// Frequency spacing [default: the record's own bins]
-    #[arg(long, value_name = "STEP", requires = "band", help_heading = "Regression")]
+    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", help_heading = "Regression")]
     df: Option<f64>,
     /// Rates in the time domain: `local`, `local:POINTS` (a polynomial through so many neighbours), `fourier` (optimal Fourier
     /// smoothing), or `fourier:CUTOFF`
@@ -56,6 +57,8 @@ pub(crate) struct Arguments {
     #[arg(long, conflicts_with = "stepwise", help_heading = "Result")]
     dependence: bool,
     #[command(flatten)]
+    limit: TimeLimit,
+    #[command(flatten)]
     output: Output,
     #[command(flatten)]
     places: Places,
@@ -72,10 +75,10 @@ struct Recursive {
     #[arg(long, value_name = "ls|rls", value_enum, default_value_t, hide = true)]
     method: OldMethod,
     /// Forgetting factor: weight of a sample relative to the one after it, above 0, at most 1 [default: 0.99]
-    #[arg(long, value_name = "G", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "G", allow_negative_numbers = true)]
     forgetting: Option<f64>,
     /// Zero-phase low-pass of all channels, with this cut-off frequency, in cycles per unit of time
-    #[arg(long, value_name = "F", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "F", allow_negative_numbers = true)]
     lowpass: Option<f64>,
     /// Smooth all channels by polynomials of degree four through so many neighbours
     #[arg(long, value_name = "POINTS")]
@@ -84,7 +87,7 @@ struct Recursive {
     #[arg(long, value_name = "CRITERION", value_enum)]
     best: Option<Best>,
     /// Simulate segments of this length, each from initial values of its own: for unstable vehicles
-    #[arg(long, value_name = "LENGTH", allow_negative_numbers = true)]
+    #[arg(long, value_parser = number, value_name = "LENGTH", allow_negative_numbers = true)]
     restart: Option<f64>,
     /// Draw the estimates along the record to an SVG file
     #[arg(long, value_name = "FILE.svg")]
@@ -200,6 +203,7 @@ fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) 
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     arguments.refuse()?;
+    let halt = Halt::default().at(arguments.limit.deadline());
     let (records, output) = (&arguments.records, &arguments.output);
     let changes = arguments.model.changes(&arguments.estimated);
     let (model, runs) = loaded(&arguments.model, &changes, records, output.quiet)?;
@@ -215,7 +219,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // places that cannot be written are told before the work
     let prepared = prepare(output, None, &arguments.places, (&model, &runs))?;
     let (mut text, mut document) = estimates(&model, &runs, &options).or_failure()?;
-    if arguments.dependence {
+    if arguments.dependence && halt.goes_on() {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
         let cutoff: Vec<Dependence> = by_cutoff(&model, &runs, &options, &cutoffs);
@@ -223,7 +227,12 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
         document = document.with_dependence(cutoff, length);
     }
-    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))
+    let ending = deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))?;
+    if halt.ran_out_of_time() {
+        remark(format_args!("stopped by --time-limit: the result is the best so far"));
+        return ended(false);
+    }
+    Ok(ending)
 }
 
 /// `fdm fit --method equation-error`: all samples at once, in the time domain or at these frequencies.

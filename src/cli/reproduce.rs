@@ -170,12 +170,12 @@ impl Arguments {
             }
             some => some.into_iter().map(Some).collect(),
         };
-        let interrupted = Progress::new(true).interrupted();
+        let halt = Progress::new(true).halt();
         let (mut studies, mut whole, mut wrong) = (Vec::new(), true, Vec::new());
         for experiment in experiments {
             for colour in &colours {
                 let name = &experiment.name;
-                let watch = RepeatProgress::new(name, count, false, interrupted.clone());
+                let watch = RepeatProgress::new(name, count, false, halt.clone());
                 if !watch.goes_on() {
                     whole = false;
                     continue;

@@ -10,7 +10,10 @@ use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
 use fdm_results::store::{DataFile, ResultError, ResultFolder};
 use fdm_system::Model;
 use fdm_system::record::{ReadOptions, Run};
-use fdm_system::simulate::{Accuracy, Divergence, Simulator, Steps, choose_steps_by};
+use fdm_system::simulate::{
+    Accuracy, Divergence, Simulator, Steps, UNSOUND, WorstError, choose_steps_once, choose_steps_to, integration_error,
+    worst_errors,
+};
 use std::path::{Path, PathBuf};
 
 /// What `fdm simulate` takes.
@@ -45,6 +48,8 @@ struct Response<'a> {
     /// Outputs (N by q); NaN behind a divergence.
     y: Vec<f64>,
     divergence: Option<Divergence>,
+    /// Where the integration error is above 1e-3 of an output's range, the worst output first.
+    wrong: Vec<WorstError>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -76,6 +81,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             });
             let said = format!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time);
             remark(format_args!("{}", with_files(&said)));
+            good = false;
+        }
+        if let Some(worst) = response.wrong.first() {
+            remark(format_args!(
+                "run `{}` is not integrated: {}",
+                response.run.name,
+                said(&model, response.run, worst)
+            ));
             good = false;
         }
     }
@@ -148,16 +161,41 @@ fn respond<'a>(
     let theta = theta(model, run, folder, arguments)?;
     let unsuited = |e| Failure::input([format!("run `{}`: {e}", run.name)]);
     let scheme = arguments.integration.scheme();
-    let accuracy = match (arguments.integration.per_interval(), arguments.fitted_steps(&run.name, folder), scheme) {
+    let dynamics = model.dynamics();
+    let mut accuracy = match (arguments.integration.per_interval(), arguments.fitted_steps(&run.name, folder), scheme) {
         (Some(steps), ..) => Accuracy { steps: Steps::equal(scheme.unwrap_or_default(), steps), error: f64::NAN },
         (None, Some(fitted), None) => fitted,
-        _ => choose_steps_by(model.dynamics(), run, &theta, scheme).map_err(unsuited)?,
+        _ => match arguments.integration.accuracy() {
+            None => choose_steps_once(dynamics, run, &theta, scheme).map_err(unsuited)?,
+            Some(accuracy) => choose_steps_to(dynamics, run, &theta, scheme, accuracy).map_err(unsuited)?,
+        },
     };
     let mut simulator = Simulator::new(model.dynamics(), run, accuracy.steps.clone()).map_err(unsuited)?;
     simulator.suits(&theta).map_err(unsuited)?;
     let mut y = vec![f64::NAN; run.len() * model.layout().outputs];
     let divergence = simulator.simulate(&theta, &mut y).err();
-    Ok(Response { run, accuracy, y, divergence })
+    if accuracy.error.is_nan() && divergence.is_none() {
+        accuracy.error = integration_error(dynamics, run, &theta, accuracy.steps.clone()).map_err(unsuited)?;
+    }
+    let wrong = match accuracy.error > UNSOUND && divergence.is_none() {
+        true => worst_errors(dynamics, run, &theta, &accuracy.steps, UNSOUND).map_err(unsuited)?,
+        false => Vec::new(),
+    };
+    Ok(Response { run, accuracy, y, divergence, wrong })
+}
+
+/// Where a response is worst, and what may help.
+fn said(model: &Model, run: &Run, worst: &WorstError) -> String {
+    let definition = model.definition();
+    let output = &definition.outputs[worst.output].quantity.name;
+    let state = worst
+        .state
+        .map_or(String::new(), |s| format!(", where state `{}` is farthest off", definition.states[s].quantity.name));
+    format!(
+        "the error is {:.0e} of the range of `{output}` at time {}{state}; take more steps (--steps), another method \
+         (--integrator), or samples that are closer",
+        worst.part, run.time[worst.sample]
+    )
 }
 
 /// Time and outputs under their names and units.

@@ -2,7 +2,7 @@
 
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, ended};
-use crate::load::{Records, band, load_model, read_runs};
+use crate::load::{Records, band, load_model, number, read_runs};
 use clap::Args;
 use fdm_report::{response_svg, response_table};
 use fdm_results::documents::{ResponseNames, SpectraDocument};
@@ -29,13 +29,13 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "LO:HI", value_parser = band, help_heading = "Frequency responses")]
     band: Option<(f64, f64)>,
     /// Frequency spacing [default: one cycle in a segment]
-    #[arg(long, value_name = "STEP", requires = "band", help_heading = "Frequency responses")]
+    #[arg(long, value_parser = number, value_name = "STEP", requires = "band", help_heading = "Frequency responses")]
     df: Option<f64>,
     /// Length of the averaged segments (windows); several are combined to a composite response [default: a fifth of the record]
-    #[arg(long, value_name = "TIME", help_heading = "Frequency responses")]
+    #[arg(long, value_parser = number, value_name = "TIME", help_heading = "Frequency responses")]
     segment: Vec<f64>,
     /// Overlap of neighbouring segments, as a fraction
-    #[arg(long, value_name = "PART", default_value_t = 0.5, help_heading = "Frequency responses")]
+    #[arg(long, value_parser = number, value_name = "PART", default_value_t = 0.5, help_heading = "Frequency responses")]
     overlap: f64,
     #[command(flatten)]
     output: Output,

@@ -2,12 +2,13 @@
 
 use crate::deliver::{Delivery, NamedFile, Outcome, title};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
-use crate::fit::print_so_far;
+use crate::fit::{integration_remarks, print_so_far};
+use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::{Integration, Repeats};
 use crate::progress::{Progress, RepeatProgress};
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, Options, fit};
+use fdm_estimate::{Fit, FitOptions, IntegrationFault, Options, fit};
 use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, series};
 use fdm_report::{fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -35,6 +36,8 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
+    limit: TimeLimit,
+    #[command(flatten)]
     delivery: Delivery,
 }
 
@@ -49,7 +52,7 @@ struct Studied<'a> {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (quiet, count) = (arguments.delivery.output.quiet, arguments.repeats as usize);
     let checkpoints = &arguments.repetition.checkpoints;
-    let mut progress = Progress::new(quiet);
+    let mut progress = Progress::new(quiet).within(&arguments.limit);
     let model = arguments.model.load()?;
     let runs = arguments.records.runs(&model, quiet)?;
     let options = arguments.integration.among(FitOptions {
@@ -74,7 +77,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
         Err(e) => return Err(Failure::input([e])),
     };
-    let mut watch = RepeatProgress::new("", count, quiet, progress.interrupted());
+    let mut watch = RepeatProgress::new("", count, quiet, progress.halt());
     if writer.is_writing() {
         let so_far = watch.remembering();
         let (name, subjects) = (model.name().to_string(), bootstrap.subjects().to_vec());
@@ -95,11 +98,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let json = FitDocument { study: Some(study.clone()), ..FitDocument::of(&first) }.into();
     let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
     let tables = tables(&first, &study, &bootstrap, &repeats)?;
-    let (model, fit, spectra, remarks) = (&first.model, Some(&first), Vec::new(), Vec::new());
+    let (model, fit, spectra, remarks) = (&first.model, Some(&first), Vec::new(), integration_remarks(&first));
     let outcome = Outcome { model, fit, runs: &runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
-    ended(study.is_whole() && study.converged > 0 && delivered && whole)
+    let integrated = !first.integration_faults.iter().any(IntegrationFault::is_severe);
+    // told in any case
+    let in_time = progress.in_time();
+    ended(in_time && integrated && study.is_whole() && study.converged > 0 && delivered && whole)
 }
 
 impl Arguments {

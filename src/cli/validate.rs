@@ -4,6 +4,7 @@
 use crate::deliver::{Delivery, Outcome};
 use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
+use crate::halt::TimeLimit;
 use crate::load::{Records, fitted_before, open_result};
 use crate::options::Integration;
 use crate::progress::Progress;
@@ -30,12 +31,14 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
+    limit: TimeLimit,
+    #[command(flatten)]
     delivery: Delivery,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.delivery.output.quiet;
-    let mut progress = Progress::new(quiet);
+    let mut progress = Progress::new(quiet).within(&arguments.limit);
     let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
     let runs = arguments.records.predicted_runs(&model, quiet)?;
     let options = arguments.integration.among(folder.validation(&model));
@@ -62,7 +65,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
     let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
-    ended(fit.estimate.is_good() && delivered)
+    // told in any case
+    let in_time = progress.in_time();
+    ended(in_time && fit.is_good() && delivered)
 }
 
 /// What the prediction gets wrong, of the runs that are sampled evenly.

@@ -8,6 +8,7 @@ mod diagnose;
 mod first_steps;
 mod hostile;
 mod json;
+mod limits;
 mod live;
 mod lsp;
 mod missing;

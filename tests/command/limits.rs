@@ -1,0 +1,118 @@
+//! Limits that bind everything a command does, and numbers that are never printed as if they were results.
+
+use std::fs;
+use std::time::Instant;
+use support::Desk;
+use support::command::{printed, said};
+
+const SWING: &str = "model swing {
+  input u;
+  state x = 1;
+  state v = 0;
+  param w = 1;
+  der(x) = v;
+  der(v) = u - w*w*sin(x);
+  output y = x;
+}
+";
+
+/// A swing at w = 1, every 1.2 s, by very short steps, with a ripple that stands for noise.
+fn desk() -> Desk {
+    let desk = Desk::with([("swing.fdm", SWING)]);
+    let (mut x, mut v, h) = (1.0_f64, 0.0_f64, 1e-3);
+    let mut rows = String::from("t,u,y\n");
+    for k in 0..40 {
+        let ripple = 1e-3 * (f64::from(k * k) * 0.7).sin();
+        rows.push_str(&format!("{},0,{}\n", 1.2 * f64::from(k), x + ripple));
+        for _ in 0..1200 {
+            let middle = v - 0.5 * h * x.sin();
+            x += h * middle;
+            v = middle - 0.5 * h * x.sin();
+        }
+    }
+    desk.write("run.csv", rows);
+    desk
+}
+
+#[test]
+fn integration_errors_above_a_thousandth_of_the_range_are_no_success() {
+    let desk = desk();
+    let rough = desk.fdm("simulate swing.fdm --data run.csv --steps 1");
+    assert_eq!(rough.status.code(), Some(1));
+    assert!(printed(&rough).lines().count() == 41, "what was computed is printed");
+    let text = said(&rough);
+    assert!(text.contains("is not integrated") && text.contains("`y` at time") && text.contains("state `"), "{text}");
+    assert_eq!(desk.fdm("simulate swing.fdm --data run.csv").status.code(), Some(0));
+    assert_eq!(desk.fdm("simulate swing.fdm --data run.csv --steps 32").status.code(), Some(0));
+
+    let fitted = desk.fdm("fit swing.fdm --data run.csv --steps 1 --out result");
+    assert_eq!(fitted.status.code(), Some(1), "{}", said(&fitted));
+    assert!(said(&fitted).contains("the estimates are those of the steps, not of the model"), "{}", said(&fitted));
+    assert!(desk.path("result/result.json").exists(), "the result is kept");
+    assert!(fs::read_to_string(desk.path("result/result.txt")).unwrap().contains("integration error"));
+    desk.good("fit swing.fdm --data run.csv -q");
+}
+
+#[test]
+fn the_accuracy_of_the_integration_is_a_choice() {
+    let desk = desk();
+    let steps = |words: &str| {
+        let result = desk.json(&format!("simulate swing.fdm --data run.csv --json {words}"));
+        (result[0]["steps"].as_u64().unwrap(), result[0]["integration_error"].as_f64().unwrap())
+    };
+    let (usual, rough) = (steps(""), steps("--integration-accuracy 1e-3"));
+    assert!(rough.0 < usual.0 && rough.1 <= 1e-3, "{usual:?} {rough:?}");
+    let fitted = |words: &str| desk.json(&format!("fit swing.fdm --data run.csv -q --json {words}"));
+    assert!(fitted("--integration-accuracy 1e-4")["integration"][0]["error"].as_f64().is_none_or(|e| e <= 1e-3));
+    let text = desk.refused("fit swing.fdm --data run.csv --integration-accuracy 0.5");
+    assert!(text.contains("1e-13 to 1e-3"), "{text}");
+}
+
+#[test]
+fn no_iterations_judge_the_start_values_at_once() {
+    let desk = desk();
+    let start = desk.fdm("fit swing.fdm --data run.csv --set w=4 --iterations 0 --json");
+    assert_eq!(start.status.code(), Some(1), "{}", said(&start));
+    let result: serde_json::Value = serde_json::from_slice(&start.stdout).unwrap();
+    assert_eq!(result["parameters"][0]["value"].as_f64(), Some(4.0));
+    assert_eq!((result["iterations"].as_u64(), result["rescue"].is_null()), (Some(0), true));
+    assert_eq!(said(&start).matches("iteration   0").count(), 1, "one evaluation: {}", said(&start));
+}
+
+#[test]
+fn a_time_limit_ends_every_long_command_with_what_it_has() {
+    let desk = desk();
+    desk.good("fit swing.fdm --data run.csv --out result -q");
+    let long = ["study swing.fdm --data run.csv --repeats 1000000", "fit swing.fdm --data run.csv --starts 1000000"];
+    for words in long {
+        let begun = Instant::now();
+        let output = desk.fdm(&format!("{words} -q --time-limit 2s"));
+        assert_eq!(output.status.code(), Some(1), "{words}: {}", said(&output));
+        assert!(said(&output).contains("stopped by --time-limit"), "{words}: {}", said(&output));
+        assert!(!printed(&output).is_empty(), "{words}");
+        // machines under load are slow to begin and to end
+        assert!(begun.elapsed().as_secs() < 120, "{words}");
+    }
+    // a limit that is not reached changes nothing
+    let whole = desk.good("fit swing.fdm --data run.csv -q");
+    assert_eq!(desk.good("fit swing.fdm --data run.csv -q --time-limit 1h"), whole);
+    for words in ["fit swing.fdm", "study swing.fdm", "profile swing.fdm", "regress swing.fdm", "diagnose swing.fdm"] {
+        let text = desk.refused(&format!("{words} --data run.csv --time-limit soon"));
+        assert!(text.contains("60s, 5m or 1h"), "{text}");
+    }
+}
+
+#[test]
+fn numbers_that_cannot_be_held_are_refused_with_their_place() {
+    let desk = desk();
+    let said = desk.refused("simulate swing.fdm --data run.csv --set w=1e-400");
+    assert!(said.contains("`1e-400` is too small"), "{said}");
+    let said = desk.refused("fit swing.fdm --data run.csv --tolerance 1e400");
+    assert!(said.contains("`1e400` is too large"), "{said}");
+    desk.write("small.fdm", SWING.replace("w = 1", "w = 1e-400"));
+    let said = desk.refused("check small.fdm");
+    assert!(said.contains("the number `1e-400` is too small") && said.contains("small.fdm:5"), "{said}");
+    desk.write("small.csv", "t,u,y\n0,0,1\n1,1e-400,1\n2,0,1\n");
+    let said = desk.refused("simulate swing.fdm --data small.csv");
+    assert!(said.contains("line 3") && said.contains("1e-400"), "{said}");
+}
