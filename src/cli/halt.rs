@@ -1,5 +1,6 @@
 //! When work ends before it is done: by an interrupt, or when the time that was given is over.
 
+use crate::failure::remark;
 use clap::Args;
 use fdm_estimate::Stop;
 use std::sync::Arc;
@@ -76,8 +77,17 @@ impl Halt {
     }
 
     /// Whether work was ended by the time limit.
-    pub(crate) fn ran_out_of_time(&self) -> bool {
+    fn ran_out_of_time(&self) -> bool {
         self.over.load(Ordering::Relaxed)
+    }
+
+    /// Says so where the time limit has ended the work; says whether it has not.
+    pub(crate) fn in_time(&self) -> bool {
+        let over = self.ran_out_of_time();
+        if over {
+            remark(format_args!("stopped by --time-limit: the result is the best so far"));
+        }
+        !over
     }
 }
 

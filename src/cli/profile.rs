@@ -9,7 +9,7 @@ use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::Integration;
 use crate::progress::Progress;
 use clap::Args;
-use fdm_estimate::{FitOptions, IntegrationFault, Options, Status, fit};
+use fdm_estimate::{FitOptions, Options, Status, fit};
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::{profile_svg, profile_table};
 use fdm_system::Model;
@@ -88,7 +88,6 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let profiles = profiles.or_failure()?;
     let printed = arguments.output.print(|| profile_table(&profiles), || &profiles)?;
     integration_remarks(&found).iter().for_each(|r| remark(format_args!("{r}")));
-    let integrated = !found.integration_faults.iter().any(IntegrationFault::is_severe);
     let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| write(file, profile_svg(&profiles)));
     if let Err(e) = &drawn {
         remark(format_args!("error: {e}; the result is what is printed"));
@@ -96,5 +95,5 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let lost = |p: &Profile| p.ends.iter().any(|e| matches!(e, End::Interrupted(_)));
     // told in any case
     let in_time = progress.in_time();
-    ended(in_time && integrated && printed && drawn.is_ok() && !profiles.iter().any(lost))
+    ended(in_time && found.is_integrated() && printed && drawn.is_ok() && !profiles.iter().any(lost))
 }

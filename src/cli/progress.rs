@@ -140,11 +140,7 @@ impl Progress {
 
     /// Says so where the time limit has ended the work; says whether it has not.
     pub(crate) fn in_time(&self) -> bool {
-        let over = self.halt.ran_out_of_time();
-        if over {
-            remark(format_args!("stopped by --time-limit: the result is the best so far"));
-        }
-        !over
+        self.halt.in_time()
     }
 }
 

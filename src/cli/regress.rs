@@ -2,7 +2,7 @@
 //! frequency domain; recursively with forgetting; and the search for the structure of a rate.
 
 use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
-use crate::failure::{Ending, Failure, OrFailure, ended, remark};
+use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
@@ -228,11 +228,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         document = document.with_dependence(cutoff, length);
     }
     let ending = deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))?;
-    if halt.ran_out_of_time() {
-        remark(format_args!("stopped by --time-limit: the result is the best so far"));
-        return ended(false);
-    }
-    Ok(ending)
+    if halt.in_time() { Ok(ending) } else { ended(false) }
 }
 
 /// `fdm fit --method equation-error`: all samples at once, in the time domain or at these frequencies.

@@ -8,7 +8,7 @@ use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::{Integration, Repeats};
 use crate::progress::{Progress, RepeatProgress};
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, IntegrationFault, Options, fit};
+use fdm_estimate::{Fit, FitOptions, Options, fit};
 use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, series};
 use fdm_report::{fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
@@ -102,10 +102,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let outcome = Outcome { model, fit, runs: &runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
-    let integrated = !first.integration_faults.iter().any(IntegrationFault::is_severe);
     // told in any case
     let in_time = progress.in_time();
-    ended(in_time && integrated && study.is_whole() && study.converged > 0 && delivered && whole)
+    ended(in_time && first.is_integrated() && study.is_whole() && study.converged > 0 && delivered && whole)
 }
 
 impl Arguments {

@@ -63,7 +63,7 @@ fn the_accuracy_of_the_integration_is_a_choice() {
     let (usual, rough) = (steps(""), steps("--integration-accuracy 1e-3"));
     assert!(rough.0 < usual.0 && rough.1 <= 1e-3, "{usual:?} {rough:?}");
     let fitted = |words: &str| desk.json(&format!("fit swing.fdm --data run.csv -q --json {words}"));
-    assert!(fitted("--integration-accuracy 1e-4")["integration"][0]["error"].as_f64().is_none_or(|e| e <= 1e-3));
+    assert!(fitted("--integration-accuracy 1e-4")["integration"][0]["error"].as_f64().is_some_and(|e| e <= 1e-3));
     let text = desk.refused("fit swing.fdm --data run.csv --integration-accuracy 0.5");
     assert!(text.contains("1e-13 to 1e-3"), "{text}");
 }

@@ -67,7 +67,12 @@ impl Fit {
 
     /// Whether the iteration converged, the data determine every free parameter, and no integration error falsifies that.
     pub fn is_good(&self) -> bool {
-        self.estimate.is_good() && !self.integration_faults.iter().any(IntegrationFault::is_severe)
+        self.estimate.is_good() && self.is_integrated()
+    }
+
+    /// Whether the estimates are those of the model and not of integration steps that are too long.
+    pub fn is_integrated(&self) -> bool {
+        !self.integration_faults.iter().any(IntegrationFault::is_severe)
     }
 }
 
