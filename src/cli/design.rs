@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, &[], quiet)?;
     let question = arguments.question(&model, folder.as_ref(), runs)?;
     arguments.refuse_others()?;
-    let progress = Progress::without_interrupt(quiet).within(&arguments.limit);
+    let progress = Progress::new(quiet).within(&arguments.limit);
     let halt = progress.halt();
     progress.say("comparing manoeuvres");
     let found = design_while(&question, &|| halt.goes_on());

@@ -81,7 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         screening: ScreeningOptions::default(),
         domain,
     };
-    let mut progress = Progress::without_interrupt(arguments.output.quiet).within(&arguments.limit);
+    let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let halt = progress.halt();
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
     let progress = Mutex::new(progress);
@@ -97,13 +97,19 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         progress.finish();
         in_time = progress.in_time();
     }
-    let found = found.map_err(|error| match error {
-        DiagnosisError::Model(e) => Failure::Model(e),
-        other => Failure::input([other]),
-    })?;
+    let found = match found {
+        Err(error @ DiagnosisError::Stopped) => {
+            remark(format_args!("error: {error}"));
+            return ended(false);
+        }
+        found => found.map_err(|error| match error {
+            DiagnosisError::Model(e) => Failure::Model(e),
+            other => Failure::input([other]),
+        })?,
+    };
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
     let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
-    if in_time { Ok(ending) } else { ended(false) }
+    if in_time && !found.stopped { Ok(ending) } else { ended(false) }
 }
 
 impl Arguments {

@@ -74,15 +74,10 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// Of work of which nothing can be kept before its end: an interrupt ends the program at once.
-    pub(crate) fn without_interrupt(quiet: bool) -> Self {
-        let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
-        Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default() }
-    }
-
-    /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after the iteration in hand.
+    /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after what is in hand.
     pub(crate) fn new(quiet: bool) -> Self {
-        let progress = Self::without_interrupt(quiet);
+        let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
+        let progress = Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default() };
         let interrupted = progress.halt.interrupted();
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does

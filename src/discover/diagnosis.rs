@@ -308,6 +308,8 @@ pub struct Diagnosis {
     pub extended: Option<String>,
     /// Why the search ended, in a sentence.
     pub ended: String,
+    /// Whether it was stopped before its end: that nothing was found then says nothing.
+    pub stopped: bool,
     /// What is wrong with every output of the model as it was given.
     pub lack_of_fit: Vec<LackOfFit>,
     /// Effect, disturbance or unknown cause, weighed against each other; none where that could not be asked.

@@ -52,8 +52,14 @@ fn verdict(d: &Diagnosis) -> String {
         Verdict::Disturbance => {
             format!("A disturbance (process noise) acts on the model (family-wise p = {p}).\n")
         }
+        Verdict::UnknownCause if d.stopped => {
+            format!("The model is wrong; the search for the cause was stopped (family-wise p = {p}).\n")
+        }
         Verdict::UnknownCause => {
             format!("The model is wrong, but no effect of the catalogue explains how (family-wise p = {p}).\n")
+        }
+        Verdict::NoEffectFound if d.stopped => {
+            format!("Nothing was found before the search was stopped (family-wise p = {p}).\n")
         }
         Verdict::NoEffectFound => format!("No missing effect detected (family-wise p = {p}).\n"),
     }

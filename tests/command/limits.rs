@@ -93,6 +93,10 @@ fn a_time_limit_ends_every_long_command_with_what_it_has() {
         // machines under load are slow to begin and to end
         assert!(begun.elapsed().as_secs() < 120, "{words}");
     }
+    // where nothing is known yet, that is said
+    let none = desk.fdm("diagnose swing.fdm --data run.csv -q --time-limit 0.001s");
+    assert_eq!(none.status.code(), Some(1), "{}", said(&none));
+    assert!(said(&none).contains("nothing was found yet") && printed(&none).is_empty(), "{}", said(&none));
     // a limit that is not reached changes nothing
     let whole = desk.good("fit swing.fdm --data run.csv -q");
     assert_eq!(desk.good("fit swing.fdm --data run.csv -q --time-limit 1h"), whole);

@@ -64,6 +64,9 @@ pub(super) struct Comparison {
 impl ForwardStep<'_> {
     /// Fits the best candidates jointly with the model, all by one noise: first that of the saturated residual, then that of the best
     /// model's.
+    ///
+    /// # Errors
+    /// [`DiagnosisError::Stopped`]: a comparison of some only would name another cause.
     pub(super) fn comparison(&mut self, progress: &Progress<'_>) -> Result<Comparison, DiagnosisError> {
         self.comparison_of(FEWEST..=MOST, progress)
     }
@@ -87,12 +90,14 @@ impl ForwardStep<'_> {
         let unlikely = self.unlikely_as_noise(&projection).filter(|u| u.chance < DOUBTFUL);
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
         progress(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
-        let fitted = |t: &usize| self.candidate(*t, &projection, &noise, &base);
+        let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
         let mut models: Vec<CandidateModel> = chosen.par_iter().filter_map(fitted).collect();
         drop(projection);
+        self.may_go_on()?;
         sort(&mut models);
         let leaders = models.len().min(LEADERS);
         models[..leaders].par_iter_mut().for_each(|c| c.finish(self, &noise, &base));
+        self.may_go_on()?;
         sort(&mut models);
         let likeliest = self.likeliest(&models);
         if let Some(k) = likeliest {
@@ -115,6 +120,7 @@ impl ForwardStep<'_> {
             c.finish(self, &noise, &base);
             c.compare(self, &noise, base_validation.as_ref());
         });
+        self.may_go_on()?;
         let mut noise = noise;
         if let Some(raised) = self.with_excess(&noise, base_validation.as_ref(), &models) {
             noise = raised;

@@ -94,6 +94,9 @@ pub enum DiagnosisError {
         /// The other.
         run: String,
     },
+    /// Work was stopped while there was no result yet.
+    #[error("stopped before the model was fitted and the candidates screened: nothing was found yet")]
+    Stopped,
     /// No output was measured.
     #[error("no run has a measured output to compare with")]
     NothingMeasured,

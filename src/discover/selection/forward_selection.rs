@@ -12,7 +12,7 @@ use super::forward_step::ForwardStep;
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, Progress, Runs, apart, evenly};
+use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, evenly};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, SelectionStep, Verdict};
@@ -54,17 +54,18 @@ pub fn diagnose(
     diagnose_while(model, runs, validation, catalogue, (options, progress), &|| true)
 }
 
-/// The same, but no other search begins once `goes_on` says no: what was accepted by then is the result.
+/// The same, but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and it says that it
+/// was stopped.
 ///
 /// # Errors
-/// As [`diagnose`].
+/// As [`diagnose`], and [`DiagnosisError::Stopped`] before the base model is fitted and the candidates are screened.
 pub fn diagnose_while(
     model: &Model,
     runs: &[Run],
     validation: &[Run],
     catalogue: &Catalogue,
     (options, progress): (&DiagnosisOptions, &Progress<'_>),
-    goes_on: &(dyn Fn() -> bool + Sync),
+    goes_on: &GoesOn<'_>,
 ) -> Result<Diagnosis, DiagnosisError> {
     apart(runs, validation)?;
     let all: Vec<Run> = runs.iter().chain(validation).map(evenly).collect::<Result<_, _>>()?;
@@ -75,7 +76,7 @@ pub fn diagnose_while(
     }
     progress("fitting the base model");
     let own = names(model);
-    let mut firsts = initial_fits(model, runs, options)?.into_iter();
+    let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
     let from = |first: FittedModel| {
         let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
         let own = own.clone();
@@ -99,7 +100,7 @@ pub(super) struct ForwardSelection<'a> {
     catalogue: &'a Catalogue,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) progress: &'a Progress<'a>,
-    goes_on: &'a (dyn Fn() -> bool + Sync),
+    pub(super) goes_on: &'a GoesOn<'a>,
     /// Everything that the user gave a name.
     own: BTreeSet<String>,
     pub(super) accepted: Vec<Accepted>,
@@ -115,6 +116,14 @@ struct End {
     noise: CommonNoise,
     knots: Vec<usize>,
     ended: String,
+    stopped: bool,
+}
+
+impl End {
+    fn stop(&mut self) {
+        self.ended = "it was stopped".into();
+        self.stopped = true;
+    }
 }
 
 impl<'a> ForwardSelection<'a> {
@@ -126,7 +135,7 @@ impl<'a> ForwardSelection<'a> {
         let mut ahead: Option<(ForwardStep<'a>, Option<Comparison>)> = None;
         loop {
             if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
-                last.ended = "it was stopped before the next search".into();
+                last.stop();
                 break;
             }
             let scales = SignalScales::new(&current, self.runs);
@@ -136,13 +145,17 @@ impl<'a> ForwardSelection<'a> {
                 None => {
                     let candidates = self.candidates(&current, None);
                     (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
-                    let step = ForwardStep::new(Arc::clone(&current), self.runs, &candidates, &scales, self.options);
+                    let step = self.step(&current, &candidates, &scales);
                     (self.progress)(&format!("search {number}: screened"));
                     (step, None)
                 }
             };
             let mut step = match (step, &mut end) {
                 // what was accepted stays
+                (Err(DiagnosisError::Stopped), Some(last)) => {
+                    last.stop();
+                    break;
+                }
                 (Err(reason), Some(last)) => {
                     last.ended = match reason {
                         DiagnosisError::NoPlaces => "no other effect can be tried beside the accepted ones".into(),
@@ -154,7 +167,23 @@ impl<'a> ForwardSelection<'a> {
             };
             let comparison = match made {
                 None if step.screening.family_wise < self.options.alpha || step.is_doubtful() => {
-                    Some(self.comparison(&mut step)?)
+                    match self.comparison(&mut step) {
+                        // what screening tells is a result
+                        Err(DiagnosisError::Stopped) => {
+                            let p = step.screening.family_wise;
+                            if end.is_none() {
+                                self.steps.push(SelectionStep {
+                                    family_wise_p: p,
+                                    ranking: step.ranking(),
+                                    accepted: None,
+                                });
+                                self.known(&mut end, &mut step, p);
+                            }
+                            end.iter_mut().for_each(End::stop);
+                            break;
+                        }
+                        comparison => Some(comparison?),
+                    }
                 }
                 made => made,
             };
@@ -206,6 +235,16 @@ impl<'a> ForwardSelection<'a> {
         self.conclude(&first, current, end)
     }
 
+    /// A search for one more effect beside these.
+    pub(super) fn step(
+        &self,
+        current: &Arc<FittedModel>,
+        candidates: &[Candidate],
+        scales: &SignalScales,
+    ) -> Result<ForwardStep<'a>, DiagnosisError> {
+        ForwardStep::new(Arc::clone(current), self.runs, candidates, scales, (self.options, self.goes_on))
+    }
+
     /// The best candidates fitted: fewer where they are asked only whether anything is there.
     fn comparison(&self, step: &mut ForwardStep<'a>) -> Result<Comparison, DiagnosisError> {
         let alpha = self.options.alpha;
@@ -242,6 +281,7 @@ impl<'a> ForwardSelection<'a> {
             noise: noise.clone(),
             knots: Vec::new(),
             ended: String::new(),
+            stopped: false,
         });
         last.noise = noise.with_excess_of(&last.noise);
         last.detectable = step.detectable();
@@ -377,6 +417,7 @@ impl<'a> ForwardSelection<'a> {
             noise_knots: end.knots,
             extended: last.map(|current| current.model.source().text().to_string()),
             ended: end.ended,
+            stopped: end.stopped,
             lack_of_fit,
             attribution,
             places: evidence.map(|h| h.places),

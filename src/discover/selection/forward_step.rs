@@ -6,7 +6,7 @@ use super::directions::{CandidateDirections, TrialPoint, candidate_directions};
 use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place};
 use super::fitted_model::{FittedModel, records};
-use super::runs::{DiagnosisOptions, Runs};
+use super::runs::{DiagnosisOptions, GoesOn, Runs};
 use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
 use crate::screening::{Direction, Screening, ScreeningOptions};
@@ -25,6 +25,7 @@ pub(super) struct ForwardStep<'a> {
     pub(super) screening: Screening,
     pub(super) records: Vec<Record>,
     pub(super) options: ScreeningOptions,
+    goes_on: &'a GoesOn<'a>,
     /// What the columns of the records are derivatives by: what all runs share, what belongs to each run (behind the parameters stands
     /// what belongs to a run and is none).
     pub(super) free: (Vec<usize>, Vec<usize>),
@@ -40,11 +41,19 @@ impl<'a> ForwardStep<'a> {
         runs: Runs<'a>,
         candidates: &[Candidate],
         scales: &SignalScales,
-        options: &DiagnosisOptions,
+        (options, goes_on): (&DiagnosisOptions, &'a GoesOn<'a>),
     ) -> Result<Self, DiagnosisError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
         let found: Vec<Result<CandidateDirections, String>> =
-            scored.par_iter().map(|candidate| candidate_directions(candidate, &current, runs, scales)).collect();
+            scored
+                .par_iter()
+                .map(|candidate| {
+                    if goes_on() { candidate_directions(candidate, &current, runs, scales) } else { Err(String::new()) }
+                })
+                .collect();
+        if !goes_on() {
+            return Err(DiagnosisError::Stopped);
+        }
         let (mut simulated, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {
             match found {
@@ -67,7 +76,7 @@ impl<'a> ForwardStep<'a> {
         }
         let screening = current.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
-        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, free })
+        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, goes_on, free })
     }
 }
 
@@ -79,6 +88,14 @@ const ABSORBED: f64 = 1e-3;
 const SINGLE: f64 = 6.63;
 
 impl ForwardStep<'_> {
+    /// Whether work may go on.
+    ///
+    /// # Errors
+    /// [`DiagnosisError::Stopped`] where it may not.
+    pub(super) fn may_go_on(&self) -> Result<(), DiagnosisError> {
+        if (self.goes_on)() { Ok(()) } else { Err(DiagnosisError::Stopped) }
+    }
+
     /// Candidates by rank.
     pub(super) fn ranking(&self) -> Vec<Screened> {
         self.screening.ranking.iter().map(|t| self.screened(*t)).collect()

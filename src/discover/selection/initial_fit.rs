@@ -2,12 +2,14 @@
 
 use super::error::DiagnosisError;
 use super::fitted_model::FittedModel;
-use super::runs::{DiagnosisOptions, Domain, Runs};
+use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use fdm_estimate::{
-    Changes, Continuation, Estimate, Fit, FitError, FitOptions, SpectralOptions, fit, fit_spectra, starts,
+    Changes, Continuation, Estimate, Fit, FitError, FitOptions, Iteration, Observer, SpectralOptions, Stop, fit,
+    fit_spectra, starts,
 };
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use std::ops::ControlFlow;
 
 /// Parts of the record that are fitted first where the start values lead nowhere.
 const SHARES: [f64; 2] = [0.25, 0.5];
@@ -21,10 +23,26 @@ pub(super) fn initial_fits(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
+    goes_on: &GoesOn<'_>,
 ) -> Result<Vec<FittedModel>, DiagnosisError> {
-    match runs.domain {
-        Domain::Time => first_in_time(model, runs, options),
-        Domain::Frequency(spectral) => Ok(vec![first_in_lines(model, runs, options, spectral)?]),
+    let fits = match runs.domain {
+        Domain::Time => first_in_time(model, runs, options, goes_on)?,
+        Domain::Frequency(spectral) => vec![first_in_lines(model, runs, options, (spectral, goes_on))?],
+    };
+    // a fit that was stopped is no base
+    if goes_on() { Ok(fits) } else { Err(DiagnosisError::Stopped) }
+}
+
+/// Ends a fit where work may not go on.
+struct While<'a>(&'a GoesOn<'a>);
+
+impl Observer for While<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        if (self.0)() { None } else { Some(Stop::Interrupt) }
     }
 }
 
@@ -34,12 +52,12 @@ fn first_in_lines(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
-    spectral: &SpectralOptions,
+    (spectral, goes_on): (&SpectralOptions, &GoesOn<'_>),
 ) -> Result<FittedModel, DiagnosisError> {
     let (changes, how) = (options.fit.changes.clone(), options.fit.options.clone());
     let start = starts(model, runs.all, &changes);
     let how = SpectralOptions { changes, options: how, ..spectral.clone() };
-    let fitted = fit_spectra(model, runs.train(), &how, &mut ())?;
+    let fitted = fit_spectra(model, runs.train(), &how, &mut While(goes_on))?;
     if let Some(why) = &fitted.unanswered {
         return Err(DiagnosisError::NoFit(why.to_string()));
     }
@@ -61,20 +79,25 @@ fn first_in_time(
     model: &Model,
     runs: Runs<'_>,
     options: &DiagnosisOptions,
+    goes_on: &GoesOn<'_>,
 ) -> Result<Vec<FittedModel>, DiagnosisError> {
     let mut how = options.fit.clone();
     how.options.colour = false;
-    let fits = plainly(model, runs.train(), &how)?;
+    let fits = plainly(model, runs.train(), &how, goes_on)?;
     if fits[0].estimate.runs.is_empty() {
         return Err(DiagnosisError::NoFit(fits[0].estimate.termination.to_string()));
     }
-    let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, &how));
+    let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, (&how, goes_on)));
     let likeliest = stages.next().into_iter().collect::<Result<Vec<FittedModel>, _>>()?;
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
 /// A fit to the training runs, with what belongs to each of the validation ones fitted there.
-fn with_validation_runs(fitted: &Fit, runs: Runs<'_>, how: &FitOptions) -> Result<FittedModel, DiagnosisError> {
+fn with_validation_runs(
+    fitted: &Fit,
+    runs: Runs<'_>,
+    (how, goes_on): (&FitOptions, &GoesOn<'_>),
+) -> Result<FittedModel, DiagnosisError> {
     let model = fitted.model.clone();
     let reached = |run: &Run, start: &[f64], estimate: &Estimate| -> Vec<f64> {
         let each = model.definition().params.iter().zip(start);
@@ -98,7 +121,8 @@ fn with_validation_runs(fitted: &Fit, runs: Runs<'_>, how: &FitOptions) -> Resul
             .collect();
         let names = shared.iter().map(|(name, _)| name.clone()).collect();
         let changes = Changes { set: shared, fix: names, free: Vec::new() };
-        let validation = plainly(&model, runs.validation(), &FitOptions { changes, ..how.clone() })?.swap_remove(0);
+        let validation =
+            plainly(&model, runs.validation(), &FitOptions { changes, ..how.clone() }, goes_on)?.swap_remove(0);
         for (run, start) in runs.validation().iter().zip(&start[runs.train..]) {
             let mut own = reached(run, start, &validation.estimate);
             let each = model.definition().params.iter().zip(own.iter_mut().zip(&theta[0]));
@@ -113,11 +137,12 @@ fn with_validation_runs(fitted: &Fit, runs: Runs<'_>, how: &FitOptions) -> Resul
 /// and the better of both is taken. A model that lacks something leaves smooth residuals, for which a fit by itself would go through all
 /// its rescues; here they are what is looked for. These come last, where no way ends at a minimum that is a match: the likeliest is then
 /// the first, and minima that are less likely follow.
-fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Vec<Fit>, FitError> {
+fn plainly(model: &Model, runs: &[Run], how: &FitOptions, goes_on: &GoesOn<'_>) -> Result<Vec<Fit>, FitError> {
     if how.continuation != Continuation::Auto {
-        return Ok(vec![fit(model, runs, how, &mut ())?]);
+        return Ok(vec![fit(model, runs, how, &mut While(goes_on))?]);
     }
-    let by = |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut ());
+    let by =
+        |continuation: Continuation| fit(model, runs, &FitOptions { continuation, ..how.clone() }, &mut While(goes_on));
     let sound = |fit: &Fit| fit.estimate.termination.is_good();
     let cost = |fit: &Fit| fit.estimate.cost.unwrap_or(f64::INFINITY);
     // of a minimum where no step helps (two roots that meet) and one that is a poor match, the likelier is nearer to the truth
@@ -131,7 +156,7 @@ fn plainly(model: &Model, runs: &[Run], how: &FitOptions) -> Result<Vec<Fit>, Fi
             return Ok(fits);
         }
     }
-    match fit(model, runs, how, &mut ()) {
+    match fit(model, runs, how, &mut While(goes_on)) {
         Ok(rescued) if fits.is_empty() || cost(&rescued).is_finite() => fits.push(rescued),
         Err(why) if fits.is_empty() => return Err(why),
         _ => (),

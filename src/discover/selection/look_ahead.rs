@@ -55,7 +55,10 @@ impl<'a> ForwardSelection<'a> {
             found.ahead = Some((ahead, None));
             return Ok(Some(found));
         }
-        let next = ahead.comparison(&|_| ())?;
+        let next = match ahead.comparison(&|_| ()) {
+            Err(DiagnosisError::Stopped) => return Ok(Some(found)),
+            next => next?,
+        };
         let least = self.total(&ahead, &next, &comparison.noise);
         found.ahead = Some((ahead, Some(next)));
         let Some(mut least) = least.map(|total| total + costs(best)) else { return Ok(Some(found)) };
@@ -79,7 +82,7 @@ impl<'a> ForwardSelection<'a> {
     fn ahead(&self, current: &Arc<FittedModel>, first: &EffectAt) -> Result<(ForwardStep<'a>, bool), DiagnosisError> {
         let scales = SignalScales::new(current, self.runs);
         let candidates = self.candidates(current, Some(first));
-        let step = ForwardStep::new(Arc::clone(current), self.runs, &candidates, &scales, self.options)?;
+        let step = self.step(current, &candidates, &scales)?;
         let left = step.screening.family_wise < self.options.alpha;
         Ok((step, left))
     }

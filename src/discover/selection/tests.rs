@@ -9,6 +9,7 @@ use fdm_numeric::random::Stream;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Simulator;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A ship's roll that is let go; the truth has the eddies of the bilge keels.
 const ROLL: &str = "model roll { state phi = free; state p = 0; param w2 = 5 in [0, 100], d = 0.1; \
@@ -160,4 +161,35 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
     let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
     assert!(found.causes.is_empty(), "{:?}", found.causes);
     assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
+}
+
+/// Wherever it is stopped, a search keeps what it has and says that it was stopped.
+#[test]
+fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {
+    let runs = [roll(0.4, 0.5, "a"), roll(0.4, 0.3, "b")];
+    let model = Model::from_text("model.fdm", &ROLL.replace("DRAG", "")).unwrap();
+    let (catalogue, options) = (catalogue(), DiagnosisOptions::default());
+    let stopped_after = |most: usize| {
+        let asked = AtomicUsize::new(0);
+        let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;
+        let found = diagnose_while(&model, &runs, &[], &catalogue, (&options, &|_| ()), &goes_on);
+        (found, asked.into_inner())
+    };
+    let (whole, asked) = stopped_after(usize::MAX);
+    let whole = whole.unwrap();
+    assert!(!whole.stopped && whole.verdict == Verdict::EffectFound);
+    let (mut nothing, mut screened, mut accepted) = (0, 0, 0);
+    for part in 0..16 {
+        match stopped_after(asked * part / 16).0 {
+            Err(DiagnosisError::Stopped) => nothing += 1,
+            Err(other) => panic!("{other}"),
+            Ok(found) => {
+                assert!(found.stopped && found.ended == "it was stopped", "{part}: {}", found.ended);
+                assert_eq!(found.family_wise_p < options.alpha, whole.family_wise_p < options.alpha);
+                assert!(found.causes.is_empty() || found.causes[0].place == whole.causes[0].place);
+                *(if found.causes.is_empty() { &mut screened } else { &mut accepted }) += 1;
+            }
+        }
+    }
+    assert!(nothing > 0 && screened > 0 && accepted > 0, "{nothing} {screened} {accepted}");
 }

@@ -41,8 +41,14 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
     let (trust, sentence) = match found.verdict {
         Found::EffectFound => (Trust::Reserved, format!("Something is missing from the model ({p}).")),
         Found::Disturbance => (Trust::Reserved, format!("A disturbance (process noise) acts on the model ({p}).")),
+        Found::UnknownCause if found.stopped => {
+            (Trust::Reserved, format!("The model is wrong; the search for the cause was stopped ({p})."))
+        }
         Found::UnknownCause => {
             (Trust::Reserved, format!("The model is wrong, but no effect of the catalogue explains how ({p})."))
+        }
+        Found::NoEffectFound if found.stopped => {
+            (Trust::Reserved, format!("Nothing was found before the search was stopped ({p})."))
         }
         Found::NoEffectFound => {
             (Trust::Good, format!("No missing effect detected (family-wise p = {}).", probability(found.family_wise_p)))

@@ -33,6 +33,9 @@ pub struct DiagnosisDocument {
     pub suggestions: Option<Suggestions>,
     /// Why the search ended.
     pub ended: String,
+    /// Whether it was stopped before its end: that nothing was found then says nothing.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub stopped: bool,
     /// What was fitted and not accepted.
     pub rejected: Vec<Rejected>,
     /// Each search.
@@ -149,6 +152,7 @@ impl DiagnosisDocument {
             force: force(d),
             suggestions: d.suggestions.clone(),
             ended: d.ended.clone(),
+            stopped: d.stopped,
             rejected: d.rejected.clone(),
             searches: d.steps.iter().map(Search::from).collect(),
             biased_parameters: d.biased.clone(),
