@@ -98,7 +98,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         in_time = progress.in_time();
     }
     let found = match found {
-        Err(error @ DiagnosisError::Stopped) => {
+        // numbers went wrong, or there was no time: the input may be good
+        Err(error @ (DiagnosisError::Stopped | DiagnosisError::NoFit(_))) => {
             remark(format_args!("error: {error}"));
             return ended(false);
         }

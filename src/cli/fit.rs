@@ -360,7 +360,9 @@ impl Found {
     fn remarks(&self, starts: usize) -> Vec<String> {
         match self {
             Self::Output(fit) => remarks(fit, self.is_complete(starts)),
-            Self::Filter(fit) => unsuccessful(&fit.fit.estimate).into_iter().collect(),
+            Self::Filter(FilterFit { fit, .. }) => {
+                unsuccessful(&fit.estimate).into_iter().chain(integration_remarks(fit)).collect()
+            }
             Self::Spectra(SpectralFit { unanswered: Some(why), .. })
             | Self::Responses(ResponseFit { unanswered: Some(why), .. }) => vec![why.to_string()],
             Self::Spectra(SpectralFit { unobservable, .. }) | Self::Responses(ResponseFit { unobservable, .. }) => {

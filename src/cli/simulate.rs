@@ -191,6 +191,12 @@ fn said(model: &Model, run: &Run, worst: &WorstError) -> String {
     let state = worst
         .state
         .map_or(String::new(), |s| format!(", where state `{}` is farthest off", definition.states[s].quantity.name));
+    if worst.part.is_infinite() {
+        return format!(
+            "with half of the steps the response is not finite at time {}{state}; give another method (--integrator), or a shorter record",
+            run.time[worst.sample]
+        );
+    }
     format!(
         "the error is {:.0e} of the range of `{output}` at time {}{state}; take more steps (--steps), another method \
          (--integrator), or samples that are closer",

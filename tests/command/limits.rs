@@ -51,6 +51,24 @@ fn integration_errors_above_a_thousandth_of_the_range_are_no_success() {
     assert!(desk.path("result/result.json").exists(), "the result is kept");
     assert!(fs::read_to_string(desk.path("result/result.txt")).unwrap().contains("integration error"));
     desk.good("fit swing.fdm --data run.csv -q");
+
+    // predictions from sample to sample, and segments, are integrated too
+    desk.write("noisy.fdm", SWING.replace("output", "param q = 0.01 in [0, 1];\n  noise der(v) = q;\n  output"));
+    for words in ["noisy.fdm --method filter-error", "swing.fdm --shooting 8 --iterations 3"] {
+        let fitted = desk.fdm(&format!("fit {words} --data run.csv --steps 1 -q"));
+        assert_eq!(fitted.status.code(), Some(1), "{words}: {}", said(&fitted));
+        assert!(said(&fitted).contains("not of the model"), "{words}: {}", said(&fitted));
+    }
+}
+
+#[test]
+fn a_response_that_is_finite_on_long_steps_only_is_none() {
+    // the solution ends at t = 1
+    let desk = Desk::with([("escape.fdm", "model escape { state x = 1; der(x) = x*x; output y = x; }\n")]);
+    desk.write("run.csv", "t,y\n0,1\n0.6,2.5\n1.2,3\n1.8,4\n");
+    let outcome = desk.fdm("simulate escape.fdm --data run.csv --steps 1");
+    assert_eq!(outcome.status.code(), Some(1), "{}", said(&outcome));
+    assert!(said(&outcome).contains("not finite at time"), "{}", said(&outcome));
 }
 
 #[test]

@@ -87,6 +87,9 @@ fn first_in_time(
     if fits[0].estimate.runs.is_empty() {
         return Err(DiagnosisError::NoFit(fits[0].estimate.termination.to_string()));
     }
+    if let Some(fault) = fits[0].integration_faults.iter().find(|fault| fault.is_severe()) {
+        return Err(DiagnosisError::NoFit(fault.to_string()));
+    }
     let mut stages = fits.iter().map(|fitted| with_validation_runs(fitted, runs, (&how, goes_on)));
     let likeliest = stages.next().into_iter().collect::<Result<Vec<FittedModel>, _>>()?;
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())

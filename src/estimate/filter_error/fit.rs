@@ -9,6 +9,7 @@ use crate::noise::Weights;
 use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
+use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::noise_model::{refused, without_output_noise};
 use crate::output_error::options::FitOptions;
 use crate::output_error::single::{changed, starts};
@@ -21,7 +22,7 @@ use crate::uncertainty::sandwich::Uncorrected;
 use fdm_numeric::quadratic::Inverse;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Steps};
+use fdm_system::simulate::{Accuracy, Scheme, Steps, UNSOUND, WorstError};
 
 /// Estimates by the filter-error method.
 #[derive(Debug, Clone)]
@@ -133,7 +134,7 @@ fn concluded(
         let predicted: Vec<Vec<f64>> = likelihood.predictions().cloned().collect();
         (likelihood.score.information.clone(), predicted, cost)
     };
-    let integration = judged(setting, &values, steps, &predicted)?;
+    let (integration, worst) = judged(setting, &values, steps, &predicted)?;
     let known = setting.priors().cost(&values);
     let conclusion = conclusion(setting, &values, information);
     let unknowns = setting.unknowns.clone();
@@ -170,7 +171,9 @@ fn concluded(
     let (estimate, deviations) = apart(setting, estimate);
     let judge = |(run, result): (&Run, &RunFit)| run_quality(model, run, &result.response);
     let quality = setting.runs.iter().zip(&estimate.runs).flat_map(judge).collect();
-    let fit = Fit { quality, ..Fit::new(model.clone(), estimate, integration) };
+    let mut fit = Fit { quality, ..Fit::new(model.clone(), estimate, integration) };
+    let faults = setting.runs.iter().zip(&worst).flat_map(|(run, worst)| IntegrationFault::of(&fit, run, worst));
+    fit.integration_faults = faults.collect();
     Ok(FilterFit { fit, deviations, silent })
 }
 
@@ -204,13 +207,13 @@ fn silenced(setting: &Setting<'_>, values: &mut [f64], steps: &[Steps]) -> Resul
     Ok(silent)
 }
 
-/// The steps of each run, and how far predictions with half of them are off, as a part of each output's range.
+/// The steps of each run, how far predictions with half of them are off, as a part of each output's range, and where that is too far.
 fn judged(
     setting: &Setting<'_>,
     values: &[f64],
     steps: &[Steps],
     predicted: &[Vec<f64>],
-) -> Result<Vec<Accuracy>, FitError> {
+) -> Result<(Vec<Accuracy>, Vec<Vec<WorstError>>), FitError> {
     let halved: Vec<Steps> = steps.iter().map(Steps::halved).collect();
     let mut likelihood = setting.likelihood(&halved)?;
     let whole = likelihood.evaluate(values, false).is_ok();
@@ -226,7 +229,10 @@ fn judged(
     };
     let errors = likelihood.predictions().zip(predicted).map(error);
     let errors = errors.map(|e| if whole { e } else { f64::INFINITY });
-    Ok(steps.iter().zip(errors).map(|(steps, error)| Accuracy { steps: steps.clone(), error }).collect())
+    let accuracies = steps.iter().zip(errors).map(|(steps, error)| Accuracy { steps: steps.clone(), error }).collect();
+    let fine = likelihood.predictions();
+    let worst = fine.zip(predicted).zip(steps).map(|((f, c), steps)| WorstError::between(c, f, q, steps, UNSOUND));
+    Ok((accuracies, worst.collect()))
 }
 
 /// The information of the likelihood as the statistics of an estimate take it; none when nothing was estimated.

@@ -1,5 +1,8 @@
 //! Integration errors that no estimate should be trusted with: what is fitted is then the steps, not the model.
 
+use super::fit::Fit;
+use fdm_system::record::Run;
+use fdm_system::simulate::WorstError;
 use std::fmt;
 
 /// An integration error above 1e-3 of an output's range.
@@ -11,7 +14,7 @@ pub struct IntegrationFault {
     pub output: String,
     /// Time since the run began where the error is largest, in the model's time unit.
     pub time: f64,
-    /// The error there, as a part of the output's range.
+    /// The error there, as a part of the output's range; infinite where the response with half of the steps is not finite.
     pub part: f64,
     /// The same beside the standard deviation of the output's residual; none where nothing of it was compared.
     pub beside_residual: Option<f64>,
@@ -23,6 +26,25 @@ pub struct IntegrationFault {
 const SMALL: f64 = 0.1;
 
 impl IntegrationFault {
+    /// Of the places where a run of a fit is integrated worst.
+    pub(crate) fn of(fit: &Fit, run: &Run, worst: &[WorstError]) -> Vec<Self> {
+        let definition = fit.model.definition();
+        let of = |worst: &WorstError| {
+            let output = definition.outputs[worst.output].quantity.name.clone();
+            let matched = fit.estimate.outputs.iter().find(|o| o.run == run.name && o.name == output);
+            let deviation = matched.and_then(|o| o.rms).map(|rms| rms.max(f64::MIN_POSITIVE));
+            Self {
+                run: run.name.clone(),
+                output,
+                time: run.time[worst.sample],
+                part: worst.part,
+                beside_residual: deviation.map(|deviation| worst.error / deviation),
+                state: worst.state.map(|j| definition.states[j].quantity.name.clone()),
+            }
+        };
+        worst.iter().map(of).collect()
+    }
+
     /// Whether the error is not small beside the residual either.
     pub fn is_severe(&self) -> bool {
         self.beside_residual.is_none_or(|beside| beside > SMALL)
@@ -32,11 +54,15 @@ impl IntegrationFault {
 impl fmt::Display for IntegrationFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { run, output, time, part, beside_residual, state } = self;
-        write!(f, "run `{run}`: integration error {part:.0e} of the range of `{output}` at time {time}")?;
+        if part.is_infinite() {
+            write!(f, "run `{run}`: with half of the integration steps the response is not finite at time {time}")?;
+        } else {
+            write!(f, "run `{run}`: integration error {part:.0e} of the range of `{output}` at time {time}")?;
+        }
         if let Some(state) = state {
             write!(f, ", where state `{state}` is farthest off")?;
         }
-        if let Some(beside) = beside_residual {
+        if let Some(beside) = beside_residual.filter(|beside| beside.is_finite()) {
             write!(f, "; {beside:.1e} of the standard deviation of its residual")?;
         }
         Ok(())

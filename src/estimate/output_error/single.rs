@@ -189,29 +189,18 @@ pub(crate) fn integration_faults(
 ) -> Result<Vec<IntegrationFault>, FitError> {
     let coarse = |r: usize| fit.integration.get(r).is_some_and(|a| a.error > UNSOUND);
     // in segments the response is not that of the whole run
-    let cut = fit.shooting.as_ref().is_some_and(|s| !s.polished);
-    if cut || !(0..runs.len()).any(coarse) || fit.estimate.runs.is_empty() {
+    if fit.shooting.as_ref().is_some_and(|s| !s.polished) {
+        return Ok(fit.integration_faults.clone());
+    }
+    if !(0..runs.len()).any(coarse) || fit.estimate.runs.is_empty() {
         return Ok(Vec::new());
     }
-    let definition = fit.model.definition();
     let reached = after(&fit.model, runs, &fit.estimate, starts);
     let mut found = Vec::new();
     for r in (0..runs.len()).filter(|r| coarse(*r)) {
         let (run, steps) = (&runs[r], &fit.integration[r].steps);
         let worst = worst_errors(fit.model.dynamics(), run, &reached[r], steps, UNSOUND);
-        for worst in worst.map_err(|e| FitError::unsuited(run, e))? {
-            let output = definition.outputs[worst.output].quantity.name.clone();
-            let matched = fit.estimate.outputs.iter().find(|o| o.run == run.name && o.name == output);
-            let deviation = matched.and_then(|o| o.rms).map(|rms| rms.max(f64::MIN_POSITIVE));
-            found.push(IntegrationFault {
-                run: run.name.clone(),
-                output,
-                time: run.time[worst.sample],
-                part: worst.part,
-                beside_residual: deviation.map(|deviation| worst.error / deviation),
-                state: worst.state.map(|j| definition.states[j].quantity.name.clone()),
-            });
-        }
+        found.extend(IntegrationFault::of(fit, run, &worst.map_err(|e| FitError::unsuited(run, e))?));
     }
     Ok(found)
 }

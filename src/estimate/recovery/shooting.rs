@@ -10,6 +10,7 @@ use crate::noise::Noise;
 use crate::observer::Observer;
 use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::{Continuity, Fit};
+use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::options::{FitOptions, Shooting};
 use crate::output_error::single::single_fit;
 use crate::problem::{Options, Problem, ProblemRun};
@@ -20,7 +21,9 @@ use crate::termination::Termination;
 use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::simulate::{Accuracy, Scheme, Simulator, choose_steps_by, integration_error};
+use fdm_system::simulate::{
+    Accuracy, Scheme, Simulator, Steps, UNSOUND, WorstError, choose_steps_by, integration_error, worst_errors,
+};
 
 /// Gaps below this part of the state's size count as none.
 const CONTINUOUS: f64 = 1e-9;
@@ -92,13 +95,12 @@ pub(crate) fn shoot(
         estimate = shot.rounds(options, observer)?;
     }
     let continuity = shot.continuity();
-    let integration = shot.accuracy()?;
     let reached = shot.reached();
     let uncut = WithoutCuts { outputs: layout.outputs, params: model.definition() };
     let gaps = shot.cost_of_gaps();
     let cut = uncut.of(estimate, gaps);
     if stop(&cut.termination, observer).is_some() || cut.cost.is_none() {
-        return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
+        return shot.fitted(model, runs, cut, continuity);
     }
     // from where it is to begin it needs few iterations, or it cannot be done
     let iterations = POLISH.min(options.options.iterations);
@@ -112,9 +114,9 @@ pub(crate) fn shoot(
         let estimate = shot.with_errors(options, observer)?;
         let gaps = shot.cost_of_gaps();
         let cut = uncut.of(estimate, gaps);
-        return Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) });
+        return shot.fitted(model, runs, cut, continuity);
     }
-    Ok(Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, integration) })
+    shot.fitted(model, runs, cut, continuity)
 }
 
 /// Part of a unit of the logarithm of the likelihood; below it, estimates differ by a part of their standard errors.
@@ -347,20 +349,61 @@ impl<'a> Shot<'a> {
         self.problem.runs.iter().map(own).collect()
     }
 
+    /// What was reached in segments, with the integration errors within them.
+    fn fitted(&self, model: &Model, runs: &[Run], cut: Estimate, continuity: Continuity) -> Result<Fit, FitError> {
+        let mut fit = Fit { shooting: Some(continuity), ..Fit::new(model.clone(), cut, self.accuracy()?) };
+        for (r, run) in runs.iter().enumerate() {
+            let worst = self.worst(r, fit.estimate.runs.get(r).map_or(&[][..], |fitted| &fitted.response))?;
+            let faults = IntegrationFault::of(&fit, run, &worst);
+            fit.integration_faults.extend(faults);
+        }
+        Ok(fit)
+    }
+
     /// Steps and integration error within the segments.
     fn accuracy(&self) -> Result<Vec<Accuracy>, FitError> {
         let mut found = Vec::new();
-        for ((pieces, run), steps) in self.pieces.iter().zip(&self.problem.runs).zip(&self.steps) {
+        for (r, steps) in self.steps.iter().enumerate() {
             let mut error = 0.0_f64;
-            for (k, piece) in pieces.iter().enumerate() {
-                let theta = local(&run.start, k, self.sizes);
-                let dynamics = self.models.of(k).dynamics();
-                let one = integration_error(dynamics, piece, &theta, *steps);
+            for (k, piece) in self.pieces[r].iter().enumerate() {
+                let one = integration_error(self.models.of(k).dynamics(), piece, &self.theta(r, k), *steps);
                 error = error.max(one.map_err(|e| FitError::unsuited(piece, e))?);
             }
             found.push(Accuracy { steps: (*steps).into(), error });
         }
         Ok(found)
+    }
+
+    /// Where the segments of a run are integrated worst, output by output: beside the range of its whole response (N by q).
+    fn worst(&self, run: usize, response: &[f64]) -> Result<Vec<WorstError>, FitError> {
+        let (q, steps) = (self.sizes.outputs, Steps::from(self.steps[run]));
+        let range = |o: usize| {
+            let ends = |r: (f64, f64), y: &f64| (r.0.min(*y), r.1.max(*y));
+            let (low, high) = response.iter().skip(o).step_by(q).fold((f64::INFINITY, f64::NEG_INFINITY), ends);
+            if high > low { high - low } else { high.abs().max(1.0) }
+        };
+        let mut found: Vec<WorstError> = Vec::new();
+        for (k, piece) in self.pieces[run].iter().enumerate() {
+            let begin = if k == 0 { 0 } else { self.cuts[run][k - 1] };
+            let worst = worst_errors(self.models.of(k).dynamics(), piece, &self.theta(run, k), &steps, UNSOUND);
+            for own in worst.map_err(|e| FitError::unsuited(piece, e))?.into_iter().filter(|own| own.output < q) {
+                let part = own.error / range(own.output);
+                if part > UNSOUND {
+                    found.push(WorstError { sample: begin + own.sample, part, ..own });
+                }
+            }
+        }
+        found.sort_by(|a, b| a.output.cmp(&b.output).then(b.part.total_cmp(&a.part)));
+        found.dedup_by_key(|worst| worst.output);
+        Ok(found)
+    }
+
+    /// The parameters of a segment at the values of its run.
+    fn theta(&self, run: usize, segment: usize) -> Vec<f64> {
+        let mut theta = self.problem.runs[run].start.clone();
+        let shared = theta.iter_mut().zip(&self.problem.params[..self.sizes.params]).filter(|(_, p)| !p.per_run);
+        shared.for_each(|(value, p)| *value = p.value);
+        local(&theta, segment, self.sizes)
     }
 }
 

@@ -345,8 +345,37 @@ pub struct WorstError {
     pub state: Option<usize>,
 }
 
+impl WorstError {
+    /// Where two responses (N by q each) are farthest apart that were computed with these steps and with half of them, output by output
+    /// as far as that is above `least` of their ranges; the worst first.
+    pub fn between(coarse: &[f64], fine: &[f64], outputs: usize, steps: &Steps, least: f64) -> Vec<Self> {
+        let removed = steps.scheme().part_removed_by_halving();
+        let mut found = Vec::new();
+        for output in 0..outputs {
+            let range = range(fine.iter().skip(output).step_by(outputs));
+            let pairs = coarse.iter().zip(fine).skip(output).step_by(outputs).map(|(a, b)| (a - b).abs());
+            let worst = pairs.enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
+            let Some((sample, off)) = worst else { continue };
+            let error = off * removed;
+            if error > least * range {
+                found.push(Self { output, sample, error, part: error / range, state: None });
+            }
+        }
+        found.sort_by(|a, b| b.part.total_cmp(&a.part));
+        found
+    }
+
+    /// Where the response with half of the steps is lost.
+    fn lost(place: Divergence, outputs: usize) -> Vec<Self> {
+        let Divergence { sample, state, .. } = place;
+        let lost = Self { output: 0, sample, error: f64::INFINITY, part: f64::INFINITY, state };
+        if outputs > 0 { vec![lost] } else { Vec::new() }
+    }
+}
+
 /// Where the response (N by q) with these steps is farthest from that with half of them, output by output as far as they are
-/// above `least` of their ranges; the worst first. Empty where the response with half of them is not finite.
+/// above `least` of their ranges; the worst first. Where the response with half of them is not finite, that place alone, with an
+/// infinite error.
 ///
 /// # Errors
 /// [`Unsuited`] as for [`Simulator::new`].
@@ -359,27 +388,17 @@ pub fn worst_errors(
 ) -> Result<Vec<WorstError>, Unsuited> {
     let (n, q) = (dynamics.layout().states, dynamics.layout().outputs);
     let finer = steps.halved();
-    let (Ok(coarse), Ok(fine)) = (response(dynamics, run, theta, steps)?, response(dynamics, run, theta, &finer)?)
-    else {
-        return Ok(Vec::new());
+    let Ok(coarse) = response(dynamics, run, theta, steps)? else { return Ok(Vec::new()) };
+    let fine = match response(dynamics, run, theta, &finer)? {
+        Ok(fine) => fine,
+        Err(lost) => return Ok(WorstError::lost(lost, q)),
     };
     let states = |steps: &Steps| -> Result<Option<Vec<f64>>, Unsuited> {
         let mut x = vec![0.0; run.len() * n];
         let known = Simulator::new(dynamics, run, steps.clone())?.states(theta, &mut x);
         Ok((known == Ok(true)).then_some(x))
     };
-    let removed = steps.scheme().part_removed_by_halving();
-    let mut found = Vec::new();
-    for output in 0..q {
-        let range = range(fine.iter().skip(output).step_by(q));
-        let off = |sample: usize| (coarse[sample * q + output] - fine[sample * q + output]).abs();
-        let Some(sample) = (0..run.len()).max_by(|a, b| off(*a).total_cmp(&off(*b)).then(b.cmp(a))) else { continue };
-        let error = off(sample) * removed;
-        if error > least * range {
-            found.push(WorstError { output, sample, error, part: error / range, state: None });
-        }
-    }
-    found.sort_by(|a, b| b.part.total_cmp(&a.part));
+    let mut found = WorstError::between(&coarse, &fine, q, steps, least);
     if !found.is_empty()
         && let (Some(a), Some(b)) = (states(steps)?, states(&finer)?)
     {
