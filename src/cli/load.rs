@@ -273,11 +273,14 @@ fn number_equal_names(runs: &mut [(Run, Summary)]) {
 
 /// Says what a careful reader would mention about the records.
 pub(crate) fn say_notes(records: &[(Run, Summary)]) {
+    let say = |run: &str, note: std::fmt::Arguments<'_>| {
+        remark(format_args!("{}", with_files(&format!("note: run `{run}`: {note}"))));
+    };
     for (run, summary) in records {
         let not_measured =
             |name: &str| summary.notes.iter().any(|n| matches!(n, Note::NotMeasured { output } if output == name));
         for note in &summary.notes {
-            remark(format_args!("note: {}: {note}", run.name));
+            say(&run.name, format_args!("{note}"));
         }
         let missing: Vec<String> = summary
             .sources
@@ -286,7 +289,7 @@ pub(crate) fn say_notes(records: &[(Run, Summary)]) {
             .map(|s| format!("{} of `{}`", s.gaps, s.channel))
             .collect();
         if !missing.is_empty() {
-            remark(format_args!("note: {}: missing values: {}", run.name, missing.join(", ")));
+            say(&run.name, format_args!("missing values: {}", missing.join(", ")));
         }
     }
 }

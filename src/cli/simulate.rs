@@ -84,11 +84,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             good = false;
         }
         if let Some(worst) = response.wrong.first() {
-            remark(format_args!(
-                "run `{}` is not integrated: {}",
-                response.run.name,
-                said(&model, response.run, worst)
-            ));
+            let said = format!("run `{}` is not integrated: {}", response.run.name, said(&model, response.run, worst));
+            remark(format_args!("{}", with_files(&said)));
             good = false;
         }
     }

@@ -66,14 +66,14 @@ pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, Mult
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
-pub use recovery::fallback::attempt;
+
 pub use solve::{estimate, estimate_from};
 pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
 pub use termination::{Reason, Termination};
-pub use time_domain::{examined, fit, fit_kept};
+pub use time_domain::{examined, fit, fit_from, fit_kept};
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};

@@ -68,19 +68,37 @@ pub fn fit_kept(
     states = if kept.len() > states.len() { kept } else { states };
     let mut budget = Budget::new(observer, options.options.total);
     let mut stages = CheckpointObserver::new(&mut budget, &ledger, name, states);
-    let found = attempt(&model, runs, &start, &options, &mut stages)
-        .and_then(|fit| match &deviations {
-            _ if !fit.estimate.termination.is_good() => Ok(fit),
-            Some(deviations) => {
-                let model = without_process_noise(&given);
-                fit_noise_model(&model, runs, &start, (fit, deviations), &options, &mut stages)
-            }
-            None if !options.loss.is_squares() => fit_robust(&model, runs, &start, fit, &options, &mut stages),
-            None => Ok(fit),
-        })
+    let found = fit_from(&given, runs, &start, &options, &mut stages)
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     Ok(Fit { starts: summaries, ..found? })
+}
+
+/// Fits from `starts` (all parameters of each run, see [`starts`]), by the noise that the model states and the loss that was
+/// asked for, and judges nothing; `model` has the changes in `options` already.
+///
+/// # Errors
+/// [`FitError`]; an attempt that ran and went wrong is a [`Fit`] whose estimate says so.
+pub fn fit_from(
+    model: &Model,
+    runs: &[Run],
+    starts: &[Vec<f64>],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<Fit, FitError> {
+    let squares = without_noise(model);
+    let deviations = deviations(model, &options.options.noise);
+    let known = deviations.as_ref().map(|d| without_infinite(&squares, runs, starts, d)).transpose()?;
+    let runs = known.as_deref().unwrap_or(runs);
+    let first = attempt(&squares, runs, starts, options, observer)?;
+    match &deviations {
+        _ if !first.estimate.termination.is_good() => Ok(first),
+        Some(deviations) => {
+            fit_noise_model(&without_process_noise(model), runs, starts, (first, deviations), options, observer)
+        }
+        None if !options.loss.is_squares() => fit_robust(&squares, runs, starts, first, options, observer),
+        None => Ok(first),
+    }
 }
 
 /// The steps that all starts have in common.

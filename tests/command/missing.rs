@@ -92,8 +92,8 @@ fn runs_measure_different_outputs_in_every_method() {
     }
     let said = desk.fdm(&format!("fit m.fdm {data}"));
     let said = String::from_utf8_lossy(&said.stderr).into_owned();
-    assert!(said.contains("note: no_acc: the output `acc` is not measured in this run"), "{said}");
-    assert!(said.contains("note: no_v: the output `v` is not measured in this run"), "{said}");
+    assert!(said.contains("note: run `no_acc` (no_acc.csv): the output `acc` is not measured in this run"), "{said}");
+    assert!(said.contains("note: run `no_v` (no_v.csv): the output `v` is not measured in this run"), "{said}");
 }
 
 #[test]

@@ -167,7 +167,7 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
 #[test]
 fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {
     let runs = [roll(0.4, 0.5, "a"), roll(0.4, 0.3, "b")];
-    let model = Model::from_text("model.fdm", &ROLL.replace("DRAG", "")).unwrap();
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
     let (catalogue, options) = (catalogue(), DiagnosisOptions::default());
     let stopped_after = |most: usize| {
         let asked = AtomicUsize::new(0);

@@ -69,6 +69,7 @@ pub enum StrategyError {
     Loss { value: f64 },
     LossOfNoiseModel,
     LossOfFullNoise,
+    ConfidenceOfOwnNoise,
     NoiseModel { method: Method, domain: Domain },
     LossOfMethod { method: Method, domain: Domain },
 }
@@ -105,6 +106,11 @@ impl fmt::Display for StrategyError {
             Self::LossOfFullNoise => write!(
                 f,
                 "a loss other than squares is of each output by itself; leave out --noise full, or take squares (--loss squares)"
+            ),
+            Self::ConfidenceOfOwnNoise => write!(
+                f,
+                "shorter records and other weights (--confidence, --weights) are of squares and noise of one size; \
+                 take these (--noise diagonal, --loss squares), or leave the questions out"
             ),
             Self::NoiseModel { method, domain } => write!(
                 f,

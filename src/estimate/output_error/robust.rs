@@ -93,6 +93,9 @@ pub(crate) fn fit_robust(
 /// What is wrong with a loss beside other choices, if anything.
 pub(crate) fn mistake(options: &FitOptions, noise_is_modelled: bool) -> Option<StrategyError> {
     match options.loss {
+        _ if (options.confidence || options.reweight) && (noise_is_modelled || !options.loss.is_squares()) => {
+            Some(StrategyError::ConfidenceOfOwnNoise)
+        }
         Loss::Squares => None,
         _ if noise_is_modelled => Some(StrategyError::LossOfNoiseModel),
         _ if options.options.noise == Noise::Full => Some(StrategyError::LossOfFullNoise),

@@ -21,7 +21,7 @@ use fdm_system::record::Run;
 ///
 /// # Errors
 /// [`FitError`]; an attempt that ran and went wrong is a [`Fit`] whose estimate says so.
-pub fn attempt(
+pub(crate) fn attempt(
     model: &Model,
     runs: &[Run],
     starts: &[Vec<f64>],

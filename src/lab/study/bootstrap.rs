@@ -5,7 +5,7 @@ use super::disturbance::Disturbance;
 use super::series::Watch;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Termination, attempt,
+    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Termination, fit_from,
     starts,
 };
 use fdm_numeric::random::Stream;
@@ -45,7 +45,7 @@ impl Bootstrap {
         if subjects.is_empty() {
             return Err(StudyError::NothingEstimated);
         }
-        let noise = Disturbance::new(estimate, runs, colour)?;
+        let noise = Disturbance::new(fit, runs, colour)?;
         let measured = |run: &Run, response: &[f64]| {
             let cells = run.measured.iter().zip(response);
             cells.map(|(z, y)| if z.is_nan() { f64::NAN } else { *y }).collect()
@@ -82,7 +82,7 @@ impl Bootstrap {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
         };
-        match attempt(&model, &runs, &self.starts, &self.options, &mut observer) {
+        match fit_from(&model, &runs, &self.starts, &self.options, &mut observer) {
             Ok(found) if found.estimate.termination == Termination::Interrupted => None,
             Ok(found) => Some(Repeat::of(&found.estimate, &self.subjects)),
             Err(e) => Some(Repeat::gone(e, self.subjects.len())),

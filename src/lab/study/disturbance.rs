@@ -2,7 +2,7 @@
 
 use super::study_error::StudyError;
 use crate::experiment::Noise;
-use fdm_estimate::{Estimate, NoiseColour, Symmetric};
+use fdm_estimate::{Estimate, Fit, NoiseColour, Symmetric};
 use fdm_numeric::random::Stream;
 use fdm_results::documents::study::Colour;
 use fdm_system::record::Run;
@@ -34,6 +34,8 @@ struct Source {
     /// Lower triangle (q by q) that makes the outputs' noise, or its innovations, of numbers that know nothing of each other.
     mixing: Vec<f64>,
     law: Law,
+    /// By how much the noise of every cell (N by q) differs from that; empty where it is of one size.
+    sizes: Vec<f64>,
 }
 
 #[derive(Debug, Clone)]
@@ -45,8 +47,9 @@ enum Law {
 }
 
 impl Disturbance {
-    /// As an estimate has it.
-    pub(super) fn new(estimate: &Estimate, runs: &[Run], colour: Colour) -> Result<Self, StudyError> {
+    /// As a fit has it.
+    pub(super) fn new(fit: &Fit, runs: &[Run], colour: Colour) -> Result<Self, StudyError> {
+        let estimate = &fit.estimate;
         let outputs: Vec<String> = estimate.outputs.iter().map(|o| o.name.clone()).collect();
         let mut names: Vec<String> = Vec::new();
         outputs.into_iter().for_each(|o| {
@@ -58,8 +61,8 @@ impl Disturbance {
         if (0..noise.size).all(|o| noise.at(o, o) <= 0.0) || estimate.noise_free.len() == names.len() {
             return Err(StudyError::NoNoise);
         }
-        let same = |law: Law| Source { mixing: triangle(noise), law };
-        let sources = match of_experiment(colour, 1.0) {
+        let same = |law: Law| Source { mixing: triangle(noise), law, sizes: Vec::new() };
+        let mut sources = match of_experiment(colour, 1.0) {
             Some(colour) => vec![same(Law::Unit(Noise { deviation: 1.0, colour, ..Noise::default() })); runs.len()],
             None => {
                 if let Some(reason) = &estimate.uncorrected {
@@ -68,6 +71,12 @@ impl Disturbance {
                 runs.iter().map(|run| Source::fitted(estimate, &names, &run.name)).collect()
             }
         };
+        for (source, own) in sources.iter_mut().zip(&fit.noise_of_samples) {
+            // colours are those of residuals over their deviations
+            let unit = |o: usize| if matches!(source.law, Law::Filtered(_)) { 1.0 } else { noise.at(o, o).sqrt() };
+            let size = |(k, s): (usize, &f64)| if s.is_nan() { 1.0 } else { s / unit(k % names.len()) };
+            source.sizes = own.deviations.iter().enumerate().map(size).collect();
+        }
         Ok(Self { outputs: names, sources })
     }
 
@@ -76,7 +85,9 @@ impl Disturbance {
         let number = repeat.to_string();
         let stream = |output: &String| Stream::named(seed, &["study", &run.name, output, &number]);
         let mut chances: Vec<Stream> = self.outputs.iter().map(stream).collect();
-        self.sources[r].drawn(run.len(), &mut chances)
+        let mut noise = self.sources[r].drawn(run.len(), &mut chances);
+        noise.iter_mut().zip(&self.sources[r].sizes).for_each(|(v, size)| *v *= size);
+        noise
     }
 }
 
@@ -108,7 +119,7 @@ impl Source {
             correlation * deviation(a) * deviation(b)
         };
         let covariance = Symmetric { size: q, values: (0..q * q).map(entry).collect() };
-        Self { mixing: triangle(&covariance), law: Law::Filtered(coefficients) }
+        Self { mixing: triangle(&covariance), law: Law::Filtered(coefficients), sizes: Vec::new() }
     }
 
     fn drawn(&self, samples: usize, chances: &mut [Stream]) -> Vec<f64> {
@@ -180,7 +191,7 @@ mod tests {
     use super::*;
 
     fn source(mixing: Vec<f64>, law: Law) -> Source {
-        Source { mixing, law }
+        Source { mixing, law, sizes: Vec::new() }
     }
 
     /// Mean of v(i) w(i + lag).

@@ -4,7 +4,7 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Status, attempt,
+    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Status, fit_from,
     quantile,
 };
 use fdm_results::documents::profile::{End, Point, Profile, reach};
@@ -209,7 +209,7 @@ impl<'a> Profiler<'a> {
             true => ControlFlow::Continue(()),
             false => ControlFlow::Break(()),
         };
-        let found = attempt(&model, self.runs, &starts, &self.options, &mut observer).ok()?;
+        let found = fit_from(&model, self.runs, &starts, &self.options, &mut observer).ok()?;
         let known = found.estimate.termination.is_good();
         let rise = found.estimate.cost.filter(|c| known && c.is_finite())? - self.fit.estimate.cost?;
         let others = others(&found.estimate, parameter);

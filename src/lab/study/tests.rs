@@ -55,6 +55,37 @@ fn a_linear_model_has_the_scatter_of_the_textbook_and_its_intervals_hold() {
     assert!((pooled.coverage - 0.95).abs() < 0.03 && pooled.interval[0] < pooled.coverage);
 }
 
+/// Noise that is an expression is drawn by it, and repeats and profiles are fitted by its likelihood.
+#[test]
+fn noise_that_is_part_of_the_model_is_drawn_and_fitted_as_such() {
+    let text = LINE.replace("output", "param g = 0.05 in [1e-3, 10]; noise y = g*(0.1 + u); output");
+    let model = Model::from_text("line.fdm", &text).expect("a model");
+    let (mut run, mut chance) = (run(0.0), Stream::named(6, &["record"]));
+    let noise: Vec<f64> = run.inputs.iter().map(|u| 0.1 * (0.1 + u) * chance.normal()).collect();
+    run.measured.iter_mut().zip(noise).for_each(|(z, v)| *z += v);
+    let (runs, options) = (vec![run], FitOptions::default());
+    let fit = fit(&model, &runs, &options, &mut ()).expect("a fit");
+    assert!(fit.is_good() && !fit.noise_of_samples.is_empty());
+    let bootstrap = Bootstrap::new(&fit, &runs, &options, (Colour::White, 3)).expect("possible");
+    let repeats = studied(&bootstrap, 400);
+    let study = Study::of("line", (Some(Colour::White), 3), bootstrap.subjects(), &repeats);
+    assert_eq!((study.converged, study.parameters.len()), (400, 3));
+    for p in study.parameters.iter().filter(|p| p.subject.name != "g") {
+        let interval = p.interval(Kind::CramerRao).expect("printed");
+        // of noise of one size, the scatter of `b` would be four times as large
+        assert!((interval.ratio - 1.0).abs() < 0.15, "{} {}", p.subject.name, interval.ratio);
+        assert!((interval.coverage.share - 0.95).abs() < 0.045, "{} {:?}", p.subject.name, interval.coverage);
+        assert!(p.bias.abs() < 2.0 * p.bias_chance, "{} {}", p.bias, p.bias_chance);
+    }
+    let profiler = Profiler::new(&fit, &runs, &options, &|| true).expect("possible");
+    let profile = profiler.of("a").expect("a profile");
+    assert!(profile.points.iter().all(|p| p.rise > -1e-9), "{:?}", profile.points);
+    for (end, by_error) in profile.ends.iter().zip(profile.by_error) {
+        let End::At(end) = *end else { panic!("{end:?}") };
+        assert!(((end - profile.value) / (by_error - profile.value) - 1.0).abs() < 0.25, "{end} {by_error}");
+    }
+}
+
 #[test]
 fn errors_that_do_not_know_the_colour_are_found_out() {
     let (fit, runs, options) = fitted(Noise::Diagonal);
