@@ -4,6 +4,8 @@ use crate::affine::affine;
 use crate::derived::DerivedQuantities;
 use crate::method::Optimizer;
 use crate::noise::Noise;
+use crate::observer::Observer;
+use crate::residuals::NoiseVariation;
 use fdm_grammar::model::{Model, Param, Prior};
 use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_system::spectrum::independent;
@@ -151,6 +153,8 @@ pub struct Problem<'a> {
     pub derived: DerivedQuantities<'a>,
     /// What noise does besides, where measured records stand in the equations.
     pub regressor_noise: Option<Box<dyn RegressorNoise + 'a>>,
+    /// How large the noise of every sample is, where coefficients of whole records are compared.
+    pub noise_in_time: Option<Box<dyn NoiseInTime + 'a>>,
 }
 
 /// Noise of records that are compared and stand in the equations as well.
@@ -164,6 +168,21 @@ pub trait RegressorNoise: Send + Sync {
         levels: &[f64],
         slopes: Option<Slopes<'_>>,
     ) -> Option<Vec<Vec<NoiseShift>>>;
+}
+
+/// The noise of records in time, behind the coefficients that are compared.
+pub trait NoiseInTime: Send + Sync {
+    /// Whether it is of one size at `theta` (all parameters of each run); none where that cannot be told.
+    fn sizes(&self, theta: &[Vec<f64>], observer: &mut dyn Observer) -> Option<NoiseSizes>;
+}
+
+/// How large noise is in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseSizes {
+    /// Whether the noise of each output is of one size.
+    pub variation: Vec<NoiseVariation>,
+    /// Variance of every place of the even grid over the mean one, by run and output.
+    pub shapes: Vec<Vec<Vec<f64>>>,
 }
 
 /// What is asked about the sensitivities S to some parameters.
@@ -196,7 +215,8 @@ impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        Self { params: model.params.clone(), outputs, runs, affine: affine(model), derived, regressor_noise: None }
+        let (params, affine) = (model.params.clone(), affine(model));
+        Self { params, outputs, runs, affine, derived, regressor_noise: None, noise_in_time: None }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

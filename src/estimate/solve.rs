@@ -16,7 +16,7 @@ use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::Uncorrected;
 use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::spectra::corrected_spectra;
-use crate::uncertainty::varying_noise::allow;
+use crate::uncertainty::varying_noise::{allow, allow_spectra};
 use crate::unknowns::Unknowns;
 use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot, Space};
 
@@ -115,6 +115,9 @@ pub fn estimate_from(
         (Some(conclusion), Ok(own)) if in_time => {
             let priors = priors.rows(&values);
             allow(problem, &unknowns, &values, &responses, conclusion, priors, own)
+        }
+        (Some(conclusion), Ok(own)) if observer.stopped().is_none() => {
+            allow_spectra(problem, &unknowns, &values, conclusion, own, observer)
         }
         _ => Ok(Vec::new()),
     };

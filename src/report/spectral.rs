@@ -5,7 +5,7 @@ use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{SpectralFit, StartingValue, UnobservableMode};
 use fdm_grammar::graph::Signal;
-use fdm_results::documents::{BridgeDocument, digits, estimate_remarks};
+use fdm_results::documents::{digits, spectral_remarks};
 use fdm_system::linear::{Obtained, Trim};
 use fdm_system::model::Model;
 use std::f64::consts::TAU;
@@ -24,8 +24,7 @@ pub fn spectral_table(fit: &SpectralFit, intervals: bool) -> String {
     if !fit.estimate.outputs.is_empty() {
         text.push_str(&format!("\nspectra, real and imaginary parts\n{}", output_table(&fit.estimate.outputs)));
     }
-    estimate_remarks(&fit.estimate).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
-    fit.bridged.iter().for_each(|b| text.push_str(&format!("\n{}", BridgeDocument::of(b).sentence())));
+    spectral_remarks(fit).iter().for_each(|remark| text.push_str(&format!("\n{remark}")));
     if !fit.dependent.is_empty() {
         let outputs = fit.dependent.join(", ");
         text.push_str(&format!(

@@ -70,7 +70,7 @@ def kept(result, truth):
             error = p["corrected_error"] if p["corrected_error"] is not None else p["standard_error"]
             parameters[p["name"]] = {"value": p["value"], "error": error, "interval": interval(p), "status": p["status"]}
     remarks = [[r["about"], r["sentence"]] for r in result["remarks"]]
-    white = [o["whiteness"]["p_value"] for o in result["outputs"] if o["whiteness"]]
+    white = [o["whiteness"]["p_value"] for o in result["outputs"] if o.get("whiteness")]
     return {"termination": result["termination"], "parameters": parameters, "remarks": remarks, "white": white}
 
 

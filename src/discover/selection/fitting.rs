@@ -63,6 +63,7 @@ impl<'a> FitProblem<'a> {
                 affine: Vec::new(),
                 derived: DerivedQuantities::none(),
                 regressor_noise: None,
+                noise_in_time: None,
             },
             settlers,
             own: self.params.len(),

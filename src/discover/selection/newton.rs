@@ -323,6 +323,7 @@ mod tests {
             affine: Vec::new(),
             derived: DerivedQuantities::none(),
             regressor_noise: None,
+            noise_in_time: None,
         }
     }
 

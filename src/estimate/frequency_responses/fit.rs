@@ -14,7 +14,7 @@ use crate::output_error::single::{changed, starts};
 use crate::problem::{Problem, ProblemRun};
 use crate::recovery::budget::Budget;
 use crate::solve::estimate;
-use crate::spectra::initial_conditions::{found_later, in_time};
+use crate::spectra::initial_conditions::{found_later, in_time, values_of};
 use crate::spectra::response::Reason;
 use crate::spectra::setting::{checked_model, seen, short_delays};
 use crate::spectra::starting_values::regressed_values;
@@ -113,7 +113,7 @@ impl ResponseFit {
     /// # Errors
     /// [`FitError`], as any fit in the time domain.
     pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        in_time(&self.model, &self.estimate, &self.not_identifiable, runs, observer)
+        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, observer)
     }
 }
 
@@ -264,6 +264,7 @@ impl Setting {
             affine: Vec::new(),
             derived,
             regressor_noise: None,
+            noise_in_time: None,
         };
         let how = crate::problem::Options { noise: Noise::Diagonal, ..options.options.clone() };
         estimate(&mut problem, &how, observer).map_err(ResponseError::Problem)

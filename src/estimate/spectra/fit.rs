@@ -1,7 +1,8 @@
 //! The road of a fit in the frequency domain.
 
 use super::error::{SpectralError, Unanswered};
-use super::initial_conditions::{found_later, in_time};
+use super::initial_conditions::{found_later, in_time, values_of};
+use super::noise_in_time::{FinishInTime, LastFinish};
 use super::options::SpectralOptions;
 use super::regressor_noise::SimulatedNoise;
 use super::setting::{Setting, band, weight};
@@ -95,7 +96,7 @@ impl SpectralFit {
     /// # Errors
     /// [`FitError`], as any fit in the time domain.
     pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
-        in_time(&self.model, &self.estimate, &self.not_identifiable, runs, observer)
+        in_time(&self.model, &values_of(&self.model, &self.estimate), &self.not_identifiable, runs, observer)
     }
 }
 
@@ -129,11 +130,16 @@ pub fn fit_spectra(
         };
         first = regressed_values(&model, runs, &setting.seen, &frequencies, &options.changes);
     }
-    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (runs, options), observer)?;
+    let last = LastFinish::default();
+    let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
+    let names = |k: usize| model.definition().params[k].quantity.name.clone();
+    let not_identifiable: Vec<String> = (0..setting.own()).filter(free).map(names).collect();
+    let finish = || FinishInTime { model: &model, runs, unseen: not_identifiable.clone(), last: last.clone() };
+    let mut found = setting.estimated(&with_first(&model, &start, &first), &how, (finish(), options), observer)?;
     let lost = !found.termination.is_good() && stop(&found.termination, observer).is_none();
     if lost && first.iter().any(|f| !f.equations.is_empty()) {
         // noise in the regressors can lead astray; then the model's own values are tried
-        let again = setting.estimated(&start, &how, (runs, options), observer)?;
+        let again = setting.estimated(&start, &how, (finish(), options), observer)?;
         if again.termination.is_good() {
             (found, first) = (again, Vec::new());
         }
@@ -142,9 +148,6 @@ pub fn fit_spectra(
     found = found.without(|p| ends.iter().any(|e| e.name == p.name));
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
     let unanswered = unanswered.map(|why| setting.named(why));
-    let free = |k: &usize| !model.definition().params[*k].fixed && !setting.seen[*k];
-    let names = |k: usize| model.definition().params[k].quantity.name.clone();
-    let not_identifiable: Vec<String> = (0..setting.own()).filter(free).map(names).collect();
     let measured_regressors = std::mem::take(&mut setting.measured_regressors);
     let theta = crate::output_error::single::after(&model, runs, &found, &start);
     let trim = theta.first().map(|theta| setting.linear.trim(theta));
@@ -171,7 +174,8 @@ pub fn fit_spectra(
     };
     fit.unobservable = unobservable_modes(&setting.linear, theta.first().map_or(&[], Vec::as_slice), longest(runs));
     if options.finish && fit.estimate.termination.is_good() && fit.unobservable.is_empty() {
-        match fit.predict(runs, observer) {
+        let made = last.at(&values_of(&fit.model, &fit.estimate));
+        match made.unwrap_or_else(|| fit.predict(runs, observer)) {
             Ok(finish) => fit.finish = Some(finish),
             Err(e) => fit.unfinished = Some(e),
         }
@@ -244,12 +248,15 @@ impl Setting {
         &self,
         start: &[Vec<f64>],
         options: &Options,
-        (runs, choice): (&[Run], &SpectralOptions),
+        (finish, choice): (FinishInTime<'_>, &SpectralOptions),
         observer: &mut dyn Observer,
     ) -> Result<Estimate, SpectralError> {
         let mut problem = self.problem(start)?;
-        if let Some(noise) = SimulatedNoise::new(self, runs, choice)? {
+        if let Some(noise) = SimulatedNoise::new(self, finish.runs, choice)? {
             problem.regressor_noise = Some(Box::new(noise));
+        }
+        if choice.finish {
+            problem.noise_in_time = Some(Box::new(finish));
         }
         estimate(&mut problem, options, observer).map_err(SpectralError::Problem)
     }

@@ -13,23 +13,27 @@ use fdm_grammar::op::{Build, ExprId, Op};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
-/// The fit of initial states, biases and the parameters that are not identifiable in the frequency domain (`unseen`).
+/// The values of all parameters of a model at an estimate; what belongs to a run may be known of another one only.
+pub(crate) fn values_of(model: &Model, found: &Estimate) -> Vec<f64> {
+    let value = |name: &str| found.parameters.iter().find(|e| e.name == name).map(|e| e.value);
+    model.definition().params.iter().map(|p| value(&p.quantity.name).unwrap_or(p.value)).collect()
+}
+
+/// The fit of initial states, biases and the parameters that are not identifiable in the frequency domain (`unseen`); the others are
+/// held at `values` (of all parameters).
 ///
 /// # Errors
 /// [`FitError`], as any fit in the time domain.
 pub(crate) fn in_time(
     model: &Model,
-    found: &Estimate,
+    values: &[f64],
     unseen: &[String],
     runs: &[Run],
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
     let params = &model.definition().params;
-    // what belongs to a run may be known of another one only
-    let value = |name: &str| found.parameters.iter().find(|e| e.name == name).map(|e| e.value);
-    let values: Vec<f64> = params.iter().map(|p| value(&p.quantity.name).unwrap_or(p.value)).collect();
     let seen: Vec<bool> = params.iter().map(|p| !unseen.contains(&p.quantity.name)).collect();
-    let model = with_offsets(model, &values, &seen);
+    let model = with_offsets(model, values, &seen);
     let options = FitOptions { options: Options { colour: false, ..Options::default() }, ..FitOptions::default() };
     fit(&model, runs, &options, observer)
 }

@@ -14,6 +14,7 @@ mod error;
 mod fit;
 pub(crate) mod initial_conditions;
 mod intersample;
+mod noise_in_time;
 mod options;
 mod regressor_noise;
 pub(super) mod response;

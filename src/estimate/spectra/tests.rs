@@ -219,3 +219,39 @@ fn frequencies_that_repeat_each_other_add_nothing() {
         assert!((a.value - b.value).abs() < 0.6 * wide, "{name}: {} {} ± {wide}", a.value, b.value);
     }
 }
+
+/// Noise that grows with the signal: errors hold in the frequency domain too, and noise of one size is left alone.
+#[test]
+fn errors_allow_for_noise_that_grows_with_the_signal() {
+    let text = "model one { input u; state x; param a = -1, b = 1; der(x) = a*x + b*u; output y = x; }";
+    let model = Model::from_text("one.fdm", text).expect("a model");
+    let theta = model.definition().start();
+    let mut clean = run(&model, &theta, "growing", (400, 0.0));
+    // quiet for most of the time
+    clean.inputs.iter_mut().skip(120).for_each(|u| *u = 0.0);
+    let mut y = vec![0.0; clean.len()];
+    Simulator::new(model.dynamics(), &clean, 4).expect("suited").simulate(&theta, &mut y).expect("finite");
+    let mut normal = Normal(3);
+    let mut studied = |noise: &dyn Fn(f64) -> f64| -> (f64, f64, usize) {
+        let (mut squares, mut printed, mut raw, mut told) = (0.0, 0.0, 0.0, 0);
+        for _ in 0..120 {
+            let measured = y.iter().map(|y| y + noise(*y) * normal.next()).collect();
+            let noisy = Run { measured, ..clean.clone() };
+            let options = SpectralOptions { regressed: false, ..SpectralOptions::default() };
+            let fit = fit_spectra(&model, &[noisy], &options, &mut ()).expect("a fit");
+            let b = fit.estimate.parameter("b", None).expect("fitted");
+            squares += (b.value - 1.0).powi(2);
+            printed += b.corrected_error.expect("known").powi(2);
+            raw += b.standard_error.expect("known").powi(2);
+            told +=
+                usize::from(fit.estimate.noise_variation.iter().any(crate::residuals::NoiseVariation::is_significant));
+        }
+        ((printed / squares).sqrt(), (raw / squares).sqrt(), told)
+    };
+    let (ratio, plain, told) = studied(&|y| 0.2 * y.abs());
+    // a scatter of 120 is known to 6.5 %
+    assert!((0.8..1.25).contains(&ratio) && told == 120, "{ratio} {plain} {told}");
+    assert!(plain < 0.75, "without it, errors are too small: {plain}");
+    let (ratio, _, told) = studied(&|_| 0.05);
+    assert!((0.8..1.25).contains(&ratio) && told <= 5, "{ratio} {told}");
+}

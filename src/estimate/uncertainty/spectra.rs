@@ -34,13 +34,7 @@ pub(crate) fn corrected_spectra(
     }
     let (q, inverse_noise) = (problem.outputs.len(), noise.inverse());
     let sandwich = Sandwich { unknowns, bound };
-    let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
-        SpectralRows::new(run, unknowns, &unknowns.assembled(r, values), &sandwich.scale(r))
-    };
-    let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
-    let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
-    let taken: Vec<_> = runs.iter().enumerate().map(|(r, run)| run.taken(&sandwich, r, q)).collect();
-    let mut power = Power::of(&runs, &taken, q);
+    let (runs, mut power) = noise_by_frequency(problem, &sandwich, values)?;
     // part of the residuals of measured regressors is the noise of others
     let regressors = RegressorEffect::of(problem, &runs, &sandwich, values, noise);
     let part = |o: usize| regressors.as_ref().map_or(1.0, |r| r.parts[o]);
@@ -72,6 +66,26 @@ pub(crate) fn corrected_spectra(
     let places: Vec<Vec<f64>> = runs.iter().enumerate().map(|(r, run)| sandwich.columns(r, run.width)).collect();
     let freedom = freedom(&runs, &power, &inverse_noise, &places, covariance.len().isqrt());
     Ok(Corrected { values: covariance, colours: Vec::new(), freedom, unbiased })
+}
+
+/// Sensitivities and residuals of all runs, and the local power of the latter.
+///
+/// # Errors
+/// [`Uncorrected::NotFinite`]
+pub(super) fn noise_by_frequency(
+    problem: &mut Problem<'_>,
+    sandwich: &Sandwich<'_>,
+    values: &[f64],
+) -> Result<(Vec<SpectralRows>, Power), Uncorrected> {
+    let (q, unknowns) = (problem.outputs.len(), sandwich.unknowns);
+    let work = |(r, run): (usize, &mut ProblemRun<'_>)| {
+        SpectralRows::new(run, unknowns, &unknowns.assembled(r, values), &sandwich.scale(r))
+    };
+    let runs: Vec<_> = problem.runs.par_iter_mut().enumerate().map(work).collect();
+    let runs: Vec<SpectralRows> = runs.into_iter().collect::<Result<_, _>>()?;
+    let taken: Vec<_> = runs.iter().enumerate().map(|(r, run)| run.taken(sandwich, r, q)).collect();
+    let power = Power::of(&runs, &taken, q);
+    Ok((runs, power))
 }
 
 /// Degrees of freedom of the `n` corrected variances (Satterthwaite): each is a sum over frequencies of local means of the residuals' power,

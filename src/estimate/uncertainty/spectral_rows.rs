@@ -151,6 +151,30 @@ impl SpectralRows {
         }
     }
 
+    /// What the noise of an output adds to each of n estimates, in units of the local noise: `D S* R^-1` (n by M). `places` are the columns of
+    /// the Cramer-Rao covariance (width by n).
+    pub(super) fn influence(
+        &self,
+        output: usize,
+        power: &Power,
+        inverse_noise: &[f64],
+        places: &[f64],
+    ) -> Vec<Complex64> {
+        let (count, q) = (self.omega.len(), power.outputs.len());
+        let n = places.len() / self.width.max(1);
+        let mut all = vec![Complex64::ZERO; n * count];
+        for (c, places) in places.chunks_exact(n.max(1)).enumerate() {
+            for (k, w) in self.omega.iter().enumerate() {
+                let weighed: Complex64 = (0..q).map(|b| inverse_noise[output * q + b] * self.plane(b, c)[k]).sum();
+                if weighed != Complex64::ZERO {
+                    let local = power.at(output, *w).sqrt() * weighed;
+                    places.iter().enumerate().for_each(|(i, d)| all[i * count + k] += local * d);
+                }
+            }
+        }
+        all
+    }
+
     /// Sum over all pairs of frequencies of `S* R^-1 Svv R^-1 S` (width by width).
     pub(super) fn middle(&self, power: &Power, inverse_noise: &[f64]) -> Result<Vec<f64>, Uncorrected> {
         let (count, width, q) = (self.omega.len(), self.width, power.outputs.len());

@@ -5,14 +5,17 @@ use super::coloured::rows;
 use super::cramer_rao::CramerRao;
 use super::sandwich::{Corrected, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows, sampling};
+use super::spectra::noise_by_frequency;
 use crate::iteration::priors::PriorRow;
 use crate::noise::Weights;
+use crate::observer::Observer;
 use crate::problem::Problem;
 use crate::residuals::NoiseVariation;
 use crate::residuals::autoregression::{self, AutoRegression};
 use crate::residuals::noise_variation::{self, OutputSeries};
 use crate::unknowns::Unknowns;
 use fdm_system::record::even_grid::EvenGrid;
+use num_complex::Complex64;
 
 /// Probability of chance, without leverage, above which noise is not looked at more closely.
 const DOUBTFUL: f64 = 0.1;
@@ -62,15 +65,73 @@ pub(crate) fn allow(
     if found.iter().any(NoiseVariation::is_significant) {
         let prior = sandwich.prior(priors);
         let [plain, varying] = variances(&sandwich, &runs, &shapes, noise, &prior);
-        let factor = |(plain, varying): (&f64, &f64)| if *plain > 0.0 { (varying / plain).sqrt() } else { 1.0 };
-        let factors: Vec<f64> = plain.iter().zip(&varying).map(factor).collect();
-        if !factors.iter().all(|f| f.is_finite()) {
-            return Err(Uncorrected::NotFinite);
-        }
-        let n = factors.len();
-        corrected.values.iter_mut().enumerate().for_each(|(k, c)| *c *= factors[k / n] * factors[k % n]);
+        multiply(corrected, &plain, &varying)?;
     }
     Ok(found)
+}
+
+/// Multiplies the corrected errors by what turns one variance of each into the other.
+fn multiply(corrected: &mut Corrected, plain: &[f64], varying: &[f64]) -> Result<(), Uncorrected> {
+    let factor = |(plain, varying): (&f64, &f64)| if *plain > 0.0 { (varying / plain).sqrt() } else { 1.0 };
+    let factors: Vec<f64> = plain.iter().zip(varying).map(factor).collect();
+    if !factors.iter().all(|f| f.is_finite()) {
+        return Err(Uncorrected::NotFinite);
+    }
+    let n = factors.len();
+    corrected.values.iter_mut().enumerate().for_each(|(k, c)| *c *= factors[k / n] * factors[k % n]);
+    Ok(())
+}
+
+/// Numbers of samples, frequencies and estimates together beyond which not every sample is looked at.
+const MOST_TERMS: usize = 1 << 30;
+
+/// The same for coefficients of whole records. An estimate is a sum `sum_t h(t) v(t)` over the noise of the samples, h the inverse transform of
+/// `D S* R^-1` in units of the local noise; noise whose variance varies by G^2 multiplies its variance by `sum h^2 G^2 / sum h^2`.
+///
+/// # Errors
+/// As [`allow`].
+pub(crate) fn allow_spectra(
+    problem: &mut Problem<'_>,
+    unknowns: &Unknowns,
+    values: &[f64],
+    bound: &CramerRao,
+    corrected: &mut Corrected,
+    observer: &mut dyn Observer,
+) -> Result<Vec<NoiseVariation>, Uncorrected> {
+    let (Some(noise), Some(in_time)) = (&bound.noise, &problem.noise_in_time) else { return Ok(Vec::new()) };
+    let theta: Vec<Vec<f64>> = (0..problem.runs.len()).map(|r| unknowns.assembled(r, values)).collect();
+    let Some(sizes) = in_time.sizes(&theta, observer) else { return Ok(Vec::new()) };
+    if !sizes.variation.iter().any(NoiseVariation::is_significant) {
+        return Ok(sizes.variation);
+    }
+    let (sandwich, inverse_noise) = (Sandwich { unknowns, bound }, noise.inverse());
+    let (runs, mut power) = noise_by_frequency(problem, &sandwich, values)?;
+    let (n, q) = (bound.inverse.chosen.len(), problem.outputs.len());
+    power.settle(|o| 2.0 * noise.covariance[o * q + o]);
+    let (mut plain, mut varying) = (vec![0.0; n], vec![0.0; n]);
+    for ((r, run), shapes) in runs.iter().enumerate().zip(&sizes.shapes) {
+        let places = sandwich.columns(r, run.width);
+        let stride = (run.samples * run.omega.len() * n * q).div_ceil(MOST_TERMS).max(1);
+        let turn: Vec<Complex64> = run.omega.iter().map(|w| Complex64::cis(-w * run.dt * stride as f64)).collect();
+        for (o, shape) in shapes.iter().enumerate() {
+            let influence = run.influence(o, &power, &inverse_noise, &places);
+            // what stands before the first sample that was transformed
+            let outer = shape.len().saturating_sub(run.samples) / 2;
+            let mut phase = vec![Complex64::new(1.0, 0.0); run.omega.len()];
+            for t in (0..run.samples).step_by(stride) {
+                let size = shape.get(t + outer).copied().filter(|s| s.is_finite()).unwrap_or(1.0);
+                for (i, of) in influence.chunks_exact(run.omega.len()).enumerate() {
+                    let h: f64 = of.iter().zip(&phase).map(|(w, p)| w.re * p.re + w.im * p.im).sum();
+                    let own = stride as f64 * h * h / run.samples as f64;
+                    plain[i] += own;
+                    varying[i] += own * size;
+                }
+                phase.iter_mut().zip(&turn).for_each(|(p, turn)| *p *= turn);
+            }
+        }
+    }
+    multiply(corrected, &plain, &varying)?;
+    Ok(sizes.variation)
 }
 
 /// Every output in every run.

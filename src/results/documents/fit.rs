@@ -1,10 +1,10 @@
 //! A fit, whichever way the model was compared with the records.
 
-use super::frequency::{BridgeDocument, FrequencyDomain, FrequencyResponses, TimeDomain};
+use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
 use super::json::present;
 use super::modes::ModesDocument;
 use super::outputs::OutputDocument;
-use super::remarks::{Remark, estimate_remarks, fit_remarks};
+use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
@@ -308,14 +308,12 @@ impl FitDocument {
 
     /// Of a fit of spectra.
     pub fn of_spectra(fit: &SpectralFit) -> Self {
-        let document = Self::of_estimate(&fit.model, &fit.estimate);
-        let bridged = fit.bridged.iter().map(|b| Remark::bridged(BridgeDocument::of(b).sentence()));
         Self {
             parameters: fit.parameters(),
-            remarks: document.remarks.iter().cloned().chain(bridged).collect(),
+            remarks: spectral_remarks(fit),
             frequency_domain: Some(FrequencyDomain::of(fit)),
             time_domain: Some(fit.finish.as_ref().map(TimeDomain::of)),
-            ..document
+            ..Self::of_estimate(&fit.model, &fit.estimate)
         }
     }
 
