@@ -1,7 +1,7 @@
 //! Eigenvalues of a real matrix with right and left eigenvectors: balancing, Schur form, inverse iteration.
 
 use crate::dense::ShiftedHessenberg;
-use nalgebra::{DMatrix, Schur, linalg::balancing::balance_parlett_reinsch};
+use nalgebra::{DMatrix, DVector, Schur, linalg::balancing::balance_parlett_reinsch};
 use num_complex::Complex64;
 
 /// A root of a characteristic equation with its vectors: M(s) x = 0, y* M(s) = 0.
@@ -19,6 +19,18 @@ pub struct Root {
 
 /// Steps of the QR algorithm for each row.
 const STEPS: usize = 200;
+/// Entries from here on have no squares, by which balancing would never end.
+const LARGEST: f64 = 1e150;
+
+/// The matrix balanced, and by what its rows were scaled; none where entries are too large.
+fn balanced(a: &DMatrix<f64>) -> Option<(DMatrix<f64>, DVector<f64>)> {
+    let mut balanced = a.clone();
+    let held = a.iter().all(|v| v.abs() < LARGEST);
+    held.then(|| {
+        let scale = balance_parlett_reinsch(&mut balanced);
+        (balanced, scale)
+    })
+}
 
 fn schur(mut a: DMatrix<f64>) -> Option<Schur<f64, nalgebra::Dyn>> {
     let scale = a.iter().fold(0.0_f64, |s, v| s.max(v.abs()));
@@ -31,18 +43,16 @@ fn schur(mut a: DMatrix<f64>) -> Option<Schur<f64, nalgebra::Dyn>> {
     Schur::try_new(a, f64::EPSILON, steps)
 }
 
-/// All eigenvalues.
+/// All eigenvalues; none where entries are 1e150 or more, or not finite.
 pub fn eigenvalues(a: &DMatrix<f64>) -> Option<Vec<Complex64>> {
-    let mut balanced = a.clone();
-    balance_parlett_reinsch(&mut balanced);
+    let (balanced, _) = balanced(a)?;
     Some(schur(balanced)?.complex_eigenvalues().iter().copied().collect())
 }
 
 /// All eigenvalues in the upper half plane, real ones included, with their vectors.
 pub fn eigen(a: &DMatrix<f64>) -> Option<Vec<Root>> {
     let n = a.nrows();
-    let mut balanced = a.clone();
-    let scale = balance_parlett_reinsch(&mut balanced);
+    let (balanced, scale) = balanced(a)?;
     let schur = schur(balanced.clone())?;
     let values: Vec<Complex64> = schur.complex_eigenvalues().iter().copied().collect();
     let (q, mut t) = schur.unpack();
@@ -98,5 +108,20 @@ fn unit(v: &mut [Complex64]) {
         v.iter_mut().for_each(|v| *v /= largest);
         let length = v.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt();
         v.iter_mut().for_each(|v| *v /= length);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn entries_without_squares_are_refused_and_end() {
+        for large in [1e150, 1e160, f64::MAX, f64::INFINITY, f64::NAN] {
+            let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -large, -1.0]);
+            assert!(eigenvalues(&a).is_none() && eigen(&a).is_none(), "{large}");
+        }
+        let a = DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1e140, -1.0]);
+        assert!(eigenvalues(&a).is_some_and(|all| all.iter().all(|s| (s.norm() / 1e70 - 1.0).abs() < 1e-9)));
     }
 }

@@ -18,7 +18,6 @@ use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::record::even_grid::EvenGrid;
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, integration_error};
 
 /// The outputs (q) whose noise is an expression and is not put aside by what was asked for: the place of one over the deviation among the outputs of
@@ -218,7 +217,7 @@ impl Fitting<'_> {
                 Some(1.0 / y[k / q * simulated + place].abs())
             };
             let deviations: Vec<f64> = residuals.iter().enumerate().map(|k| deviation(k).unwrap_or(f64::NAN)).collect();
-            let grid = EvenGrid::of(&run.time).unwrap_or_else(|_| EvenGrid::counted(run.len()));
+            let standardised: Vec<f64> = residuals.iter().zip(&deviations).map(|(v, s)| v / s).collect();
             for (o, name) in names.iter().enumerate() {
                 outputs.push(OutputFit::new(name, &run.name, measured, &response, o, q));
                 let cells = || residuals.iter().zip(&deviations).skip(o).step_by(q);
@@ -227,12 +226,7 @@ impl Fitting<'_> {
                     squares[o] = (squares[o].0 + square, squares[o].1 + 1);
                 }
                 if self.deviations[o].is_some() {
-                    series[o].1.push(OutputSeries {
-                        response: grid.spread(response.iter().skip(o).step_by(q).map(|y| y.abs())),
-                        time: grid.spread(run.time.iter().map(|t| t - run.time[0])),
-                        residuals: grid.spread(cells().map(|(v, s)| v / s)),
-                        left: Vec::new(),
-                    });
+                    series[o].1.push(OutputSeries::of_run(&run.time, &response, &standardised, (o, q)));
                 }
             }
             samples.push(NoiseOfSamples { run: run.name.clone(), deviations });

@@ -8,6 +8,7 @@
 use super::autocovariance::{add_lagged_products, centred};
 use super::autoregression;
 use fdm_numeric::statistics::{Student, f_tail};
+use fdm_system::record::even_grid::EvenGrid;
 use serde::{Deserialize, Serialize};
 
 /// Noise counts as varying below this probability that noise of one size looks so, all tests of all outputs together.
@@ -87,6 +88,17 @@ pub(crate) struct OutputSeries {
 }
 
 impl OutputSeries {
+    /// An output of a run with these times, from responses and residuals (N by q each).
+    pub(crate) fn of_run(time: &[f64], response: &[f64], residuals: &[f64], (output, q): (usize, usize)) -> Self {
+        let grid = EvenGrid::of(time).unwrap_or_else(|_| EvenGrid::counted(time.len()));
+        Self {
+            response: grid.spread(response.iter().skip(output).step_by(q).map(|y| y.abs())),
+            time: grid.spread(time.iter().map(|t| t - time[0])),
+            residuals: grid.spread(residuals.iter().skip(output).step_by(q).copied()),
+            left: Vec::new(),
+        }
+    }
+
     /// The residual as large as it was before fitting took its share.
     fn residual(&self, k: usize) -> f64 {
         self.residuals[k] / self.left.get(k).map_or(1.0, |left| left.max(0.1).sqrt())

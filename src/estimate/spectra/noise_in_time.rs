@@ -9,7 +9,6 @@ use crate::problem::{NoiseInTime, NoiseSizes};
 use crate::residuals::noise_variation::{OutputSeries, profile, range, test};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use fdm_system::record::even_grid::EvenGrid;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Values of all parameters, and the fit in time with these held.
@@ -54,16 +53,8 @@ impl FinishInTime<'_> {
         let outputs = &self.model.definition().outputs;
         let q = outputs.len();
         let of = |o: usize| -> Vec<OutputSeries> {
-            let one = |(run, own): (&Run, &crate::estimate::RunFit)| {
-                let grid = EvenGrid::of(&run.time).unwrap_or_else(|_| EvenGrid::counted(run.len()));
-                OutputSeries {
-                    response: grid.spread(own.response.iter().skip(o).step_by(q).map(|y| y.abs())),
-                    time: grid.spread(run.time.iter().map(|t| t - run.time[0])),
-                    residuals: grid.spread(own.residuals.iter().skip(o).step_by(q).copied()),
-                    left: Vec::new(),
-                }
-            };
-            self.runs.iter().zip(&fit.estimate.runs).map(one).collect()
+            let runs = self.runs.iter().zip(&fit.estimate.runs);
+            runs.map(|(run, own)| OutputSeries::of_run(&run.time, &own.response, &own.residuals, (o, q))).collect()
         };
         let series: Vec<_> = outputs.iter().enumerate().map(|(o, out)| (out.quantity.name.clone(), of(o))).collect();
         let mut variation = test(&series);
