@@ -79,8 +79,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         write_all(folder, &files)?;
     }
     // told in any case
-    let in_time = progress.in_time();
-    ended(in_time && printed)
+    let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
+    ended(in_time && uninterrupted && printed)
 }
 
 /// The name of the k-th run that is planned.

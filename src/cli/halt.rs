@@ -71,6 +71,15 @@ impl Halt {
         })
     }
 
+    /// Says so where an interrupt has ended work that does not tell it itself; says whether none has.
+    pub(crate) fn uninterrupted(&self) -> bool {
+        let interrupted = self.interrupted.load(Ordering::Relaxed);
+        if interrupted {
+            remark(format_args!("interrupted: the result is the best so far"));
+        }
+        !interrupted
+    }
+
     /// Whether work may go on.
     pub(crate) fn goes_on(&self) -> bool {
         self.stop().is_none()

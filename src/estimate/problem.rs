@@ -215,8 +215,17 @@ impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        let (params, affine) = (model.params.clone(), affine(model));
-        Self { params, outputs, runs, affine, derived, regressor_noise: None, noise_in_time: None }
+        Self { affine: affine(model), ..Self::of(model.params.clone(), outputs, runs, derived) }
+    }
+
+    /// The problem of these parameters and outputs, of whose responses nothing else is known.
+    pub fn of(
+        params: Vec<Param>,
+        outputs: Vec<String>,
+        runs: Vec<ProblemRun<'a>>,
+        derived: DerivedQuantities<'a>,
+    ) -> Self {
+        Self { params, outputs, runs, affine: Vec::new(), derived, regressor_noise: None, noise_in_time: None }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.

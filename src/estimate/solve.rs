@@ -116,7 +116,7 @@ pub fn estimate_from(
             let priors = priors.rows(&values);
             allow(problem, &unknowns, &values, &responses, conclusion, priors, own)
         }
-        (Some(conclusion), Ok(own)) if observer.stopped().is_none() => {
+        (Some(conclusion), Ok(own)) if end.as_ref().is_ok_and(Termination::is_good) && observer.stopped().is_none() => {
             allow_spectra(problem, &unknowns, &values, conclusion, own, observer)
         }
         _ => Ok(Vec::new()),

@@ -97,15 +97,7 @@ pub(super) fn run(
 pub(super) fn problem(params: Vec<Param>, runs: Vec<ProblemRun<'static>>) -> Problem<'static> {
     let q = runs.first().map_or(1, |r| r.response.outputs());
     let outputs = (0..q).map(|o| format!("y{o}")).collect();
-    Problem {
-        params,
-        outputs,
-        runs,
-        affine: Vec::new(),
-        derived: DerivedQuantities::none(),
-        regressor_noise: None,
-        noise_in_time: None,
-    }
+    Problem::of(params, outputs, runs, DerivedQuantities::none())
 }
 
 /// `count` abscissae from 0 to `end`.

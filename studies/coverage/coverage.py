@@ -16,7 +16,7 @@ from noises import NOISES, record
 from plants import PLANTS
 
 # remarks that warn of the intervals
-WARNINGS = ("intervals", "variance")
+WARNINGS = ("intervals",)
 
 
 def make(key, number):

@@ -56,15 +56,7 @@ impl<'a> FitProblem<'a> {
             .first()
             .map_or_else(|| self.params.clone(), |predictor| predictor.params(self.params.clone()));
         Some(PreparedFit {
-            problem: Problem {
-                params,
-                outputs,
-                runs,
-                affine: Vec::new(),
-                derived: DerivedQuantities::none(),
-                regressor_noise: None,
-                noise_in_time: None,
-            },
+            problem: Problem::of(params, outputs, runs, DerivedQuantities::none()),
             settlers,
             own: self.params.len(),
         })

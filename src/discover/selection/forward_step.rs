@@ -44,16 +44,9 @@ impl<'a> ForwardStep<'a> {
         (options, goes_on): (&DiagnosisOptions, &'a GoesOn<'a>),
     ) -> Result<Self, DiagnosisError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
-        let found: Vec<Result<CandidateDirections, String>> =
-            scored
-                .par_iter()
-                .map(|candidate| {
-                    if goes_on() { candidate_directions(candidate, &current, runs, scales) } else { Err(String::new()) }
-                })
-                .collect();
-        if !goes_on() {
-            return Err(DiagnosisError::Stopped);
-        }
+        let made = |candidate: &&Candidate| goes_on().then(|| candidate_directions(candidate, &current, runs, scales));
+        let found: Option<Vec<Result<CandidateDirections, String>>> = scored.par_iter().map(made).collect();
+        let found = found.ok_or(DiagnosisError::Stopped)?;
         let (mut simulated, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {
             match found {

@@ -316,15 +316,7 @@ mod tests {
             ProblemRun { name: format!("run {k}"), response: Box::new(Limited { x }), measured, start: Vec::new() }
         };
         let runs = [(0, 0.5), (1, -0.25)].into_iter().map(run).collect();
-        Problem {
-            params,
-            outputs: vec!["y".into()],
-            runs,
-            affine: Vec::new(),
-            derived: DerivedQuantities::none(),
-            regressor_noise: None,
-            noise_in_time: None,
-        }
+        Problem::of(params, vec!["y".into()], runs, DerivedQuantities::none())
     }
 
     #[test]

@@ -295,15 +295,7 @@ fn problem<'a>(
     }
     let outputs = model.definition().outputs.iter().map(|o| o.quantity.name.clone()).collect();
     let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    Ok(Problem {
-        params,
-        outputs,
-        runs: prepared,
-        affine: Vec::new(),
-        derived,
-        regressor_noise: None,
-        noise_in_time: None,
-    })
+    Ok(Problem::of(params, outputs, prepared, derived))
 }
 
 /// The deviation of an output's noise as a parameter, started at what third differences of the record say (a signal that is smooth

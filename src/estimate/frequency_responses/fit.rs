@@ -257,15 +257,7 @@ impl Setting {
         let (name, values) = ("frequency responses".to_string(), measured_rows(pairs));
         let run = ProblemRun { name: name.clone(), response: Box::new(response), measured: values, start: Vec::new() };
         let derived = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
-        let mut problem = Problem {
-            params,
-            outputs: vec![name],
-            runs: vec![run],
-            affine: Vec::new(),
-            derived,
-            regressor_noise: None,
-            noise_in_time: None,
-        };
+        let mut problem = Problem::of(params, vec![name], vec![run], derived);
         let how = crate::problem::Options { noise: Noise::Diagonal, ..options.options.clone() };
         estimate(&mut problem, &how, observer).map_err(ResponseError::Problem)
     }

@@ -132,8 +132,16 @@ fn noise_of_one_size_can_be_asked_for_and_other_methods_refuse() {
     assert!(fit.noise_of_samples.is_empty() && fit.estimate.is_good());
     assert_eq!(value(&fit, "g"), 0.05, "held");
     let robust = FitOptions { loss: Loss::Huber(1.345), ..FitOptions::default() };
-    let refused = crate::fit(&model("noise y = g*abs(y);"), &[run], &robust, &mut ()).expect_err("both");
+    let refused =
+        crate::fit(&model("noise y = g*abs(y);"), std::slice::from_ref(&run), &robust, &mut ()).expect_err("both");
     assert_eq!(refused, FitError::Strategy(StrategyError::LossOfNoiseModel));
+    // shorter records and other weights are of noise of one size
+    let confident = FitOptions { confidence: true, ..FitOptions::default() };
+    let reweighted = FitOptions { reweight: true, loss: Loss::Huber(1.345), ..FitOptions::default() };
+    for (text, options) in [("noise y = g*abs(y);", confident), ("", reweighted)] {
+        let refused = crate::fit(&model(text), std::slice::from_ref(&run), &options, &mut ()).expect_err("refused");
+        assert_eq!(refused, FitError::Strategy(StrategyError::ConfidenceOfOwnNoise));
+    }
 }
 
 /// Share of the intervals of a and x0 that hold the truth.

@@ -22,7 +22,8 @@ use crate::{DerivedQuantities, initial_guess};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, Scheme, Simulator, Steps, UNSOUND, WorstError, choose_steps_by, integration_error, worst_errors,
+    Accuracy, Scheme, Simulator, Steps, UNSOUND, WorstError, choose_steps_by, integration_error, output_range,
+    worst_errors,
 };
 
 /// Gaps below this part of the state's size count as none.
@@ -377,17 +378,12 @@ impl<'a> Shot<'a> {
     /// Where the segments of a run are integrated worst, output by output: beside the range of its whole response (N by q).
     fn worst(&self, run: usize, response: &[f64]) -> Result<Vec<WorstError>, FitError> {
         let (q, steps) = (self.sizes.outputs, Steps::from(self.steps[run]));
-        let range = |o: usize| {
-            let ends = |r: (f64, f64), y: &f64| (r.0.min(*y), r.1.max(*y));
-            let (low, high) = response.iter().skip(o).step_by(q).fold((f64::INFINITY, f64::NEG_INFINITY), ends);
-            if high > low { high - low } else { high.abs().max(1.0) }
-        };
         let mut found: Vec<WorstError> = Vec::new();
         for (k, piece) in self.pieces[run].iter().enumerate() {
             let begin = if k == 0 { 0 } else { self.cuts[run][k - 1] };
             let worst = worst_errors(self.models.of(k).dynamics(), piece, &self.theta(run, k), &steps, UNSOUND);
             for own in worst.map_err(|e| FitError::unsuited(piece, e))?.into_iter().filter(|own| own.output < q) {
-                let part = own.error / range(own.output);
+                let part = own.error / output_range(response.iter().skip(own.output).step_by(q));
                 if part > UNSOUND {
                     found.push(WorstError { sample: begin + own.sample, part, ..own });
                 }

@@ -352,7 +352,7 @@ impl WorstError {
         let removed = steps.scheme().part_removed_by_halving();
         let mut found = Vec::new();
         for output in 0..outputs {
-            let range = range(fine.iter().skip(output).step_by(outputs));
+            let range = output_range(fine.iter().skip(output).step_by(outputs));
             let pairs = coarse.iter().zip(fine).skip(output).step_by(outputs).map(|(a, b)| (a - b).abs());
             let worst = pairs.enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
             let Some((sample, off)) = worst else { continue };
@@ -412,8 +412,8 @@ pub fn worst_errors(
     Ok(found)
 }
 
-/// Between the least and the greatest value; of what does not move its size, or 1.
-fn range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
+/// Between the least and the greatest value of an output; of what does not move its size, or 1.
+pub fn output_range<'v>(values: impl Iterator<Item = &'v f64> + Clone) -> f64 {
     let high = values.clone().copied().fold(f64::NEG_INFINITY, f64::max);
     let low = values.copied().fold(f64::INFINITY, f64::min);
     if high > low { high - low } else { high.abs().max(1.0) }
@@ -488,7 +488,7 @@ fn difference(a: &[f64], b: &[f64], outputs: usize) -> f64 {
     for i in 0..outputs {
         let column = |y: &'_ [f64]| y.iter().skip(i).step_by(outputs).copied().collect::<Vec<f64>>();
         let (a, b) = (column(a), column(b));
-        let range = range(b.iter());
+        let range = output_range(b.iter());
         worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs() / range).fold(worst, f64::max);
     }
     worst
