@@ -47,7 +47,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
 
 fn verdict(d: &Diagnosis) -> String {
     let p = chance(d.family_wise_p);
-    match d.verdict {
+    let text = match d.verdict {
         Verdict::EffectFound => format!("Something is missing from the model (family-wise p = {p}).\n"),
         Verdict::Disturbance => {
             format!("A disturbance (process noise) acts on the model (family-wise p = {p}).\n")
@@ -62,7 +62,9 @@ fn verdict(d: &Diagnosis) -> String {
             format!("Nothing was found before the search was stopped (family-wise p = {p}).\n")
         }
         Verdict::NoEffectFound => format!("No missing effect detected (family-wise p = {p}).\n"),
-    }
+    };
+    let found = matches!(d.verdict, Verdict::EffectFound | Verdict::Disturbance);
+    if d.stopped && found { format!("{text}The search was stopped before its end.\n") } else { text }
 }
 
 /// What is wrong, where, and what is left, in words.

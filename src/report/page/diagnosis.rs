@@ -55,6 +55,9 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
         }
     };
     let mut points: Vec<(String, &'static str)> = Vec::new();
+    if found.stopped && matches!(found.verdict, Found::EffectFound | Found::Disturbance) {
+        points.push(("The search was stopped before its end".into(), "wrong"));
+    }
     for (k, c) in found.causes.iter().enumerate() {
         let gain = shown(c.gain_train, 4);
         points.push((format!("Cause {}: {} (gain in log-likelihood {gain})", k + 1, c.doc), "causes"));
