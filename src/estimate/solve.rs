@@ -13,7 +13,7 @@ use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
 use crate::uncertainty::parameters::Statistics;
-use crate::uncertainty::sandwich::Uncorrected;
+use crate::uncertainty::sandwich::{Sandwich, Uncorrected};
 use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::spectra::corrected_spectra;
 use crate::uncertainty::varying_noise::{allow, allow_spectra};
@@ -95,6 +95,7 @@ pub fn estimate_from(
     let log_likelihood =
         (in_time && end.is_ok() && possible).then(|| likelihood.logarithm(weights.cost - priors.cost(&values)));
 
+    let mut sensitivities = Vec::new();
     let mut corrected = match &conclusion {
         None => Err(Uncorrected::NoDegreesOfFreedom),
         Some(_) if !options.colour => Err(Uncorrected::NotAsked),
@@ -107,14 +108,18 @@ pub fn estimate_from(
             } else if problem.runs.iter().all(|r| r.response.coefficients().is_some()) {
                 corrected_spectra(problem, &unknowns, &values, conclusion, priors)
             } else {
-                corrected(problem, &unknowns, &values, conclusion, priors)
+                corrected(problem, &unknowns, &values, conclusion, priors).map(|(corrected, rows)| {
+                    sensitivities = rows;
+                    corrected
+                })
             }
         }
     };
     let noise_variation = match (&conclusion, &mut corrected) {
         (Some(conclusion), Ok(own)) if in_time => {
             let priors = priors.rows(&values);
-            allow(problem, &unknowns, &values, &responses, conclusion, priors, own)
+            let sandwich = Sandwich { unknowns: &unknowns, bound: conclusion };
+            allow(problem, &responses, &sensitivities, &sandwich, priors, own)
         }
         (Some(conclusion), Ok(own)) if end.as_ref().is_ok_and(Termination::is_good) && observer.stopped().is_none() => {
             allow_spectra(problem, &unknowns, &values, conclusion, own, observer)

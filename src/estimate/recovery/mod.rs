@@ -10,6 +10,7 @@ pub(super) mod continuation;
 pub(super) mod fallback;
 #[cfg(test)]
 mod limit_tests;
+mod magnitudes;
 pub(super) mod multi_start;
 mod screening;
 mod segmented_response;

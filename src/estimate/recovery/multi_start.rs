@@ -39,6 +39,8 @@ pub(crate) struct Starts {
 
 struct Ended {
     summary: StartSummary,
+    /// Where it started; empty when only what came out of it was kept.
+    start: Vec<Vec<f64>>,
     states: Vec<Vec<u8>>,
     error: Option<FitError>,
 }
@@ -90,8 +92,12 @@ pub(crate) fn many_starts(
         };
     };
     let (number, states) = (ended[best].summary.number, std::mem::take(&mut ended[best].states));
+    let mut start = std::mem::take(&mut ended[best].start);
+    if start.is_empty() {
+        start = screened(model, runs, &spread, number - 1, options, &|| watch.stopped());
+    }
     let summaries = ended.into_iter().map(|e| e.summary).collect();
-    Ok(Starts { summaries, start: screened(model, runs, &spread, number - 1, options), number, states })
+    Ok(Starts { summaries, start, number, states })
 }
 
 fn one_start(
@@ -110,12 +116,16 @@ fn one_start(
     let kept = ledger.find(&name);
     if let Some(summary) = kept.summary {
         watch.ended(&summary);
-        return Some(Ended { summary, states: kept.states, error: None });
+        return Some(Ended { summary, start: Vec::new(), states: kept.states, error: None });
     }
     let mut observer = OneOfMany { number, watch };
     let mut observer = Budget::new(&mut observer, options.options.total);
     let mut stages = CheckpointObserver::new(&mut observer, ledger, name.clone(), kept.states).remembering();
-    let start = screened(model, runs, spread, k, options);
+    let start = screened(model, runs, spread, k, options, &|| watch.stopped());
+    // half a search is no start
+    if k > 0 && watch.stopped().is_some() {
+        return None;
+    }
     let attempted = attempt(model, runs, &start, options, &mut stages);
     let states = stages.into_states();
     let (summary, error) = match attempted {
@@ -126,7 +136,7 @@ fn one_start(
         ledger.put(&name, Some(&summary), &states);
     }
     watch.ended(&summary);
-    Some(Ended { summary, states, error })
+    Some(Ended { summary, start, states, error })
 }
 
 fn summary(number: usize, estimate: &Estimate) -> StartSummary {

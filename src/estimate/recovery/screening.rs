@@ -1,73 +1,208 @@
-//! The start of each of many fits: one that can be simulated and, where ranges span decades, the best of many that are only simulated.
+//! The start of each of many fits: one that can be simulated and, where ranges span decades, the best of a crowd.
+//!
+//! A draw out of many decades is far from everything, and a fit from there ends where the response has died away. So many are drawn, compared by their
+//! [`magnitudes`], improved a little, thinned, improved more (successive halving: Jamieson and Talwalkar 2016); the last few go on by what is fitted.
 
 use crate::derived::DerivedQuantities;
+use crate::noise::Noise;
+use crate::observer::{Iteration, Observer, Stop};
 use crate::output_error::options::FitOptions;
-use crate::output_error::single::chosen_steps;
-use crate::problem::{Problem, ProblemRun};
+use crate::output_error::single::{after, chosen_steps, single_fit};
+use crate::problem::{Options, Problem, ProblemRun};
+use crate::recovery::magnitudes::{self, Magnitudes};
 use crate::recovery::spread::Spread;
-use crate::solve::cost_at;
+use crate::solve::{cost_at, estimate};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Scheme, Simulator, Steps};
+use rayon::prelude::*;
+use std::ops::ControlFlow;
 
 /// Starts that are drawn in place of one that cannot be simulated, at most.
 const REDRAWN: usize = 16;
-/// Starts that are simulated for each parameter where ranges span decades, and at most.
+/// Starts that are drawn for each parameter where ranges span decades, and at most.
 const CANDIDATES: usize = 32;
 const MOST_CANDIDATES: usize = 512;
-/// Implicit steps between samples for a start that the steps of the given one do not suit.
+/// One of so many candidates goes on, by so many iterations.
+const ROUNDS: [(usize, usize); 3] = [(4, 8), (16, 16), (64, 60)];
+/// Iterations by what is fitted, for those that are left.
+const LAST: usize = 30;
+/// Implicit steps between samples for a start that the steps of the given one do not suit, or that would take more of them.
 const IMPLICIT: usize = 4;
+/// Steps of all runs, times states and sensitivities to each parameter, beyond which fewer candidates are drawn.
+const MOST_WORK: usize = 1 << 20;
 
-/// The start with a number from 0; the same for every count of starts and of threads.
+/// The start with a number from 0; the same for every count of starts and of threads. None where `stopped` says so first.
 pub(crate) fn screened(
     model: &Model,
     runs: &[Run],
     spread: &Spread<'_>,
     number: usize,
     options: &FitOptions,
+    stopped: Stopped<'_>,
 ) -> Vec<Vec<f64>> {
     let own = spread.start(number);
     if number == 0 {
         return own;
     }
-    if !spread.is_wide() {
-        let usable = |start: &Vec<Vec<f64>>| cost_of(model, runs, start, options).is_finite();
-        // the fit chooses steps with more care
-        let chosen = || chosen_steps(model, runs, &own, options).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
-        if usable(&own) || chosen() {
-            return own;
-        }
-        let others = (1..=REDRAWN).map(|attempt| spread.instead(number, attempt));
-        return others.into_iter().find(usable).unwrap_or(own);
+    if spread.is_wide() {
+        return Crowd { model, runs, options, stopped, levels: magnitudes::levels(runs, model.definition().outputs.len()) }
+            .best(spread, number);
     }
-    let count = (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES);
-    let mut best = (cost_of(model, runs, &own, options), own);
-    for attempt in 1..count {
-        let start = spread.instead(number, attempt);
-        let cost = cost_of(model, runs, &start, options);
-        if cost < best.0 {
-            best = (cost, start);
-        }
+    let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
+    // the fit chooses steps with more care
+    let chosen = || chosen_steps(model, runs, &own, options).is_ok_and(|c| c.iter().all(|a| a.error.is_finite()));
+    if usable(&own) || chosen() {
+        return own;
     }
-    best.1
+    let others = (1..=REDRAWN).map(|attempt| spread.instead(number, attempt));
+    others.into_iter().find(usable).unwrap_or(own)
 }
 
-/// The cost at a start; infinite where it cannot be simulated.
-fn cost_of(model: &Model, runs: &[Run], start: &[Vec<f64>], options: &FitOptions) -> f64 {
-    let given = || options.per_interval.map(|n| vec![Steps::equal(options.scheme.unwrap_or_default(), n); runs.len()]);
-    let shared = || options.shared_steps.steps(model, runs, start);
-    // a few implicit steps tell where a response runs away, and about how large it is
-    let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); runs.len()];
-    let steps = given().or_else(shared).unwrap_or_else(implicit);
-    let mut prepared = Vec::with_capacity(runs.len());
-    for ((run, theta), steps) in runs.iter().zip(start).zip(steps) {
-        let Ok(simulator) = Simulator::new(model.dynamics(), run, steps) else { return f64::INFINITY };
-        let (name, measured, start) = (run.name.clone(), run.measured.clone(), theta.clone());
-        prepared.push(ProblemRun { name, response: Box::new(simulator), measured, start });
+/// Why the work is to end now, asked from many threads.
+pub(crate) type Stopped<'s> = &'s (dyn Fn() -> Option<Stop> + Sync);
+
+/// Says nothing, and ends when it is told to.
+struct Quiet<'s>(Stopped<'s>);
+
+impl Observer for Quiet<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if (self.0)().is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     }
-    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
-    let mut problem = Problem::new(model.definition(), prepared, derived);
-    cost_at(&mut problem, &options.options, start)
+
+    fn stopped(&mut self) -> Option<Stop> {
+        (self.0)()
+    }
+}
+
+/// Many starts, of which one is wanted.
+struct Crowd<'c> {
+    model: &'c Model,
+    runs: &'c [Run],
+    options: &'c FitOptions,
+    stopped: Stopped<'c>,
+    /// Of magnitudes (q).
+    levels: Vec<f64>,
+}
+
+/// A start and its cost.
+type Member = (f64, Vec<Vec<f64>>);
+
+impl Crowd<'_> {
+    fn best(&self, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
+        let own = spread.start(number);
+        let work = self.work(&own).max(1);
+        let count = (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES).min(MOST_CANDIDATES * MOST_WORK / work).max(1);
+        let drawn = |k: usize| if k == 0 { own.clone() } else { spread.instead(number, k) };
+        let mut members: Vec<Member> = (0..count)
+            .into_par_iter()
+            .map(drawn)
+            .map(|start| (self.problem(&start).map_or(f64::INFINITY, |mut p| cost_at(&mut p, &self.by_magnitude(0), &start)), start))
+            .collect();
+        // iterations that were counted belong to the fits
+        let rounds = if self.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
+        for (share, iterations) in rounds {
+            keep(&mut members, count.div_ceil(*share));
+            members = members.into_par_iter().map(|member| self.improved(member, *iterations)).collect();
+        }
+        if !rounds.is_empty() {
+            members = members.into_par_iter().map(|member| self.fitted(member)).collect();
+        }
+        keep(&mut members, 1);
+        members.pop().map_or(own, |(_, start)| start)
+    }
+
+    /// Numbers that one evaluation with sensitivities takes.
+    fn work(&self, start: &[Vec<f64>]) -> usize {
+        let steps = self.steps(start);
+        let total: usize = steps.iter().zip(self.runs).map(|(steps, run)| steps.total(run.len())).sum();
+        let layout = self.model.layout();
+        total * layout.states.max(1) * (1 + layout.params)
+    }
+
+    /// Steps that tell where a response runs away, and about how large it is.
+    fn steps(&self, start: &[Vec<f64>]) -> Vec<Steps> {
+        let FitOptions { per_interval, scheme, shared_steps, .. } = self.options;
+        let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); self.runs.len()];
+        let total = |steps: &[Steps]| steps.iter().zip(self.runs).map(|(s, run)| s.total(run.len())).sum::<usize>();
+        let few = |steps: &Vec<Steps>| total(steps) <= total(&implicit());
+        let given = || per_interval.map(|n| vec![Steps::equal(scheme.unwrap_or_default(), n); self.runs.len()]);
+        given().or_else(|| shared_steps.steps(self.model, self.runs, start).filter(few)).unwrap_or_else(implicit)
+    }
+
+    /// The problem of magnitudes; none where a run cannot be simulated.
+    fn problem(&self, start: &[Vec<f64>]) -> Option<Problem<'_>> {
+        let mut prepared = Vec::with_capacity(self.runs.len());
+        for ((run, theta), steps) in self.runs.iter().zip(start).zip(self.steps(start)) {
+            let mut simulator = Simulator::new(self.model.dynamics(), run, steps).ok()?;
+            simulator.suits(theta).ok()?;
+            let response = Box::new(Magnitudes::new(simulator, &self.levels));
+            let measured = magnitudes::of(&run.measured, &self.levels);
+            prepared.push(ProblemRun { name: run.name.clone(), response, measured, start: theta.clone() });
+        }
+        let definition = self.model.definition();
+        let derived = DerivedQuantities::of(definition, self.model.dynamics());
+        let mut problem = Problem { affine: Vec::new(), ..Problem::new(definition, prepared, derived) };
+        for (k, param) in problem.params.iter_mut().enumerate() {
+            param.logarithmic |= param.lower > 0.0 && param.spans_decades();
+            if let Some(first) = start.first().filter(|_| !param.per_run) {
+                param.value = first[k];
+            }
+        }
+        Some(problem)
+    }
+
+    /// Least squares of magnitudes.
+    fn by_magnitude(&self, iterations: usize) -> Options {
+        let noise = Noise::Given(vec![Some(1.0); self.levels.len()]);
+        Options { noise, iterations, colour: false, ..Options::default() }
+    }
+
+    fn improved(&self, (cost, start): Member, iterations: usize) -> Member {
+        let Some(mut problem) = self.problem(&start).filter(|_| (self.stopped)().is_none() && cost.is_finite()) else {
+            return (cost, start);
+        };
+        match estimate(&mut problem, &self.by_magnitude(iterations), &mut Quiet(self.stopped)) {
+            Ok(found) => match found.cost.filter(|found| *found < cost) {
+                Some(reached) => (reached, after(self.model, self.runs, &found, &start)),
+                None => (cost, start),
+            },
+            Err(_) => (cost, start),
+        }
+    }
+
+    /// By what is fitted; the cost is that.
+    fn fitted(&self, (_, start): Member) -> Member {
+        if (self.stopped)().is_some() {
+            return (f64::INFINITY, start);
+        }
+        let iterations = self.options.options.iterations.min(LAST);
+        let inner = Options { iterations, colour: false, ..self.options.options.clone() };
+        let options = FitOptions { options: inner, ..self.options.clone() };
+        match single_fit(self.model, self.runs, &start, &options, &mut Quiet(self.stopped)) {
+            Ok(fit) => (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start)),
+            Err(_) => (f64::INFINITY, start),
+        }
+    }
+}
+
+/// Keeps the best, the first of those that are equally good.
+fn keep(members: &mut Vec<Member>, count: usize) {
+    members.sort_by(|a, b| a.0.total_cmp(&b.0));
+    members.truncate(count);
+}
+
+/// Whether a start can be simulated, by the steps of the fit.
+fn is_usable(model: &Model, runs: &[Run], start: &[Vec<f64>], options: &FitOptions) -> bool {
+    let given = || options.per_interval.map(|n| vec![Steps::equal(options.scheme.unwrap_or_default(), n); runs.len()]);
+    let implicit = || vec![Steps::equal(Scheme::Radau, IMPLICIT); runs.len()];
+    let steps = given().or_else(|| options.shared_steps.steps(model, runs, start)).unwrap_or_else(implicit);
+    let reached = |((run, theta), steps): ((&Run, &Vec<f64>), Steps)| {
+        let Ok(mut simulator) = Simulator::new(model.dynamics(), run, steps) else { return false };
+        let mut y = vec![0.0; simulator.samples() * simulator.outputs()];
+        simulator.simulate(theta, &mut y).is_ok() && y.iter().all(|y| y.is_finite())
+    };
+    runs.iter().zip(start).zip(steps).all(reached)
 }
 
 #[cfg(test)]

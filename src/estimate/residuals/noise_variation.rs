@@ -111,12 +111,12 @@ impl OutputSeries {
     /// Sizes of the residuals over their mean, less 1; NaN where there is none.
     fn sizes(&self) -> Option<Sizes> {
         let count = self.present().count();
-        let size = |k: usize| self.residual(k).powi(2).cbrt();
-        let mean = self.present().map(size).sum::<f64>() / count.max(1) as f64;
+        let mut values: Vec<f64> = (0..self.residuals.len()).map(|k| self.residual(k).powi(2).cbrt()).collect();
+        let mean = values.iter().filter(|size| !size.is_nan()).sum::<f64>() / count.max(1) as f64;
         if count < 2 || !(mean > 0.0 && mean.is_finite()) {
             return None;
         }
-        let values: Vec<f64> = (0..self.residuals.len()).map(|k| size(k) / mean - 1.0).collect();
+        values.iter_mut().for_each(|size| *size = *size / mean - 1.0);
         let colour = autoregression::short_of_series(&self.without_trends(&values));
         let own = autoregression::of_series(&centred(self.residuals.clone()));
         Some(Sizes { values, colour, of_normal: of_normal(&own, count), mean, count })

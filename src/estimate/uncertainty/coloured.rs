@@ -35,7 +35,7 @@ const SIGNIFICANT: f64 = 0.01;
 /// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
 const MOST_NUMBERS: usize = 20_000_000;
 
-/// Corrects the covariance of a bound at `values`.
+/// Corrects the covariance of a bound at `values`; and gives the sensitivities and residuals of all runs that this took.
 ///
 /// # Errors
 /// [`Uncorrected`] when that is not possible.
@@ -45,7 +45,7 @@ pub(crate) fn corrected(
     values: &[f64],
     bound: &CramerRao,
     priors: impl Iterator<Item = PriorRow>,
-) -> Result<Corrected, Uncorrected> {
+) -> Result<(Corrected, Vec<SensitivityRows>), Uncorrected> {
     let noise = bound.noise.as_ref().ok_or(Uncorrected::NoDegreesOfFreedom)?;
     if bound.inverse.chosen.is_empty() {
         // all at their bounds, or without any effect
@@ -91,9 +91,9 @@ pub(crate) fn corrected(
             let declared = problem.runs.iter().all(|run| run.response.surcharge().is_none());
             if declared && is_as_declared(&runs, bound, &colours) {
                 let values = bound.inverse.values.clone();
-                return Ok(Corrected { values, colours, freedom: Vec::new(), unbiased: None });
+                return Ok((Corrected { values, colours, freedom: Vec::new(), unbiased: None }, runs));
             }
-            return Ok(Corrected { values: covariance, colours, freedom, unbiased: None });
+            return Ok((Corrected { values: covariance, colours, freedom, unbiased: None }, runs));
         }
     }
     Err(Uncorrected::NotFinite)
@@ -139,7 +139,7 @@ fn known_by(
 }
 
 /// Sensitivities and residuals of all runs.
-pub(super) fn rows(
+fn rows(
     problem: &mut Problem<'_>,
     sandwich: &Sandwich<'_>,
     values: &[f64],

@@ -1,7 +1,6 @@
 //! Errors where the size of the noise varies (heteroscedasticity; White 1980): `D S' R^-1 G C G R^-1 S D` with the deviation G of each sample over the mean one
 //! ([`noise_variation`]) and the correlations C of the residuals over G. What G does to each error is a factor on the one that is corrected for colour.
 
-use super::coloured::rows;
 use super::cramer_rao::CramerRao;
 use super::sandwich::{Corrected, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows, sampling};
@@ -20,28 +19,26 @@ use num_complex::Complex64;
 /// Probability of chance, without leverage, above which noise is not looked at more closely.
 const DOUBTFUL: f64 = 0.1;
 
-/// Tests whether the noise of each output is of one size, given the responses of all runs (N by q each) at `values`. Where it is not, the corrected errors allow
-/// for that; otherwise they stay as they are.
+/// Tests whether the noise of each output is of one size, given the responses of all runs (N by q each), their sensitivities and residuals. Where it is not, the
+/// corrected errors allow for that; otherwise they stay as they are.
 ///
 /// # Errors
 /// [`Uncorrected`] when the errors would have to be changed and cannot.
 pub(crate) fn allow(
-    problem: &mut Problem<'_>,
-    unknowns: &Unknowns,
-    values: &[f64],
+    problem: &Problem<'_>,
     responses: &[Vec<f64>],
-    bound: &CramerRao,
+    runs: &[SensitivityRows],
+    sandwich: &Sandwich<'_>,
     priors: impl Iterator<Item = PriorRow>,
     corrected: &mut Corrected,
 ) -> Result<Vec<NoiseVariation>, Uncorrected> {
+    let bound = sandwich.bound;
     let Some(noise) = &bound.noise else { return Ok(Vec::new()) };
     let mut outputs = series(problem, responses);
     let found = noise_variation::test(&outputs);
     if found.iter().all(|v| v.p_value > DOUBTFUL) {
         return Ok(found);
     }
-    let sandwich = Sandwich { unknowns, bound };
-    let runs = rows(problem, &sandwich, values)?;
     let inverse_noise = noise.inverse();
     for (o, (_, series)) in outputs.iter_mut().enumerate() {
         for (r, series) in series.iter_mut().enumerate() {
@@ -64,7 +61,7 @@ pub(crate) fn allow(
     }
     if found.iter().any(NoiseVariation::is_significant) {
         let prior = sandwich.prior(priors);
-        let [plain, varying] = variances(&sandwich, &runs, &shapes, noise, &prior);
+        let [plain, varying] = variances(sandwich, runs, &shapes, noise, &prior);
         multiply(corrected, &plain, &varying)?;
     }
     Ok(found)
