@@ -113,11 +113,17 @@ impl<'a> CheckpointObserver<'a> {
     pub(crate) fn into_states(self) -> Vec<Vec<u8>> {
         self.states
     }
+
+    /// Whether estimations follow that were made before: what ends the work now did not end it then.
+    fn is_replaying(&self) -> bool {
+        self.begun < self.states.len()
+    }
 }
 
 impl Observer for CheckpointObserver<'_> {
     fn iteration(&mut self, iteration: &Iteration) -> ControlFlow<()> {
-        self.observer.iteration(iteration)
+        let flow = self.observer.iteration(iteration);
+        if self.is_replaying() { ControlFlow::Continue(()) } else { flow }
     }
 
     fn begin(&mut self, names: &dyn Fn() -> Vec<UnknownName>) {
@@ -133,7 +139,7 @@ impl Observer for CheckpointObserver<'_> {
     }
 
     fn stopped(&mut self) -> Option<Stop> {
-        self.observer.stopped()
+        if self.is_replaying() { None } else { self.observer.stopped() }
     }
 
     fn values(&mut self, values: &[f64]) {
@@ -150,7 +156,7 @@ impl Observer for CheckpointObserver<'_> {
         if !(self.remember || self.ledger.is_open()) {
             return;
         }
-        let Some(now) = self.begun.checked_sub(1) else { return };
+        let Some(now) = self.begun.checked_sub(1).filter(|_| !self.is_replaying()) else { return };
         self.states.resize(now, Vec::new());
         self.states.push(bytes());
         self.ledger.put(&self.name, None, &self.states);

@@ -105,3 +105,22 @@ fn what_was_reached_at_a_time_limit_is_that_of_the_whole_record() {
         }
     }
 }
+
+#[test]
+fn an_interrupted_search_gives_the_best_start_that_it_knows() {
+    let continuation = Continuation::Shares(vec![0.1, 0.2, 0.4, 1.0]);
+    let (mut told, mut by) = (0, Vec::new());
+    for most in (5..90).step_by(7) {
+        let mut seen = Counting { most: Some((most, Stop::TimeLimit)), ..Counting::default() };
+        let starts = MultiStart { count: 5, seed: 1 };
+        let options = FitOptions { continuation: continuation.clone(), starts, ..FitOptions::default() };
+        let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let fit = one_thread.install(|| fit(&model(), &[run()], &options, &mut seen)).unwrap();
+        let best = fit.starts.iter().filter_map(|s| s.cost).min_by(f64::total_cmp);
+        let (Some(best), Some(cost)) = (best, fit.estimate.cost) else { continue };
+        assert!(cost <= best + 1e-9 * best.abs(), "{most}: {cost} of {:?}", fit.starts);
+        told += 1;
+        by.push(cost);
+    }
+    assert!(told > 5 && by.iter().any(|c| *c != by[0]), "{by:?}");
+}

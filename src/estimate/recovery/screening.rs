@@ -251,18 +251,28 @@ mod tests {
             let options = FitOptions::default().with_declared_noise(&model);
             let spread = Spread::new(&model, &given, 3);
             assert!(spread.is_wide(), "bounds that span decades are enough");
-            assert_eq!(screened(&model, &runs, &spread, 0, &options), given, "the given start stays");
+            let screened = |number: usize| screened(&model, &runs, &spread, number, &options, &|| None);
+            assert_eq!(screened(0), given, "the given start stays");
             let mut lost = 0;
             for number in 1..7 {
-                let own = cost_of(&model, &runs, &spread.start(number), &options);
-                let found = screened(&model, &runs, &spread, number, &options);
-                let cost = cost_of(&model, &runs, &found, &options);
-                lost += usize::from(own.is_infinite());
-                assert!(cost.is_finite() && cost <= own, "{number}: {cost} {own}");
-                assert_eq!(found, screened(&model, &runs, &spread, number, &options));
+                lost += usize::from(!is_usable(&model, &runs, &spread.start(number), &options));
+                let found = screened(number);
+                let off = |k: usize| (found[0][k] / given[0][k] - 1.0).abs();
+                assert!(off(0) < 0.01 && off(1) < 0.01, "{number}: {found:?}, truth {given:?}");
+                assert_eq!(found, screened(number));
             }
             assert!(lost > 1, "most draws run away: {lost}");
         }
+    }
+
+    #[test]
+    fn a_search_that_is_stopped_ends_with_what_it_has() {
+        let (model, runs) = growth("log");
+        let given = starts(&model, &runs, &Changes::default());
+        let options = FitOptions::default().with_declared_noise(&model);
+        let spread = Spread::new(&model, &given, 3);
+        let found = screened(&model, &runs, &spread, 1, &options, &|| Some(Stop::Interrupt));
+        assert!(is_usable(&model, &runs, &found, &options));
     }
 
     #[test]

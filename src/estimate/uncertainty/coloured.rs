@@ -28,6 +28,9 @@ use rayon::prelude::*;
 const ROUNDS: usize = 12;
 /// Rounds in which the orders may change.
 const SETTLING: usize = 6;
+/// Rounds in which the order rises by one after so many, where fitting took much from the residuals.
+const CLIMBING: usize = 12;
+const EACH: usize = 4;
 /// Change of the autocovariances, relative to the variance, that ends the rounds.
 const SETTLED: f64 = 1e-3;
 /// Residuals are larger than their known noise below this probability.
@@ -58,7 +61,14 @@ pub(crate) fn corrected(
     let short = ShortRuns::of(&runs, &sandwich, noise, &prior)?;
     let mut long: Vec<LongRun> =
         (0..runs.len()).filter(|r| runs[*r].is_long()).map(|r| LongRun::new(r, &runs)).collect();
+    let drained = long.iter().any(|l| l.is_drained_by(bound.inverse.chosen.len()));
+    // simple colours first, until they settle: a band that is empty would be taken for one by a colour of high order
+    let climbing = if drained { CLIMBING } else { 0 };
     for round in 0.. {
+        // a band that many parameters imitate is empty in the residuals: their own colour would say that there was no noise to take
+        if round == 0 && drained {
+            long.iter_mut().for_each(LongRun::assume_white);
+        }
         let filtered: Vec<Filtered> = long.par_iter().map(|l| runs[l.run].filter(&l.colour, &inverse_noise)).collect();
         let mut middles: Vec<Vec<f64>> = runs.iter().map(|r| vec![0.0; r.width * r.width]).collect();
         long.iter().zip(&filtered).for_each(|(l, f)| middles[l.run].clone_from(&f.middle));
@@ -71,16 +81,17 @@ pub(crate) fn corrected(
         if !covariance.iter().all(|v| v.is_finite()) {
             return Err(Uncorrected::NotFinite);
         }
-        let change = if round + 1 < ROUNDS {
+        let change = if round + 1 < climbing + ROUNDS {
             let improve = |(l, f): (&mut LongRun, &Filtered)| {
                 let rows = &runs[l.run];
-                l.improve(rows, f, &sandwich.of_run(l.run, &covariance, rows.width), round < SETTLING)
+                let most = if round < climbing { round.div_ceil(EACH) } else { usize::MAX };
+                l.improve(rows, f, &sandwich.of_run(l.run, &covariance, rows.width), (round < climbing + SETTLING).then_some(most))
             };
             long.iter_mut().zip(&filtered).map(improve).fold(0.0, f64::max)
         } else {
             0.0
         };
-        if change < SETTLED {
+        if change < SETTLED && round >= climbing {
             let mut freedom = known_by(&long, &runs, &sandwich, &inverse_noise, &covariance);
             let mut colours: Vec<NoiseColour> = long.iter().flat_map(|l| l.report(problem, &runs)).collect();
             if let Some(short) = &short {
@@ -187,18 +198,31 @@ impl LongRun {
         let autocovariances = found.iter().map(tapered).collect();
         let colour = Colour { models: Vec::new(), innovations: Vec::new() };
         let mut long = Self { run, found, autocovariances, colour };
-        long.choose(rows, true);
+        long.choose(rows, Some(usize::MAX));
         long
     }
 
-    /// Chooses the models for the current autocovariances; with their old orders unless `free`.
-    fn choose(&mut self, rows: &SensitivityRows, free: bool) {
+    /// Whether so many estimates take more from the autocovariances than chance moves them, `n/N` of the variance beside `1/sqrt N`.
+    fn is_drained_by(&self, estimates: usize) -> bool {
+        self.found.iter().any(|found| estimates * estimates > found.pairs[0])
+    }
+
+    /// White noise of the variance that was found, until more is known.
+    fn assume_white(&mut self) {
+        self.colour.models = self.autocovariances.iter().map(|r| AutoRegression::white(r[0])).collect();
+        let (models, q) = (&self.colour.models, self.found.len());
+        let variance = |k: usize| if k / q == k % q { models[k / q].variance } else { 0.0 };
+        self.colour.innovations = (0..q * q).map(variance).collect();
+    }
+
+    /// Chooses the models for the current autocovariances, of an order up to `most`; without one with their old orders.
+    fn choose(&mut self, rows: &SensitivityRows, most: Option<usize>) {
         let choose = |(o, r): (usize, &Vec<f64>)| match self.colour.models.get(o) {
-            Some(old) if !free => {
+            Some(old) if most.is_none() => {
                 let order = old.coefficients.len().min(r.len() - 1);
                 LevinsonDurbin::of(&r[..=order]).model(order)
             }
-            _ => autoregression::choose(r, self.found[o].pairs[0]),
+            _ => autoregression::choose(&r[..r.len().min(most.unwrap_or(usize::MAX).saturating_add(1))], self.found[o].pairs[0]),
         };
         self.colour.models = self.autocovariances.iter().enumerate().map(choose).collect();
         self.colour.innovations = self.innovations(rows);
@@ -227,17 +251,17 @@ impl LongRun {
     }
 
     /// Adds the leverage correction under the current models; returns the largest relative change.
-    fn improve(&mut self, rows: &SensitivityRows, filtered: &Filtered, reduced: &[Vec<f64>; 2], free: bool) -> f64 {
+    fn improve(&mut self, rows: &SensitivityRows, filtered: &Filtered, reduced: &[Vec<f64>; 2], most: Option<usize>) -> f64 {
         let mut change = 0.0_f64;
         for (o, found) in self.found.iter().enumerate() {
-            let most = found.sums.len() - 1;
+            let lags = found.sums.len() - 1;
             let image = &filtered.images[o];
             if rows.bound(o, image, reduced) < SETTLED * found.sums[0] {
                 continue;
             }
-            let taken = rows.taken(o, image, reduced, most);
+            let taken = rows.taken(o, image, reduced, lags);
             let restored = |k: usize| (found.sums[k] + taken[k]) / found.pairs[k].max(1) as f64;
-            let next: Vec<f64> = (0..=most).map(restored).collect();
+            let next: Vec<f64> = (0..=lags).map(restored).collect();
             if !(next[0] > 0.0 && next.iter().all(|v| v.is_finite())) {
                 continue;
             }
@@ -246,7 +270,7 @@ impl LongRun {
             change = change.max(largest / next[0]);
             self.autocovariances[o] = next;
         }
-        self.choose(rows, free);
+        self.choose(rows, most);
         change
     }
 

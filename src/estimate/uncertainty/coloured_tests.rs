@@ -395,3 +395,40 @@ fn degrees_of_freedom_say_how_much_corrected_errors_scatter_and_intervals_hold()
         assert!((182..=200).contains(&hits), "{hits} of {repeats}");
     }
 }
+
+/// Forty sines over half their common period: a band of the record that fitting empties.
+const BAND: Sample = |x, theta, y, d| {
+    y[0] = 0.0;
+    for (k, (a, d)) in theta.iter().zip(d.iter_mut()).enumerate() {
+        *d = ((k + 1) as f64 * x).sin();
+        y[0] += a * *d;
+    }
+};
+
+#[test]
+fn intervals_hold_where_many_parameters_imitate_a_whole_band() {
+    let (n, q, count) = (600, 1, 40);
+    let x: Vec<f64> = (0..n).map(|i| std::f64::consts::PI * (i as f64 + 0.5) / n as f64).collect();
+    // white noise, and noise that drifts
+    for (keep, least) in [(0.0, 0.93), (0.7, 0.88)] {
+        let (mut held, mut all) = (0, 0);
+        for seed in 0..12 {
+            let (mut normal, mut v) = (Normal(5 + 7919 * seed), 0.0);
+            let truth = vec![1.0; count];
+            (0..100).for_each(|_| v = keep * v + 0.1 * normal.next());
+            let data = run("r", x.clone(), q, BAND, &truth, |_, _| {
+                v = keep * v + 0.1 * normal.next();
+                v
+            });
+            let params = (1..=count).map(|k| param(&format!("a{k}"), 1.0)).collect();
+            let fit = solve(&mut problem(params, vec![data]), &Options::default());
+            for p in &fit.parameters {
+                let [low, high] = p.interval().expect("an interval");
+                held += usize::from(low <= 1.0 && 1.0 <= high);
+                all += 1;
+            }
+        }
+        let share = f64::from(held as u32) / f64::from(all);
+        assert!((least..=0.985).contains(&share), "{share} under noise that keeps {keep}");
+    }
+}
