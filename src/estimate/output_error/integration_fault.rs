@@ -5,7 +5,7 @@ use fdm_system::record::Run;
 use fdm_system::simulate::WorstError;
 use std::fmt;
 
-/// An integration error above 1e-3 of an output's range.
+/// An integration error above 1e-3 of an output's range, or one that may move an estimate by as much as its error.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IntegrationFault {
     /// The run.
@@ -18,12 +18,19 @@ pub struct IntegrationFault {
     pub part: f64,
     /// The same beside the standard deviation of the output's residual; none where nothing of it was compared.
     pub beside_residual: Option<f64>,
+    /// By how many of its standard errors all errors together may move an estimate, at most; none where nothing was compared.
+    pub shift: Option<f64>,
     /// The state that is farthest off there; none where that is not known.
     pub state: Option<String>,
 }
 
-/// Beside the standard deviation of the residual an integration error below this part moves no estimate by as much as its error.
-const SMALL: f64 = 0.1;
+/// Standard errors by which an estimate may be moved before it is that of the steps.
+const MOVED: f64 = 1.0;
+/// Whether errors may move an estimate that far: the root of the sum of their squares, over the standard deviation of the noise, bounds what least squares make of
+/// them (Cauchy and Schwarz).
+pub(crate) fn is_moving(norm: f64, deviation: f64) -> bool {
+    norm > MOVED * deviation
+}
 
 impl IntegrationFault {
     /// Of the places where a run of a fit is integrated worst.
@@ -39,21 +46,22 @@ impl IntegrationFault {
                 time: run.time[worst.sample],
                 part: worst.part,
                 beside_residual: deviation.map(|deviation| worst.error / deviation),
+                shift: deviation.map(|deviation| worst.norm / deviation),
                 state: worst.state.map(|j| definition.states[j].quantity.name.clone()),
             }
         };
         worst.iter().map(of).collect()
     }
 
-    /// Whether the error is not small beside the residual either.
+    /// Whether some estimate may be that of the steps, and not of the model.
     pub fn is_severe(&self) -> bool {
-        self.beside_residual.is_none_or(|beside| beside > SMALL)
+        self.shift.is_none_or(|shift| is_moving(shift, 1.0))
     }
 }
 
 impl fmt::Display for IntegrationFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { run, output, time, part, beside_residual, state } = self;
+        let Self { run, output, time, part, beside_residual, shift, state } = self;
         if part.is_infinite() {
             write!(f, "run `{run}`: with half of the integration steps the response is not finite at time {time}")?;
         } else {
@@ -64,6 +72,9 @@ impl fmt::Display for IntegrationFault {
         }
         if let Some(beside) = beside_residual.filter(|beside| beside.is_finite()) {
             write!(f, "; {beside:.1e} of the standard deviation of its residual")?;
+        }
+        if let Some(shift) = shift.filter(|shift| shift.is_finite()) {
+            write!(f, ", which may move an estimate by up to {shift:.1} of its standard errors")?;
         }
         Ok(())
     }
@@ -110,5 +121,39 @@ mod tests {
         let (good, found) = faults(2.0, 2);
         assert!(good && found.iter().all(|f| !f.is_severe()), "{found:?}");
         assert!(faults(1e-3, 32).1.is_empty());
+    }
+
+    #[test]
+    fn errors_far_below_the_noise_are_told_where_many_samples_average_it() {
+        let text = "model m { input u; state x = 0; param a = 0.5; der(x) = u - a*x; output y = x; }";
+        let model = Model::from_text("m.fdm", text).unwrap();
+        let fault = |count: usize, steps: usize| {
+            let time: Vec<f64> = (0..count).map(|k| 1.8 * k as f64).collect();
+            let inputs: Vec<f64> = (0..count).map(|k| ((k / 7) % 2) as f64).collect();
+            let (held, gaps) = (vec![true], vec![0]);
+            let measured = vec![0.0; count];
+            let blank =
+                Run { name: "r".into(), time, inputs, held, measured, input_gaps: gaps.clone(), output_gaps: gaps };
+            let mut simulator = fdm_system::simulate::Simulator::new(model.dynamics(), &blank, 64).unwrap();
+            let mut measured = vec![0.0; count];
+            simulator.simulate(&model.definition().start(), &mut measured).unwrap();
+            let mut normal = fdm_numeric::random::Normal(3);
+            measured.iter_mut().for_each(|y| *y += 0.4 * normal.next());
+            let run = Run { measured, ..blank };
+            let options = FitOptions { per_interval: Some(steps), ..FitOptions::default() };
+            let found = fit(&model, &[run], &options, &mut ()).unwrap();
+            let a = found.estimate.parameter("a", None).unwrap();
+            let off = (a.value - 0.5) / a.standard_error.unwrap();
+            (off, found.is_good(), found.integration_faults)
+        };
+        let ((off, good, faults), (right, sound, none)) = (fault(40_000, 1), fault(40_000, 16));
+        assert!(!good && sound && none.is_empty(), "{faults:?} {none:?}");
+        assert!(
+            faults[0].beside_residual.unwrap() < 0.1 && faults[0].shift.unwrap() > (off - right).abs(),
+            "{faults:?}"
+        );
+        assert!((off - right).abs() > 0.1, "{off} {right}");
+        let (off, good, faults) = fault(100, 1);
+        assert!(off.abs() < 2.5 && good, "{off} {faults:?}");
     }
 }

@@ -9,7 +9,7 @@ use crate::initial::initial_guess;
 use crate::observer::Observer;
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
-use crate::output_error::integration_fault::IntegrationFault;
+use crate::output_error::integration_fault::{IntegrationFault, is_moving};
 use crate::output_error::options::FitOptions;
 use crate::problem::{Options, Problem, ProblemRun};
 use crate::recovery::budget::stop;
@@ -17,7 +17,8 @@ use crate::solve::estimate;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{
-    Accuracy, Simulator, Steps, UNSOUND, choose_steps_by, choose_steps_to, error_of, integration_error, worst_errors,
+    Accuracy, SOUND, Simulator, Steps, UNSOUND, choose_steps_by, choose_steps_to, error_of, integration_error,
+    output_range, worst_errors,
 };
 
 /// Start values of all parameters (p) for each run; free initial values from the data unless they were set by hand.
@@ -181,26 +182,41 @@ fn accuracy(
     runs.iter().zip(reached).zip(steps).enumerate().map(one).collect()
 }
 
-/// Every output of every run whose integration error at the estimates is above 1e-3 of its range.
+/// Every output of every run whose integration error at the estimates is above 1e-3 of its range, or may move an estimate by as much as its error.
 pub(crate) fn integration_faults(
     fit: &Fit,
     runs: &[Run],
     starts: &[Vec<f64>],
 ) -> Result<Vec<IntegrationFault>, FitError> {
-    let coarse = |r: usize| fit.integration.get(r).is_some_and(|a| a.error > UNSOUND);
+    let q = fit.model.definition().outputs.len();
+    // the error of every sample is taken for the worst one first; that of a record without noise is not looked at
+    let moving = |r: usize, error: f64| {
+        (0..q).any(|o| {
+            let response = fit.estimate.runs[r].response.iter().skip(o).step_by(q);
+            let matched = fit.estimate.outputs.get(r * q + o).and_then(|m| Some((m.rms?, m.compared)));
+            matched.is_some_and(|(rms, n)| is_moving(error * output_range(response) * (n as f64).sqrt(), rms))
+        })
+    };
+    let coarse =
+        |r: usize| fit.integration.get(r).is_some_and(|a| a.error > UNSOUND || a.error > SOUND && moving(r, a.error));
     // in segments the response is not that of the whole run
     if fit.shooting.as_ref().is_some_and(|s| !s.polished) {
         return Ok(fit.integration_faults.clone());
     }
-    if !(0..runs.len()).any(coarse) || fit.estimate.runs.is_empty() {
+    if fit.estimate.runs.is_empty() || !(0..runs.len()).any(coarse) {
         return Ok(Vec::new());
     }
     let reached = after(&fit.model, runs, &fit.estimate, starts);
     let mut found = Vec::new();
     for r in (0..runs.len()).filter(|r| coarse(*r)) {
         let (run, steps) = (&runs[r], &fit.integration[r].steps);
-        let worst = worst_errors(fit.model.dynamics(), run, &reached[r], steps, UNSOUND);
-        found.extend(IntegrationFault::of(fit, run, &worst.map_err(|e| FitError::unsuited(run, e))?));
+        let worst = worst_errors(fit.model.dynamics(), run, &reached[r], steps, 0.0);
+        let of = IntegrationFault::of(fit, run, &worst.map_err(|e| FitError::unsuited(run, e))?);
+        found.extend(
+            of.into_iter().filter(|fault| {
+                fault.part > UNSOUND || fault.part > SOUND && fault.shift.is_some() && fault.is_severe()
+            }),
+        );
     }
     Ok(found)
 }

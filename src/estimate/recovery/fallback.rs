@@ -13,6 +13,7 @@ use crate::recovery::budget::{Halted, stop};
 use crate::recovery::continuation::{Length, LengthContinuation};
 use crate::recovery::shooting::shoot;
 use crate::recovery::substitution::Substitution;
+use crate::residuals::{InputCorrelation, OutputQuality, run_quality};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 
@@ -30,10 +31,29 @@ pub(crate) fn attempt(
 ) -> Result<Fit, FitError> {
     let fit = as_asked(model, runs, starts, options, observer)?;
     let found = trouble(&fit.estimate).filter(|_| options.continuation == Continuation::Auto);
+    let found =
+        found.filter(|found| !(matches!(found, FitDefect::PoorMatch { .. }) && leaves_noise(model, runs, &fit)));
     match found.filter(|_| observer.stopped().is_none()) {
         Some(trouble) => rescue(model, runs, starts, options, (fit, trouble), observer),
         None => Ok(fit),
     }
+}
+
+/// Compared samples that tell noise from what a wrong minimum leaves.
+const ENOUGH: usize = 50;
+/// Probability of chance below which residuals are no noise.
+const NO_NOISE: f64 = 0.01;
+
+/// Whether all that a poor match leaves is white and follows no input: noise that is larger than the response, which no other minimum explains.
+fn leaves_noise(model: &Model, runs: &[Run], fit: &Fit) -> bool {
+    let of = |run: &Run| fit.estimate.runs.iter().find(|r| r.run == run.name);
+    let mut quality = runs.iter().filter_map(|run| Some(run_quality(model, run, &of(run)?.response))).flatten();
+    let is_noise = |q: OutputQuality| {
+        let white = q.whiteness.is_some_and(|w| w.p_value > NO_NOISE);
+        q.fit.compared == 0
+            || q.fit.compared >= ENOUGH && white && !q.inputs.iter().any(InputCorrelation::is_significant)
+    };
+    fit.estimate.termination.is_good() && quality.all(is_noise)
 }
 
 /// By the strategies that were asked for, plainly when there are none.

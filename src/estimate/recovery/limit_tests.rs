@@ -67,6 +67,22 @@ fn without_a_limit_fallbacks_reach_what_the_start_does_not() {
 }
 
 #[test]
+fn noise_that_hides_most_of_the_response_calls_for_no_other_way() {
+    let mut normal = fdm_numeric::random::Normal(11);
+    let mut noisy = run();
+    noisy.measured.iter_mut().for_each(|y| *y += 1.5 * normal.next());
+    let mut seen = Counting::default();
+    let text = TEXT.replace("w = 3", "w = 1.02");
+    let near = Model::from_text("m.fdm", text).unwrap();
+    let found = fit(&near, &[noisy.clone()], &FitOptions::default(), &mut seen).unwrap();
+    let r2 = found.estimate.outputs[0].r2.unwrap();
+    assert!(r2 < 0.4 && found.rescue.is_none() && found.is_good(), "{r2} {:?}", found.rescue);
+    // a wrong minimum leaves a swing in such noise, and is left for the right one
+    let far = fit(&model(), &[noisy], &FitOptions::default(), &mut Counting::default()).unwrap();
+    assert!((far.estimate.parameter("w", None).unwrap().value - 1.0).abs() < 0.05, "{:?}", far.rescue);
+}
+
+#[test]
 fn no_iterations_are_no_fallbacks_either() {
     let (fit, seen) = limited(Some(0), FitOptions::default());
     assert_eq!((seen.estimations, seen.iterations), (1, 0));

@@ -113,7 +113,10 @@ mod tests {
             output_gaps: vec![0; q],
         };
         let levels = levels(std::slice::from_ref(&run), q);
-        assert!((levels[0] - 0.6).abs() < 1e-12 && (levels[1] - 0.7).abs() < 1e-12, "{levels:?}: of 2, 2, 4, 4, 6, .. and 1, 3, 3, 5, 7, ..");
+        assert!(
+            (levels[0] - 0.6).abs() < 1e-12 && (levels[1] - 0.7).abs() < 1e-12,
+            "{levels:?}: of 2, 2, 4, 4, 6, .. and 1, 3, 3, 5, 7, .."
+        );
         let mut response = Magnitudes::new(Simulator::new(model.dynamics(), &run, 3).unwrap(), &levels);
         let theta: Vec<f64> = model.definition().start().iter().map(|p| p + 0.3).collect();
         let columns: Vec<usize> = (0..theta.len()).collect();

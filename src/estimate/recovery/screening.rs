@@ -46,8 +46,14 @@ pub(crate) fn screened(
         return own;
     }
     if spread.is_wide() {
-        return Crowd { model, runs, options, stopped, levels: magnitudes::levels(runs, model.definition().outputs.len()) }
-            .best(spread, number);
+        return Crowd {
+            model,
+            runs,
+            options,
+            stopped,
+            levels: magnitudes::levels(runs, model.definition().outputs.len()),
+        }
+        .best(spread, number);
     }
     let usable = |start: &Vec<Vec<f64>>| is_usable(model, runs, start, options);
     // the fit chooses steps with more care
@@ -92,12 +98,18 @@ impl Crowd<'_> {
     fn best(&self, spread: &Spread<'_>, number: usize) -> Vec<Vec<f64>> {
         let own = spread.start(number);
         let work = self.work(&own).max(1);
-        let count = (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES).min(MOST_CANDIDATES * MOST_WORK / work).max(1);
+        let count =
+            (CANDIDATES * spread.dimensions()).min(MOST_CANDIDATES).min(MOST_CANDIDATES * MOST_WORK / work).max(1);
         let drawn = |k: usize| if k == 0 { own.clone() } else { spread.instead(number, k) };
         let mut members: Vec<Member> = (0..count)
             .into_par_iter()
             .map(drawn)
-            .map(|start| (self.problem(&start).map_or(f64::INFINITY, |mut p| cost_at(&mut p, &self.by_magnitude(0), &start)), start))
+            .map(|start| {
+                (
+                    self.problem(&start).map_or(f64::INFINITY, |mut p| cost_at(&mut p, &self.by_magnitude(0), &start)),
+                    start,
+                )
+            })
             .collect();
         // iterations that were counted belong to the fits
         let rounds = if self.options.options.total.is_none() { &ROUNDS[..] } else { &[] };
@@ -180,7 +192,9 @@ impl Crowd<'_> {
         let inner = Options { iterations, colour: false, ..self.options.options.clone() };
         let options = FitOptions { options: inner, ..self.options.clone() };
         match single_fit(self.model, self.runs, &start, &options, &mut Quiet(self.stopped)) {
-            Ok(fit) => (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start)),
+            Ok(fit) => {
+                (fit.estimate.cost.unwrap_or(f64::INFINITY), after(self.model, self.runs, &fit.estimate, &start))
+            }
             Err(_) => (f64::INFINITY, start),
         }
     }

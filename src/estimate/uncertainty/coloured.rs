@@ -85,7 +85,12 @@ pub(crate) fn corrected(
             let improve = |(l, f): (&mut LongRun, &Filtered)| {
                 let rows = &runs[l.run];
                 let most = if round < climbing { round.div_ceil(EACH) } else { usize::MAX };
-                l.improve(rows, f, &sandwich.of_run(l.run, &covariance, rows.width), (round < climbing + SETTLING).then_some(most))
+                l.improve(
+                    rows,
+                    f,
+                    &sandwich.of_run(l.run, &covariance, rows.width),
+                    (round < climbing + SETTLING).then_some(most),
+                )
             };
             long.iter_mut().zip(&filtered).map(improve).fold(0.0, f64::max)
         } else {
@@ -222,7 +227,10 @@ impl LongRun {
                 let order = old.coefficients.len().min(r.len() - 1);
                 LevinsonDurbin::of(&r[..=order]).model(order)
             }
-            _ => autoregression::choose(&r[..r.len().min(most.unwrap_or(usize::MAX).saturating_add(1))], self.found[o].pairs[0]),
+            _ => autoregression::choose(
+                &r[..r.len().min(most.unwrap_or(usize::MAX).saturating_add(1))],
+                self.found[o].pairs[0],
+            ),
         };
         self.colour.models = self.autocovariances.iter().enumerate().map(choose).collect();
         self.colour.innovations = self.innovations(rows);
@@ -251,7 +259,13 @@ impl LongRun {
     }
 
     /// Adds the leverage correction under the current models; returns the largest relative change.
-    fn improve(&mut self, rows: &SensitivityRows, filtered: &Filtered, reduced: &[Vec<f64>; 2], most: Option<usize>) -> f64 {
+    fn improve(
+        &mut self,
+        rows: &SensitivityRows,
+        filtered: &Filtered,
+        reduced: &[Vec<f64>; 2],
+        most: Option<usize>,
+    ) -> f64 {
         let mut change = 0.0_f64;
         for (o, found) in self.found.iter().enumerate() {
             let lags = found.sums.len() - 1;

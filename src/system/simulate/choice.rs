@@ -86,13 +86,13 @@ pub fn choose_steps_once(
     theta: &[f64],
     scheme: Option<Scheme>,
 ) -> Result<Accuracy, Unsuited> {
-    let aim = Aim { tolerance: TOLERANCE, enough: ENOUGH };
+    let aim = Aim { tolerance: TOLERANCE, enough: SOUND };
     let found = choose(dynamics, run, theta, scheme, aim)?;
     let hopeless = !found.error.is_finite() || found.error <= UNSOUND || scheme == Some(Scheme::Radau);
     if hopeless {
         return Ok(found);
     }
-    let choice = Choice { dynamics, run, theta, work: Work::of(dynamics.layout()), aim: Aim::at(ENOUGH) };
+    let choice = Choice { dynamics, run, theta, work: Work::of(dynamics.layout()), aim: Aim::at(SOUND) };
     // an oscillation that no step has resolved yet looks alike with all of them: that is no reason to stop
     let finest = choice.equal(Scheme::RungeKutta, usize::MAX, usize::MAX)?;
     Ok(if finest.error < found.error { finest } else { found })
@@ -325,8 +325,8 @@ pub struct Accuracy {
 
 /// Integration errors below this part of an output's range are of no consequence to any estimate.
 pub(super) const TOLERANCE: f64 = 1e-8;
-/// The same for a response that is looked at only.
-const ENOUGH: f64 = 1e-6;
+/// The same for a response that is looked at only; and for estimates from records with hardly any noise.
+pub const SOUND: f64 = 1e-6;
 /// A response with an integration error above this part of an output's range is none.
 pub const UNSOUND: f64 = 1e-3;
 
@@ -341,6 +341,8 @@ pub struct WorstError {
     pub error: f64,
     /// The same as a part of the output's range.
     pub part: f64,
+    /// Root of the sum of the squares of the errors at all samples, in the output's unit.
+    pub norm: f64,
     /// The state that is farthest off at that sample beside its own size; none where that is not known.
     pub state: Option<usize>,
 }
@@ -354,11 +356,12 @@ impl WorstError {
         for output in 0..outputs {
             let range = output_range(fine.iter().skip(output).step_by(outputs));
             let pairs = coarse.iter().zip(fine).skip(output).step_by(outputs).map(|(a, b)| (a - b).abs());
-            let worst = pairs.enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
+            let worst = pairs.clone().enumerate().max_by(|(i, a), (j, b)| a.total_cmp(b).then(j.cmp(i)));
             let Some((sample, off)) = worst else { continue };
             let error = off * removed;
             if error > least * range {
-                found.push(Self { output, sample, error, part: error / range, state: None });
+                let norm = removed * pairs.map(|off| off * off).sum::<f64>().sqrt();
+                found.push(Self { output, sample, error, part: error / range, norm, state: None });
             }
         }
         found.sort_by(|a, b| b.part.total_cmp(&a.part));
@@ -368,7 +371,7 @@ impl WorstError {
     /// Where the response with half of the steps is lost.
     fn lost(place: Divergence, outputs: usize) -> Vec<Self> {
         let Divergence { sample, state, .. } = place;
-        let lost = Self { output: 0, sample, error: f64::INFINITY, part: f64::INFINITY, state };
+        let lost = Self { output: 0, sample, error: f64::INFINITY, part: f64::INFINITY, norm: f64::INFINITY, state };
         if outputs > 0 { vec![lost] } else { Vec::new() }
     }
 }
