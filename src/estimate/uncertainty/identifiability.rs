@@ -57,8 +57,10 @@ pub(crate) fn undetermined(
 /// How far an unknown may plausibly be from where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Reach {
-    /// By about this much: its start value or its bounds say so.
+    /// By about this much: its bounds say so.
     Known(f64),
+    /// By about as much as it was at its start, or is now.
+    Started { start: f64, value: f64 },
     /// Nothing tells its size but its value.
     Guessed(f64),
 }
@@ -73,17 +75,21 @@ impl Reach {
         let width = upper - lower;
         match () {
             () if width.is_finite() => Self::Known(width.max(value.abs())),
-            () if start != 0.0 => Self::Known(start.abs().max(value.abs())),
+            () if start != 0.0 => Self::Started { start: start.abs(), value: value.abs() },
             () => Self::Guessed(value.abs().max(1.0)),
         }
     }
 
-    /// The largest standard error that still tells something.
-    fn most(self) -> f64 {
-        match self {
+    /// Whether a standard error tells nothing.
+    fn is_exceeded(self, error: f64) -> bool {
+        let most = match self {
             Self::Known(reach) => BEYOND * reach,
+            // a value that cannot be told from zero tells no size: it may have run away together with its error
+            Self::Started { start, value } if value <= 2.0 * error => BEYOND * start,
+            Self::Started { start, value } => BEYOND * start.max(value),
             Self::Guessed(reach) => FAR_BEYOND * reach,
-        }
+        };
+        error > most
     }
 }
 
@@ -100,7 +106,7 @@ pub(crate) fn faint(
     let size = inverse.chosen.len();
     for (k, j) in inverse.chosen.iter().copied().enumerate() {
         let error = inverse.values[k * size + k].max(0.0).sqrt() / scale[j];
-        if determined[k] && error > reach(j).most() {
+        if determined[k] && reach(j).is_exceeded(error) {
             determined[k] = false;
             directions.push(describe(vec![(name(j), 1.0)], Vec::new()));
         }
@@ -221,7 +227,13 @@ mod tests {
         let open = (f64::NEG_INFINITY, f64::INFINITY);
         let (known, bounded) = (Reach::new(1.2, 1.0, open), Reach::new(0.5, 0.0, (0.0, 2.0)));
         let guessed = Reach::new(1e-9, 0.0, open);
-        assert_eq!((known, bounded, guessed), (Reach::Known(1.2), Reach::Known(2.0), Reach::Guessed(1.0)));
+        assert_eq!(
+            (known, bounded, guessed),
+            (Reach::Started { start: 1.0, value: 1.2 }, Reach::Known(2.0), Reach::Guessed(1.0))
+        );
+        // one that ran away with its error, and one that is far from its start and known
+        let [lost, far] = [3.6e13, 9e13].map(|value| Reach::new(value, 1.0, open));
+        assert!(lost.is_exceeded(4.4e13) && !far.is_exceeded(4.4e13));
         // informations of 1e-30, and an offset that began at zero and ended far below its error
         let (scale, reaches) = ([1e-15, 1e-15, 1e3, 1e-15], [known, bounded, guessed, guessed]);
         let values = (0..16).map(|k| f64::from(u8::from(k % 5 == 0))).collect();
