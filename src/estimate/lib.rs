@@ -77,3 +77,4 @@ pub use time_domain::{examined, fit, fit_from, fit_kept};
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};
+pub use uncertainty::sensitivity_rows::LONG_RUN;

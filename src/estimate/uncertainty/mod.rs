@@ -20,7 +20,7 @@ pub(super) mod parameters;
 mod prior_tests;
 mod restricted_likelihood;
 pub(super) mod sandwich;
-mod sensitivity_rows;
+pub(super) mod sensitivity_rows;
 pub(super) mod spectra;
 mod spectral_rows;
 pub(super) mod varying_noise;

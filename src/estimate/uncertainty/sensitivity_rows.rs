@@ -61,7 +61,7 @@ pub(crate) enum Image {
 }
 
 /// Compared samples of each output of a run from which on the run determines the colour of its noise by itself.
-const LONG: usize = 500;
+pub const LONG_RUN: usize = 500;
 /// Rows that are worked on while they are in the nearest cache.
 const BLOCK: usize = 64;
 
@@ -125,10 +125,10 @@ impl SensitivityRows {
         Self { length, interval, moments, even: true, width, rows, residuals, squares }
     }
 
-    /// Whether the run determines the colour of its noise by itself: evenly sampled, each compared output at least [`LONG`] times.
+    /// Whether the run determines the colour of its noise by itself: evenly sampled, each compared output at least [`LONG_RUN`] times.
     pub(super) fn is_long(&self) -> bool {
         let compared = |v: &Vec<f64>| v.iter().filter(|v| !v.is_nan()).count();
-        self.even && self.residuals.iter().map(compared).filter(|n| *n > 0).min().is_some_and(|n| n >= LONG)
+        self.even && self.residuals.iter().map(compared).filter(|n| *n > 0).min().is_some_and(|n| n >= LONG_RUN)
     }
 
     /// The share of each residual of an output that fitting takes (length): `s' D s / r` with the Cramer-Rao covariance of this run's columns (width by

@@ -3,7 +3,7 @@
 use super::BridgeDocument;
 use super::digits::digits;
 use fdm_estimate::residuals::{Cause, InputCorrelation, NoiseVariation, OutputFit, OutputQuality, Trend};
-use fdm_estimate::{Estimate, Fit, ParameterEstimate, SpectralFit, Status, Uncorrected};
+use fdm_estimate::{Estimate, Fit, LONG_RUN, NoiseColour, ParameterEstimate, SpectralFit, Status, Uncorrected};
 use fdm_numeric::statistics::Student;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -141,10 +141,19 @@ fn drawn(estimate: &Estimate) -> Vec<String> {
 /// The same of a fit of spectra, and what records and measured regressors mean for it.
 pub fn spectral_remarks(fit: &SpectralFit) -> Vec<Remark> {
     let mut remarks = estimate_remarks(&fit.estimate);
-    let varies = fit.estimate.noise_variation.iter().any(NoiseVariation::is_significant);
-    if varies && !fit.measured_regressors.is_empty() {
-        let said = "noise that varies stands in measured regressors too, for which the errors do not allow: intervals may hold much \
-                    less often than in 95 of 100 cases; `--domain time` needs no such regressors";
+    if !fit.measured_regressors.is_empty() {
+        let varies = fit.estimate.noise_variation.iter().any(NoiseVariation::is_significant);
+        let said = match varies {
+            true => {
+                "noise that varies stands in measured regressors too, for which the errors do not allow: intervals may hold much \
+                     less often than in 95 of 100 cases; `--domain time` needs no such regressors"
+            }
+            false => {
+                "the model's equations are driven by measured records, noise included: estimates are a little biased, and \
+                      intervals hold in 95 of 100 cases only as far as that noise is small and white; `--domain time` needs no such \
+                      regressors"
+            }
+        };
         remarks.push(Remark::new(About::Intervals, said.into()));
     }
     let bridged = fit.bridged.iter().map(|b| Remark::new(About::Bridged, BridgeDocument::of(b).sentence()));
@@ -275,7 +284,7 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
     told.into_iter().chain((more > 0).then(|| format!("{more} more parameters are at a bound"))).collect()
 }
 
-/// Outputs of so few samples that the colour of their noise is not known; where it is known beforehand there is nothing to say.
+/// Outputs of so few samples that the colour of their noise is not known, or not well; where it is known beforehand there is nothing to say.
 fn few(estimate: &Estimate) -> Vec<String> {
     if estimate.colours.is_empty() || estimate.parameters.iter().all(|p| p.degrees_of_freedom.is_none()) {
         return Vec::new();
@@ -288,12 +297,17 @@ fn few(estimate: &Estimate) -> Vec<String> {
         }
     }
     let most = counts.iter().map(|(_, count)| *count).max().unwrap_or(0);
-    if most == 0 || most > FEW_SAMPLES {
-        return Vec::new();
+    let short = estimate.outputs.iter().any(|o| o.compared > 0 && o.compared < LONG_RUN);
+    match most {
+        0 => Vec::new(),
+        1..=FEW_SAMPLES => vec![format!(
+            "{most} samples do not determine the colour of their noise: if it drifts or oscillates slowly, fewer than 95 % of such intervals hold"
+        )],
+        _ if short && !estimate.colours.iter().all(NoiseColour::is_white) => vec![format!(
+            "{most} samples tell the colour of their noise only as one of a few simple kinds: if it grows on towards low frequencies, 1/f, about 90 % of such intervals hold"
+        )],
+        _ => Vec::new(),
     }
-    vec![format!(
-        "{most} samples do not determine the colour of their noise: if it drifts or oscillates slowly, fewer than 95 % of such intervals hold"
-    )]
 }
 
 /// Whether the Cramer-Rao errors can be trusted.
