@@ -9,8 +9,8 @@ use fdm::frequency::EndTerms;
 use fdm::record::Run;
 use fdm::report::{dependence_table, prediction_table, regression_table};
 use rayon::prelude::*;
-use support::papers::bars::bars;
-use support::papers::{bo105, deviation, errors, fitted, found, hfb320, mean, model, off_by, puma, truth, up_to};
+use crate::bars::bars;
+use support::papers::{bo105, deviation, errors, fitted, found, hfb320, mean, model, noisy, off_by, puma, truth, up_to};
 
 const REPEATS: u64 = 200;
 
@@ -241,7 +241,7 @@ fn puma_table_6() {
     let m = puma::transfer_functions();
     let clean = puma::short_period(&m);
     let rows = repeated(&m, |seed| {
-        let run = papers::noisy(&clean, &puma::SHORT_PERIOD_NOISE, seed);
+        let run = noisy(&clean, &puma::SHORT_PERIOD_NOISE, seed);
         let options = SpectralOptions { changes: off_by(&m, 0.2), ..up_to(puma::HIGHEST, EndTerms::Unknown) };
         fitted(&m, &[run], &options)
     });
