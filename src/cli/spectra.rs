@@ -3,6 +3,7 @@
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::load::{Records, band, load_model, number, read_runs};
+use crate::ownership::Overwriting;
 use clap::Args;
 use fdm_report::{response_svg, response_table};
 use fdm_results::documents::{ResponseNames, SpectraDocument};
@@ -42,6 +43,8 @@ pub(crate) struct Arguments {
     /// Draw magnitude, phase and coherence to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// Segments in a record when nothing else is asked for.
