@@ -337,6 +337,19 @@ pub enum Fault {
     /// A number that would be read as zero.
     #[error("found `{0}`, which is not 0 but nearer to it than numbers reach (about 4.9e-324)")]
     Vanishing(String),
+    /// A channel whose numbers are so large or so small that their squares are no numbers any more.
+    #[error(
+        "the {role} `{channel}` reaches {value}; squares and products of such values are no numbers any more, so that sizes from 1e-100 to \
+         1e100 are read; use another unit, or look whether the values are right"
+    )]
+    Size {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// Its largest absolute value, as text.
+        value: String,
+    },
     /// A number without bound.
     #[error("found `{0}`, expected a finite number")]
     Infinite(String),
