@@ -91,3 +91,22 @@ fn segments_too_short_for_a_band_name_the_run_that_makes_them_short() {
     let said = desk.refused("spectra lin.fdm --data run.csv --data nine.csv --band 0.5:2 -q");
     assert!(said.contains("segments 0.8 long") && said.contains("run `nine` (nine.csv) is 0.8 long"), "{said}");
 }
+
+#[test]
+fn deviations_that_are_not_above_zero_are_refused_with_their_place() {
+    let desk = desk();
+    for (start, noise, value) in [("-0.1", "s", "-0.1"), ("0", "s", "0"), ("-0.1", "s*u", "-0.1")] {
+        desk.write(
+            "own.fdm",
+            format!("model own {{ input u; param a = 1, s = {start}; output y = a*u; noise y = {noise}; }}"),
+        );
+        let said = desk.refused("fit own.fdm --data run.csv -q");
+        let told = format!("is {value} at time 0 with the start values");
+        assert!(said.contains("run `run` (run.csv): the noise of `y`") && said.contains(&told), "{noise}: {said}");
+    }
+    // from far above the size stays above zero
+    desk.write("own.fdm", "model own { input u; param a = 1, s = 10; output y = a*u; noise y = s; }");
+    let found = desk.json("fit own.fdm --data run.csv -q --json");
+    let size = found["parameters"][1]["value"].as_f64().unwrap();
+    assert!(size > 0.01 && size < 0.1, "{size}");
+}
