@@ -110,3 +110,64 @@ fn deviations_that_are_not_above_zero_are_refused_with_their_place() {
     let size = found["parameters"][1]["value"].as_f64().unwrap();
     assert!(size > 0.01 && size < 0.1, "{size}");
 }
+
+#[test]
+fn what_is_said_of_parameters_that_are_held_is_true() {
+    let desk = desk();
+    // the logarithm of 3 and back is beside 3
+    desk.write("bound.fdm", "model bound { input u; param k = 0.5 in [1e-5, 3] log; output y = u + 1/k; }");
+    record(&desk, "same.csv", |k| Some((f64::from(k % 3), f64::from(k % 3) + rough(k))));
+    let printed = desk.good("fit bound.fdm --data same.csv -q");
+    assert!(printed.contains("at its upper bound 3.000"), "{printed}");
+    // nothing is free, so that no error was to be corrected; nothing has bounds
+    let fixed = desk.good("fit gain.fdm --data run.csv --fix a -q");
+    assert!(!fixed.contains("no more data than parameters"), "{fixed}");
+    let still = went_wrong(&desk, "fit gain.fdm --data zero.csv -q");
+    assert!(still.contains("at a bound, or has no influence"), "{still}");
+}
+
+#[test]
+fn numbers_of_losses_have_sensible_ranges() {
+    let desk = desk();
+    for loss in ["huber:1e-300", "huber:1e300", "student:1e300"] {
+        let said = desk.refused(&format!("fit gain.fdm --data run.csv --loss {loss} -q"));
+        assert!(said.contains("from 0.01 to 100") && said.contains("from 1 to 1e6"), "{loss}: {said}");
+    }
+    desk.good("fit gain.fdm --data run.csv --loss huber:2 -q");
+}
+
+#[test]
+fn two_values_for_one_name_are_refused() {
+    let desk = desk();
+    for (words, told) in
+        [("--set a=1 --set a=2", "`a` is set to 1 and to 2"), ("--noise y=1 --noise y=2", "give one deviation of `y`")]
+    {
+        let said = desk.refused(&format!("fit gain.fdm --data run.csv {words} -q"));
+        assert!(said.contains(told), "{words}: {said}");
+    }
+    let said = desk.refused("simulate gain.fdm --data run.csv --set a=1 --set a=2");
+    assert!(said.contains("`a` is set to 1 and to 2"), "{said}");
+    desk.good("fit gain.fdm --data run.csv --set a=1 --set a=1 -q");
+}
+
+/// Nobody writes to them, so that reading would wait for ever.
+#[cfg(unix)]
+#[test]
+fn named_pipes_are_refused() {
+    let desk = desk();
+    for name in ["pipe.fdm", "pipe.csv"] {
+        let made = std::process::Command::new("mkfifo").arg(desk.path(name)).status().unwrap();
+        assert!(made.success());
+    }
+    desk.write("uses.fdm", "model uses { input u; use \"pipe.fdm\" as p; output y = u*p.one; }");
+    for words in [
+        "fit gain.fdm --data pipe.csv",
+        "check pipe.fdm",
+        "check uses.fdm",
+        "fit pipe.fdm --data run.csv --plot new.svg",
+        "fit gain.fdm --data run.csv --data pipe.csv",
+    ] {
+        let said = desk.refused(words);
+        assert!(said.contains("a named pipe"), "{words}: {said}");
+    }
+}

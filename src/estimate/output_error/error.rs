@@ -115,7 +115,7 @@ impl fmt::Display for StrategyError {
             Self::Loss { value } => {
                 write!(
                     f,
-                    "a loss has a positive number, and Student's law 1 degree of freedom or more; {value} was given"
+                    "Huber's loss has a number from 0.01 to 100, and Student's law 1 to 1e6 degrees of freedom; {value} was given"
                 )
             }
             Self::LossOfNoiseModel => write!(

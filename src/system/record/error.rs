@@ -164,6 +164,11 @@ pub enum Fault {
     /// A device or socket: it might never end.
     #[error("this is neither a file nor a pipe")]
     Device,
+    /// A pipe with a name: reading waits until somebody writes.
+    #[error(
+        "this is a named pipe, from which reading may wait for ever, expected a file; `cat PIPE | fdm .. /dev/stdin` reads one"
+    )]
+    NamedPipe,
     /// Larger than this version reads.
     #[error("the file is larger than the limit of {} GiB", .0 >> 30)]
     TooLarge(u64),
