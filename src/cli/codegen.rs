@@ -3,9 +3,10 @@
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, ended, print_data};
 use crate::load::{Estimated, ModelFile};
+use crate::ownership::Overwriting;
 use clap::{Args, ValueEnum};
 use fdm_grammar::emit::{Elementary, Language, stand_alone};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What `fdm codegen` takes.
 #[derive(Debug, Args)]
@@ -21,9 +22,11 @@ pub(crate) struct Arguments {
     elementary: String,
     #[command(flatten)]
     estimated: Estimated,
-    /// Write to a file instead of to the terminal
+    /// Write to a file instead of to the terminal; `-` for standard output
     #[arg(short, long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// Languages of the generated file.
@@ -39,7 +42,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let language = arguments.language()?;
     let model = arguments.model.load_changed(&arguments.estimated)?;
     let text = stand_alone(model.definition(), model.schedule(), &language).or_failure()?;
-    let Some(path) = &arguments.out else { return ended(print_data(&text)) };
+    let Some(path) = arguments.out.as_deref().filter(|path| *path != Path::new("-")) else {
+        return ended(print_data(&text));
+    };
     write(path, text)?;
     ended(true)
 }

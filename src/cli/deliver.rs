@@ -53,8 +53,9 @@ pub(crate) struct Places {
     /// Write one page for a browser with equations, tables and figures, as `fdm report` makes it from a folder
     #[arg(long, value_name = "FILE.html")]
     pub(crate) report: Option<PathBuf>,
-    /// Replace files in the folder of --out that fdm did not write, or that were changed since; files with other names stay in any case
-    #[arg(long, requires = "out")]
+    /// Replace files that fdm did not write; in the folder of --out those too that were changed since, while files with other names
+    /// stay in any case
+    #[arg(long)]
     force: bool,
 }
 

@@ -3,6 +3,7 @@
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, as_json, did_you_mean, ended, print, print_coloured, print_data};
 use crate::load::{load_model, number};
+use crate::ownership::Overwriting;
 use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Kind, Nominal, Places, Scales, Subject};
 use fdm_grammar::{Diagnostic, Source};
@@ -158,6 +159,8 @@ pub(crate) struct Extend {
     /// Write the extended model here
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// What was typed about the records; signals are of size 1.

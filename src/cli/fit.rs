@@ -361,7 +361,7 @@ impl Found {
         match self {
             Self::Output(fit) => remarks(fit, self.is_complete(starts)),
             Self::Filter(FilterFit { fit, .. }) => {
-                unsuccessful(&fit.estimate).into_iter().chain(integration_remarks(fit)).collect()
+                unsuccessful(&fit.estimate, has_moved(fit)).into_iter().chain(integration_remarks(fit)).collect()
             }
             Self::Spectra(SpectralFit { unanswered: Some(why), .. })
             | Self::Responses(ResponseFit { unanswered: Some(why), .. }) => vec![why.to_string()],
@@ -369,7 +369,7 @@ impl Found {
                 let e = self.estimate();
                 let hidden =
                     unobservable.iter().filter(|_| e.termination.is_good()).map(|m| hidden_mode(self.model(), m));
-                unsuccessful(e).into_iter().chain(hidden).collect()
+                unsuccessful(e, false).into_iter().chain(hidden).collect()
             }
         }
     }
@@ -423,11 +423,11 @@ impl Found {
     }
 }
 
-/// Why an estimate is not good.
-fn unsuccessful(estimate: &Estimate) -> Option<String> {
+/// Why an estimate is not good; `moved` where something else has moved the values before its iteration.
+fn unsuccessful(estimate: &Estimate, moved: bool) -> Option<String> {
     if estimate.termination == Termination::Interrupted {
         return Some(match estimate.iterations {
-            0 => {
+            0 if !moved => {
                 "interrupted before the first iteration: the values are the start values, and their errors mean nothing"
                     .into()
             }
@@ -440,6 +440,13 @@ fn unsuccessful(estimate: &Estimate) -> Option<String> {
     (!estimate.is_good()).then(|| {
         "the data do not determine every parameter: fix some of those named above, or add runs that excite them".into()
     })
+}
+
+/// Whether the values come from shorter records, segments, measured states or other starts.
+fn has_moved(fit: &Fit) -> bool {
+    let strategies =
+        [fit.rescue.is_some(), fit.shooting.is_some(), !fit.substituted.is_empty(), !fit.starts.is_empty()];
+    strategies.contains(&true) || fit.by_length.len() > 1
 }
 
 /// Prints a fit as far as it came, when the work that it was made for cannot go on from there.
@@ -456,7 +463,7 @@ pub(crate) fn print_so_far(fit: &Fit, output: &Output) -> Ending {
 
 /// What is said behind a result of output error; `complete` when all starts have ended.
 pub(crate) fn remarks(fit: &Fit, complete: bool) -> Vec<String> {
-    let mut remarks: Vec<String> = unsuccessful(&fit.estimate).into_iter().collect();
+    let mut remarks: Vec<String> = unsuccessful(&fit.estimate, has_moved(fit)).into_iter().collect();
     remarks.extend(integration_remarks(fit));
     if fit.model.definition().states.iter().any(|s| s.noise.is_some()) {
         remarks.push("the model's process noise was left out: `--method filter-error` takes it into account".into());

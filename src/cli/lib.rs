@@ -22,6 +22,7 @@ mod methods;
 mod modes;
 mod new;
 mod options;
+mod ownership;
 mod page;
 mod paths;
 mod profile;

@@ -331,7 +331,13 @@ pub(crate) fn noise(words: &[String], model: &Model) -> Result<Noise, Failure> {
             }
             _ => match assignment(word) {
                 Ok((name, deviation)) => match outputs.iter().position(|o| o.quantity.name == name) {
-                    Some(k) => given[k] = Some(deviation),
+                    Some(k) => {
+                        if let Some(other) = given[k].replace(deviation).filter(|other| *other != deviation) {
+                            wrong.push(format!(
+                                "--noise {name}={other} and --noise {word}: give one deviation of `{name}`"
+                            ));
+                        }
+                    }
                     None => {
                         let hint = did_you_mean(&name, outputs.iter().map(|o| o.quantity.name.as_str()));
                         wrong.push(format!("--noise {word}: the model has no output `{name}`{hint}"));

@@ -3,6 +3,7 @@
 
 use crate::deliver::write;
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, print, print_data, remark};
+use crate::ownership::{Kind, Overwriting, refuse_foreign};
 use clap::Args;
 use fdm_report::page::{Paper, Subject, drawings, page};
 use fdm_results::store::{ProgressFile, fingerprint, manifest_text, reason, whole_files};
@@ -21,17 +22,13 @@ pub(crate) struct Report {
     /// File to write; `-` for standard output [default: report.html in the folder]
     #[arg(short, long, value_name = "FILE.html")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// The result in a folder.
 fn subject(folder: &Path) -> Result<Subject, Failure> {
     Subject::from_files(&whole_files(folder).or_failure()?).or_failure()
-}
-
-/// Whether the program made this page.
-fn is_page(text: &[u8]) -> bool {
-    const BEGINNING: usize = 1 << 10;
-    String::from_utf8_lossy(&text[..text.len().min(BEGINNING)]).contains("<meta name=\"generator\" content=\"fdm ")
 }
 
 pub(crate) fn report(arguments: &Report) -> Ending {
@@ -40,11 +37,9 @@ pub(crate) fn report(arguments: &Report) -> Ending {
     if place == Path::new("-") {
         return ended(print_data(&text));
     }
-    if arguments.output.is_none() && fs::read(&place).is_ok_and(|there| !is_page(&there)) {
-        return Err(Failure::input([format!(
-            "{}: fdm did not write it, and it is not overwritten: give another place with -o FILE.html",
-            place.display()
-        )]));
+    // a place that was typed has been looked at
+    if arguments.output.is_none() && !arguments.overwriting.force {
+        refuse_foreign(&place, Kind::Page).or_failure()?;
     }
     write(&place, text)?;
     ended(print(&format!("{}\n", place.display())))
@@ -59,7 +54,7 @@ pub(crate) struct Plot {
     /// Name of the figure [default: list the names]
     #[arg(long, value_name = "NAME")]
     figure: Option<String>,
-    /// File to write, SVG or PNG by its name [default: SVG to standard output]
+    /// File to write, SVG or PNG by its name; `-` for SVG to standard output [default: SVG to standard output]
     #[arg(short, long, value_name = "FILE.svg|FILE.png", requires = "figure")]
     output: Option<PathBuf>,
     /// Width of a PNG in pixels [default: twice that of the drawing]
@@ -68,6 +63,8 @@ pub(crate) struct Plot {
     /// Dark colours
     #[arg(long, requires = "figure")]
     dark: bool,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 pub(crate) fn plot(arguments: &Plot) -> Ending {
@@ -82,7 +79,9 @@ pub(crate) fn plot(arguments: &Plot) -> Ending {
         return Err(Failure::input([format!("the result has no figure `{name}`{near} (`fdm plot DIR` lists them)")]));
     };
     let paper = if arguments.dark { Paper::Dark } else { Paper::Light };
-    let Some(path) = &arguments.output else { return ended(print_data(&found.svg(paper))) };
+    let Some(path) = arguments.output.as_deref().filter(|path| *path != Path::new("-")) else {
+        return ended(print_data(&found.svg(paper)));
+    };
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     let bytes = match ending.as_deref() {
         #[cfg(feature = "png")]

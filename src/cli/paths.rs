@@ -2,6 +2,7 @@
 //! in which the two are named, and no two results go to one place. This is told before any work is done.
 
 use crate::failure::{Failure, at};
+use crate::ownership::{Kind, refuse_foreign};
 use clap::{Arg, ArgMatches, Command};
 use fdm_results::store::{admits, end_of_links, own_files};
 use fdm_system::{Model, read_source};
@@ -13,8 +14,8 @@ use std::path::{Path, PathBuf};
 enum Role {
     /// It is read, with everything in it that belongs to a result.
     Read,
-    /// A file is written.
-    File,
+    /// A file of this kind is written.
+    File(Kind),
     /// A folder is filled.
     Folder,
     /// The verb sees to it itself: it rewrites what it reads, or writes only where nothing stands.
@@ -25,7 +26,11 @@ enum Role {
 fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
         ("fmt" | "new", _) => Role::Own,
-        ("codegen", "out") | (_, "output" | "plot" | "report" | "write") => Role::File,
+        ("codegen", "out") => Role::File(Kind::Code),
+        ("simulate", "output") => Role::File(Kind::Table),
+        ("report", "output") | (_, "report") => Role::File(Kind::Page),
+        ("plot", "output") | (_, "plot") => Role::File(Kind::Drawing),
+        (_, "write") => Role::File(Kind::Model),
         ("man", "folder") | (_, "out" | "checkpoint" | "records") => Role::Folder,
         _ => Role::Read,
     }
@@ -38,7 +43,15 @@ struct Named {
     role: Role,
 }
 
-/// Refuses results that would be written over what the command reads, over each other, or where nothing can be written.
+impl Named {
+    /// What is written, where that is a single file.
+    fn kind(&self) -> Option<Kind> {
+        if let Role::File(kind) = self.role { Some(kind) } else { None }
+    }
+}
+
+/// Refuses results that would be written over what the command reads, over each other, over what fdm did not write, or where
+/// nothing can be written.
 pub(crate) fn refuse_conflicts(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
     let Some((verb, matches)) = matches.subcommand() else { return Ok(()) };
     let Some(command) = command.find_subcommand(verb) else { return Ok(()) };
@@ -47,14 +60,25 @@ pub(crate) fn refuse_conflicts(command: &Command, matches: &ArgMatches) -> Resul
     // what was named itself is told first
     let mut read: Vec<(&Named, PathBuf)> = sources.clone().map(|n| (n, n.path.clone())).collect();
     read.extend(sources.flat_map(belongings));
-    let (files, folders): (Vec<&Named>, Vec<&Named>) =
-        named.iter().filter(|n| matches!(n.role, Role::File | Role::Folder)).partition(|n| n.role == Role::File);
+    let files: Vec<(&Named, Kind)> = named.iter().filter_map(|n| n.kind().map(|kind| (n, kind))).collect();
+    let folders: Vec<&Named> = named.iter().filter(|n| n.role == Role::Folder).collect();
+    let force = matches!(matches.try_get_one::<bool>("force"), Ok(Some(true)));
     let mut wrong = Vec::new();
-    for file in &files {
-        if let Some((source, path)) = read.iter().find(|(_, path)| is_same(path, &file.path)) {
+    for (file, kind) in &files {
+        if file.path == Path::new("-") {
+            let option = &file.option;
+            wrong.push(format!(
+                "{option} -: what is printed goes to standard output; give a file ({option} ./- for one of that name)"
+            ));
+        } else if let Some((source, path)) = read.iter().find(|(_, path)| is_same(path, &file.path)) {
             wrong.push(over(file, source, path));
         } else if let Err(e) = admits(&file.path) {
             wrong.push(format!("{}: {}", file.option, at(&file.path, &e)));
+        } else if !force
+            && *kind != Kind::Table
+            && let Err(said) = refuse_foreign(&file.path, *kind)
+        {
+            wrong.push(format!("{} {said}", file.option));
         }
     }
     for folder in &folders {
@@ -65,7 +89,7 @@ pub(crate) fn refuse_conflicts(command: &Command, matches: &ArgMatches) -> Resul
             wrong.push(over(folder, source, path));
         }
     }
-    let written: Vec<&Named> = files.iter().chain(&folders).copied().collect();
+    let written: Vec<&Named> = files.iter().map(|(file, _)| *file).chain(folders.iter().copied()).collect();
     for (k, one) in written.iter().enumerate() {
         for other in &written[..k] {
             let same =
@@ -96,8 +120,10 @@ fn paths(verb: &str, argument: &Arg, matches: &ArgMatches) -> Vec<Named> {
     let Ok(Some(values)) = matches.try_get_many::<PathBuf>(id) else { return Vec::new() };
     let long = argument.get_long().map(|long| format!("--{long}"));
     let option = long.unwrap_or_else(|| argument.get_value_names().unwrap_or_default().join(" "));
-    // standard input and output
-    let files = values.filter(|path| path.as_path() != Path::new("-"));
+    // standard input and output; only the result itself goes there
+    let is_result = matches!((verb, id), ("codegen", "out") | (_, "output"));
+    let stream = |path: &PathBuf| path.as_path() == Path::new("-");
+    let files = values.filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
     files.map(|path| Named { option: option.clone(), path: path.clone(), role: role(verb, id) }).collect()
 }
 
@@ -176,35 +202,35 @@ mod tests {
         let written: Vec<&str> = found.iter().filter(|f| !f.ends_with(" Read")).map(String::as_str).collect();
         let expected = [
             "design records Folder",
-            "diagnose write File",
+            "diagnose write File(Model)",
             "diagnose out Folder",
-            "diagnose report File",
-            "extend write File",
-            "simulate output File",
+            "diagnose report File(Page)",
+            "extend write File(Model)",
+            "simulate output File(Table)",
             "fit checkpoint Folder",
-            "fit plot File",
+            "fit plot File(Drawing)",
             "fit out Folder",
-            "fit report File",
+            "fit report File(Page)",
             "fmt files Own",
-            "profile plot File",
+            "profile plot File(Drawing)",
             "study checkpoint Folder",
-            "study plot File",
+            "study plot File(Drawing)",
             "study out Folder",
-            "study report File",
-            "regress plot File",
+            "study report File(Page)",
+            "regress plot File(Drawing)",
             "regress out Folder",
-            "regress report File",
-            "plot output File",
-            "report output File",
+            "regress report File(Page)",
+            "plot output File(Drawing)",
+            "report output File(Page)",
             "reproduce records Folder",
             "reproduce checkpoint Folder",
-            "spectra plot File",
+            "spectra plot File(Drawing)",
             "new file Own",
-            "codegen out File",
+            "codegen out File(Code)",
             "man folder Folder",
-            "validate plot File",
+            "validate plot File(Drawing)",
             "validate out Folder",
-            "validate report File",
+            "validate report File(Page)",
         ];
         assert_eq!(written, expected);
         assert!(found.len() > 60, "{found:?}");

@@ -7,6 +7,7 @@ use crate::fit::{integration_remarks, print_so_far};
 use crate::halt::TimeLimit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::Integration;
+use crate::ownership::Overwriting;
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{FitOptions, Options, Status, fit};
@@ -39,6 +40,8 @@ pub(crate) struct Arguments {
     /// Draw the cost over each parameter to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 impl Arguments {

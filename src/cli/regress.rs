@@ -2,7 +2,7 @@
 //! frequency domain; recursively with forgetting; and the search for the structure of a rate.
 
 use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
-use crate::failure::{Ending, Failure, OrFailure, ended};
+use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
 use crate::load::{Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
@@ -147,9 +147,16 @@ impl Recursive {
             let time = recursive_times(&found);
             write(path, svg(&recursive_histories(&found, &time)))?;
         }
-        ended(printed)
+        if found.is_undetermined() {
+            remark(format_args!("{UNDETERMINED}"));
+        }
+        ended(printed && !found.is_undetermined())
     }
 }
+
+/// What is said where no parameter was determined.
+const UNDETERMINED: &str = "nothing was determined: what the parameters multiply, or the rates that they explain, is zero in all of these \
+                            records, or no two neighbouring samples have all values; use records in which inputs and states move";
 
 /// Parts of the band and of the records that `--dependence` shows.
 const PARTS: [f64; 5] = [0.2, 0.4, 0.6, 0.8, 1.0];
@@ -218,7 +225,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     }
     // places that cannot be written are told before the work
     let prepared = prepare(output, None, &arguments.places, (&model, &runs))?;
-    let (mut text, mut document) = estimates(&model, &runs, &options).or_failure()?;
+    let (mut text, mut document, determined) = estimates(&model, &runs, &options).or_failure()?;
     if arguments.dependence && halt.goes_on() {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
@@ -227,7 +234,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
         document = document.with_dependence(cutoff, length);
     }
-    let ending = deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))?;
+    let ending = deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)?;
     if halt.in_time() { Ok(ending) } else { ended(false) }
 }
 
@@ -241,18 +248,18 @@ pub(crate) fn equation_error(
     let domain = frequencies.map_or(Domain::Time, Domain::Frequency);
     let options = RegressionOptions { domain, ..RegressionOptions::default() };
     let prepared = delivery.prepare(&model, &runs)?;
-    let (text, document) = estimates(&model, &runs, &options).or_failure()?;
-    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()))
+    let (text, document, determined) = estimates(&model, &runs, &options).or_failure()?;
+    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)
 }
 
-/// Tables, and the same for programs.
+/// Tables, the same for programs, and whether a parameter was determined.
 fn estimates(
     model: &Model,
     runs: &[Run],
     options: &RegressionOptions,
-) -> Result<(String, RegressionDocument), RegressionError> {
+) -> Result<(String, RegressionDocument, bool), RegressionError> {
     let found = regress(model, runs, options)?;
-    Ok((regression_table(&found), RegressionDocument::of(model.name(), &found)))
+    Ok((regression_table(&found), RegressionDocument::of(model.name(), &found), !found.is_undetermined()))
 }
 
 fn deliver(
@@ -261,10 +268,13 @@ fn deliver(
     (records, runs): (&Records, &[Run]),
     options: &RegressionOptions,
     (text, json): (String, ResultDocument),
+    determined: bool,
 ) -> Ending {
     let manifest = prepared.manifest(model, Identity::of(model, runs, options), Noise::Diagonal, (records, runs));
-    let (spectra, tables, remarks) = (Vec::new(), Vec::new(), Vec::new());
-    ended(prepared.deliver(Outcome { model, fit: None, runs, spectra, tables, text, json, remarks, manifest }))
+    let remarks = if determined { Vec::new() } else { vec![UNDETERMINED.to_string()] };
+    let (spectra, tables) = (Vec::new(), Vec::new());
+    let outcome = Outcome { model, fit: None, runs, spectra, tables, text, json, remarks, manifest };
+    ended(prepared.deliver(outcome) && determined)
 }
 
 /// Half the mean sampling rate of the slowest record.

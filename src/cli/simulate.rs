@@ -4,6 +4,7 @@ use crate::deliver::{column, csv, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
 use crate::load::{ModelOrResult, Selection, read_runs, with_files};
 use crate::options::Integration;
+use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_estimate::initial_guess;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
@@ -36,9 +37,11 @@ pub(crate) struct Arguments {
     /// Print JSON instead of CSV
     #[arg(long, conflicts_with = "output", help_heading = "Result")]
     json: bool,
-    /// Write CSV to a file instead of to the terminal
+    /// Write CSV to a file instead of to the terminal; `-` for standard output
     #[arg(short, long, value_name = "FILE", help_heading = "Result")]
     output: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// One run's response.
@@ -64,11 +67,15 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
             "several runs do not fit into one table: simulate them one by one, or use --json",
         ]));
     }
+    let file = arguments.output.as_deref().filter(|path| *path != Path::new("-"));
+    if let (Some(path), false) = (file, arguments.overwriting.force) {
+        refuse_other_tables(path, &header(&model))?;
+    }
     let responses: Vec<Response<'_>> =
         runs.iter().map(|run| respond(&model, run, folder, arguments)).collect::<Result<_, _>>()?;
     let mut good = match &responses[..] {
         _ if arguments.json => print(&as_json(&responses.iter().map(|r| document(&model, r)).collect::<Vec<_>>())?),
-        [response] => table(&model, response, arguments.output.as_deref())?,
+        [response] => table(&model, response, file)?,
         _ => true,
     };
     for response in &responses {
@@ -203,12 +210,22 @@ fn said(model: &Model, run: &Run, worst: &WorstError) -> String {
 
 /// Time and outputs under their names and units.
 fn columns(model: &Model, response: &Response<'_>) -> Vec<(String, Option<String>, Vec<f64>)> {
+    table_of(model, &response.run.time, &response.y)
+}
+
+/// The first line of the table.
+fn header(model: &Model) -> Vec<u8> {
+    csv(&table_of(model, &[], &[]))
+}
+
+/// Times and outputs (N by q) under their names and units.
+fn table_of(model: &Model, time: &[f64], y: &[f64]) -> Vec<(String, Option<String>, Vec<f64>)> {
     let definition = model.definition();
     let q = definition.outputs.len();
-    let time = ("t".to_string(), Some(definition.time.to_string()), response.run.time.clone());
+    let time = ("t".to_string(), Some(definition.time.to_string()), time.to_vec());
     let output = |(o, output): (usize, &fdm_grammar::model::Output)| {
         let unit = output.quantity.unit.as_ref().map(ToString::to_string);
-        (output.quantity.name.clone(), unit, column(&response.y, o, q))
+        (output.quantity.name.clone(), unit, column(y, o, q))
     };
     std::iter::once(time).chain(definition.outputs.iter().enumerate().map(output)).collect()
 }

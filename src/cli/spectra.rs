@@ -3,12 +3,13 @@
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::load::{Records, band, load_model, number, read_runs};
+use crate::ownership::Overwriting;
 use clap::Args;
 use fdm_report::{response_svg, response_table};
 use fdm_results::documents::{ResponseNames, SpectraDocument};
 use fdm_system::Model;
 use fdm_system::record::Run;
-use fdm_system::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumOptions, Window};
+use fdm_system::spectrum::{Frequencies, FrequencyResponseEstimate, SpectrumError, SpectrumOptions, Window};
 use std::path::PathBuf;
 
 /// What `fdm spectra` takes.
@@ -42,6 +43,8 @@ pub(crate) struct Arguments {
     /// Draw magnitude, phase and coherence to an SVG file
     #[arg(long, value_name = "FILE.svg", help_heading = "Result")]
     plot: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
 }
 
 /// Segments in a record when nothing else is asked for.
@@ -110,6 +113,18 @@ impl Arguments {
         };
         let found =
             FrequencyResponseEstimate::composite(runs, &frequencies, &segments, self.overlap, Window::Hann, &options);
-        found.or_failure()
+        found.map_err(|error| {
+            // the length was not typed: it follows from the shortest run
+            let blamed = runs.iter().find(|run| duration(run) <= shortest);
+            let blamed =
+                blamed.filter(|_| self.segment.is_empty() && matches!(error, SpectrumError::ShortSegments { .. }));
+            let why = blamed.map_or(String::new(), |run| {
+                format!(
+                    " (they are a fifth of the shortest run, or eight samples: run `{}` is {shortest} long)",
+                    run.name
+                )
+            });
+            Failure::input([format!("{error}{why}")])
+        })
     }
 }

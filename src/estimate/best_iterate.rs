@@ -54,6 +54,12 @@ pub struct BestIterate {
 }
 
 impl BestIterate {
+    /// Whether no step of the records says anything about a parameter.
+    pub fn is_undetermined(&self) -> bool {
+        let best = self.recursion.iterates.get(self.best);
+        !best.is_some_and(|i| i.values.iter().any(|v| v.is_finite()))
+    }
+
     /// The simulated error of an iterate, if it was simulated.
     pub fn error_of(&self, iterate: usize) -> Option<f64> {
         self.simulated.iter().find(|(k, _)| *k == iterate)?.1

@@ -36,6 +36,10 @@ impl Changes {
         };
         for (name, value) in &self.set {
             let Some(k) = find(name, &mut mistakes) else { continue };
+            let others = self.set.iter().filter(|(other, _)| other == name);
+            if let Some((_, other)) = others.clone().next_back().filter(|(_, other)| other != value) {
+                mistakes.push(ChangeError::SetTwice { name: name.clone(), values: [*value, *other] });
+            }
             let (name, value) = (name.clone(), *value);
             let Param { lower, upper, .. } = changed[k];
             if !value.is_finite() {
@@ -75,6 +79,7 @@ pub enum ChangeError {
     NotFinite { name: String, value: f64 },
     OutsideBounds { name: String, value: f64, lower: f64, upper: f64 },
     FixedAndFree { name: String },
+    SetTwice { name: String, values: [f64; 2] },
 }
 
 impl fmt::Display for ChangeError {
@@ -87,6 +92,9 @@ impl fmt::Display for ChangeError {
             Self::NotFinite { name, value } => write!(f, "`{name}` cannot start at {value}"),
             Self::OutsideBounds { name, value, lower, upper } => {
                 write!(f, "`{name}` cannot start at {value}: its bounds are [{lower}, {upper}]")
+            }
+            Self::SetTwice { name, values: [one, other] } => {
+                write!(f, "`{name}` is set to {one} and to {other}: give one value")
             }
             Self::FixedAndFree { name } => write!(f, "`{name}` is both to be fixed and to be free"),
         }

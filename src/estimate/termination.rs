@@ -102,7 +102,9 @@ impl fmt::Display for Termination {
             Self::Converged(Reason::SmallStep) => write!(f, "converged"),
             Self::Converged(Reason::Rounding) => write!(f, "converged to rounding"),
             Self::Converged(Reason::Stationary) => write!(f, "converged: no step lowers the cost any more"),
-            Self::Converged(Reason::AllHeld) => write!(f, "every free parameter is held at a bound"),
+            Self::Converged(Reason::AllHeld) => {
+                write!(f, "every free parameter is held: it is at a bound, or has no influence on what was compared")
+            }
             Self::Converged(Reason::NothingToEstimate) => {
                 write!(f, "no parameter is free: the model was compared only")
             }

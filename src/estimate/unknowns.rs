@@ -93,6 +93,9 @@ impl Unknowns {
     /// The parameter behind an unknown with this value.
     fn parameter(&self, unknown: usize, value: f64) -> f64 {
         match self.logarithms.get(unknown) {
+            // the exponential of a bound's logarithm may lie beside the bound by rounding
+            Some(Some((_, upper))) if value >= log(*upper) => *upper,
+            Some(Some((lower, _))) if value <= log(*lower) => *lower,
             Some(Some((lower, upper))) => exp(value).clamp(*lower, *upper),
             _ => value,
         }

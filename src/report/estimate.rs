@@ -3,7 +3,7 @@
 use super::table::{aligned_right, plain, trimmed};
 use fdm_estimate::residuals::{OutputFit, OutputQuality, Whiteness};
 use fdm_estimate::{Estimate, Fit, Iteration, ParameterEstimate, Status};
-use fdm_results::documents::{Remark, digits, digits_by_error, estimate_remarks, fit_remarks};
+use fdm_results::documents::{Remark, digits, digits_by_error, estimate_remarks, fit_remarks, limit_within_bounds};
 
 /// Standard errors beyond this part of the value are worth a mark.
 const UNCERTAIN: f64 = 0.2;
@@ -105,7 +105,9 @@ fn percent(p: &ParameterEstimate) -> String {
 }
 
 fn interval(p: &ParameterEstimate) -> String {
-    let Some([low, high]) = p.interval() else { return String::new() };
+    let Some([low, high]) = p.interval().filter(|_| p.limit.is_none() || limit_within_bounds(p).is_some()) else {
+        return String::new();
+    };
     let error = p.error().unwrap_or(high - low);
     let shown = |v: f64| digits(v, digits_by_error(v, error, 2).unwrap_or(5));
     format!("{} to {}", shown(low), shown(high))
@@ -117,8 +119,8 @@ fn status(p: &ParameterEstimate) -> String {
         |sign: &str, limit: Option<f64>| limit.map_or(String::new(), |l| format!(", 95 % {sign} {}", digits(l, 3)));
     match p.status {
         Status::Estimated => String::new(),
-        Status::AtLowerBound => format!("at its lower bound {}{}", bound(p.lower), limit("<", p.limit)),
-        Status::AtUpperBound => format!("at its upper bound {}{}", bound(p.upper), limit(">", p.limit)),
+        Status::AtLowerBound => format!("at its lower bound {}{}", bound(p.lower), limit("<", limit_within_bounds(p))),
+        Status::AtUpperBound => format!("at its upper bound {}{}", bound(p.upper), limit(">", limit_within_bounds(p))),
         Status::NotDetermined => "not determined".into(),
         Status::Fixed => "fixed".into(),
         Status::Derived => "derived".into(),

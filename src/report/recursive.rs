@@ -17,7 +17,7 @@ fn called(p: &RecursiveParameter) -> String {
 pub fn recursive_table(found: &BestIterate) -> String {
     let r = &found.recursion;
     let (Some(best), Some(last)) = (r.iterates.get(found.best), r.iterates.last()) else {
-        return String::from("the records have no step\n");
+        return String::from("the records have no step that says anything about a parameter\n");
     };
     let mut table = plain(&["parameter", "value", "std error", "%", "last", "all steps", "unit"]);
     for (j, p) in r.parameters.iter().enumerate() {

@@ -25,6 +25,10 @@ pub fn regression_table(regression: &Regression) -> String {
 fn fit_text(fit: &EquationErrorFit) -> String {
     let mut text = String::new();
     for e in &fit.equations {
+        if e.rows == 0 {
+            text.push_str(&format!("{}: no parameter has an influence\n", e.equation));
+            continue;
+        }
         let (rms, r_squared) = (digits(e.rms, 4), digits(e.r_squared, 5));
         text.push_str(&format!("{}: R^2 {r_squared}, residual {rms} over {} rows\n", e.equation, e.rows));
     }

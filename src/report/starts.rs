@@ -62,6 +62,12 @@ fn closing(starts: &[StartSummary], count: usize) -> String {
         text.push_str(&format!(", {} were not begun before the interruption", count - starts.len()));
     }
     text.push('\n');
+    let ran_out = starts.iter().filter(|s| s.termination == Some(Termination::IterationLimit)).count();
+    if ran_out > 0 {
+        text.push_str(&format!(
+            "{ran_out} used all their iterations, half of those of a fit; --iterations N gives more\n"
+        ));
+    }
     for (reason, number) in reasons(&failed) {
         let times = if number == 1 { "once".into() } else { format!("{number} times") };
         text.push_str(&format!("failed {times}: {reason}\n"));

@@ -6,7 +6,7 @@
 
 use crate::code::Engine;
 use crate::dynamics::{Dynamics, Layout};
-use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, read as read_record};
+use crate::record::{ReadOptions, RecordError, Run, RunBuilder, Summary, channels, is_named_pipe, read as read_record};
 use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::effect::Extension;
@@ -343,6 +343,9 @@ fn reason(error: &std::io::Error) -> String {
 
 fn read(path: &Path) -> std::io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
+    if is_named_pipe(path) {
+        return Err(std::io::Error::other("is a named pipe, from which reading may wait for ever, not a file"));
+    }
     let file = File::open(path)?;
     // opening a directory succeeds on some systems, and what reading it says is about the system
     if file.metadata()?.is_dir() {

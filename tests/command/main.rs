@@ -20,4 +20,5 @@ mod spellings;
 mod study;
 mod suites;
 mod terminal;
+mod undetermined;
 mod writing;

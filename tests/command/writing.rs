@@ -127,13 +127,61 @@ fn files_of_others_stay_where_results_go() {
     desk.good(&format!("{design} --force"));
     // pages
     desk.write("work/report.html", "<p>my own</p>");
-    assert!(desk.refused("report work").contains("report.html: fdm did not write it"));
+    assert!(desk.refused("report work").contains("report.html: left alone: nothing in it says that fdm wrote it"));
     desk.write("work/fdm.1", "my own");
     assert!(desk.refused("man work").contains("fdm.1: exists already"));
     fs::remove_file(desk.path("work/report.html")).unwrap();
     for _ in 0..2 {
         desk.good("report work");
     }
+}
+
+/// Single files: what fdm wrote is replaced, other files only with `--force`, and nothing is computed before that is told.
+#[test]
+fn single_files_of_others_are_replaced_with_force_only() {
+    let desk = desk();
+    desk.good("fit gain.fdm --data run.csv -q --out base");
+    let forms = [
+        ("simulate gain.fdm --data run.csv -o @", "out.csv", true),
+        ("fit gain.fdm --data run.csv -q --plot @", "fit.svg", true),
+        ("fit gain.fdm --data run.csv -q --report @", "fit.html", true),
+        ("profile gain.fdm --data run.csv -q --plot @", "profile.svg", true),
+        ("report base -o @", "page.html", true),
+        ("plot base --figure history-1-1 -o @", "figure.svg", true),
+        ("plot base --figure history-1-1 --dark -o @", "dark.svg", true),
+        #[cfg(feature = "png")]
+        ("plot base --figure history-1-1 -o @", "figure.png", true),
+        ("codegen gain.fdm --lang c --out @", "gain.c", true),
+        ("codegen gain.fdm --lang rust --out @", "gain.rs", true),
+        // somebody may have written in it since
+        ("extend gain.fdm --effect input_delay(u) --write @", "more.fdm", false),
+    ];
+    for (words, name, again) in forms {
+        let words = words.replace('@', name);
+        desk.write(name, "mine");
+        let said = desk.refused(&words);
+        assert!(said.contains(&format!("{name}: left alone")) && said.contains("--force"), "{words}: {said}");
+        assert_eq!(desk.text(name), "mine", "{words}");
+        desk.good(&format!("{words} --force"));
+        match again {
+            true => drop(desk.good(&words)),
+            false => assert!(desk.refused(&words).contains("left alone"), "{words}"),
+        }
+        desk.write(name, "");
+        desk.good(&words);
+    }
+    // a dash is standard output, where the result itself goes there
+    for words in [
+        "simulate gain.fdm --data run.csv -o -",
+        "codegen gain.fdm --lang c -o -",
+        "plot base --figure history-1-1 -o -",
+    ] {
+        assert!(!desk.good(words).is_empty(), "{words}");
+    }
+    for words in ["fit gain.fdm --data run.csv --plot -", "extend gain.fdm --effect input_delay(u) --write -"] {
+        assert!(desk.refused(words).contains("give a file"), "{words}");
+    }
+    assert!(!desk.path("-").exists());
 }
 
 /// What cannot be written is told with its file, and exit code 1: the input was right.

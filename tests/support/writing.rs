@@ -100,7 +100,7 @@ pub const FORMS: [Form; 17] = [
     form("plot -o", "plot base@ --figure residual-spectrum-1 -o figure.svg", &["figure.svg"], &[]),
     form(
         "extend --write",
-        "extend model.fdm --effect input_delay(u) --step 0.0@ --write extended.fdm",
+        "extend model.fdm --effect input_delay(u) --step 0.0@ --write extended.fdm --force",
         &["extended.fdm"],
         &[],
     ),

@@ -107,7 +107,11 @@ fn next(input: &mut impl BufRead) -> io::Result<Option<Result<Message, Refused>>
         return Ok(Some(Err(Refused::new(ErrorCode::InvalidRequest, reason))));
     };
     // where a message ends that does not say its length nobody knows
-    let bytes: u64 = length.parse().map_err(|_| io::Error::other("Content-Length is not a number of bytes"))?;
+    let Ok(bytes) = length.parse::<u64>() else {
+        let reason = "Content-Length is not a number of bytes";
+        tell(&Refused::new(ErrorCode::InvalidRequest, reason).answer().to_string())?;
+        return Err(io::Error::other(reason));
+    };
     if bytes > MOST_BYTES {
         // told at once, for all of it may never come
         let reason = format!("a message of {bytes} bytes is too long: at most {MOST_BYTES} are read");

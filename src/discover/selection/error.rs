@@ -100,6 +100,12 @@ pub enum DiagnosisError {
     /// No output was measured.
     #[error("no run has a measured output to compare with")]
     NothingMeasured,
+    /// Outputs that stand still show nothing of a model.
+    #[error(
+        "no output ever changes in any run: such records say nothing about what a model lacks; use runs in which something moves, or \
+         look whether the channel was recorded"
+    )]
+    Still,
     /// No effect fits.
     #[error("no effect of the catalogue fits this model anywhere")]
     NoPlaces,

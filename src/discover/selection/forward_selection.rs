@@ -54,6 +54,14 @@ pub fn diagnose(
     diagnose_while(model, runs, validation, catalogue, (options, progress), &|| true)
 }
 
+/// Whether every one of the `q` outputs has one value wherever it was measured.
+fn is_still(run: &Run, q: usize) -> bool {
+    (0..q).all(|k| {
+        let mut values = run.measured.iter().skip(k).step_by(q).filter(|z| !z.is_nan());
+        values.next().is_none_or(|first| values.all(|z| z == first))
+    })
+}
+
 /// The same, but once `goes_on` says no, nothing is begun any more: what was accepted by then is the result, and it says that it
 /// was stopped.
 ///
@@ -73,6 +81,9 @@ pub fn diagnose_while(
     let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
         return Err(DiagnosisError::NothingMeasured);
+    }
+    if runs.train().iter().all(|run| is_still(run, model.layout().outputs)) {
+        return Err(DiagnosisError::Still);
     }
     progress("fitting the base model");
     let own = names(model);

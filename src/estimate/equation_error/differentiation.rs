@@ -78,10 +78,13 @@ pub(super) struct Smoothed {
     pub(super) cutoff: f64,
 }
 
+/// A sine series of fewer samples has no upper half to find noise in.
+pub(super) const FEWEST_SAMPLES: usize = 9;
+
 /// Smooths samples `dt` apart, all present. Without a given cut-off it is where the signal's own series meets its noise.
 pub(super) fn smooth(samples: &[f64], dt: f64, cutoff: Option<f64>) -> Smoothed {
     let n = samples.len().saturating_sub(1);
-    if n < 8 {
+    if samples.len() < FEWEST_SAMPLES {
         return Smoothed {
             values: samples.to_vec(),
             derivatives: vec![f64::NAN; samples.len()],

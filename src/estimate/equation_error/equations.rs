@@ -48,6 +48,11 @@ impl Equations {
         found
     }
 
+    /// What the k-th is called: `der(x)`.
+    pub(super) fn name(&self, model: &Model, k: usize) -> String {
+        format!("der({})", model.states[self.equations[k].state].quantity.name)
+    }
+
     fn equation(
         &mut self,
         model: &Model,

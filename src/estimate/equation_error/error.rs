@@ -85,6 +85,16 @@ pub enum RegressionError {
     Window(usize),
     #[error("a cut-off of {0} cycles per unit of time is not above zero, or not below half the sampling rate")]
     Cutoff(f64),
+    #[error(
+        "run `{run}`: a cut-off of {cutoff} cycles per unit of time is not between {least:.4} (half a cycle in the record) and \
+         {most:.4} (half the sampling rate); give one between them"
+    )]
+    CutoffOutside { run: String, cutoff: f64, least: f64, most: f64 },
+    #[error(
+        "run `{run}`: `{state}` has values at {present} of {samples} samples; a sine series needs them at half of the samples, and at \
+         {least} at least: take every so many samples with --every, or a record with fewer gaps"
+    )]
+    Gaps { run: String, state: String, present: usize, samples: usize, least: usize },
     #[error("run `{run}`: the low-pass filter needs equal intervals; smooth by a polynomial, which takes any")]
     UnevenFilter { run: String },
     #[error(
@@ -95,6 +105,15 @@ pub enum RegressionError {
     Restart(f64),
     #[error("a solution has at least one component")]
     NoComponent,
+    #[error(
+        "a solution of {asked} components is not possible: {equations} has {most} parameters, so that {most} are the most"
+    )]
+    TooManyComponents { equations: String, asked: usize, most: usize },
+    #[error(
+        "{equations}: no sample has all values that the equation needs, its rate among them, which takes the neighbours of a sample; use a \
+         record with fewer gaps, or take every so many samples with --every"
+    )]
+    NoRows { equations: String },
     #[error("{equations}: {rows} rows are too few for {parameters} parameters; use a longer record or a wider band")]
     TooFewRows { equations: String, rows: usize, parameters: usize },
     #[error("{equations}: the values are not finite or too large to be squared; look at the records and at the units")]

@@ -133,6 +133,14 @@ pub fn regress(model: &Model, runs: &[Run], options: &RegressionOptions) -> Resu
         }
         fits.push(fit);
     }
+    if let Components::Count(asked) = options.components {
+        let largest = fits.iter().max_by_key(|f| f.parameters.len());
+        let most = largest.map_or(0, |f| f.parameters.len());
+        if let Some(fit) = largest.filter(|_| most > 0 && asked > most) {
+            let equations = fit.equations.iter().map(|e| e.equation.clone()).collect::<Vec<_>>().join(", ");
+            return Err(RegressionError::TooManyComponents { equations, asked, most });
+        }
+    }
     let given = |name: &String| fits.iter().any(|f: &EquationErrorFit| f.parameters.iter().any(|p| p.name == *name));
     let free = definition.params.iter().filter(|p| !p.fixed).map(|p| p.quantity.name.clone());
     let kept = free.filter(|name| !given(name)).collect();
@@ -220,7 +228,7 @@ struct Namer<'a> {
 
 impl Namer<'_> {
     fn equation(&self, k: usize) -> String {
-        format!("der({})", self.definition.states[self.equations.equations[k].state].quantity.name)
+        self.equations.name(self.definition, k)
     }
 
     fn equations(&self, members: &[usize]) -> String {
@@ -308,7 +316,20 @@ fn some_or_none(value: f64) -> f64 {
     if value.is_nan() { 0.0 } else { value }
 }
 
+impl Regression {
+    /// Whether no equation says anything about a parameter.
+    pub fn is_undetermined(&self) -> bool {
+        self.fits.iter().all(EquationErrorFit::is_undetermined)
+    }
+}
+
 impl EquationErrorFit {
+    /// Whether these records say nothing about the parameters: nothing multiplies them, or a rate that is zero throughout is met by
+    /// values that are all zero, without any error.
+    pub fn is_undetermined(&self) -> bool {
+        self.parameters.iter().all(|p| p.value == 0.0 && p.standard_error == 0.0)
+    }
+
     /// Whether all estimates are numbers, with errors that are.
     fn is_finite(&self) -> bool {
         let whole = |p: &Regressed| p.value.is_finite() && p.standard_error.is_finite();

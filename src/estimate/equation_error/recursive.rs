@@ -105,7 +105,7 @@ pub fn recursive(model: &Model, runs: &[Run], options: &RecursiveOptions) -> Res
     let mut filters = Vec::new();
     for members in super::fit::groups(&equations) {
         let own: Vec<&Stretch> = stretches.iter().filter(|s| members.contains(&s.block.equation)).collect();
-        filters.extend(Filter::new(definition, &own, &runs)?);
+        filters.extend(Filter::new(definition, &equations, &own, &runs)?);
     }
     let parameters: Vec<Unknown> = filters.iter().flat_map(|f| f.unknowns.iter().copied()).collect();
     let given = |k: usize| parameters.iter().any(|u| u.param as usize == k);
@@ -205,9 +205,14 @@ struct Filter {
 
 impl Filter {
     /// None when the records move no column of these equations.
-    fn new(definition: &fdm_grammar::Model, own: &[&Stretch], runs: &[Run]) -> Result<Option<Self>, RegressionError> {
+    fn new(
+        definition: &fdm_grammar::Model,
+        equations: &Equations,
+        own: &[&Stretch],
+        runs: &[Run],
+    ) -> Result<Option<Self>, RegressionError> {
         let blocks: Vec<&Block> = own.iter().map(|s| &s.block).filter(|b| !b.rows.left.is_empty()).collect();
-        let mut names: Vec<String> = blocks.iter().map(|b| format!("equation {}", b.equation + 1)).collect();
+        let mut names: Vec<String> = blocks.iter().map(|b| equations.name(definition, b.equation)).collect();
         names.dedup();
         let group = Group::new(blocks, names.join(", "));
         if group.unknowns.is_empty() {

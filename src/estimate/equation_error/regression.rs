@@ -75,6 +75,9 @@ impl<'a> Group<'a> {
             Domain::Time => self.blocks.len() * options.detrend.taken(),
             Domain::Frequency(_) => 0,
         };
+        if rows == 0 {
+            return Err(RegressionError::NoRows { equations: self.name.clone() });
+        }
         if rows <= p + taken {
             return Err(RegressionError::TooFewRows { equations: self.name.clone(), rows, parameters: p });
         }

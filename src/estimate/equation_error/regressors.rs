@@ -1,6 +1,6 @@
 //! Rates and regressors of a run: its measured states, their rates and the columns of every equation, as rows at samples or at frequencies.
 
-use super::differentiation::{Smoothed, derivatives, smooth};
+use super::differentiation::{FEWEST_SAMPLES, Smoothed, derivatives, smooth};
 use super::error::RegressionError;
 use super::options::{Domain, RegressionOptions, Smoothing};
 use super::preprocessing::detrend;
@@ -51,12 +51,12 @@ impl<'a> Signals<'a> {
         let none = vec![None; states.len()];
         let mut signals = Self { run, rates: none, smoothed: vec![None; states.len()], states };
         if options.domain == Domain::Time {
-            signals.differentiate(options.smoothing)?;
+            signals.differentiate(model, options.smoothing)?;
         }
         Ok(signals)
     }
 
-    fn differentiate(&mut self, smoothing: Smoothing) -> Result<(), RegressionError> {
+    fn differentiate(&mut self, model: &Model, smoothing: Smoothing) -> Result<(), RegressionError> {
         let cutoff = match smoothing {
             Smoothing::Local { points } => {
                 let rates = self.states.iter().map(|s| s.as_ref().map(|s| derivatives(&self.run.time, s, points)));
@@ -71,11 +71,23 @@ impl<'a> Signals<'a> {
         if grid.place.last().is_none_or(|last| last + 1 != self.run.len()) {
             return Err(uneven());
         }
+        let samples = self.run.len();
+        if let Some(cutoff) = cutoff {
+            let (least, most) = (0.5 / (grid.interval * (samples.max(2) - 1) as f64), 0.5 / grid.interval);
+            if !(least..=most).contains(&cutoff) {
+                return Err(RegressionError::CutoffOutside { run: self.run.name.clone(), cutoff, least, most });
+            }
+        }
         for k in 0..self.states.len() {
             let Some(values) = &self.states[k] else { continue };
             let bridged = bridged(&self.run.time, values);
             if bridged.iter().any(|v| v.is_nan()) {
                 continue;
+            }
+            let (present, least) = (values.iter().filter(|v| !v.is_nan()).count(), FEWEST_SAMPLES);
+            if present < least || 2 * present < samples {
+                let (run, state) = (self.run.name.clone(), model.states[k].quantity.name.clone());
+                return Err(RegressionError::Gaps { run, state, present, samples, least });
             }
             let Smoothed { values, derivatives, noise, cutoff } = smooth(&bridged, grid.interval, cutoff);
             self.rates[k] = Some(derivatives);

@@ -19,6 +19,19 @@ pub enum FitError {
         /// Why.
         reason: Unsuited,
     },
+    /// A standard deviation of an output that is not above zero with the start values.
+    Deviation {
+        /// The output.
+        output: String,
+        /// The expression of its deviation.
+        expression: String,
+        /// Name of the run.
+        run: String,
+        /// Time of the first such sample.
+        time: f64,
+        /// What the expression is there.
+        value: f64,
+    },
     /// A problem that cannot be solved.
     Problem(Vec<ProblemError>),
     /// A strategy that was asked for and cannot be followed.
@@ -44,6 +57,13 @@ impl fmt::Display for FitError {
         match self {
             Self::Changes(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
             Self::Unsuited { run, reason } => write!(f, "run `{run}`: {reason}"),
+            Self::Deviation { output, expression, run, time, value } => write!(
+                f,
+                "run `{run}`: the noise of `{output}`, `{expression}`, is {value} at time {time} with the start values, and a standard \
+                 deviation is above zero; begin with other values (--set){}",
+                // the absolute value of zero helps nobody
+                if *value < 0.0 { format!(", or write abs({expression})") } else { String::new() }
+            ),
             Self::Problem(e) => write!(f, "{}", lines(e.iter().map(ToString::to_string).collect())),
             Self::Strategy(e) => write!(f, "{e}"),
             Self::Method { method, domain } => {
@@ -95,7 +115,7 @@ impl fmt::Display for StrategyError {
             Self::Loss { value } => {
                 write!(
                     f,
-                    "a loss has a positive number, and Student's law 1 degree of freedom or more; {value} was given"
+                    "Huber's loss has a number from 0.01 to 100, and Student's law 1 to 1e6 degrees of freedom; {value} was given"
                 )
             }
             Self::LossOfNoiseModel => write!(

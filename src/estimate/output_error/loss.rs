@@ -5,6 +5,7 @@ use fdm_numeric::statistics::{Student, normal_tail};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 /// What is made of residuals, in units of their scale.
@@ -96,8 +97,8 @@ impl Loss {
     /// What is wrong with its number, if anything.
     pub(super) fn mistake(self) -> Option<StrategyError> {
         match self {
-            Self::Huber(k) if !(k > 0.0 && k.is_finite()) => Some(StrategyError::Loss { value: k }),
-            Self::Student(degrees) if !(degrees >= 1.0 && degrees.is_finite()) => {
+            Self::Huber(k) if !HUBER_NUMBERS.contains(&k) => Some(StrategyError::Loss { value: k }),
+            Self::Student(degrees) if !STUDENT_NUMBERS.contains(&degrees) => {
                 Some(StrategyError::Loss { value: degrees })
             }
             _ => None,
@@ -115,12 +116,18 @@ impl fmt::Display for Loss {
     }
 }
 
+/// Deviations up to which Huber's loss is one of squares: of fewer next to no residual is squared and scales are lost in rounding,
+/// of more every one is, as without the loss.
+const HUBER_NUMBERS: RangeInclusive<f64> = 0.01..=100.0;
+/// Degrees of freedom of Student's law: of fewer it has no scale that is found, of more it is the normal law.
+const STUDENT_NUMBERS: RangeInclusive<f64> = 1.0..=1e6;
+
 impl FromStr for Loss {
     type Err = String;
 
     /// `squares`, `huber`, `student`, and the last two with a number: `huber:1.5`, `student:3`.
     fn from_str(text: &str) -> Result<Self, String> {
-        const WANTED: &str = "`squares`, `huber`, `huber:K` (deviations, above 0), `student` or `student:N` (degrees of freedom, 1 or more)";
+        const WANTED: &str = "`squares`, `huber`, `huber:K` (deviations, from 0.01 to 100; 1 to 3 are sensible), `student` or `student:N` (degrees of freedom, from 1 to 1e6; 3 to 10 are sensible)";
         let wrong = || format!("expected {WANTED}");
         let (word, number) = text.trim().split_once(':').map_or((text.trim(), None), |(word, n)| (word, Some(n)));
         let number = number.map(|n| n.trim().parse::<f64>().map_err(|_| wrong())).transpose()?;

@@ -16,6 +16,7 @@ use crate::residuals::OutputFit;
 use crate::residuals::noise_variation::{OutputSeries, test};
 use crate::solve::estimate;
 use crate::uncertainty::sandwich::NoiseColour;
+use fdm_grammar::graph::show;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Accuracy, Scheme, Simulator, Steps, integration_error};
@@ -41,7 +42,8 @@ pub(crate) fn deviations(model: &Model, noise: &Noise) -> Option<Vec<Option<usiz
 /// The runs without the samples whose deviation is infinite: these say nothing, whatever they are.
 ///
 /// # Errors
-/// [`FitError::Unsuited`] for a run that the model cannot be simulated on.
+/// [`FitError::Unsuited`] for a run that the model cannot be simulated on, [`FitError::Deviation`] for a sample whose deviation is not
+/// above zero.
 pub(crate) fn without_infinite(
     model: &Model,
     runs: &[Run],
@@ -57,12 +59,37 @@ pub(crate) fn without_infinite(
         let mut y = vec![0.0; run.len() * simulated];
         // where the start diverges, what comes before is kept
         let _ = simulator.map_err(|e| FitError::unsuited(run, e))?.simulate(theta, &mut y);
+        if let Some(wrong) = not_positive(model, run, deviations, &y) {
+            return Err(wrong);
+        }
         for (z, y) in run.measured.chunks_exact_mut(q).zip(y.chunks_exact(simulated)) {
             let infinite = |s: &Option<usize>| s.is_some_and(|s| y[s] == 0.0);
             z.iter_mut().zip(deviations).filter(|(_, s)| infinite(s)).for_each(|(z, _)| *z = f64::NAN);
         }
     }
     Ok(kept)
+}
+
+/// The first measured sample of a run whose deviation is not above zero; `y` holds the outputs and one over the deviations.
+fn not_positive(model: &Model, run: &Run, deviations: &[Option<usize>], y: &[f64]) -> Option<FitError> {
+    let (definition, q) = (model.definition(), deviations.len());
+    let rows = y.chunks_exact(y.len() / run.len().max(1)).zip(run.measured.chunks_exact(q)).enumerate();
+    for (sample, (y, z)) in rows {
+        let positive = |s: &Option<usize>| s.is_none_or(|s| y[s] >= 0.0 && y[s].is_finite());
+        let is_wrong = |o: &usize| !z[*o].is_nan() && !positive(&deviations[*o]);
+        let wrong = (0..q).filter(|_| y[..q].iter().all(|v| v.is_finite())).find(is_wrong);
+        let Some((o, s)) = wrong.and_then(|o| Some((o, deviations[o]?))) else { continue };
+        let output = &definition.outputs[o];
+        return Some(FitError::Deviation {
+            output: output.quantity.name.clone(),
+            expression: output.noise_model.map_or_else(String::new, |e| show(&definition.graph, e, definition)),
+            run: run.name.clone(),
+            time: run.time[sample],
+            // what is simulated is one over it
+            value: 1.0 / y[s],
+        });
+    }
+    None
 }
 
 /// Why a method that knows noise of one size only cannot estimate a model, if it cannot.

@@ -108,6 +108,13 @@ impl Response for Standardised<'_> {
         let mut all = vec![0.0; self.simulator.samples() * simulated];
         self.simulator.simulate(theta, &mut all)?;
         self.surcharge = 0.0;
+        let negative = |(z, s): (&f64, &Option<usize>), all: &[f64]| !z.is_nan() && s.is_some_and(|s| all[s] < 0.0);
+        let mut rows = all.chunks_exact(simulated).zip(self.measured.chunks_exact(q));
+        // beyond zero the likelihood would be that of the absolute value, and the estimate no deviation
+        if let Some(sample) = rows.position(|(all, z)| z.iter().zip(&self.deviations).any(|pair| negative(pair, all))) {
+            let time = self.simulator.run().time[sample];
+            return Err(Divergence { time, state: None, sample: sample.saturating_sub(1) });
+        }
         let samples = all.chunks_exact(simulated).zip(self.measured.chunks_exact(q));
         for ((all, z), y) in samples.zip(y.chunks_exact_mut(parts.len())) {
             outputs_of(&parts, all, z, y, &mut self.surcharge);

@@ -47,7 +47,19 @@ pub(super) fn png(svg: &str, width: u32) -> Result<Vec<u8>, RasterError> {
     let mut pixels =
         Pixmap::new(width, height as u32).ok_or_else(|| undrawn("a picture needs at least one pixel".into()))?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
-    pixels.encode_png().map_err(|e| undrawn(e.to_string()))
+    pixels.encode_png().map(signed).map_err(|e| undrawn(e.to_string()))
+}
+
+/// The picture with the chunk that names the program behind its head, by which the program finds later that it wrote the file.
+fn signed(mut picture: Vec<u8>) -> Vec<u8> {
+    /// Signature (8 bytes), and the chunk IHDR: length, name, 13 bytes, checksum.
+    const HEAD: usize = 33;
+    /// Length, name and keyword, text, checksum (PNG, third edition, 11.3.3.2).
+    const SOFTWARE: [&[u8]; 4] = [b"\0\0\0\x0c", b"tEXtSoftware\0", b"fdm", &0x6b543193_u32.to_be_bytes()];
+    if picture.len() >= HEAD {
+        picture.splice(HEAD..HEAD, SOFTWARE.concat());
+    }
+    picture
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
 use super::json::present;
 use super::modes::ModesDocument;
 use super::outputs::OutputDocument;
+use super::remarks::limit_within_bounds;
 use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
 use super::study::Study;
 use fdm_discover::LackOfFit;
@@ -331,7 +332,12 @@ impl FitDocument {
     fn of_estimate(model: &Model, e: &Estimate) -> Self {
         Self {
             model: model.name().into(),
-            parameters: e.parameters.clone(),
+            // a limit beyond the other bound would be read as one
+            parameters: e
+                .parameters
+                .iter()
+                .map(|p| ParameterEstimate { limit: limit_within_bounds(p), ..p.clone() })
+                .collect(),
             outputs: e.outputs.iter().map(|o| OutputDocument::of(model, o)).collect(),
             cost: e.cost,
             log_likelihood: e.log_likelihood,

@@ -49,5 +49,7 @@ pub use progress::{AtWork, CourseDocument, CourseParameter, ProgressDocument, Pr
 pub use regression::{
     Iterates, RecursiveDocument, RecursiveValue, RefusalDocument, RegressionDocument, SimulatedError, StructureDocument,
 };
-pub use remarks::{About, Remark, estimate_remarks, fit_remarks, residual_remarks, spectral_remarks};
+pub use remarks::{
+    About, Remark, estimate_remarks, fit_remarks, limit_within_bounds, residual_remarks, spectral_remarks,
+};
 pub use result::{KeptParameter, ResultDocument};

@@ -255,6 +255,13 @@ fn correlated(estimate: &Estimate) -> Vec<String> {
     told.chain((more > 0).then(|| format!("{more} more pairs correlate by more than {CORRELATED}"))).collect()
 }
 
+/// Of a parameter at its bound the value that it lies on this side of with 95 % probability, where that is a value that it may have:
+/// beyond its other bound the limit says nothing.
+pub fn limit_within_bounds(p: &ParameterEstimate) -> Option<f64> {
+    let inside = |limit: &f64| p.lower.is_none_or(|l| *limit >= l) && p.upper.is_none_or(|u| *limit <= u);
+    p.limit.filter(inside)
+}
+
 /// A bound may hide a better value behind it, or be where a way downhill from the start values ends.
 fn bounds(estimate: &Estimate) -> Vec<String> {
     let side = |p: &ParameterEstimate| match p.status {
@@ -264,7 +271,13 @@ fn bounds(estimate: &Estimate) -> Vec<String> {
     };
     let held = estimate.parameters.iter().filter_map(|p| Some((p, side(p)?)));
     let say = |(p, side): (&ParameterEstimate, &str)| {
-        let errors = match p.limit {
+        let errors = match limit_within_bounds(p) {
+            None if p.limit.is_some() => {
+                let (from, other) = if side == "lower" { ("above", "upper") } else { ("below", "lower") };
+                format!(
+                    "the data do not bound it from {from}: 95 % probability reaches beyond its {other} bound; errors of the others allow for that"
+                )
+            }
             Some(limit) => {
                 let word = if limit > p.value { "below" } else { "above" };
                 format!(
@@ -315,7 +328,9 @@ fn colour(estimate: &Estimate) -> Vec<String> {
     if estimate.uncorrected == Some(Uncorrected::Innovations) {
         return Vec::new();
     }
-    if let Some(reason) = estimate.uncorrected.as_ref().filter(|_| estimate.noise.is_some()) {
+    // where no parameter has an error there is none to correct
+    let has_errors = estimate.parameters.iter().any(|p| p.standard_error.is_some());
+    if let Some(reason) = estimate.uncorrected.as_ref().filter(|_| estimate.noise.is_some() && has_errors) {
         return vec![format!("errors are not corrected for the colour of the residuals: {reason}")];
     }
     let mut coloured: Vec<String> = Vec::new();

@@ -164,6 +164,11 @@ pub enum Fault {
     /// A device or socket: it might never end.
     #[error("this is neither a file nor a pipe")]
     Device,
+    /// A pipe with a name: reading waits until somebody writes.
+    #[error(
+        "this is a named pipe, from which reading may wait for ever, expected a file; `cat PIPE | fdm .. /dev/stdin` reads one"
+    )]
+    NamedPipe,
     /// Larger than this version reads.
     #[error("the file is larger than the limit of {} GiB", .0 >> 30)]
     TooLarge(u64),
@@ -337,6 +342,19 @@ pub enum Fault {
     /// A number that would be read as zero.
     #[error("found `{0}`, which is not 0 but nearer to it than numbers reach (about 4.9e-324)")]
     Vanishing(String),
+    /// A channel whose numbers are so large or so small that their squares are no numbers any more.
+    #[error(
+        "the {role} `{channel}` reaches {value}; squares and products of such values are no numbers any more, so that sizes from 1e-100 to \
+         1e100 are read; use another unit, or look whether the values are right"
+    )]
+    Size {
+        /// What the channel is to the model.
+        role: Role,
+        /// The channel.
+        channel: String,
+        /// Its largest absolute value, as text.
+        value: String,
+    },
     /// A number without bound.
     #[error("found `{0}`, expected a finite number")]
     Infinite(String),

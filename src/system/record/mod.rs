@@ -29,4 +29,5 @@ pub use read::{ReadOptions, read, read_all};
 pub use run::Run;
 pub use run::{Cursor, Place};
 pub use table::{Delimiter, Dialect, Mark};
+pub(crate) use text::is_named_pipe;
 pub use write::{Column, write, write_to};

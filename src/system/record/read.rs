@@ -137,6 +137,10 @@ fn assemble(
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let run = finish(name, samples, &plan, channels, options, &mut notes)?;
     let names: Vec<_> = names(channels).collect();
+    let unheld = sizes(&run, &names, channels.inputs.len());
+    if !unheld.is_empty() {
+        return Err(unheld);
+    }
     let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
     let sampling = if channels.timed || !counted { Sampling::new(&run.time) } else { None };
     let empty = |(k, _): &(usize, &Option<Source>)| !run.measures(*k);
@@ -268,6 +272,23 @@ fn finish(
         input_gaps.push(input_gaps[slope.of as usize]);
     }
     Ok(Run { name, time, inputs, held, measured, input_gaps, output_gaps })
+}
+
+/// Channels of which squares overflow, or vanish beside none that do not.
+fn sizes(run: &Run, names: &[(Role, String)], inputs: usize) -> Vec<Problem> {
+    const SIZES: std::ops::RangeInclusive<f64> = 1e-100..=1e100;
+    let (m, q) = (run.held.len(), names.len() - inputs);
+    let largest = |values: &[f64], k: usize, width: usize| {
+        // what is missing is not a number
+        values.iter().skip(k).step_by(width).map(|v| v.abs()).fold(0.0, f64::max)
+    };
+    let one = |(k, (role, channel)): (usize, &(Role, String))| {
+        let size = if k < inputs { largest(&run.inputs, k, m) } else { largest(&run.measured, k - inputs, q) };
+        let is_held = size == 0.0 || SIZES.contains(&size);
+        let value = format!("{size:e}");
+        (!is_held).then(|| Fault::Size { role: *role, channel: channel.clone(), value }.anywhere())
+    };
+    names.iter().enumerate().filter_map(one).collect()
 }
 
 /// Times since the first, scaled; `None` when they do not rise any more, or leave the range of numbers.

@@ -23,6 +23,9 @@ pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     if !about.is_file() && !is_pipe(&about) {
         return Err(Fault::Device.anywhere());
     }
+    if is_named_pipe(path) {
+        return Err(Fault::NamedPipe.anywhere());
+    }
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_end(&mut bytes)).map_err(refused)?;
     if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { Ok(bytes) }
@@ -35,6 +38,14 @@ pub(crate) fn reason(error: &std::io::Error) -> String {
         std::io::ErrorKind::PermissionDenied => "permission denied".into(),
         _ => error.to_string(),
     }
+}
+
+/// Whether a path names a pipe in a folder. Those that the shell or a program before has opened already stand below `/dev` and `/proc`.
+pub(crate) fn is_named_pipe(path: &Path) -> bool {
+    let open = |path: &Path| path.starts_with("/dev") || path.starts_with("/proc");
+    std::fs::metadata(path).is_ok_and(|about| is_pipe(&about))
+        && !open(path)
+        && !path.canonicalize().is_ok_and(|place| open(&place))
 }
 
 #[cfg(unix)]

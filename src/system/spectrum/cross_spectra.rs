@@ -49,13 +49,13 @@ impl CrossSpectra {
     ) -> Result<Self, SpectrumError> {
         let mut average: Option<Average> = None;
         for run in runs {
-            let even = EvenRows::of(run)?;
+            let even = EvenRows::of(run).map_err(|e| e.in_run(&run.name))?;
             let inputs = run.inputs.len() / run.len();
             let average = match &mut average {
                 Some(average) => average,
                 None => average.insert(Average::new(&even, inputs, choice, segmentation)?),
             };
-            average.add(run, &even, segmentation, window, options)?;
+            average.add(run, &even, segmentation, window, options).map_err(|e| e.in_run(&run.name))?;
         }
         let average = average.ok_or(SpectrumError::TooFewSamples { found: 0, needed: 8 })?;
         average.finish(segmentation)
@@ -126,7 +126,7 @@ impl Average {
     ) -> Result<Self, SpectrumError> {
         let samples = (segmentation.longest() / even.dt).round().clamp(8.0, u32::MAX.into()) as usize;
         let pairs = even.width * (even.width + 1) / 2;
-        let comb = choice.of(samples, even.dt, pairs)?;
+        let comb = choice.of(samples, even.dt, pairs).map_err(SpectrumError::of_segments)?;
         let spacing = 1.0 / (samples as f64 * even.dt);
         let resolved = match choice {
             Frequencies::Grid { .. } => {

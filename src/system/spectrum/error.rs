@@ -111,6 +111,29 @@ pub enum SpectrumError {
         /// One cycle in the record.
         least: f64,
     },
+    /// Segments too short.
+    #[error(
+        "segments {length} long hold less than one period of the band's lower end {lowest} ({period}); raise the lower end to {least} or \
+         more, or take longer segments, of longer records where these are too short"
+    )]
+    ShortSegments {
+        /// Lower end.
+        lowest: f64,
+        /// Its period.
+        period: f64,
+        /// Length of the longest segment.
+        length: f64,
+        /// One cycle in a segment.
+        least: f64,
+    },
+    /// Something is wrong with one of several runs.
+    #[error("run `{run}`: {error}")]
+    InRun {
+        /// Its name.
+        run: String,
+        /// What is wrong.
+        error: Box<SpectrumError>,
+    },
     /// More than memory is for.
     #[error(
         "{frequencies} frequencies of {channels} channels are more than the limit of {limit} coefficients; use a narrower band or \
@@ -179,4 +202,24 @@ pub enum SpectrumError {
          use runs in which they move differently"
     )]
     Dependent(ChannelName),
+}
+
+impl SpectrumError {
+    /// The same of a run, by its name.
+    pub(super) fn in_run(self, run: &str) -> Self {
+        match self {
+            known @ (Self::InRun { .. } | Self::OtherChannels { .. }) => known,
+            error => Self::InRun { run: run.into(), error: Box::new(error) },
+        }
+    }
+
+    /// The same of segments, where it was said of a record as long as the longest of them.
+    pub(super) fn of_segments(self) -> Self {
+        match self {
+            Self::ShorterThanPeriod { lowest, period, duration, least } => {
+                Self::ShortSegments { lowest, period, length: duration, least }
+            }
+            other => other,
+        }
+    }
 }
