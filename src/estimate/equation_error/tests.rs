@@ -207,7 +207,7 @@ fn columns_that_move_together_take_fewer_components() {
     );
     let found = regress(&twice, std::slice::from_ref(&run), &RegressionOptions::default()).unwrap();
     assert_eq!(found.fits[0].components.len(), 3, "of four columns");
-    let asked = RegressionOptions { components: Components::Count(9), ..Default::default() };
+    let asked = RegressionOptions { components: Components::Count(4), ..Default::default() };
     let found = regress(&twice, &[run], &asked).unwrap();
     assert_eq!((found.fits[0].chosen, &found.fits[0].reason), (3, &Chosen::Asked));
 }

@@ -534,5 +534,5 @@ fn what_cannot_be_told_is_said() {
     let longer = Segmentation::Equal { length: 101.0, overlap: 0.5 };
     assert!(told(&good, &longer).starts_with("no run holds a segment 101 long"));
     let short = Segmentation::Equal { length: 2.0, overlap: 0.5 };
-    assert!(told(&good, &short).contains("the record is 2 long, less than one period of the band's lower end 0.4"));
+    assert!(told(&good, &short).contains("segments 2 long hold less than one period of the band's lower end 0.4"));
 }
