@@ -194,6 +194,7 @@ impl Selection {
     /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {
+            any_size: false,
             map: self.map.clone(),
             from: self.from,
             to: self.to,

@@ -60,7 +60,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (model, folder) = (arguments.model.changed(&model)?, folder.as_ref());
     let runs = match folder {
         Some(folder) if arguments.data.is_empty() => fitted_runs(folder, arguments.like.as_deref(), &model)?,
-        _ => read_runs(&arguments.data, &arguments.selection.options(false), &model, &[], true)?,
+        _ => read_runs(
+            &arguments.data,
+            &ReadOptions { any_size: true, ..arguments.selection.options(false) },
+            &model,
+            &[],
+            true,
+        )?,
     };
     if runs.len() > 1 && !arguments.json {
         return Err(Failure::input([
@@ -135,7 +141,7 @@ fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Resu
     if !wrong.is_empty() {
         return Err(Failure::Input(wrong));
     }
-    let options = ReadOptions { require_outputs: false, ..manifest.reading.clone() };
+    let options = ReadOptions { require_outputs: false, any_size: true, ..manifest.reading.clone() };
     let mut runs = read_runs(&files, &options, model, &[], true)?;
     // as the fit called them, where files share a name
     runs.iter_mut().zip(&wanted).for_each(|(run, data)| run.name.clone_from(&data.run));

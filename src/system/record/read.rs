@@ -26,11 +26,14 @@ pub struct ReadOptions {
     pub every: usize,
     /// Inputs that keep their value until the next sample.
     pub hold: Vec<String>,
-    /// Whether every output must have a column with values, in some run at least, and all sizes squares that are numbers; otherwise missing ones are all NaN.
+    /// Whether every output must have a column with values, in some run at least; otherwise missing ones are all NaN.
     pub require_outputs: bool,
     /// Outputs that are left out: all NaN, whether the file has a column for them or not.
     #[serde(default)]
     pub without: Vec<String>,
+    /// Whether numbers are read whose squares are none: what is only simulated needs no squares.
+    #[serde(default, skip_serializing)]
+    pub any_size: bool,
 }
 
 impl Default for ReadOptions {
@@ -43,6 +46,7 @@ impl Default for ReadOptions {
             hold: Vec::new(),
             require_outputs: true,
             without: Vec::new(),
+            any_size: false,
         }
     }
 }
@@ -138,7 +142,7 @@ fn assemble(
     let run = finish(name, samples, &plan, channels, options, &mut notes)?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
-    let unheld = if options.require_outputs { sizes(&run, &names, channels.inputs.len()) } else { Vec::new() };
+    let unheld = if options.any_size { Vec::new() } else { sizes(&run, &names, channels.inputs.len()) };
     if !unheld.is_empty() {
         return Err(unheld);
     }
