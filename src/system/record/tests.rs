@@ -228,6 +228,7 @@ fn the_time_column_is_found_by_a_plain_rule() {
 #[test]
 fn options_are_checked_together() {
     let options = ReadOptions {
+        any_size: false,
         map: vec![("w".into(), "u".into()), ("y".into(), "why".into()), ("y".into(), "u".into())],
         from: Some(3.0),
         to: Some(1.0),
