@@ -1,14 +1,22 @@
 //! The cost near one point as a quadratic of the step, in unknowns scaled to unit columns of the Jacobian; and its inverse.
 
 use crate::dense::cholesky::norm;
-use crate::dense::{Cholesky, triangle};
+use crate::dense::{Cholesky, multiply_to_symmetric, triangle};
 use nalgebra::DMatrix;
+use std::borrow::Cow;
+use std::sync::OnceLock;
 
 /// Singular values below this share of the largest count as zero: what they belong to is not determined.
 pub const RANK: f64 = 1e-9;
 
 /// The same for eigenvalues of products, whose rounding allows no less.
 const RANK_OF_PRODUCTS: f64 = 1e-12;
+
+/// Unknowns from which eigenvalues are too slow where a factor does.
+const MANY: usize = 64;
+
+/// Condition of the Jacobian below which a factor of products has lost at most half of its digits.
+const WELL: f64 = 1e4;
 
 /// Minus `rhs's + s'hessian s / 2` is the change of the cost that a scaled step s promises.
 #[derive(Debug, Clone, Default)]
@@ -30,8 +38,19 @@ pub struct Quadratic {
     /// the same.
     factored: Vec<usize>,
     factor: Cholesky,
+    /// The decomposition that was asked for first since the triangle was ended: every damping asks for the same.
+    decomposition: OnceLock<Decomposition>,
     /// Products of chosen unknowns.
     chosen: Vec<f64>,
+}
+
+/// U, singular values (falling) and V' of chosen columns of the triangle.
+#[derive(Debug, Clone)]
+struct Decomposition {
+    chosen: Vec<usize>,
+    u: DMatrix<f64>,
+    values: Vec<f64>,
+    v: DMatrix<f64>,
 }
 
 /// The inverse of the scaled information matrix on chosen unknowns.
@@ -61,6 +80,9 @@ impl Inverse {
             let (i, j) = (chosen[a], chosen[b]);
             information[i * size + j] / (scale[i] * scale[j])
         };
+        if let Some(inverse) = Self::of_definite(&chosen, entry) {
+            return (scale, inverse);
+        }
         let eigen = DMatrix::from_fn(n, n, entry).symmetric_eigen();
         let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
         let (mut values, mut null, mut least) = (vec![0.0; n * n], Vec::new(), largest);
@@ -78,6 +100,19 @@ impl Inverse {
         let condition = if least > 0.0 { (largest / least).sqrt() } else { f64::INFINITY };
         (scale, Self { chosen, values, condition, null })
     }
+
+    /// By a factor, where many unknowns are all determined well: nothing is left to be decided by eigenvalues.
+    fn of_definite(chosen: &[usize], entry: impl Fn(usize, usize) -> f64) -> Option<Self> {
+        let n = chosen.len();
+        if n < MANY {
+            return None;
+        }
+        let matrix: Vec<f64> = (0..n * n).map(|k| entry(k / n, k % n)).collect();
+        let (mut values, size) = (Vec::new(), norm(&matrix, n));
+        Cholesky::new(matrix, n)?.invert(&mut values);
+        let condition = (size * norm(&values, n)).sqrt();
+        (condition < WELL).then(|| Self { chosen: chosen.to_vec(), values, condition, null: Vec::new() })
+    }
 }
 
 impl Quadratic {
@@ -92,6 +127,7 @@ impl Quadratic {
         self.triangle.clear();
         self.curvature.clear();
         self.factored.clear();
+        self.decomposition.take();
     }
 
     /// J'J (P by P, its upper triangle) and J'v (P), to be added to between [`Self::begin`] and [`Self::end`].
@@ -165,6 +201,7 @@ impl Quadratic {
     /// Divides by the norms of the columns and completes the lower triangle.
     fn rescale(&mut self) {
         let n = self.size;
+        self.decomposition.take();
         self.scale.clear();
         self.scale.extend((0..n).map(|j| self.hessian[j * n + j].max(0.0).sqrt()));
         let inverse = |s: f64| if s > 0.0 { 1.0 / s } else { 0.0 };
@@ -217,7 +254,7 @@ impl Quadratic {
     /// The quadratic of the other unknowns when `following` ones always go to their best values: what their columns span is
     /// taken out of all others. Needs the triangle.
     pub fn without(&self, following: &[usize]) -> Self {
-        let (u, values, _) = self.decompose(following);
+        let Decomposition { u, values, .. } = &*self.decompose(following);
         let least = RANK * values.first().copied().unwrap_or(0.0);
         let rank = values.iter().take_while(|s| **s > least).count();
         let mut rows = self.triangle[..self.triangle.len().min(self.size * self.width)].to_vec();
@@ -345,13 +382,13 @@ impl Quadratic {
         let row = |i: usize| &self.triangle[i * self.width..(i + 1) * self.width];
         let taken = |i: usize| row(i).iter().zip(step).map(|(t, s)| t * s).sum::<f64>();
         let rest: Vec<f64> = (0..self.size).map(|i| row(i)[self.size] - taken(i)).collect();
-        let (u, values, v) = self.decompose(chosen);
+        let Decomposition { u, values, v, .. } = &*self.decompose(chosen);
         let least = RANK * values.first().copied().unwrap_or(0.0);
         let rank = values.iter().take_while(|s| **s > least).count();
         let along = |k: usize| (0..self.size).map(|i| u[(i, k)] * rest[i]).sum::<f64>();
         let mut lengths: Vec<f64> = (0..rank).map(along).collect();
         if self.bends(damping) {
-            self.straighten(chosen, &values[..rank], &v, step, &mut lengths)?;
+            self.straighten(chosen, &values[..rank], v, step, &mut lengths)?;
         }
         let mut solution = vec![0.0; chosen.len()];
         for (k, s) in values[..rank].iter().enumerate() {
@@ -394,12 +431,16 @@ impl Quadratic {
         Some(())
     }
 
-    /// U, singular values (falling) and V' of the chosen columns of the triangle.
-    fn decompose(&self, chosen: &[usize]) -> (DMatrix<f64>, Vec<f64>, DMatrix<f64>) {
-        let columns = DMatrix::from_fn(self.size, chosen.len(), |i, j| self.triangle[i * self.width + chosen[j]]);
-        let svd = columns.svd(true, true);
-        let blank = || DMatrix::zeros(0, 0);
-        (svd.u.unwrap_or_else(blank), svd.singular_values.iter().copied().collect(), svd.v_t.unwrap_or_else(blank))
+    fn decompose(&self, chosen: &[usize]) -> Cow<'_, Decomposition> {
+        let decompose = || {
+            let columns = DMatrix::from_fn(self.size, chosen.len(), |i, j| self.triangle[i * self.width + chosen[j]]);
+            let svd = columns.svd(true, true);
+            let blank = || DMatrix::zeros(0, 0);
+            let (u, v) = (svd.u.unwrap_or_else(blank), svd.v_t.unwrap_or_else(blank));
+            Decomposition { chosen: chosen.to_vec(), u, values: svd.singular_values.iter().copied().collect(), v }
+        };
+        let known = self.decomposition.get_or_init(decompose);
+        if known.chosen == chosen { Cow::Borrowed(known) } else { Cow::Owned(decompose()) }
     }
 
     fn chosen_products(&self, chosen: &[usize]) -> Vec<f64> {
@@ -426,21 +467,26 @@ impl Quadratic {
         if self.triangle.is_empty() {
             return self.invert_products(chosen, spent.values);
         }
-        let (_, singular, v) = self.decompose(&chosen);
+        let decomposition = self.decompose(&chosen);
+        let Decomposition { values: singular, v, .. } = &*decomposition;
         let largest = singular.first().copied().unwrap_or(0.0);
-        let mut inverse = Inverse { chosen, values: vec![0.0; n * n], condition: 0.0, null: Vec::new() };
+        let (mut condition, mut null, mut rank) = (0.0, Vec::new(), 0);
+        // the directions that are determined, each over its singular value
+        let (mut along, mut across) = (vec![0.0; n * n], vec![0.0; n * n]);
         for (k, s) in singular.iter().enumerate() {
-            let direction: Vec<f64> = v.row(k).iter().copied().collect();
-            inverse.condition = largest / s;
+            let direction = v.row(k);
+            condition = largest / s;
             if *s <= RANK * largest {
-                inverse.null.push(direction);
+                null.push(direction.iter().copied().collect());
                 continue;
             }
-            for (row, a) in inverse.values.chunks_mut(n).zip(&direction) {
-                row.iter_mut().zip(&direction).for_each(|(x, b)| *x += a * b / (s * s));
+            for (j, entry) in direction.iter().enumerate() {
+                (along[rank * n + j], across[j * n + rank]) = (entry / s, entry / s);
             }
+            rank += 1;
         }
-        Some(inverse)
+        let values = multiply_to_symmetric(&across, &along, n);
+        Some(Inverse { chosen, values, condition, null })
     }
 
     fn invert_products(&mut self, chosen: Vec<usize>, mut values: Vec<f64>) -> Option<Inverse> {

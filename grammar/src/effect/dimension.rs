@@ -2,7 +2,7 @@
 
 use super::definition::Effect;
 use super::subject::{Subject, derived};
-use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SyntaxTree, Value};
+use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, StatementKind, SyntaxTree, Value};
 use crate::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
 
@@ -19,7 +19,7 @@ enum Measure {
 
 /// The units of the effect's own names that follow from the model's.
 pub(super) fn infer(effect: &Effect, subject: &Subject, bound: &HashMap<String, String>) -> HashMap<String, Unit> {
-    let mut solver = Solver { effect, subject, bound, found: HashMap::new() };
+    let mut solver = Solver { effect, subject, bound, found: HashMap::new(), in_model: false, depth: 0 };
     let own = effect.tree().lines.len() + 1;
     // every round that finds nothing new is the last one
     for _ in 0..=own {
@@ -37,7 +37,13 @@ struct Solver<'a> {
     subject: &'a Subject,
     bound: &'a HashMap<String, String>,
     found: HashMap<String, Unit>,
+    /// Whether an expression of the model is looked at, and not one of the effect; and how many lets deep.
+    in_model: bool,
+    depth: usize,
 }
+
+/// Lets that are looked through, one in the other.
+const NESTED: usize = 16;
 
 impl Solver<'_> {
     fn lines(&mut self) {
@@ -47,8 +53,10 @@ impl Solver<'_> {
             match line {
                 EffectLine::Add(place, term) => {
                     let value = self.value(*term);
-                    let own = self.name(&place.name.text);
-                    let own = if place.derivative { self.rate(own) } else { own };
+                    let own = match place.derivative {
+                        true => self.balance(&place.name.text),
+                        false => self.name(&place.name.text),
+                    };
                     self.unify(&own, &value);
                 }
                 EffectLine::Replace(name, with) => {
@@ -92,6 +100,49 @@ impl Solver<'_> {
         product(&of, &self.time(), true)
     }
 
+    /// What is added to the balance of a state: its rate, or what Newton's form balances.
+    fn balance(&mut self, slot: &str) -> Measure {
+        let balance = self.bound.get(slot).and_then(|state| self.subject.balance(state));
+        match balance.filter(|balance| !balance.is_plain) {
+            Some(balance) => {
+                self.in_model = true;
+                let statement = self.subject.tree.statements.iter().find(|s| s.span == balance.statement);
+                let sides = match statement.map(|s| &s.kind) {
+                    Some(StatementKind::Equation(left, right)) => [*left, *right],
+                    _ => [balance.side; 2],
+                };
+                // a side may be a number, or hold names of other texts
+                let sides = sides.map(|side| self.value(side));
+                self.in_model = false;
+                sides.into_iter().find(|side| matches!(side, Measure::Known(..))).unwrap_or(Measure::Unknown)
+            }
+            None => self.rate(self.name(slot)),
+        }
+    }
+
+    /// What a name of the model is measured in.
+    fn name_of_model(&mut self, name: &str) -> Measure {
+        let value = match self.subject.declaration(name) {
+            Some((Role::Let, declaration, _)) if declaration.unit.is_none() => match declaration.value {
+                Some(Value::Expr(e)) => Some(e),
+                _ => None,
+            },
+            Some((_, declaration, _)) if declaration.unit.is_none() => return Measure::Unknown,
+            _ => None,
+        };
+        match (name, value) {
+            ("t", _) => self.time(),
+            ("pi" | "inf", _) => Measure::Number,
+            (_, Some(value)) if self.depth < NESTED => {
+                self.depth += 1;
+                let found = self.value(value);
+                self.depth -= 1;
+                found
+            }
+            _ => self.subject.unit(name).map_or(Measure::Unknown, known),
+        }
+    }
+
     /// What a name is measured in.
     fn name(&self, name: &str) -> Measure {
         match name {
@@ -118,8 +169,8 @@ impl Solver<'_> {
     }
 
     fn value(&mut self, root: ExprRef) -> Measure {
-        let effect = self.effect;
-        let pool = &effect.tree().pool;
+        let (effect, subject) = (self.effect, self.subject);
+        let pool = if self.in_model { &subject.tree } else { &effect.tree().pool };
         // only what the root needs: other expressions of the pool say things of their own
         let mut wanted = vec![false; root.0 as usize + 1];
         wanted[root.0 as usize] = true;
@@ -139,6 +190,7 @@ impl Solver<'_> {
         let at = |e: &ExprRef| values[e.0 as usize].clone();
         match pool.expr(e) {
             Expr::Number(_) => Measure::Number,
+            Expr::Name(name) if self.in_model => self.name_of_model(name),
             Expr::Name(name) => self.name(name),
             Expr::Unary(_, a) => at(a),
             Expr::Binary(sign, a, b, _) => match sign {

@@ -5,7 +5,9 @@ use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::model::{Model, Origin};
 use crate::op::ExprId;
 use crate::source::{Source, Span};
-use crate::syntax::{Declaration, Expr, ExprRef, Role, SlotKind, StatementKind, SyntaxTree, Value, parse};
+use crate::syntax::{
+    BinarySign, Declaration, Expr, ExprRef, Role, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, parse,
+};
 use crate::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +17,9 @@ pub struct Subject {
     pub(super) source: Source,
     pub(super) tree: SyntaxTree,
     pub(super) model: Model,
-    /// By name of a state or an output: what its rate or its value depends on.
+    /// By name of a state: where its derivative is determined.
+    balances: BTreeMap<String, Balance>,
+    /// By name of a state or an output: what its balance or its value depends on.
     reached: BTreeMap<String, BTreeSet<Leaf>>,
 }
 
@@ -26,6 +30,19 @@ pub(super) struct Target {
     pub(super) kind: SlotKind,
     /// Place among all declared names.
     pub(super) order: usize,
+}
+
+/// What a state's derivative belongs to: `der(x) = ...`, or in Newton's form a balance of forces.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Balance {
+    /// The side to which terms are added: the one without the derivative.
+    pub(super) side: ExprRef,
+    /// The equation.
+    pub(super) statement: Span,
+    /// Whether the other side is the derivative alone.
+    pub(super) is_plain: bool,
+    /// Whether the derivative stands there with a minus sign, so that terms are subtracted.
+    pub(super) is_turned: bool,
 }
 
 impl Subject {
@@ -42,7 +59,50 @@ impl Subject {
         for output in &model.outputs {
             reached.insert(output.quantity.name.clone(), leaves(&model.graph, output.expr));
         }
-        Ok(Self { source: source.clone(), tree, model: model.clone(), reached })
+        let balances = balances(&tree, model);
+        let mut subject = Self { source: source.clone(), tree, model: model.clone(), balances, reached };
+        // a balance of forces is its own: through the masses every rate depends on everything
+        let own: Vec<(String, BTreeSet<Leaf>)> = subject
+            .balances
+            .iter()
+            .filter(|(_, balance)| !balance.is_plain)
+            .filter_map(|(name, balance)| Some((name.clone(), subject.written_in(balance.statement)?)))
+            .collect();
+        subject.reached.extend(own);
+        Ok(subject)
+    }
+
+    /// What is written in an equation, lets looked through; none where that is not all in this text.
+    fn written_in(&self, statement: Span) -> Option<BTreeSet<Leaf>> {
+        let statement = self.tree.statements.iter().find(|s| s.span == statement)?;
+        let StatementKind::Equation(left, right) = statement.kind else { return None };
+        let (mut found, mut seen, mut open) = (BTreeSet::new(), BTreeSet::new(), vec![left, right]);
+        while let Some(e) = open.pop() {
+            match self.tree.expr(e) {
+                Expr::Name(name) => match (self.leaf(name), self.value_of_let(name)) {
+                    (Some(leaf), _) => drop(found.insert(leaf)),
+                    (None, Some(value)) if seen.insert(value.0) => open.push(value),
+                    (None, Some(_)) => {}
+                    _ if self.is_number(name) => {}
+                    _ => return None,
+                },
+                Expr::Call(call, _) if call.text == "der" => {}
+                expr => expr.each_operand(|o| open.push(o)),
+            }
+        }
+        Some(found)
+    }
+
+    fn value_of_let(&self, name: &str) -> Option<ExprRef> {
+        match self.declaration(name)? {
+            (Role::Let, Declaration { value: Some(Value::Expr(e)), .. }, _) => Some(*e),
+            _ => None,
+        }
+    }
+
+    /// Whether a name is a number, or the time.
+    fn is_number(&self, name: &str) -> bool {
+        matches!(name, "t" | "pi" | "inf") || self.declaration(name).is_some_and(|(role, ..)| role == Role::Const)
     }
 
     /// The text.
@@ -56,7 +116,7 @@ impl Subject {
     }
 
     /// Everything of one kind, in the order of the text: what is declared with its own name in this text, no vectors, and states
-    /// with an equation `der(x) = ...;` of their own.
+    /// whose derivative an equation of this text determines.
     pub(super) fn targets(&self, kind: SlotKind) -> Vec<Target> {
         let mut found = Vec::new();
         let mut order = 0;
@@ -66,7 +126,7 @@ impl Subject {
                 order += 1;
                 let fits = match kind {
                     SlotKind::Input => *role == Role::Input,
-                    SlotKind::State => *role == Role::State && self.equation(&d.name.text).is_some(),
+                    SlotKind::State => *role == Role::State && self.balance(&d.name.text).is_some(),
                     SlotKind::Output => *role == Role::Output,
                     SlotKind::Param => *role == Role::Param && self.is_shared_param(&d.name.text),
                 };
@@ -90,12 +150,9 @@ impl Subject {
         used && !delays && param.origin == Origin::Declared && !param.per_run
     }
 
-    /// Left and right side, and the place of the statement, of `der(name) = ...;`.
-    pub(super) fn equation(&self, name: &str) -> Option<(ExprRef, Span)> {
-        self.tree.statements.iter().find_map(|s| {
-            let StatementKind::Equation(left, right) = s.kind else { return None };
-            (derived(&self.tree, left) == Some(name)).then_some((right, s.span))
-        })
+    /// Where the derivative of a state is determined.
+    pub(super) fn balance(&self, name: &str) -> Option<Balance> {
+        self.balances.get(name).copied()
     }
 
     /// The declaration of a name, with the place of its statement.
@@ -144,11 +201,12 @@ impl Subject {
     /// to; the whole equation of `besides` is left out.
     pub(super) fn uses(&self, name: &str, besides: Option<&str>) -> Vec<(Span, Span)> {
         let tree = &self.tree;
+        let besides = besides.and_then(|state| self.balance(state)).map(|balance| balance.statement);
         let mut found = Vec::new();
         for statement in &tree.statements {
             let mut roots: Vec<ExprRef> = Vec::new();
             match &statement.kind {
-                StatementKind::Equation(left, _) if besides.is_some() && derived(tree, *left) == besides => {}
+                StatementKind::Equation(..) if besides == Some(statement.span) => {}
                 StatementKind::Equation(left, right) => roots.extend([*left, *right]),
                 StatementKind::Declare(Role::Let | Role::Output, list) => {
                     roots.extend(list.iter().filter_map(|d| match d.value {
@@ -188,6 +246,115 @@ pub(super) fn derived(tree: &SyntaxTree, left: ExprRef) -> Option<&str> {
         },
         _ => None,
     }
+}
+
+/// The balance of every state of the text that has one: its own equation, or else one of those in which derivatives stand
+/// (a matching, by augmenting paths; Kuhn 1955).
+fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
+    let mut found = BTreeMap::new();
+    let mut open: Vec<(Span, [ExprRef; 2], Vec<Occurrence>)> = Vec::new();
+    for statement in &tree.statements {
+        let StatementKind::Equation(left, right) = statement.kind else { continue };
+        if let Some(state) = derived(tree, left) {
+            let balance = Balance { side: right, statement: statement.span, is_plain: true, is_turned: false };
+            found.insert(state.to_string(), balance);
+        } else {
+            let mut occurrences = Vec::new();
+            for (side, root) in [left, right].into_iter().enumerate() {
+                occur(tree, root, (side, 1), 0, &mut occurrences);
+            }
+            open.push((statement.span, [left, right], occurrences));
+        }
+    }
+    let is_open = |name: &String| !found.contains_key(name) && model.states.iter().any(|s| s.quantity.name == *name);
+    let wanted: Vec<Vec<&Occurrence>> =
+        open.iter().map(|(_, _, all)| all.iter().filter(|o| is_open(&o.state)).collect()).collect();
+    let mut owner: BTreeMap<&str, usize> = BTreeMap::new();
+    for equation in 0..open.len() {
+        assign(equation, &wanted, &mut BTreeSet::new(), &mut owner);
+    }
+    for (state, equation) in owner {
+        let (statement, sides, _) = &open[equation];
+        let own = wanted[equation].iter().filter(|o| o.state == state);
+        // of a derivative on both sides the left one counts
+        if let Some(first) = own.min_by_key(|o| o.side) {
+            let (side, is_turned) = (sides[1 - first.side], first.sign < 0);
+            found.insert(state.to_string(), Balance { side, statement: *statement, is_plain: false, is_turned });
+        }
+    }
+    found
+}
+
+/// A derivative in an equation.
+struct Occurrence {
+    state: String,
+    /// 0 on the left, 1 on the right.
+    side: usize,
+    /// -1 behind a minus sign.
+    sign: i8,
+}
+
+/// Lets that are looked through, one in the other.
+const NESTED: usize = 16;
+
+/// Collects the derivatives below a root.
+fn occur(tree: &SyntaxTree, root: ExprRef, (side, sign): (usize, i8), depth: usize, found: &mut Vec<Occurrence>) {
+    let negative = |e: ExprRef| match tree.expr(e) {
+        Expr::Unary(UnarySign::Minus, _) => -1,
+        Expr::Number(n) if *n < 0.0 => -1,
+        _ => 1,
+    };
+    match tree.expr(root) {
+        Expr::Call(call, arguments) if call.text == "der" => {
+            if let [argument] = arguments[..]
+                && let Expr::Name(state) = tree.expr(argument)
+            {
+                found.push(Occurrence { state: state.clone(), side, sign });
+            }
+        }
+        Expr::Name(name) if depth < NESTED => {
+            let value = tree.statements.iter().find_map(|s| match &s.kind {
+                StatementKind::Declare(Role::Let, list) => list.iter().find(|d| d.name.text == *name)?.value.as_ref(),
+                _ => None,
+            });
+            if let Some(Value::Expr(e)) = value {
+                occur(tree, *e, (side, sign), depth + 1, found);
+            }
+        }
+        Expr::Unary(UnarySign::Minus, a) => occur(tree, *a, (side, -sign), depth, found),
+        Expr::Binary(BinarySign::Subtract, a, b, _) => {
+            occur(tree, *a, (side, sign), depth, found);
+            occur(tree, *b, (side, -sign), depth, found);
+        }
+        Expr::Binary(BinarySign::Multiply | BinarySign::Divide, a, b, _) => {
+            occur(tree, *a, (side, sign * negative(*b)), depth, found);
+            occur(tree, *b, (side, sign * negative(*a)), depth, found);
+        }
+        expr => {
+            let mut operands = Vec::new();
+            expr.each_operand(|o| operands.push(o));
+            operands.into_iter().for_each(|o| occur(tree, o, (side, sign), depth, found));
+        }
+    }
+}
+
+/// Finds a state for an equation, moving others where that makes room.
+fn assign<'o>(
+    equation: usize,
+    wanted: &[Vec<&'o Occurrence>],
+    tried: &mut BTreeSet<&'o str>,
+    owner: &mut BTreeMap<&'o str, usize>,
+) -> bool {
+    // the order of the text, as long as it leaves a free one
+    let (free, taken): (Vec<&str>, Vec<&str>) =
+        wanted[equation].iter().map(|o| o.state.as_str()).partition(|state| !owner.contains_key(state));
+    for state in free.into_iter().chain(taken) {
+        if tried.insert(state) && owner.get(state).copied().is_none_or(|other| assign(other, wanted, tried, owner)) {
+            owner.insert(state, equation);
+            return true;
+        }
+    }
+    false
 }
 
 /// The leaves below a root; a delayed signal counts as the signal itself, with what its delay depends on.

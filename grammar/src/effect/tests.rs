@@ -49,6 +49,43 @@ fn a_model_on_one_line_stays_a_model() {
 }
 
 #[test]
+fn a_balance_of_forces_takes_terms_of_its_own() {
+    let text =
+        "model cart { input F [N]; state s = 0 [m], v = 0 [m/s]; param m = 2 [kg], b = 1 [N s/m]; let drag = b*v;
+        der(s) = v; m*der(v) = F - drag; output y [m] = s; }";
+    let rubbed = extended(text, "coulomb_friction(v)").text().to_string();
+    assert!(rubbed.contains("m*der(v) = F - drag - friction_v*tanh(v/v0_v);"), "{rubbed}");
+    assert!(rubbed.contains("param friction_v = 0 [kg*m/s^2]"), "{rubbed}");
+    // the derivative on the right, and with a minus sign
+    for (form, rubbed) in [
+        ("F - drag = m*der(v)", "F - drag - friction_v*tanh(v/v0_v) = m*der(v);"),
+        ("0 = F - drag - m*der(v)", "0 + friction_v*tanh(v/v0_v) = F - drag - m*der(v);"),
+        ("-m*der(v) = drag - F", "-m*der(v) = drag - F + friction_v*tanh(v/v0_v);"),
+        ("m*der(v) + drag = F", "m*der(v) + drag = F - friction_v*tanh(v/v0_v);"),
+    ] {
+        let other = extended(&text.replace("m*der(v) = F - drag", form), "coulomb_friction(v)").text().to_string();
+        assert!(other.contains(rubbed), "{other}");
+    }
+    // every effect of the catalogue that fits `der(v) = .../m` fits here, and a mode feels the rate under its name
+    let names = |text: &str| {
+        let places = Catalogue::standard().places(&subject(text));
+        places.candidates.iter().map(ToString::to_string).collect::<Vec<String>>()
+    };
+    assert_eq!(names(text), names(&text.replace("m*der(v) = F - drag", "der(v) = (F - drag)/m")));
+    let mode = extended(text, "unmodelled_mode(v)").text().to_string();
+    assert!(mode.contains("*(der(v) - ") && mode.contains("m*der(v) = F - drag + c_v*"), "{mode}");
+}
+
+#[test]
+fn coupled_bodies_have_a_balance_each() {
+    let text = "model two { input F; state a, b; param m = 2, n = 1, h = 0.3, k = 1;
+        m*der(a) + h*der(b) = F; h*der(a) + n*der(b) = -k*b; output y = a; output z = b; }";
+    let at = |state: &str| extended(text, &format!("constant_force({state})")).text().to_string();
+    assert!(at("a").contains("m*der(a) + h*der(b) = F + force_a;"), "{}", at("a"));
+    assert!(at("b").contains("h*der(a) + n*der(b) = -k*b + force_b;"), "{}", at("b"));
+}
+
+#[test]
 fn everything_else_is_untouched_to_the_byte() {
     let text = "model a {\r\n\tinput  u, w [m];   // two inputs\r\n\tstate x [m] = (x0) , z [m];\r\n\tparam k=1 [1/s] , x0 = 0 [m]; /* start */\r\n\
         \tlet sum = u + /* both */ w;\r\n\tder(x) = ((sum - x)*k) // slow\r\n\t  ;\r\n\tder(z) = if x > 0 * x0 then k*x else -k*(z);\r\n\

@@ -2,7 +2,7 @@
 
 use super::evaluation::{Evaluator, RunFailure, Want};
 use super::priors::{PriorRow, Priors};
-use super::sums::Sums;
+use super::sums::{Group, Sums};
 use crate::noise::{Likelihood, Weights};
 use crate::observer::{Observer, Stop};
 use crate::unknowns::Unknowns;
@@ -170,16 +170,12 @@ fn gather<'s>(
     let slopes = unknowns.slopes(values);
     let (mut rows, mut work) = (Vec::new(), Vec::new());
     for (run, sums) in runs.enumerate() {
-        for (group, factor) in factors.iter().copied().enumerate() {
-            let values = sums.group(group);
+        for (group, factor) in sums.groups.iter().zip(factors) {
             if sums.precise {
-                spread(unknowns, run, sums, (values, factor), quadratic.width(), &mut rows);
+                spread(unknowns, run, group, *factor, quadratic.width(), &mut rows);
                 quadratic.add_rows(&mut rows, &mut work);
             } else {
-                match sums.columns_of(group) {
-                    Some(columns) => add_some(quadratic, unknowns, run, sums, (values, columns), factor * factor),
-                    None => add_products(quadratic, unknowns, run, sums, values, factor * factor),
-                }
+                add_products(quadratic, unknowns, run, group, factor * factor);
             }
         }
     }
@@ -194,52 +190,25 @@ fn gather<'s>(
 }
 
 /// Adds one group of products; with rising columns the unknowns rise too, so the upper triangle stays one.
-fn add_products(quadratic: &mut Quadratic, unknowns: &Unknowns, run: usize, sums: &Sums, values: &[f64], weight: f64) {
+fn add_products(quadratic: &mut Quadratic, unknowns: &Unknowns, run: usize, group: &Group, weight: f64) {
     let (size, (hessian, rhs)) = (unknowns.len(), quadratic.products());
-    for i in 0..sums.columns {
-        let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
-        for (j, value) in row[..sums.columns].iter().enumerate().skip(i) {
-            hessian[at * size + unknowns.position(run, j)] += weight * value;
-        }
-        rhs[at] += weight * row[sums.columns];
-    }
-}
-
-/// The same where all but some columns are zero.
-fn add_some(
-    quadratic: &mut Quadratic,
-    unknowns: &Unknowns,
-    run: usize,
-    sums: &Sums,
-    (values, columns): (&[f64], &[u32]),
-    weight: f64,
-) {
-    let (size, (hessian, rhs)) = (unknowns.len(), quadratic.products());
-    for (k, i) in columns.iter().map(|c| *c as usize).enumerate() {
-        let (row, at) = (&values[i * sums.width..], unknowns.position(run, i));
+    for (column, others, products, with_residual) in group.rows() {
+        let at = unknowns.position(run, column);
         let hessian = &mut hessian[at * size..][..size];
-        for j in columns[k..].iter().map(|c| *c as usize) {
-            hessian[unknowns.position(run, j)] += weight * row[j];
+        for (other, product) in others.iter().zip(products) {
+            hessian[unknowns.position(run, *other as usize)] += weight * product;
         }
-        rhs[at] += weight * row[sums.columns];
+        rhs[at] += weight * with_residual;
     }
 }
 
-/// The rows of one run's triangle times a factor, in the columns of all unknowns.
-fn spread(
-    unknowns: &Unknowns,
-    run: usize,
-    sums: &Sums,
-    (values, factor): (&[f64], f64),
-    width: usize,
-    rows: &mut Vec<f64>,
-) {
+/// The rows of one group's triangle times a factor, in the columns of all unknowns.
+fn spread(unknowns: &Unknowns, run: usize, group: &Group, factor: f64, width: usize, rows: &mut Vec<f64>) {
+    let columns = group.columns.iter().map(|c| unknowns.position(run, *c as usize));
+    let places: Vec<usize> = columns.chain([width - 1]).collect();
     rows.clear();
-    rows.resize((sums.columns + 1) * width, 0.0);
-    for i in 0..=sums.columns {
-        for j in i..=sums.columns {
-            let at = if j < sums.columns { unknowns.position(run, j) } else { width - 1 };
-            rows[i * width + at] = factor * values[i * sums.width + j];
-        }
+    rows.resize(places.len() * width, 0.0);
+    for (k, (row, from)) in rows.chunks_mut(width).zip(group.values.chunks(group.width.max(1))).enumerate() {
+        places[k..].iter().zip(&from[k..]).for_each(|(at, value)| row[*at] = factor * value);
     }
 }

@@ -9,8 +9,6 @@ pub struct NormalEquations<'e, 'a> {
     evaluator: Evaluator<'e, 'a>,
     /// 1 over the variance of each output.
     weights: Vec<f64>,
-    /// All columns of a run.
-    columns: Vec<u32>,
     information: Vec<f64>,
     gradient: Vec<f64>,
     squares: f64,
@@ -30,7 +28,6 @@ impl<'e, 'a> NormalEquations<'e, 'a> {
         let unknowns = Unknowns::new(problem);
         let size = unknowns.len();
         Self {
-            columns: (0..unknowns.columns.len() as u32).collect(),
             evaluator: Evaluator::owning(problem, unknowns),
             weights: deviations.iter().map(|s| 1.0 / (s * s)).collect(),
             information: vec![0.0; size * size],
@@ -50,19 +47,16 @@ impl<'e, 'a> NormalEquations<'e, 'a> {
         self.squares = 0.0;
         let (unknowns, size) = (self.evaluator.unknowns(), self.gradient.len());
         for (run, sums) in self.evaluator.sums().enumerate() {
-            for (output, weight) in self.weights.iter().enumerate() {
-                let group = sums.group(output);
-                let all: &[u32] = &self.columns;
-                let columns = sums.columns_of(output).unwrap_or(all);
-                for (k, a) in columns.iter().map(|c| *c as usize).enumerate() {
-                    let (i, row) = (unknowns.position(run, a), &group[a * sums.width..][..sums.width]);
+            for (group, weight) in sums.groups.iter().zip(&self.weights) {
+                for (column, others, products, with_residual) in group.rows() {
+                    let i = unknowns.position(run, column);
                     let information = &mut self.information[i * size..][..size];
-                    for b in columns[k..].iter().map(|c| *c as usize) {
-                        information[unknowns.position(run, b)] += weight * row[b];
+                    for (other, product) in others.iter().zip(products) {
+                        information[unknowns.position(run, *other as usize)] += weight * product;
                     }
-                    self.gradient[i] += weight * row[sums.columns];
+                    self.gradient[i] += weight * with_residual;
                 }
-                self.squares += weight * group[sums.columns * sums.width + sums.columns];
+                self.squares += weight * group.square();
             }
         }
         for i in 0..size {

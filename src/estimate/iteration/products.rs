@@ -5,19 +5,38 @@
 
 use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
 use fdm_system::simulate::Planes;
+use rayon::prelude::*;
 
 /// Adds to `sums` (order by width, the upper triangle and what whole vectors carry along) the products of `count` rows,
 /// of which every one begins `stride` numbers behind the one before. Sums grow row by row, so that blocks may be cut anywhere.
 pub(crate) fn accumulate(rows: &[f64], stride: usize, count: usize, width: usize, order: usize, sums: &mut [f64]) {
-    dispatch(Products { rows, stride, count, width, order, sums });
+    if order < WIDE {
+        return dispatch(Products { rows, stride, count, width, first: 0, last: order, sums });
+    }
+    // a band of the sums stays in the cache while the rows pass by, some at a time
+    sums.par_chunks_mut(BAND * width).enumerate().for_each(|(band, sums)| {
+        let (first, last) = (band * BAND, ((band + 1) * BAND).min(order));
+        for at in (0..count).step_by(BAND).take_while(|_| first < last) {
+            let (rows, count) = (&rows[at * stride..], BAND.min(count - at));
+            dispatch(Products { rows, stride, count, width, first, last, sums });
+        }
+    });
 }
+
+/// Order from which sums are worked off in bands, and by threads.
+pub(crate) const WIDE: usize = 256;
+/// Rows of a band, and rows that pass by together.
+const BAND: usize = 64;
 
 struct Products<'a> {
     rows: &'a [f64],
     stride: usize,
     count: usize,
     width: usize,
-    order: usize,
+    /// The rows of the sums that are meant.
+    first: usize,
+    last: usize,
+    /// These rows, by width.
     sums: &'a mut [f64],
 }
 
@@ -26,9 +45,9 @@ impl WithSimd for Products<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let mut i = 0;
-        while i < self.order {
-            let rows = (self.order - i).min(if S::F64_LANES >= 8 { 8 } else { 4 });
+        let mut i = self.first;
+        while i < self.last {
+            let rows = (self.last - i).min(if S::F64_LANES >= 8 { 8 } else { 4 });
             let mut vector = i / S::F64_LANES;
             while vector < self.width / S::F64_LANES {
                 vector += self.tile(simd, (i, rows), vector);
@@ -71,7 +90,7 @@ impl Products<'_> {
         let (width, lanes) = (self.width, S::F64_LANES);
         let mut total = [[simd.splat_f64s(0.0); C]; R];
         for (r, total) in total.iter_mut().enumerate() {
-            let row = S::as_simd_f64s(&self.sums[(i + r) * width..][..width]).0;
+            let row = S::as_simd_f64s(&self.sums[(i - self.first + r) * width..][..width]).0;
             total.copy_from_slice(&row[vector..vector + C]);
         }
         for k in 0..self.count {
@@ -86,7 +105,7 @@ impl Products<'_> {
             }
         }
         for (r, total) in total.iter().enumerate() {
-            let row = S::as_mut_simd_f64s(&mut self.sums[(i + r) * width..][..width]).0;
+            let row = S::as_mut_simd_f64s(&mut self.sums[(i - self.first + r) * width..][..width]).0;
             row[vector..vector + C].copy_from_slice(total);
         }
     }

@@ -4,72 +4,102 @@
 //! without copying anything. Lanes do not mix and every product is fused with its sum, so that every width of the
 //! processor's registers gives the same bits, and so does every division into blocks.
 
-use super::products::{PlaneSums, accumulate};
+use super::products::{PlaneSums, WIDE, accumulate};
 use fdm_numeric::dense::triangle;
-use fdm_system::simulate::{Block, OutputRow, Planes};
+use fdm_system::simulate::{Block, Planes};
 
 /// Lanes of the longest vector that the loops are laid out for.
 const LANES: usize = 8;
 /// Rows that are worked off together where they must be copied first.
 const ROWS: usize = 32;
+/// The same where they are long.
+const MANY_ROWS: usize = 256;
 
 /// The sums of one run, one group for every output (full noise: one group for all, of whitened rows), so that
 /// weights can be applied afterwards.
 #[derive(Debug, Clone)]
 pub(crate) struct Sums {
     /// Columns of the Jacobian.
-    pub(crate) columns: usize,
-    /// Row length: the columns and the residual, rounded up.
-    pub(crate) width: usize,
+    columns: usize,
     /// Whether the groups are triangles instead of products.
     pub(crate) precise: bool,
-    /// Groups of (columns + 1) by width; only the upper triangle is meant.
-    values: Vec<f64>,
-    /// The columns of each output that does not depend on all of them, and the products of these alone.
-    own: Vec<Option<(OutputRow, Vec<f64>)>>,
-    /// The columns of each output and the sums of their planes, where these come instead of rows.
-    planes: Vec<(Vec<u32>, PlaneSums)>,
-    /// Whether all sums of planes are finite.
-    finite: bool,
-    /// Rows of all columns, waiting to be worked off.
+    pub(crate) groups: Vec<Group>,
+    /// Whether sums of planes come instead of rows.
+    planar: bool,
+    /// Rows waiting to be worked off.
     waiting: Vec<f64>,
     filled: usize,
     work: Vec<f64>,
 }
 
+/// The sums of one output, of the columns alone that it depends on: a model of many outputs needs no more memory than it has
+/// sensitivities.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Group {
+    /// The columns, rising; behind them stands the residual.
+    pub(crate) columns: Vec<u32>,
+    /// Row length: the columns and the residual, rounded up.
+    pub(crate) width: usize,
+    /// (Columns + 1) by width; only the upper triangle is meant.
+    pub(crate) values: Vec<f64>,
+    planes: PlaneSums,
+    /// Long rows, waiting until they are many enough to be worth a walk through the sums.
+    waiting: Vec<f64>,
+}
+
+impl Group {
+    /// Works off the rows that are waiting.
+    fn settle(&mut self) {
+        let (order, rows) = (self.columns.len() + 1, self.waiting.len() / self.width.max(1));
+        accumulate(&self.waiting, self.width, rows, self.width, order, &mut self.values);
+        self.waiting.clear();
+    }
+
+    /// Takes other columns, if they are others; sums begin at zero then.
+    fn lay_out(&mut self, columns: &[u32], width: usize) {
+        if self.columns != columns || self.width != width {
+            self.columns = columns.to_vec();
+            self.width = width;
+            self.values.clear();
+            self.values.resize((columns.len() + 1) * width, 0.0);
+        }
+    }
+
+    /// Each column with its row of products from the diagonal on, and what it has with the residual.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (usize, &[u32], &[f64], f64)> {
+        let n = self.columns.len();
+        self.columns
+            .iter()
+            .zip(self.values.chunks_exact(self.width.max(1)))
+            .enumerate()
+            .map(move |(k, (column, row))| (*column as usize, &self.columns[k..], &row[k..n], row[n]))
+    }
+
+    /// The sum of squares of the residuals, where sums are products.
+    pub(crate) fn square(&self) -> f64 {
+        let n = self.columns.len();
+        self.values.get(n * self.width + n).copied().unwrap_or(0.0)
+    }
+}
+
 impl Sums {
     pub(crate) fn new(columns: usize, groups: usize) -> Self {
-        let width = (columns + 1).next_multiple_of(LANES);
-        let (values, own) = (vec![0.0; groups * (columns + 1) * width], vec![None; groups]);
-        let (planes, waiting, work) = (Vec::new(), Vec::new(), Vec::new());
-        Self { columns, width, precise: false, values, own, planes, finite: true, waiting, filled: 0, work }
-    }
-
-    /// One group, (columns + 1) by width.
-    pub(crate) fn group(&self, group: usize) -> &[f64] {
-        let size = (self.columns + 1) * self.width;
-        &self.values[group * size..(group + 1) * size]
-    }
-
-    /// The columns of a group that can be other than zero, where that is less than all.
-    pub(crate) fn columns_of(&self, group: usize) -> Option<&[u32]> {
-        self.planes.get(group).map(|(columns, _)| &columns[..])
+        let groups = vec![Group::default(); groups];
+        Self { columns, precise: false, groups, planar: false, waiting: Vec::new(), filled: 0, work: Vec::new() }
     }
 
     /// Whether all sums are finite.
     pub(crate) fn is_finite(&self) -> bool {
-        if self.planes.is_empty() { finite(&self.values) } else { self.finite }
+        self.groups.iter().all(|group| finite(&group.values))
     }
 
     /// Begins a run.
     pub(crate) fn begin(&mut self) {
-        if self.precise {
-            self.planes.clear();
+        self.planar = false;
+        for group in &mut self.groups {
+            group.values.fill(0.0);
+            group.waiting.clear();
         }
-        if self.planes.is_empty() {
-            self.values.fill(0.0);
-        }
-        self.own.iter_mut().flatten().for_each(|(_, products)| products.fill(0.0));
         self.filled = 0;
     }
 
@@ -87,20 +117,20 @@ impl Sums {
 
     /// Adds a block of planes; `measured` are the planes of its outputs, with `gaps` or without.
     pub(crate) fn add_planes(&mut self, block: &mut Planes<'_>, measured: &[f64], gaps: bool) {
-        let outputs = &block.layout.outputs;
+        self.planar = true;
         if block.first == 0 {
-            if !self.planes.iter().map(|p| &p.0).eq(outputs.iter().map(|o| &o.columns)) {
-                self.values.fill(0.0);
-                self.planes = outputs.iter().map(|o| (o.columns.clone(), PlaneSums::default())).collect();
+            for (group, output) in self.groups.iter_mut().zip(&block.layout.outputs) {
+                group.lay_out(&output.columns, output.width);
+                group.planes.begin(output.columns.len() + 1);
             }
-            self.planes.iter_mut().for_each(|(columns, sums)| sums.begin(columns.len() + 1));
         }
         let mut rest = &mut *block.derivatives;
         let cells = block.y.chunks_exact(Planes::LENGTH).zip(measured.chunks_exact(Planes::LENGTH));
-        for ((y, z), (columns, sums)) in cells.zip(&mut self.planes) {
-            let (planes, behind) = std::mem::take(&mut rest).split_at_mut((columns.len() + 1) * Planes::LENGTH);
+        for ((y, z), group) in cells.zip(&mut self.groups) {
+            let columns = group.columns.len();
+            let (planes, behind) = std::mem::take(&mut rest).split_at_mut((columns + 1) * Planes::LENGTH);
             rest = behind;
-            let (derivatives, residuals) = planes.split_at_mut(columns.len() * Planes::LENGTH);
+            let (derivatives, residuals) = planes.split_at_mut(columns * Planes::LENGTH);
             residuals.iter_mut().zip(z.iter().zip(y)).for_each(|(v, (z, y))| *v = z - y);
             if gaps {
                 for (k, v) in residuals.iter_mut().enumerate().filter(|(k, _)| z[*k].is_nan()) {
@@ -108,33 +138,17 @@ impl Sums {
                     derivatives.iter_mut().skip(k).step_by(Planes::LENGTH).for_each(|d| *d = 0.0);
                 }
             }
-            sums.add(planes, block.lanes, block.first == 0);
+            group.planes.add(planes, block.lanes, block.first == 0);
         }
     }
 
-    /// Ends a run: products of outputs with columns of their own go to their places among all columns.
+    /// Ends a run.
     pub(crate) fn end(&mut self) {
-        let (size, width) = ((self.columns + 1) * self.width, self.width);
-        // zero, or no number
-        let mut rest = 0.0;
-        for (values, (columns, sums)) in self.values.chunks_exact_mut(size).zip(&self.planes) {
-            let place = |lane: usize| columns.get(lane).map_or(self.columns, |c| *c as usize);
+        self.groups.iter_mut().filter(|group| !group.waiting.is_empty()).for_each(Group::settle);
+        for Group { columns, width, values, planes, .. } in self.groups.iter_mut().filter(|_| self.planar) {
             for i in 0..=columns.len() {
-                let row = &mut values[place(i) * width..][..width];
                 for j in i..=columns.len() {
-                    let sum = sums.sum(i, j);
-                    rest += 0.0 * sum;
-                    row[place(j)] = sum;
-                }
-            }
-        }
-        self.finite = rest == 0.0;
-        for (values, own) in self.values.chunks_exact_mut(size).zip(&self.own) {
-            let Some((row, products)) = own.as_ref().filter(|_| !self.precise) else { continue };
-            let place = |lane: usize| row.columns.get(lane).map_or(self.columns, |c| *c as usize);
-            for i in 0..=row.columns.len() {
-                for j in i..=row.columns.len() {
-                    values[place(i) * width + place(j)] = products[i * row.width + j];
+                    values[i * *width + j] = planes.sum(i, j);
                 }
             }
         }
@@ -142,60 +156,61 @@ impl Sums {
 
     /// Products of one output's rows, where they stand.
     fn add_products(&mut self, block: &Block<'_>, output: usize) {
-        let (row, stride) = (&block.layout.outputs[output], block.layout.length);
-        let (order, rows) = (row.columns.len() + 1, &block.rows[row.start..]);
-        if row.columns.len() == self.columns {
-            let size = (self.columns + 1) * self.width;
-            let sums = &mut self.values[output * size..][..size];
-            return accumulate(rows, stride, block.samples(), self.width, order, sums);
+        let (row, group) = (&block.layout.outputs[output], &mut self.groups[output]);
+        group.lay_out(&row.columns, row.width);
+        let (rows, order) = (&block.rows[row.start..], row.columns.len() + 1);
+        if order >= WIDE {
+            let samples = block.rows.chunks(block.layout.length);
+            samples.for_each(|lanes| group.waiting.extend_from_slice(&lanes[row.start..][..row.width]));
+            if group.waiting.len() >= MANY_ROWS * row.width {
+                group.settle();
+            }
+            return;
         }
-        let own = &mut self.own[output];
-        if own.is_none() || block.first == 0 && own.as_ref().is_some_and(|(known, _)| known != row) {
-            *own = Some((row.clone(), vec![0.0; order * row.width]));
-        }
-        if let Some((_, sums)) = own {
-            accumulate(rows, stride, block.samples(), row.width, order, sums);
-        }
+        accumulate(rows, block.layout.length, block.samples(), row.width, order, &mut group.values);
     }
 
     fn add_rows(&mut self, block: &Block<'_>, output: usize) {
-        for sample in 0..block.samples() {
-            self.add_row(output, |row, residual| spread(block, (sample, output), 1.0, row, residual));
+        let Self { groups, waiting, work, .. } = self;
+        let (row, group) = (&block.layout.outputs[output], &mut groups[output]);
+        group.lay_out(&row.columns, row.width);
+        for samples in block.rows.chunks(ROWS * block.layout.length) {
+            waiting.clear();
+            samples.chunks(block.layout.length).for_each(|s| waiting.extend_from_slice(&s[row.start..][..row.width]));
+            triangle::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);
         }
-        self.reduce(output);
     }
 
     fn add_mixed(&mut self, block: &Block<'_>, whitener: &[f64]) {
+        if self.groups[0].columns.len() != self.columns || self.groups[0].width == 0 {
+            let all: Vec<u32> = (0..self.columns as u32).collect();
+            self.groups[0].lay_out(&all, (self.columns + 1).next_multiple_of(LANES));
+        }
+        let width = self.groups[0].width;
+        self.waiting.resize(ROWS * width, 0.0);
         for sample in 0..block.samples() {
             for mix in whitener.chunks(block.layout.outputs.len()) {
-                self.add_row(0, |row, residual| {
-                    mix.iter().enumerate().for_each(|(o, f)| spread(block, (sample, o), *f, row, residual));
-                });
+                let row = &mut self.waiting[self.filled * width..][..width];
+                row.fill(0.0);
+                mix.iter().enumerate().for_each(|(o, f)| spread(block, (sample, o), *f, row, self.columns));
+                self.filled += 1;
+                if self.filled == ROWS {
+                    self.reduce_mixed();
+                }
             }
         }
-        self.reduce(0);
+        self.reduce_mixed();
     }
 
-    fn add_row(&mut self, group: usize, fill: impl FnOnce(&mut [f64], usize)) {
-        self.waiting.resize(ROWS * self.width, 0.0);
-        let row = &mut self.waiting[self.filled * self.width..(self.filled + 1) * self.width];
-        row.fill(0.0);
-        fill(row, self.columns);
-        self.filled += 1;
-        if self.filled == ROWS {
-            self.reduce(group);
-        }
-    }
-
-    /// Works off the rows that are waiting.
-    fn reduce(&mut self, group: usize) {
-        let (width, order, filled) = (self.width, self.columns + 1, std::mem::take(&mut self.filled));
-        let sums = &mut self.values[group * order * width..(group + 1) * order * width];
-        let rows = &mut self.waiting[..filled * width];
+    /// Works off the mixed rows that are waiting.
+    fn reduce_mixed(&mut self) {
+        let (order, filled) = (self.columns + 1, std::mem::take(&mut self.filled));
+        let Group { width, values, .. } = &mut self.groups[0];
+        let rows = &mut self.waiting[..filled * *width];
         if self.precise {
-            triangle::reduce(sums, order, rows, width, &mut self.work);
+            triangle::reduce(values, order, rows, *width, &mut self.work);
         } else {
-            accumulate(rows, width, filled, width, order, sums);
+            accumulate(rows, *width, filled, *width, order, values);
         }
     }
 }
@@ -255,7 +270,7 @@ impl Moments {
     /// Takes the squares from the sums of a run whose outputs are apart; products of different outputs stay zero.
     pub(crate) fn take_squares(&mut self, sums: &Sums) {
         for o in 0..self.outputs {
-            self.sums[o * self.width + o] = sums.group(o)[sums.columns * sums.width + sums.columns];
+            self.sums[o * self.width + o] = sums.groups[o].square();
         }
     }
 
@@ -326,18 +341,20 @@ mod tests {
         sum(&mut sums, &mut moments);
         for o in 0..q {
             let cell = |k: usize, c: usize| if c < columns { jacobian(k, c) } else { measured[k] - y[k] };
-            for i in 0..=columns {
-                for j in i..=columns {
+            let group = &products.groups[o];
+            let place = |lane: usize| group.columns.get(lane).map_or(columns, |c| *c as usize);
+            for (a, i) in (0..=group.columns.len()).map(|a| (a, place(a))) {
+                for (b, j) in (a..=group.columns.len()).map(|b| (b, place(b))) {
                     let cells = (o..n * q).step_by(q).filter(|k| *k != 6);
                     let want: f64 = cells.map(|k| cell(k, i) * cell(k, j)).sum();
-                    let product = products.group(o)[i * products.width + j];
-                    let t = sums.group(o);
-                    let triangle: f64 = (0..=i).map(|r| t[r * sums.width + i] * t[r * sums.width + j]).sum();
+                    let product = group.values[a * group.width + b];
+                    let Group { values: t, width, .. } = &sums.groups[o];
+                    let triangle: f64 = (0..=a).map(|r| t[r * width + a] * t[r * width + b]).sum();
                     assert!((product - want).abs() < 1e-12 && (triangle - want).abs() < 1e-12, "{o} {i} {j}");
                 }
             }
-            let square = products.group(o)[columns * products.width + columns];
-            assert_eq!(square, moments.at(o, o), "the same residuals in the same order");
+            assert_eq!(group.columns.len(), if o == 0 { columns } else { 3 });
+            assert_eq!(group.square(), moments.at(o, o), "the same residuals in the same order");
         }
         let mixed: f64 = (0..n)
             .filter(|s| *s != 3)
@@ -357,7 +374,7 @@ mod tests {
         sums.add(&mut block, &[5.0, 7.0], Some(&[2.0, 1.0, 0.0, 4.0]));
         sums.end();
         // rows: 2 (1, 2, 5) + (0, 3, 7) = (2, 7, 17) and 4 (0, 3, 7) = (0, 12, 28)
-        let at = |i: usize, j: usize| sums.group(0)[i * sums.width + j];
+        let at = |i: usize, j: usize| sums.groups[0].values[i * sums.groups[0].width + j];
         assert_eq!((at(0, 0), at(0, 1), at(0, 2)), (4.0, 14.0, 34.0));
         assert_eq!((at(1, 1), at(1, 2), at(2, 2)), (49.0 + 144.0, 119.0 + 336.0, 289.0 + 784.0));
     }

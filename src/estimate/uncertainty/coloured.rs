@@ -19,6 +19,7 @@ use crate::problem::{Problem, ProblemRun};
 use crate::residuals::autocovariance::Lagged;
 use crate::residuals::autoregression::{self, AutoRegression, LevinsonDurbin};
 use crate::unknowns::Unknowns;
+use fdm_numeric::dense::multiply_add;
 use fdm_numeric::statistics::chi_squared_tail;
 use fdm_system::record::even_grid::EvenGrid;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -35,8 +36,12 @@ const EACH: usize = 4;
 const SETTLED: f64 = 1e-3;
 /// Residuals are larger than their known noise below this probability.
 const SIGNIFICANT: f64 = 0.01;
+/// Moments whose innovations are followed to the estimates together.
+const MOMENTS: usize = 64;
 /// Most numbers of all sensitivities together (half a gigabyte with what is made of them).
 const MOST_NUMBERS: usize = 20_000_000;
+/// Most products of sensitivities in one round (a second on one processor).
+const MOST_PRODUCTS: f64 = 2e9;
 
 /// Corrects the covariance of a bound at `values`; and gives the sensitivities and residuals of all runs that this took.
 ///
@@ -167,7 +172,7 @@ fn rows(
         |(r, g): (&ProblemRun<'_>, &Option<EvenGrid>)| g.as_ref().map_or(r.response.samples(), EvenGrid::length);
     let samples = problem.runs.iter().zip(&grids).map(|(r, g)| length((r, g)) * r.response.outputs());
     let numbers = samples.sum::<usize>() * width;
-    if numbers > MOST_NUMBERS {
+    if numbers > MOST_NUMBERS || numbers as f64 * width as f64 > MOST_PRODUCTS {
         return Err(Uncorrected::TooLarge);
     }
     let work = |(r, (run, grid)): (usize, (&mut ProblemRun<'_>, &Option<EvenGrid>))| {
@@ -364,21 +369,37 @@ impl Contribution {
         model.backward(&mut effects, width);
         let mut again = effects.clone();
         model.backward(&mut again, width);
-        let mut own = [vec![0.0; memory + rows.length], vec![0.0; memory + rows.length]];
-        for j in 0..n {
-            for (series, rows) in own.iter_mut().zip([&effects, &again]) {
-                for (value, row) in series.iter_mut().zip(rows.chunks_exact(width)) {
-                    *value = row.iter().enumerate().map(|(c, v)| v * places[c * n + j]).sum();
-                }
+        // what each innovation does to every estimate, some moments at a time
+        let orders = model.coefficients.len();
+        let (mut direct, mut filtered) = (Vec::new(), Vec::new());
+        let length = memory + rows.length;
+        for first in (0..length).step_by(MOMENTS) {
+            let (end, beyond) = ((first + MOMENTS).min(length), (first + MOMENTS + orders).min(length));
+            mapped(&effects[first * width..end * width], width, places, n, &mut direct);
+            for row in direct.chunks_exact(n) {
+                self.size.iter_mut().zip(row).for_each(|(size, b)| *size += model.variance * b * b);
             }
-            let [b, u] = &own;
-            self.size[j] += model.variance * b.iter().map(|b| b * b).sum::<f64>();
-            for m in 1..=model.coefficients.len() {
-                let product: f64 = b.iter().zip(&u[m.min(u.len())..]).map(|(b, u)| b * u).sum();
-                self.slopes[j][m - 1] += 2.0 * model.variance * product;
+            if orders == 0 {
+                continue;
+            }
+            mapped(&again[first * width..beyond * width], width, places, n, &mut filtered);
+            for (t, row) in direct.chunks_exact(n).enumerate() {
+                for m in 1..=orders.min(beyond - first - t - 1) {
+                    let later = &filtered[(t + m) * n..(t + m + 1) * n];
+                    for ((slopes, b), u) in self.slopes.iter_mut().zip(row).zip(later) {
+                        slopes[m - 1] += 2.0 * model.variance * b * u;
+                    }
+                }
             }
         }
     }
+}
+
+/// Rows (by `width`) times the places of `n` estimates in them (width by n).
+fn mapped(rows: &[f64], width: usize, places: &[f64], n: usize, to: &mut Vec<f64>) {
+    to.clear();
+    to.resize(rows.len() / width * n, 0.0);
+    multiply_add(rows, width, places, n, to);
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::iteration::priors::PriorRow;
 use crate::problem::{KnownNoise, Problem, ProblemRun};
 use crate::residuals::autoregression::AutoRegression;
 use crate::unknowns::Unknowns;
+use fdm_numeric::dense::{multiply, multiply_to_symmetric};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -67,8 +68,7 @@ impl Sandwich<'_> {
     pub(crate) fn around(&self, middle: &[f64]) -> Vec<f64> {
         let n = self.bound.inverse.chosen.len();
         let inverse = &self.bound.inverse.values;
-        let covariance = product(&product(inverse, middle, n), inverse, n);
-        (0..n * n).map(|k| 0.5 * (covariance[k] + covariance[k % n * n + k / n])).collect()
+        multiply_to_symmetric(&multiply(inverse, middle, n), inverse, n)
     }
 
     /// Rows of the Cramer-Rao covariance for the columns of one run (width by chosen).
@@ -98,17 +98,6 @@ impl Sandwich<'_> {
             to
         })
     }
-}
-
-fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
-    let mut c = vec![0.0; n * n];
-    let width = n.max(1);
-    for (row, to) in a.chunks(width).zip(c.chunks_mut(width)) {
-        for (factor, b) in row.iter().zip(b.chunks(width)) {
-            to.iter_mut().zip(b).for_each(|(c, b)| *c += factor * b);
-        }
-    }
-    c
 }
 
 /// The corrected covariance.

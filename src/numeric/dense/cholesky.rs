@@ -1,10 +1,12 @@
 //! Cholesky factors of symmetric matrices, row-major.
 //!
 //! The factor is kept as the upper triangle U of U'U, so that all inner loops run along rows. Sums are taken in the order of a
-//! textbook's dot products, several of them side by side. Large matrices are worked off in blocks that stay in the cache, which changes no
-//! order and no bit.
+//! textbook's dot products (backward substitution: from the last row up), several of them side by side. Large matrices are worked off
+//! in blocks that stay in the cache, which changes no order and no bit.
 
+use super::panels::{Terms, add};
 use crate::lanes::dispatch;
+use rayon::prelude::*;
 
 /// Rows of a factor that are found together: what stands above is read once for all of them.
 const BLOCK: usize = 16;
@@ -12,6 +14,8 @@ const BLOCK: usize = 16;
 const STRIP: usize = 64;
 /// Order from which the widest registers are worth choosing.
 const WIDE: usize = 64;
+/// Order from which threads are worth starting.
+const THREADED: usize = 256;
 
 /// The factor of a positive definite matrix.
 #[derive(Debug, Clone, Default)]
@@ -58,34 +62,43 @@ impl Cholesky {
         }
     }
 
-    /// Writes the inverse (n by n) to `inverse`; all columns are solved for at once.
+    /// Writes the inverse (n by n) to `inverse`: its lower triangle is found by columns, the upper one copied.
     pub fn invert(&mut self, inverse: &mut Vec<f64>) {
         let Self { size: n, upper, sums } = self;
         let n = *n;
         inverse.clear();
         inverse.resize(n * n, 0.0);
-        sums.resize((BLOCK * n).max(n * n.min(STRIP)), 0.0);
-        for first in (0..n).step_by(STRIP) {
-            let columns = (first, (first + STRIP).min(n));
+        sums.resize((BLOCK * n).max(n * n), 0.0);
+        // strip by strip, each with its columns beside each other
+        let strip = |(number, strip): (usize, &mut [f64])| {
+            let first = number * STRIP;
+            let width = STRIP.min(n - first);
             if n < WIDE {
-                invert_columns(upper, n, columns, inverse, sums);
+                invert_columns(upper, n, first, width, strip);
             } else {
-                dispatch(|| invert_columns(upper, n, columns, inverse, sums));
+                dispatch(|| invert_columns(upper, n, first, width, strip));
+            }
+        };
+        if n < THREADED {
+            sums[..n * n].chunks_mut((STRIP * n).max(1)).enumerate().for_each(strip);
+        } else {
+            sums[..n * n].par_chunks_mut(STRIP * n).enumerate().for_each(strip);
+        }
+        for (number, strip) in sums[..n * n].chunks((STRIP * n).max(1)).enumerate() {
+            let first = number * STRIP;
+            let width = STRIP.min(n - first);
+            for i in first..n {
+                for j in first..(first + width).min(i + 1) {
+                    let value = strip[i * width + j - first];
+                    (inverse[i * n + j], inverse[j * n + i]) = (value, value);
+                }
             }
         }
-        for i in 0..n {
-            for j in 0..i {
-                let mean = 0.5 * (inverse[i * n + j] + inverse[j * n + i]);
-                (inverse[i * n + j], inverse[j * n + i]) = (mean, mean);
-            }
+        if n >= THREADED {
+            // as large as the inverse, and cheap beside it
+            *sums = Vec::new();
         }
     }
-}
-
-/// `to += factor from`.
-#[inline(always)]
-fn add(factor: f64, from: &[f64], to: &mut [f64]) {
-    to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
 }
 
 /// Makes U of the upper triangle of a matrix; false when it is not positive definite.
@@ -95,11 +108,12 @@ fn factorise(upper: &mut [f64], n: usize, sums: &mut [f64]) -> bool {
         let last = (first + BLOCK).min(n);
         let (above, block) = upper.split_at_mut(first * n);
         sums.fill(0.0);
-        for row in above.chunks_exact(n) {
-            for j in first..last {
-                add(row[j], &row[j..], &mut sums[(j - first) * n + j..(j - first + 1) * n]);
-            }
-        }
+        let above = Terms {
+            factor: |r: usize, k: usize| above[k * n + first + r],
+            from: |k: usize| &above[k * n..(k + 1) * n],
+            count: first,
+        };
+        above.add_to(&mut sums[..(last - first) * n], n, first);
         for j in first..last {
             let (done, rest) = block.split_at_mut((j - first) * n);
             let sums = &mut sums[(j - first) * n + j..(j - first + 1) * n];
@@ -118,34 +132,56 @@ fn factorise(upper: &mut [f64], n: usize, sums: &mut [f64]) -> bool {
     true
 }
 
-/// Writes some columns of the inverse of U'U, which are zero before.
+/// Writes columns of the inverse of U'U from the row `first` on, where the first of them has its diagonal; `x` (n by width) holds zeros
+/// above.
 #[inline(always)]
-fn invert_columns(upper: &[f64], n: usize, (first, last): (usize, usize), inverse: &mut [f64], sums: &mut [f64]) {
-    let width = last - first;
-    sums[..n * width].fill(0.0);
-    for i in first..n {
-        // columns from i + 1 on begin below
-        let known = width.min(i + 1 - first);
-        let (done, rest) = sums.split_at_mut((i + 1) * width);
-        let row = &mut inverse[i * n + first..][..known];
-        if known == i + 1 - first {
-            row[known - 1] = 1.0;
-        }
-        let pivot = upper[i * n + i];
-        row.iter_mut().zip(&done[i * width..]).for_each(|(x, sum)| *x = (*x - sum) / pivot);
-        for (factor, sums) in upper[i * n + i + 1..(i + 1) * n].iter().zip(rest.chunks_exact_mut(width)) {
-            add(*factor, row, &mut sums[..known]);
+fn invert_columns(upper: &[f64], n: usize, first: usize, width: usize, x: &mut [f64]) {
+    let mut sums = [0.0; BLOCK * STRIP];
+    x.fill(0.0);
+    for top in (first..n).step_by(BLOCK) {
+        let bottom = (top + BLOCK).min(n);
+        let (done, rest) = x.split_at_mut(top * width);
+        let sums = &mut sums[..(bottom - top) * width];
+        sums.fill(0.0);
+        let above = Terms {
+            factor: |r: usize, k: usize| upper[(first + k) * n + top + r],
+            from: |k: usize| &done[(first + k) * width..(first + k + 1) * width],
+            count: top - first,
+        };
+        above.add_to(sums, width, 0);
+        for i in top..bottom {
+            let (near, row) = rest.split_at_mut((i - top) * width);
+            let (row, sums) = (&mut row[..width], &mut sums[(i - top) * width..(i - top + 1) * width]);
+            let near = near.chunks_exact(width).enumerate();
+            near.for_each(|(k, other)| add(upper[(top + k) * n + i], other, sums));
+            if i - first < width {
+                row[i - first] = 1.0;
+            }
+            let pivot = upper[i * n + i];
+            row.iter_mut().zip(&*sums).for_each(|(x, sum)| *x = (*x - sum) / pivot);
         }
     }
-    let sums = &mut sums[..width];
-    for i in (0..n).rev() {
-        let (before, below) = inverse.split_at_mut((i + 1) * n);
+    for top in (first..n).step_by(BLOCK).rev() {
+        let bottom = (top + BLOCK).min(n);
+        let (before, done) = x.split_at_mut(bottom * width);
+        let sums = &mut sums[..(bottom - top) * width];
         sums.fill(0.0);
-        for (factor, other) in upper[i * n + i + 1..(i + 1) * n].iter().zip(below.chunks_exact(n)) {
-            add(*factor, &other[first..last], sums);
+        // from the last row up
+        let below = Terms {
+            factor: |r: usize, k: usize| upper[(top + r) * n + n - 1 - k],
+            from: |k: usize| &done[(n - 1 - k - bottom) * width..(n - k - bottom) * width],
+            count: n - bottom,
+        };
+        below.add_to(sums, width, 0);
+        for i in (top..bottom).rev() {
+            let (row, near) = before[i * width..].split_at_mut(width);
+            let sums = &mut sums[(i - top) * width..(i - top + 1) * width];
+            for (k, other) in near.chunks_exact(width).enumerate().rev() {
+                add(upper[i * n + i + 1 + k], other, sums);
+            }
+            let pivot = upper[i * n + i];
+            row.iter_mut().zip(&*sums).for_each(|(x, sum)| *x = (*x - sum) / pivot);
         }
-        let pivot = upper[i * n + i];
-        before[i * n + first..i * n + last].iter_mut().zip(&*sums).for_each(|(x, sum)| *x = (*x - sum) / pivot);
     }
 }
 
@@ -178,20 +214,17 @@ mod tests {
                 x[i * n + c] = ((if i == c { 1.0 } else { 0.0 }) - sum) / u[i * n + i];
             }
             for i in (0..n).rev() {
-                let sum = (i + 1..n).fold(0.0, |sum, k| sum + u[i * n + k] * x[k * n + c]);
+                let sum = (i + 1..n).rev().fold(0.0, |sum, k| sum + u[i * n + k] * x[k * n + c]);
                 x[i * n + c] = (x[i * n + c] - sum) / u[i * n + i];
             }
         }
-        let mean = |k: usize| match (k / n, k % n) {
-            (i, j) if i == j => x[k],
-            (i, j) => 0.5 * (x[i.max(j) * n + i.min(j)] + x[i.min(j) * n + i.max(j)]),
-        };
-        (u, (0..n * n).map(mean).collect())
+        let lower = |k: usize| x[(k / n).max(k % n) * n + (k / n).min(k % n)];
+        (u, (0..n * n).map(lower).collect())
     }
 
     #[test]
     fn blocks_change_no_bit() {
-        for n in [1, 2, 5, 16, 17, 63, 64, 65, 130, 201] {
+        for n in [1, 2, 5, 16, 17, 63, 64, 65, 130, 201, 300] {
             let entry =
                 |i: usize, j: usize| (((i + j) * 7 + i * j) % 23) as f64 * 0.04 + if i == j { n as f64 } else { 0.0 };
             let matrix: Vec<f64> = (0..n * n).map(|k| entry(k / n, k % n)).collect();

@@ -1,5 +1,9 @@
 //! Householder reduction of tall matrices to a triangle, a block of rows at a time: rank is decided on J, never on J'J.
 
+use crate::lanes::dispatch;
+
+/// Order from which the widest registers are worth choosing.
+const WIDE: usize = 64;
 /// Squares of columns below this are zero: on the way to the smallest numbers a reflection loses its digits and overflows.
 const NOTHING: f64 = 1e-280;
 
@@ -7,6 +11,15 @@ const NOTHING: f64 = 1e-280;
 /// triangle' triangle grows by block' block. The block is overwritten. Only the first `order` columns are meant;
 /// lanes beyond them must be zero.
 pub fn reduce(triangle: &mut [f64], order: usize, block: &mut [f64], width: usize, work: &mut Vec<f64>) {
+    if order < WIDE {
+        reflect(triangle, order, block, width, work);
+    } else {
+        dispatch(|| reflect(triangle, order, block, width, work));
+    }
+}
+
+#[inline(always)]
+fn reflect(triangle: &mut [f64], order: usize, block: &mut [f64], width: usize, work: &mut Vec<f64>) {
     let rows = block.len() / width;
     work.clear();
     work.resize(rows + width, 0.0);

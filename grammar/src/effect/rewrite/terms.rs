@@ -3,6 +3,7 @@
 use super::Rewrite;
 use crate::diagnostic::Diagnostic;
 use crate::effect::edit::Line;
+use crate::effect::subject::Balance;
 use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, SlotKind, SyntaxTree, Value};
 
 impl<'a> Rewrite<'a> {
@@ -77,7 +78,7 @@ impl<'a> Rewrite<'a> {
     /// Every use of an input, a state or a param becomes an expression.
     pub(super) fn replace_uses(&mut self, slot: &str, with: ExprRef) -> Result<(), Diagnostic> {
         let target = self.bound[slot].clone();
-        let state = self.subject.equation(&target).is_some();
+        let state = self.subject.balance(&target).is_some();
         let uses = self.subject.uses(&target, state.then_some(target.as_str()));
         if uses.is_empty() {
             return Err(self.misfit(format!("nothing uses `{target}`")));
@@ -104,13 +105,14 @@ impl<'a> Rewrite<'a> {
     /// A term is added to the equation of a state, or what stands there gets a name.
     pub(super) fn rate(&mut self, slot: &str, added: Option<ExprRef>) -> Result<(), Diagnostic> {
         let target = self.bound[slot].clone();
-        let Some((right, statement)) = self.subject.equation(&target) else {
+        let Some(Balance { side, statement, is_plain, is_turned }) = self.subject.balance(&target) else {
             return Err(self.misfit(format!("`{target}` has no equation of its own")));
         };
-        let value = self.editor.value(statement, right);
-        if self.mentions(slot, true) == 0 {
+        let value = self.editor.value(statement, side);
+        // a derivative in a balance of forces keeps its name
+        if self.mentions(slot, true) == 0 || !is_plain {
             if let Some(added) = added {
-                self.append(right, value, added);
+                self.append(side, value, added, is_turned);
             }
             return Ok(());
         }
@@ -119,14 +121,14 @@ impl<'a> Rewrite<'a> {
         self.names.insert(format!("der({slot})"), name.clone());
         let start = statement.start as usize;
         self.editor.replace(start..value.start, format!("let {name} = "));
-        let term = added.map_or(String::new(), |e| self.term(e));
+        let term = added.map_or(String::new(), |e| self.term(e, false));
         self.editor.insert_behind(statement, &format!("der({target}) = {name}{term};"));
         Ok(())
     }
 
     /// ` + c*x` or ` - c*x` behind a value.
-    pub(super) fn append(&mut self, root: ExprRef, value: std::ops::Range<usize>, added: ExprRef) {
-        let term = self.term(added);
+    pub(super) fn append(&mut self, root: ExprRef, value: std::ops::Range<usize>, added: ExprRef, is_turned: bool) {
+        let term = self.term(added, is_turned);
         // an `if` without brackets would take the term into its last branch
         if matches!(self.subject.tree.expr(root), Expr::If(..)) {
             self.editor.replace(value.start..value.start, "(");
@@ -136,17 +138,19 @@ impl<'a> Rewrite<'a> {
         }
     }
 
-    pub(super) fn term(&self, added: ExprRef) -> String {
+    /// What is added, with its sign, or subtracted.
+    pub(super) fn term(&self, added: ExprRef, is_turned: bool) -> String {
         let text = self.print(added);
         let (choice, sum) = match self.pool().expr(added) {
             Expr::If(..) => (true, false),
             Expr::Binary(sign, ..) => (false, matches!(sign, BinarySign::Add | BinarySign::Subtract)),
             _ => (false, false),
         };
+        let [plus, minus] = if is_turned { ['-', '+'] } else { ['+', '-'] };
         match text.strip_prefix('-') {
-            Some(rest) if !sum && !choice => format!(" - {rest}"),
-            None if !choice => format!(" + {text}"),
-            _ => format!(" + ({text})"),
+            Some(rest) if !sum && !choice => format!(" {minus} {rest}"),
+            None if !choice && !(sum && is_turned) => format!(" {plus} {text}"),
+            _ => format!(" {plus} ({text})"),
         }
     }
 
@@ -167,7 +171,7 @@ impl<'a> Rewrite<'a> {
         let value = self.editor.value(statement, root);
         let mentions = self.mentions(slot, false);
         if let (Some(added), 0) = (added, mentions) {
-            self.append(root, value, added);
+            self.append(root, value, added, false);
             return Ok(());
         }
         let alone = replaced.is_some_and(|e| mentions == 1 && within(self.pool(), e, slot));
@@ -189,7 +193,7 @@ impl<'a> Rewrite<'a> {
         }
         let new = match (replaced, added) {
             (Some(e), _) => self.print(e),
-            (None, Some(e)) => format!("{}{}", self.names[slot], self.term(e)),
+            (None, Some(e)) => format!("{}{}", self.names[slot], self.term(e, false)),
             (None, None) => return Ok(()),
         };
         self.editor.replace(value, new);

@@ -5,6 +5,7 @@
 //! affine as well: its value at a point where one signal is other than zero, less its value at zero.
 
 use crate::dynamics::{Dynamics, Layout, Point, Workspace};
+use std::collections::BTreeSet;
 
 /// The signal's size while its coefficient is read: so large that the constant beside it costs no digits.
 const SIZE: f64 = (1u64 << 40) as f64;
@@ -18,8 +19,11 @@ pub(super) enum Group {
     Outputs,
 }
 
-/// Results of the model's programs at zero, and with each signal in turn (states, then the drive).
+/// Results of the model's programs at zero, and with the signals (states, then the drive) of each colour: signals that meet in no
+/// equation are read together (Curtis, Powell and Reid 1974).
 pub(super) struct Equations {
+    /// The colour of each signal.
+    colours: Vec<usize>,
     rates: Vec<f64>,
     outputs: Vec<f64>,
     by_input: Vec<f64>,
@@ -29,8 +33,10 @@ pub(super) struct Equations {
 
 impl Equations {
     pub(super) fn new(layout: &Layout) -> Self {
-        let points = 1 + layout.states + layout.drive();
+        let colours = colour(layout);
+        let points = 1 + colours.iter().map(|colour| colour + 1).max().unwrap_or(0);
         Self {
+            colours,
             rates: vec![0.0; points * layout.rate_slots()],
             outputs: vec![0.0; points * layout.output_slots()],
             by_input: vec![0.0; layout.input_slots()],
@@ -42,13 +48,10 @@ impl Equations {
     /// Evaluates for new parameters.
     pub(super) fn read(&mut self, dynamics: &dyn Dynamics, known: &[f64], work: &mut Workspace) {
         let layout = dynamics.layout();
-        let Self { rates, outputs, by_input, x, drive } = self;
-        for point in 0..1 + layout.states + layout.drive() {
-            x.fill(0.0);
-            drive.fill(0.0);
-            if let Some(signal) = x.iter_mut().chain(drive.iter_mut()).nth(point.wrapping_sub(1)) {
-                *signal = SIZE;
-            }
+        let Self { colours, rates, outputs, by_input, x, drive } = self;
+        for point in 0..rates.len() / layout.rate_slots().max(1) {
+            let signals = x.iter_mut().chain(drive.iter_mut()).zip(&*colours);
+            signals.for_each(|(signal, colour)| *signal = if colour + 1 == point { SIZE } else { 0.0 });
             let at = Point { t: 0.0, x, drive, known };
             let row = point * layout.rate_slots()..(point + 1) * layout.rate_slots();
             dynamics.rates_and_partials(at, &mut rates[row], work);
@@ -97,8 +100,11 @@ impl Equations {
 
     /// The derivative by a parameter of the coefficient of a signal (states, then the drive).
     pub(super) fn slope(&self, layout: &Layout, group: Group, i: usize, signal: usize, param: usize) -> f64 {
-        let (zero, one) =
-            (self.by_param(layout, group, i, 0, param), self.by_param(layout, group, i, 1 + signal, param));
+        if !enters(layout, group, i, signal) {
+            return 0.0;
+        }
+        let point = 1 + self.colours[signal];
+        let (zero, one) = (self.by_param(layout, group, i, 0, param), self.by_param(layout, group, i, point, param));
         (one - zero) / SIZE
     }
 
@@ -121,6 +127,49 @@ impl Equations {
             }
         }
     }
+}
+
+/// Whether a signal enters an equation.
+fn enters(layout: &Layout, group: Group, i: usize, signal: usize) -> bool {
+    let (p, n, m) = (&layout.patterns, layout.states, layout.inputs);
+    let [by_state, by_input, by_delayed] = match group {
+        Group::Rates => [&p.rates_by_state, &p.rates_by_input, &p.rates_by_delayed],
+        Group::Outputs => [&p.outputs_by_state, &p.outputs_by_input, &p.outputs_by_delayed],
+    };
+    let (pattern, column) = match signal {
+        state if state < n => (by_state, state),
+        input if input < n + m => (by_input, input - n),
+        delayed => (by_delayed, delayed - n - m),
+    };
+    entry(pattern, i, column).is_some()
+}
+
+/// The smallest colour for each signal that no other signal of one of its equations has.
+fn colour(layout: &Layout) -> Vec<usize> {
+    let (p, n, m) = (&layout.patterns, layout.states, layout.inputs);
+    let rates = [&p.rates_by_state, &p.rates_by_input, &p.rates_by_delayed];
+    let outputs = [&p.outputs_by_state, &p.outputs_by_input, &p.outputs_by_delayed];
+    let groups = [(rates, layout.states), (outputs, layout.outputs)];
+    let mut equations = Vec::new();
+    for (patterns, rows) in groups {
+        let columns = |i: usize| {
+            let own = patterns.iter().zip([0, n, n + m]);
+            own.flat_map(move |(pattern, first)| pattern.row(i).map(move |(_, j)| first + j)).collect::<Vec<usize>>()
+        };
+        equations.extend((0..rows).map(columns));
+    }
+    let signals = n + layout.drive();
+    let mut met = vec![Vec::new(); signals];
+    for (e, signals) in equations.iter().enumerate() {
+        signals.iter().for_each(|signal| met[*signal].push(e));
+    }
+    let mut colours: Vec<Option<usize>> = vec![None; signals];
+    for signal in 0..signals {
+        let others = met[signal].iter().flat_map(|e| &equations[*e]);
+        let taken: BTreeSet<usize> = others.filter_map(|other| colours[*other]).collect();
+        colours[signal] = (0..).find(|colour| !taken.contains(colour));
+    }
+    colours.into_iter().flatten().collect()
 }
 
 /// The position of an entry in its pattern.
@@ -203,4 +252,24 @@ fn unite(root: &mut [usize], a: usize, b: usize) {
     let (a, b) = (find(root, a), find(root, b));
     let (low, high) = (a.min(b), a.max(b));
     root[high] = low;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Model;
+
+    fn colours(text: &str) -> Vec<usize> {
+        colour(Model::from_text("m.fdm", text).expect("compiles").layout())
+    }
+
+    #[test]
+    fn signals_that_meet_nowhere_share_a_colour() {
+        let apart =
+            "model m { input u, v; state x, z; param k = 1, h = 2; der(x) = u - k*x; der(z) = v - h*z; output y = x;
+            output w = z; }";
+        assert_eq!(colours(apart), [0, 0, 1, 1]);
+        let together = apart.replace("output w = z", "output w = x + k*z");
+        assert_eq!(colours(&together), [0, 1, 1, 0]);
+    }
 }
