@@ -19,6 +19,7 @@ mod probe;
 mod rewrite;
 mod scales;
 mod soundness;
+mod start_values;
 mod subject;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,7 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
 use crate::diagnostic::Diagnostic;
+use crate::gather;
 use crate::graph::{Graph, Leaf, Node, Signal};
 use crate::model::{Model, Origin};
 use crate::op::ExprId;
@@ -108,6 +109,17 @@ impl Subject {
     /// The text.
     pub fn source(&self) -> &Source {
         &self.source
+    }
+
+    /// Another text in the place of this one, with the files that the model was compiled with.
+    pub(super) fn with_text(&self, text: String) -> Source {
+        let base = &self.source;
+        let mut source = Source::new(base.name(), text);
+        gather(&mut source, &mut |name| {
+            let text = base.find(name).map(|k| base.texts()[k].text().to_string());
+            text.ok_or_else(|| "it was not there before".to_string())
+        });
+        source
     }
 
     /// The checked model.

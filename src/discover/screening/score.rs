@@ -7,6 +7,8 @@ use nalgebra::{DMatrix, DVector};
 pub enum Shape {
     /// In proportion, of either sign: a derivative at the null value.
     Linear,
+    /// The same where the null is the least value that there can be: a friction is none below zero.
+    Rising,
     /// The whole difference that this size makes: believed from half to twice as much.
     Finite,
     /// The same for the smallest size that was tried on its side of the null, below which the effect fades to nothing.
@@ -115,6 +117,7 @@ impl Score {
         }
         let amount = match shape {
             Shape::Linear | Shape::Joint { .. } => z / g,
+            Shape::Rising => (z / g).max(0.0),
             Shape::Finite => (z / g).clamp(0.5, 2.0),
             Shape::Smallest => (z / g).clamp(0.0, 2.0),
         };

@@ -60,7 +60,7 @@ impl TrialPoint {
 
     /// Whether the direction is a derivative at the null.
     pub(super) fn is_linear(&self) -> bool {
-        matches!(self.shape, Shape::Linear | Shape::Joint { .. })
+        matches!(self.shape, Shape::Linear | Shape::Rising | Shape::Joint { .. })
     }
 
     /// Values at a multiple of the direction, within the bounds.
@@ -69,7 +69,7 @@ impl TrialPoint {
         let NewParam { null, lower, upper, .. } = params[self.lead];
         let value = values[self.lead];
         let moved = match self.shape {
-            Shape::Linear | Shape::Joint { .. } => null + amount,
+            Shape::Linear | Shape::Rising | Shape::Joint { .. } => null + amount,
             _ if null.is_finite() => null + amount * (value - null),
             _ => value / amount.max(1e-3),
         };
@@ -144,7 +144,11 @@ fn sizes(attached: &AttachedEffect, values: &[f64], group: usize) -> Vec<TrialPo
     let params = attached.params();
     if attached.candidate.kind() == Kind::Smooth {
         let own: Vec<usize> = (0..params.len()).filter(|k| !params[*k].nuisance).collect();
-        let shape = if own.len() > 1 { Shape::Joint { group } } else { Shape::Linear };
+        let shape = match own[..] {
+            [only] if params[only].lower >= params[only].null => Shape::Rising,
+            [_] => Shape::Linear,
+            _ => Shape::Joint { group },
+        };
         return own.into_iter().map(|lead| TrialPoint { values: values.to_vec(), lead, shape }).collect();
     }
     let lead = attached.size();

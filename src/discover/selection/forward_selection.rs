@@ -4,7 +4,7 @@ use super::acceptance::{cause, objection, rejected};
 use super::assessment::{ResidualRecords, against, biased, feedback, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
-use super::elimination::{Accepted, eliminate, one_law, revise};
+use super::elimination::{Accepted, eliminate, one_law, rebuilt, revise};
 use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place, written};
 use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
@@ -15,6 +15,7 @@ use super::predictor::responses;
 use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, evenly};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
+use super::written_model::{WrittenModel, written_model};
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
@@ -355,8 +356,13 @@ impl<'a> ForwardSelection<'a> {
     }
 
     /// The last fits by one noise, and everything that is told of them.
-    fn conclude(mut self, first: &FittedModel, grown: Arc<FittedModel>, end: End) -> Result<Diagnosis, DiagnosisError> {
-        let noise = &end.noise;
+    fn conclude(
+        mut self,
+        first: &FittedModel,
+        grown: Arc<FittedModel>,
+        mut end: End,
+    ) -> Result<Diagnosis, DiagnosisError> {
+        let noise = &end.noise.clone();
         let before = split_fit(first, self.runs, noise)?;
         let mut last = None;
         if !self.accepted.is_empty() {
@@ -365,10 +371,14 @@ impl<'a> ForwardSelection<'a> {
             self.rejected.extend(dropped);
             last = Some(revise(current, first, self.runs, noise, &mut self.accepted)?);
         }
-        let after = match &last {
+        let mut after = match &last {
             Some(current) => split_fit(current, self.runs, noise)?,
             None => before.clone(),
         };
+        let mut written = self.writable(first, &mut last, (&before, &mut after), noise)?;
+        if written.is_some() && !(self.goes_on)() {
+            end.stop();
+        }
         let (all, train) = (self.runs.all, self.runs.train);
         let at =
             |current: &FittedModel, fit: &SplitFit| responses(&current.model, all, &current.predictors, &fit.theta);
@@ -392,8 +402,10 @@ impl<'a> ForwardSelection<'a> {
         let verdict = self.verdict(attribution.as_ref(), end.family_wise);
         if verdict == Verdict::Disturbance {
             self.withdraw();
-            (last, new) = (None, old.clone());
+            (last, new, written) = (None, old.clone(), None);
         }
+        // as a plain fit of the model has them, and as a simulation of what is written
+        let plain = (&first.response[..], written.as_ref().map_or(&first.response[..], |w| &w.fitted.response[..]));
         if let Some(attribution) = &mut attribution {
             attribution.warnings.extend(one_law(&self.accepted));
         }
@@ -409,24 +421,11 @@ impl<'a> ForwardSelection<'a> {
             detectable: end.detectable,
             left_out: end.left_out,
             biased: if found { biased(&before.fitting.estimates, &after.fitting.estimates) } else { Vec::new() },
-            // before: as a plain fit of the model has them
-            outputs: output_gains(
-                &first.model,
-                all,
-                train,
-                &first.predictors,
-                (&first.response, if found { &new } else { &first.response }),
-                noise,
-            ),
-            overlays: overlays(
-                all,
-                train,
-                &first.predictors,
-                (&first.response, if found { &new } else { &first.response }),
-            ),
+            outputs: output_gains(&first.model, all, train, &first.predictors, plain, noise),
+            overlays: overlays(all, train, &first.predictors, plain),
             gains: if found { run_gains(all, train, &first.predictors, (&old, &new), noise) } else { Vec::new() },
             noise_knots: end.knots,
-            extended: last.map(|current| current.model.source().text().to_string()),
+            extended: written.map(|written| written.text),
             ended: end.ended,
             stopped: end.stopped,
             lack_of_fit,
@@ -436,6 +435,41 @@ impl<'a> ForwardSelection<'a> {
             feedback,
             spectral: first.spectral(),
         })
+    }
+
+    /// The extended model as it is written. Effects with which it would do worse are given up, the weakest first.
+    fn writable(
+        &mut self,
+        first: &FittedModel,
+        last: &mut Option<Arc<FittedModel>>,
+        (before, after): (&SplitFit, &mut SplitFit),
+        noise: &CommonNoise,
+    ) -> Result<Option<WrittenModel>, DiagnosisError> {
+        while let Some(current) = last {
+            (self.progress)("fitting the written model plainly");
+            let asked = (self.runs, self.options, self.goes_on);
+            let reason = match written_model(current, &after.theta, &first.response, asked) {
+                Ok(written) => return Ok(Some(written)),
+                Err(reason) => reason,
+            };
+            let score = |a: &Accepted| a.cause.score;
+            let weakest =
+                (0..self.accepted.len()).min_by(|a, b| score(&self.accepted[*a]).total_cmp(&score(&self.accepted[*b])));
+            let Some(k) = weakest else { break };
+            let Cause { place, gain_training, gain_validation, .. } = self.accepted.remove(k).cause;
+            self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
+            let effects: Vec<_> = self.accepted.iter().map(Accepted::written).collect();
+            if effects.is_empty() {
+                *last = None;
+                *after = before.clone();
+                break;
+            }
+            let (smaller, params) = rebuilt(first, current, &after.theta, self.runs, &effects)?;
+            self.accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
+            *after = split_fit(&smaller, self.runs, noise)?;
+            *last = Some(Arc::new(smaller));
+        }
+        Ok(None)
     }
 
     /// Effect, disturbance, unknown cause or nothing.

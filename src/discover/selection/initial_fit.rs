@@ -95,6 +95,33 @@ fn first_in_time(
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
+/// An extended model as a plain fit from these values has it.
+///
+/// # Errors
+/// Why there is none, in words.
+pub(super) fn plain_fit(
+    current: &FittedModel,
+    theta: &[Vec<f64>],
+    runs: Runs<'_>,
+    options: &DiagnosisOptions,
+    goes_on: &GoesOn<'_>,
+) -> Result<FittedModel, String> {
+    let mut params = current.params().to_vec();
+    for (param, value) in params.iter_mut().zip(theta.iter().flatten()).filter(|(p, _)| !p.fixed && !p.per_run) {
+        param.value = value.clamp(param.lower, param.upper);
+    }
+    let mut how = options.fit.clone();
+    how.options.colour = false;
+    // they are in the model already
+    how.changes = Changes::default();
+    let fits = plainly(&current.model.with_params(params), runs.train(), &how, goes_on).map_err(|e| e.to_string())?;
+    let best = fits.first().ok_or("it has no end")?;
+    if !best.estimate.termination.is_good() {
+        return Err(best.estimate.termination.to_string());
+    }
+    with_validation_runs(best, runs, (&how, goes_on)).map_err(|e| e.to_string())
+}
+
 /// A fit to the training runs, with what belongs to each of the validation ones fitted there.
 fn with_validation_runs(
     fitted: &Fit,

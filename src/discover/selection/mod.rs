@@ -31,6 +31,7 @@ mod significance;
 #[cfg(test)]
 mod tests;
 mod whitening;
+mod written_model;
 
 pub use error::DiagnosisError;
 pub use forward_selection::{diagnose, diagnose_while};

@@ -76,6 +76,7 @@ impl Projection {
         }
         let amount = match point.shape {
             Shape::Linear | Shape::Joint { .. } => z / g,
+            Shape::Rising => (z / g).max(0.0),
             Shape::Finite => (z / g).clamp(0.5, 2.0),
             Shape::Smallest => (z / g).clamp(0.05, 2.0),
         };

@@ -163,6 +163,49 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
     assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
 }
 
+/// A user simulates the text: that is what is told of it.
+#[test]
+fn what_is_told_is_what_the_written_text_does() {
+    let push = |t: f64| if t % 4.0 < 2.0 { 1.0 } else { -1.0 };
+    let truth = MOTOR.replace("INPUT", "delay(u, 0.23)");
+    let runs = [run(&truth, "a", push, &[("a", 1.3)], 0.01), run(&truth, "b", |t| push(t + 0.7), &[("a", 1.3)], 0.01)];
+    let found = diagnosed(&MOTOR.replace("INPUT", "u"), &runs[..1], &runs[1..]);
+    let text = found.extended.clone().unwrap();
+    assert!(text.contains("delay(u, ") && !text.contains("param a = 1,"), "{text}");
+    let written = Model::from_text("written.fdm", text).unwrap();
+    let theta = written.definition().start();
+    for (run, (overlay, told)) in runs.iter().zip(found.overlays.iter().zip(&found.outputs)) {
+        let mut y = vec![0.0; run.len()];
+        Simulator::new(written.dynamics(), run, 4).unwrap().simulate(&theta, &mut y).unwrap();
+        let apart = y.iter().zip(&overlay.after).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        // by other steps
+        assert!(apart < 1e-5, "{apart}");
+        let square = run.measured.iter().zip(&y).map(|(z, y)| (z - y) * (z - y)).sum::<f64>();
+        let rms = (square / run.len() as f64).sqrt();
+        assert!((told.rms_after.unwrap() / rms - 1.0).abs() < 1e-4, "{told:?} {rms}");
+        assert!(rms < told.rms_before.unwrap());
+    }
+}
+
+/// What would be a friction below zero is something else.
+#[test]
+fn friction_has_one_sign() {
+    let signed = SOME.replace("param drag = 0;", "param drag = 0 in [0, inf];");
+    let (catalogue, findings) = Catalogue::read(&Source::new("signed.fdm", signed.as_str()));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
+    let named = |drag: f64| {
+        let runs = [roll(drag, 0.5, "a"), roll(drag, 0.3, "b")];
+        let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+        let screened = found.steps[0].ranking.iter().find(|s| s.place.effect == "quadratic_damping").map(|s| s.gain);
+        (found.causes.iter().any(|c| c.place.effect == "quadratic_damping"), screened)
+    };
+    let (found, gain) = named(0.4);
+    assert!(found && gain.is_some_and(|g| g > 10.0), "{gain:?}");
+    let (found, gain) = named(-0.15);
+    assert!(!found && gain.is_none_or(|g| g < 1.0), "{gain:?}");
+}
+
 /// Wherever it is stopped, a search keeps what it has and says that it was stopped.
 #[test]
 fn a_search_that_is_stopped_says_so_and_keeps_what_it_has() {

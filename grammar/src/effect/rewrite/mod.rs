@@ -17,8 +17,6 @@ use crate::effect::extension::{Extension, NewParam};
 use crate::effect::names::Taken;
 use crate::effect::scales::Scales;
 use crate::effect::subject::Subject;
-use crate::gather;
-use crate::source::Source;
 use crate::syntax::{Declaration, EffectLine, Expr, ExprRef, Printer, Role, SyntaxTree, Value};
 use crate::unit::Unit;
 use std::collections::HashMap;
@@ -166,13 +164,7 @@ impl<'a> Rewrite<'a> {
             let texts: Vec<String> = self.lines.iter().filter(|(l, _)| *l == line).map(|(_, t)| t.clone()).collect();
             self.editor.insert(line, &texts);
         }
-        let base = &self.subject.source;
-        let mut source = Source::new(base.name(), self.editor.finish());
-        // the files that the model uses are those that it was compiled with
-        gather(&mut source, &mut |name| {
-            let text = base.find(name).map(|k| base.texts()[k].text().to_string());
-            text.ok_or_else(|| "it was not there before".to_string())
-        });
+        let source = self.subject.with_text(self.editor.finish());
         Extension { source, params: self.params, declared: self.declared, base: self.subject.model.clone() }
     }
 }
