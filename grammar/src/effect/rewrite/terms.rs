@@ -149,7 +149,7 @@ impl<'a> Rewrite<'a> {
         let [plus, minus] = if is_turned { ['-', '+'] } else { ['+', '-'] };
         match text.strip_prefix('-') {
             Some(rest) if !sum && !choice => format!(" {minus} {rest}"),
-            None if !choice && !(sum && is_turned) => format!(" {plus} {text}"),
+            None if !(choice || sum && is_turned) => format!(" {plus} {text}"),
             _ => format!(" {plus} ({text})"),
         }
     }
