@@ -21,7 +21,7 @@ mod initials;
 mod interpolation;
 mod kinds;
 mod knowledge;
-mod matching;
+pub(crate) mod matching;
 mod measures;
 mod model;
 mod names;

@@ -1,8 +1,8 @@
 //! Units of what an effect brings, from the equations it enters: solved for, line by line, until nothing more follows.
 
 use super::definition::Effect;
-use super::subject::{Subject, derived};
-use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, StatementKind, SyntaxTree, Value};
+use super::subject::{Subject, derived, value_of_let};
+use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, StatementKind, SyntaxTree, Value};
 use crate::unit::Unit;
 use std::collections::{BTreeMap, HashMap};
 
@@ -19,7 +19,8 @@ enum Measure {
 
 /// The units of the effect's own names that follow from the model's.
 pub(super) fn infer(effect: &Effect, subject: &Subject, bound: &HashMap<String, String>) -> HashMap<String, Unit> {
-    let mut solver = Solver { effect, subject, bound, found: HashMap::new(), in_model: false, depth: 0 };
+    let mut solver =
+        Solver { effect, subject, bound, found: HashMap::new(), in_model: false, depth: 0, lets: HashMap::new() };
     let own = effect.tree().lines.len() + 1;
     // every round that finds nothing new is the last one
     for _ in 0..=own {
@@ -40,6 +41,8 @@ struct Solver<'a> {
     /// Whether an expression of the model is looked at, and not one of the effect; and how many lets deep.
     in_model: bool,
     depth: usize,
+    /// What names of the model were found to be measured in.
+    lets: HashMap<String, Measure>,
 }
 
 /// Lets that are looked through, one in the other.
@@ -120,27 +123,30 @@ impl Solver<'_> {
         }
     }
 
-    /// What a name of the model is measured in.
+    /// What a name of the model is measured in; a `let` without a unit is looked through, once.
     fn name_of_model(&mut self, name: &str) -> Measure {
-        let value = match self.subject.declaration(name) {
-            Some((Role::Let, declaration, _)) if declaration.unit.is_none() => match declaration.value {
-                Some(Value::Expr(e)) => Some(e),
-                _ => None,
-            },
-            Some((_, declaration, _)) if declaration.unit.is_none() => return Measure::Unknown,
-            _ => None,
-        };
-        match (name, value) {
-            ("t", _) => self.time(),
-            ("pi" | "inf", _) => Measure::Number,
-            (_, Some(value)) if self.depth < NESTED => {
+        match name {
+            "t" => return self.time(),
+            "pi" | "inf" => return Measure::Number,
+            _ => {}
+        }
+        if let Some(known) = self.lets.get(name) {
+            return known.clone();
+        }
+        let declaration = self.subject.declaration(name).map(|(_, declaration, _)| declaration);
+        let value = match declaration.filter(|d| d.unit.is_none()).and_then(|_| value_of_let(&self.subject.tree, name))
+        {
+            // lets that stand in each other more deeply have no unit here
+            Some(value) if self.depth < NESTED => {
                 self.depth += 1;
                 let found = self.value(value);
                 self.depth -= 1;
                 found
             }
             _ => self.subject.unit(name).map_or(Measure::Unknown, known),
-        }
+        };
+        self.lets.insert(name.to_string(), value.clone());
+        value
     }
 
     /// What a name is measured in.

@@ -1,5 +1,6 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
+use crate::check::matching::Matching;
 use crate::diagnostic::Diagnostic;
 use crate::gather;
 use crate::graph::{Graph, Leaf, Node, Signal};
@@ -80,7 +81,7 @@ impl Subject {
         let (mut found, mut seen, mut open) = (BTreeSet::new(), BTreeSet::new(), vec![left, right]);
         while let Some(e) = open.pop() {
             match self.tree.expr(e) {
-                Expr::Name(name) => match (self.leaf(name), self.value_of_let(name)) {
+                Expr::Name(name) => match (self.leaf(name), value_of_let(&self.tree, name)) {
                     (Some(leaf), _) => drop(found.insert(leaf)),
                     (None, Some(value)) if seen.insert(value.0) => open.push(value),
                     (None, Some(_)) => {}
@@ -92,13 +93,6 @@ impl Subject {
             }
         }
         Some(found)
-    }
-
-    fn value_of_let(&self, name: &str) -> Option<ExprRef> {
-        match self.declaration(name)? {
-            (Role::Let, Declaration { value: Some(Value::Expr(e)), .. }, _) => Some(*e),
-            _ => None,
-        }
     }
 
     /// Whether a name is a number, or the time.
@@ -260,113 +254,95 @@ pub(super) fn derived(tree: &SyntaxTree, left: ExprRef) -> Option<&str> {
     }
 }
 
-/// The balance of every state of the text that has one: its own equation, or else one of those in which derivatives stand
-/// (a matching, by augmenting paths; Kuhn 1955).
+/// The balance of every state of the text that has one: its own equation, or else one of those in which derivatives stand, in the
+/// order of the text as far as that leaves one for each.
 fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
-    let mut found = BTreeMap::new();
-    let mut open: Vec<(Span, [ExprRef; 2], Vec<Occurrence>)> = Vec::new();
+    let places: BTreeMap<&str, usize> =
+        model.states.iter().enumerate().map(|(k, s)| (s.quantity.name.as_str(), k)).collect();
+    let (mut incidence, mut preferred, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for statement in &tree.statements {
         let StatementKind::Equation(left, right) = statement.kind else { continue };
-        if let Some(state) = derived(tree, left) {
-            let balance = Balance { side: right, statement: statement.span, is_plain: true, is_turned: false };
-            found.insert(state.to_string(), balance);
-        } else {
-            let mut occurrences = Vec::new();
-            for (side, root) in [left, right].into_iter().enumerate() {
-                occur(tree, root, (side, 1), 0, &mut occurrences);
-            }
-            open.push((statement.span, [left, right], occurrences));
-        }
+        let own = derived(tree, left).and_then(|state| places.get(state).copied());
+        let occurrences = match own {
+            Some(place) => vec![Occurrence { place, side: 0, is_turned: false }],
+            None => [left, right].into_iter().enumerate().flat_map(|side| occurrences(tree, side, &places)).collect(),
+        };
+        incidence.push(occurrences.iter().map(|o| o.place).collect());
+        preferred.push(own);
+        found.push((statement.span, [left, right], occurrences));
     }
-    let is_open = |name: &String| !found.contains_key(name) && model.states.iter().any(|s| s.quantity.name == *name);
-    let wanted: Vec<Vec<&Occurrence>> =
-        open.iter().map(|(_, _, all)| all.iter().filter(|o| is_open(&o.state)).collect()).collect();
-    let mut owner: BTreeMap<&str, usize> = BTreeMap::new();
-    for equation in 0..open.len() {
-        assign(equation, &wanted, &mut BTreeSet::new(), &mut owner);
-    }
-    for (state, equation) in owner {
-        let (statement, sides, _) = &open[equation];
-        let own = wanted[equation].iter().filter(|o| o.state == state);
+    let pairs = Matching::new(&incidence, places.len(), &preferred);
+    let mut balances = BTreeMap::new();
+    for ((statement, sides, occurrences), (state, own)) in found.iter().zip(pairs.of_equation.iter().zip(&preferred)) {
         // of a derivative on both sides the left one counts
-        if let Some(first) = own.min_by_key(|o| o.side) {
-            let (side, is_turned) = (sides[1 - first.side], first.sign < 0);
-            found.insert(state.to_string(), Balance { side, statement: *statement, is_plain: false, is_turned });
+        let Some(first) = occurrences.iter().find(|o| Some(o.place) == *state) else { continue };
+        let balance = Balance {
+            side: sides[1 - first.side],
+            statement: *statement,
+            is_plain: own.is_some(),
+            is_turned: first.is_turned,
+        };
+        balances.insert(model.states[first.place].quantity.name.clone(), balance);
+    }
+    balances
+}
+
+/// A derivative in an equation.
+struct Occurrence {
+    /// Which state's.
+    place: usize,
+    /// 0 on the left, 1 on the right.
+    side: usize,
+    /// Behind a minus sign.
+    is_turned: bool,
+}
+
+/// The derivatives on one side of an equation, in the order of the text, each let looked through once.
+fn occurrences(tree: &SyntaxTree, (side, root): (usize, ExprRef), places: &BTreeMap<&str, usize>) -> Vec<Occurrence> {
+    let negative = |e: ExprRef| match tree.expr(e) {
+        Expr::Unary(UnarySign::Minus, _) => true,
+        Expr::Number(n) => *n < 0.0,
+        _ => false,
+    };
+    let (mut found, mut seen, mut open) = (Vec::new(), BTreeSet::new(), vec![(root, false)]);
+    while let Some((e, is_turned)) = open.pop() {
+        match tree.expr(e) {
+            Expr::Call(call, arguments) if call.text == "der" => {
+                let state = arguments.first().map(|argument| tree.expr(*argument));
+                if let Some(Expr::Name(state)) = state
+                    && let Some(place) = places.get(state.as_str())
+                {
+                    found.push(Occurrence { place: *place, side, is_turned });
+                }
+            }
+            Expr::Name(name) if seen.insert(name.as_str()) => {
+                open.extend(value_of_let(tree, name).map(|value| (value, is_turned)));
+            }
+            Expr::Name(_) => {}
+            Expr::Unary(UnarySign::Minus, a) => open.push((*a, !is_turned)),
+            Expr::Binary(BinarySign::Subtract, a, b, _) => open.extend([(*b, !is_turned), (*a, is_turned)]),
+            Expr::Binary(BinarySign::Multiply | BinarySign::Divide, a, b, _) => {
+                open.extend([(*b, is_turned != negative(*a)), (*a, is_turned != negative(*b))]);
+            }
+            expr => {
+                let first = open.len();
+                expr.each_operand(|o| open.push((o, is_turned)));
+                open[first..].reverse();
+            }
         }
     }
     found
 }
 
-/// A derivative in an equation.
-struct Occurrence {
-    state: String,
-    /// 0 on the left, 1 on the right.
-    side: usize,
-    /// -1 behind a minus sign.
-    sign: i8,
-}
-
-/// Lets that are looked through, one in the other.
-const NESTED: usize = 16;
-
-/// Collects the derivatives below a root.
-fn occur(tree: &SyntaxTree, root: ExprRef, (side, sign): (usize, i8), depth: usize, found: &mut Vec<Occurrence>) {
-    let negative = |e: ExprRef| match tree.expr(e) {
-        Expr::Unary(UnarySign::Minus, _) => -1,
-        Expr::Number(n) if *n < 0.0 => -1,
-        _ => 1,
-    };
-    match tree.expr(root) {
-        Expr::Call(call, arguments) if call.text == "der" => {
-            if let [argument] = arguments[..]
-                && let Expr::Name(state) = tree.expr(argument)
-            {
-                found.push(Occurrence { state: state.clone(), side, sign });
-            }
-        }
-        Expr::Name(name) if depth < NESTED => {
-            let value = tree.statements.iter().find_map(|s| match &s.kind {
-                StatementKind::Declare(Role::Let, list) => list.iter().find(|d| d.name.text == *name)?.value.as_ref(),
-                _ => None,
-            });
-            if let Some(Value::Expr(e)) = value {
-                occur(tree, *e, (side, sign), depth + 1, found);
-            }
-        }
-        Expr::Unary(UnarySign::Minus, a) => occur(tree, *a, (side, -sign), depth, found),
-        Expr::Binary(BinarySign::Subtract, a, b, _) => {
-            occur(tree, *a, (side, sign), depth, found);
-            occur(tree, *b, (side, -sign), depth, found);
-        }
-        Expr::Binary(BinarySign::Multiply | BinarySign::Divide, a, b, _) => {
-            occur(tree, *a, (side, sign * negative(*b)), depth, found);
-            occur(tree, *b, (side, sign * negative(*a)), depth, found);
-        }
-        expr => {
-            let mut operands = Vec::new();
-            expr.each_operand(|o| operands.push(o));
-            operands.into_iter().for_each(|o| occur(tree, o, (side, sign), depth, found));
-        }
-    }
-}
-
-/// Finds a state for an equation, moving others where that makes room.
-fn assign<'o>(
-    equation: usize,
-    wanted: &[Vec<&'o Occurrence>],
-    tried: &mut BTreeSet<&'o str>,
-    owner: &mut BTreeMap<&'o str, usize>,
-) -> bool {
-    // the order of the text, as long as it leaves a free one
-    let (free, taken): (Vec<&str>, Vec<&str>) =
-        wanted[equation].iter().map(|o| o.state.as_str()).partition(|state| !owner.contains_key(state));
-    for state in free.into_iter().chain(taken) {
-        if tried.insert(state) && owner.get(state).copied().is_none_or(|other| assign(other, wanted, tried, owner)) {
-            owner.insert(state, equation);
-            return true;
-        }
-    }
-    false
+/// What a `let` of the text stands for.
+pub(super) fn value_of_let(tree: &SyntaxTree, name: &str) -> Option<ExprRef> {
+    tree.statements.iter().find_map(|s| match &s.kind {
+        StatementKind::Declare(Role::Let, list) => match list.iter().find(|d| d.name.text == name)?.value {
+            Some(Value::Expr(e)) => Some(e),
+            _ => None,
+        },
+        _ => None,
+    })
 }
 
 /// The leaves below a root; a delayed signal counts as the signal itself, with what its delay depends on.

@@ -76,6 +76,22 @@ fn a_balance_of_forces_takes_terms_of_its_own() {
     assert!(mode.contains("*(der(v) - ") && mode.contains("m*der(v) = F - drag + c_v*"), "{mode}");
 }
 
+/// Lets that stand in each other, each several times, and sums of thousands of terms.
+#[test]
+fn balances_are_found_in_time_and_without_deep_stacks() {
+    let lets: String = (1..30).map(|k| format!("let a{k} = a{0} + a{0} - a{0};\n", k - 1)).collect();
+    let sum = vec!["x"; 5000].join(" + ");
+    let text = format!(
+        "model deep {{ input F [N]; state x [m/s]; param m = 2 [kg], b = 1 [N s/m]; let a0 = b*x;\n{lets}
+        m*der(x) = F - a29 - b*({sum}); output y [m/s] = x; }}"
+    );
+    let subject = subject(&text);
+    let places = Catalogue::standard().places(&subject);
+    let candidate = places.find("constant_force(x)").unwrap();
+    let pushed = candidate.apply(&subject, &Nominal, &Choice::new()).unwrap().text().to_string();
+    assert!(pushed.contains("param force_x = 0 [kg*m/s^2]") && pushed.contains(" + force_x;"));
+}
+
 #[test]
 fn coupled_bodies_have_a_balance_each() {
     let text = "model two { input F; state a, b; param m = 2, n = 1, h = 0.3, k = 1;

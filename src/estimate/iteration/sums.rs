@@ -160,7 +160,7 @@ impl Sums {
         group.lay_out(&row.columns, row.width);
         let (rows, order) = (&block.rows[row.start..], row.columns.len() + 1);
         if order >= WIDE {
-            let samples = block.rows.chunks(block.layout.length);
+            let samples = block.rows.chunks_exact(block.layout.length).take(block.samples());
             samples.for_each(|lanes| group.waiting.extend_from_slice(&lanes[row.start..][..row.width]));
             if group.waiting.len() >= MANY_ROWS * row.width {
                 group.settle();
@@ -174,7 +174,8 @@ impl Sums {
         let Self { groups, waiting, work, .. } = self;
         let (row, group) = (&block.layout.outputs[output], &mut groups[output]);
         group.lay_out(&row.columns, row.width);
-        for samples in block.rows.chunks(ROWS * block.layout.length) {
+        let rows = &block.rows[..block.samples() * block.layout.length];
+        for samples in rows.chunks(ROWS * block.layout.length) {
             waiting.clear();
             samples.chunks(block.layout.length).for_each(|s| waiting.extend_from_slice(&s[row.start..][..row.width]));
             triangle::reduce(&mut group.values, row.columns.len() + 1, waiting, row.width, work);

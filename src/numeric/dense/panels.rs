@@ -1,6 +1,7 @@
 //! Sums of products of rows, several rows at a time, so that what is read once serves all of them. Each sum grows by one product
 //! after the other, in the order of a textbook; where factors are zero, as in matrices of parts that have nothing to do with each
-//! other, nothing is added.
+//! other, nothing is added. The products of `nalgebra` are no use here: their sums have an order and a rounding of their own on every
+//! processor, and a factor and its inverse are to be the same everywhere.
 
 use crate::lanes::dispatch;
 use rayon::prelude::*;
