@@ -12,9 +12,20 @@ use fdm_numeric::fourier::{ComplexFft, CosineTransform};
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex;
 use rayon::prelude::*;
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Bins that are left out at the low end: the mean, and the slowest drift of noise with a long memory.
 pub(super) const DROPPED: usize = 4;
+
+/// Where the mean of a record stands among its bins: as if it were the bin of this number. There a spectrum that is continued gives
+/// the mean's variance: that of the first bin where the noise is white, 8 times as much for 1/f noise (7 if it began a thousand
+/// record lengths ago), 64 times for 1/f^2 (a walk that began twenty record lengths ago).
+pub(super) const MEAN: f64 = 0.125;
+
+/// The place of bin `k` among bins: its number, but of the mean.
+pub(super) fn ordinal(k: usize) -> f64 {
+    (k as f64).max(MEAN)
+}
 
 /// Signals at the samples of one run, N by q row-major.
 pub type Signals = Vec<f64>;
@@ -127,6 +138,9 @@ impl OutputBins {
             for (bin, value) in bins.iter_mut().zip(&buffer[dropped..]) {
                 *bin = value * scale;
             }
+            if dropped == 0 {
+                bins[0] *= FRAC_1_SQRT_2;
+            }
         };
         let fitted = record.fitted.iter().map(Option::as_ref);
         let signals: Vec<Option<&Signals>> = fitted.chain(record.directions.iter().map(Some)).collect();
@@ -139,7 +153,7 @@ impl OutputBins {
         let mut residual = DVector::zeros(n - dropped);
         transform(&record.residual, residual.as_mut_slice());
         let interval = record.interval * spacing(&samples);
-        let frequency = (dropped..n).map(|k| k as f64 / (2.0 * n as f64 * interval)).collect();
+        let frequency = (dropped..n).map(|k| ordinal(k) / (2.0 * n as f64 * interval)).collect();
         Self { run, channel, samples, sampled: true, frequency, columns, residual }
     }
 }

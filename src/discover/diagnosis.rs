@@ -96,6 +96,38 @@ pub struct Cause {
     pub separating_experiment: Option<String>,
 }
 
+/// A model of the front: the best with so many effects, as it is written and simulated.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct FrontModel {
+    /// Its effects; none of the model as it was given.
+    pub effects: Vec<EffectAt>,
+    /// Parameters that they bring.
+    pub parameters: usize,
+    /// Root mean square of the residual over that of the model as it was given, the mean over outputs, on the training runs.
+    pub error_training: f64,
+    /// The same on the validation runs; none without such runs.
+    pub error_validation: Option<f64>,
+    /// How each output is matched.
+    pub outputs: Vec<FrontOutput>,
+    /// Whether it is the one that is recommended.
+    pub recommended: bool,
+    /// Why it cannot be recommended, in words.
+    pub objection: Option<String>,
+}
+
+/// How a model of the front matches an output, all runs together.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct FrontOutput {
+    /// The output.
+    pub output: String,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// Root mean square of the residual on the training runs.
+    pub rms_training: Option<f64>,
+    /// And on the validation runs.
+    pub rms_validation: Option<f64>,
+}
+
 /// An effect that was fitted and not accepted, or accepted and taken out again.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Rejected {
@@ -219,6 +251,24 @@ pub struct OutputGain {
     pub r2_after: Option<f64>,
 }
 
+/// Part of the measured variance below which a model is said to explain nothing of an output.
+const NOTHING: f64 = 0.1;
+
+impl OutputGain {
+    /// Outputs of which the model as it was given explains nothing in any training run, each with its best R^2.
+    pub fn unexplained(outputs: &[Self]) -> Vec<(String, f64)> {
+        let mut best: Vec<(String, f64)> = Vec::new();
+        for (gain, r2) in outputs.iter().filter(|o| !o.validation).filter_map(|o| Some((o, o.r2_before?))) {
+            match best.iter_mut().find(|(name, _)| *name == gain.output) {
+                Some((_, known)) => *known = known.max(r2),
+                None => best.push((gain.output.clone(), r2)),
+            }
+        }
+        best.retain(|(_, r2)| *r2 < NOTHING);
+        best
+    }
+}
+
 /// The gain of all accepted effects on one run, by the last noise.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct RunGain {
@@ -259,7 +309,7 @@ pub struct FrequencyDomain {
     pub notes: Vec<String>,
 }
 
-/// Inputs that are correlated with the states by feedback of the model, and what these records hide for it.
+/// Inputs that move with the states, and what these records hide for it.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Feedback {
     /// Which, and how closely.
@@ -268,13 +318,16 @@ pub struct Feedback {
     pub hidden: Vec<EffectAt>,
 }
 
-/// An input that follows the states, as under a controller or a pilot.
+/// An input that moves with the states.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct CorrelatedInput {
     /// Its name.
     pub input: String,
     /// The part of its variance that a linear function of the states explains.
     pub explained: f64,
+    /// Whether what is new in the outputs is in the input later: a controller or a pilot closes the loop.
+    #[serde(default)]
+    pub feedback: bool,
 }
 
 /// What a diagnosis came to.
@@ -286,6 +339,8 @@ pub struct Diagnosis {
     pub family_wise_p: f64,
     /// In the order in which they were accepted.
     pub causes: Vec<Cause>,
+    /// The best models by number of effects, from none on, by their plain errors; empty where no effect was accepted.
+    pub front: Vec<FrontModel>,
     /// What was fitted and not accepted.
     pub rejected: Vec<Rejected>,
     /// Each search.
@@ -318,7 +373,7 @@ pub struct Diagnosis {
     pub places: Option<Localisation>,
     /// What an unknown cause looks like, where the verdict is that.
     pub suggestions: Option<Suggestions>,
-    /// Inputs that follow states; none where every input is its own.
+    /// Inputs that move with the states; none where every input is its own.
     pub feedback: Option<Feedback>,
     /// Of a diagnosis in the frequency domain.
     pub spectral: Option<FrequencyDomain>,

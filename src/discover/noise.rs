@@ -30,6 +30,8 @@ const CURVATURES: [f64; 4] = [0.04, 0.18, 0.8, 3.2];
 /// tell, the curvature is this at most.
 const PERIODS: f64 = 10.0;
 const GENTLE: f64 = 0.2;
+/// Distance in log f of the means of records from their first bins, at least.
+const APART: f64 = 1.2;
 /// How much less likely than the likeliest so far a curvature is, in log-likelihood, beyond which rougher ones are not tried.
 const HOPELESS: f64 = 4.0;
 /// Deviation of the slope d log S / d log f.
@@ -97,13 +99,13 @@ impl LogSpectrum {
         if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
             return Self::flat(level);
         }
-        let knots = knots(left);
+        let (knots, first) = (knots(left), lowest(left));
         let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
         let mut values = None;
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
         for curvature in &CURVATURES {
-            let prior = prior(&knots, *curvature);
+            let prior = prior(&knots, first + PERIODS.ln(), *curvature);
             let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
             let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
             values = Some(part.values.clone());
@@ -225,8 +227,16 @@ fn knots(left: &[ResidualPower]) -> Vec<f64> {
     (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect()
 }
 
-/// Precision of the values at the knots before any bin is seen.
-fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
+/// Logarithm of the lowest frequency above the means, which stand apart: bins follow each other by a factor of two at most.
+fn lowest(left: &[ResidualPower]) -> f64 {
+    let mut logs: Vec<f64> = left.iter().map(|l| l.log_frequency).collect();
+    logs.sort_by(f64::total_cmp);
+    let apart = logs.windows(2).rposition(|pair| pair[1] - pair[0] > APART);
+    apart.map_or(logs[0], |k| logs[k + 1])
+}
+
+/// Precision of the values at the knots before any bin is seen; below a frequency their curvature is gentle.
+fn prior(knots: &[f64], gentle: f64, curvature: f64) -> Pentadiagonal {
     let size = knots.len();
     let mut precision = Pentadiagonal::diagonal(size, LEVEL.powi(-2));
     if size < 2 {
@@ -235,7 +245,7 @@ fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
     let (step, middle) = (knots[1] - knots[0], (size - 1) / 2);
     precision.add_square(&[(middle, -1.0), (middle + 1, 1.0)], (SLOPE * step).powi(-2));
     for k in 1..size - 1 {
-        let own = if knots[k] < knots[0] + PERIODS.ln() { curvature.min(GENTLE) } else { curvature };
+        let own = if knots[k] < gentle { curvature.min(GENTLE) } else { curvature };
         // a walk of the slope: its deviation grows with the root of the distance
         let deviation = own * (step / 0.3).powf(1.5);
         precision.add_square(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation.powi(-2));

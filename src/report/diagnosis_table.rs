@@ -1,7 +1,7 @@
 //! A diagnosis as people read it: the verdict, the causes, what they explain, what was ruled out.
 
 use super::table::{aligned_right, plain, trimmed};
-use fdm_discover::{Cause, Diagnosis, Verdict};
+use fdm_discover::{Cause, Diagnosis, FrontModel, OutputGain, Verdict};
 use fdm_results::documents::digits;
 use std::fmt::Write;
 
@@ -12,7 +12,8 @@ const MOVED: f64 = 1.0;
 
 /// Sentences and tables.
 pub fn diagnosis_text(d: &Diagnosis) -> String {
-    let mut text = verdict(d);
+    let mut text = unexplained(d);
+    text.push_str(&verdict(d));
     text.push_str(&wrong(d));
     for (k, cause) in d.causes.iter().enumerate() {
         text.push_str(&one(k + 1, cause));
@@ -20,6 +21,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     if d.causes.is_empty() {
         text.push_str(&leading(d));
     }
+    text.push_str(&front(d));
     text.push_str(&matches(d));
     text.push_str(&moved(d));
     text.push_str(&ruled_out(d));
@@ -41,6 +43,18 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     if !d.left_out.is_empty() {
         let _ =
             writeln!(text, "{} candidates could not be tried (--json lists them with the reasons).", d.left_out.len());
+    }
+    text
+}
+
+/// Outputs of which the model explains nothing: what is found beside such a fit may be about the fit.
+fn unexplained(d: &Diagnosis) -> String {
+    let mut text = String::new();
+    for (output, r2) in OutputGain::unexplained(&d.outputs) {
+        let _ = writeln!(
+            text,
+            "The model as it was given explains nothing of {output} (R^2 {r2:.2}): look at its structure and its start values first."
+        );
     }
     text
 }
@@ -122,6 +136,57 @@ fn leading(d: &Diagnosis) -> String {
     format!("\n{}", trimmed(&table))
 }
 
+/// Outputs whose errors have columns of their own.
+const OUTPUTS: usize = 2;
+
+/// The best models by number of effects, by what their texts do when they are simulated.
+fn front(d: &Diagnosis) -> String {
+    if d.front.len() < 2 {
+        return String::new();
+    }
+    let validated = d.front.iter().any(|m| m.error_validation.is_some());
+    let outputs = &d.front[0].outputs;
+    let shown = if outputs.len() <= OUTPUTS { outputs.len() } else { 0 };
+    let mut headings: Vec<String> = ["best models by size", "parameters", "error, fitted"].map(String::from).to_vec();
+    if validated {
+        headings.push("validation".into());
+    }
+    for output in &outputs[..shown] {
+        headings.push(format!("RMS {}", output.output));
+        if validated {
+            headings.push("validation".into());
+        }
+    }
+    headings.push(String::new());
+    let mut table = plain(&headings.iter().map(String::as_str).collect::<Vec<_>>());
+    let percent = |v: f64| if v.is_finite() { format!("{:.1} %", 100.0 * v) } else { "-".into() };
+    let number = |v: Option<f64>| v.map_or("-".to_string(), |v| digits(v, 3));
+    for model in &d.front {
+        let mut row = vec![named(model), format!("+{}", model.parameters), percent(model.error_training)];
+        if validated {
+            row.push(percent(model.error_validation.unwrap_or(f64::NAN)));
+        }
+        for output in &model.outputs[..shown] {
+            row.push(number(output.rms_training));
+            if validated {
+                row.push(number(output.rms_validation));
+            }
+        }
+        row.push(if model.recommended { "recommended".into() } else { model.objection.clone().unwrap_or_default() });
+        table.add_row(row);
+    }
+    (1..headings.len() - 1).for_each(|column| aligned_right(&mut table, column));
+    format!("\n{}", trimmed(&table))
+}
+
+/// The effects of a model of the front.
+fn named(model: &FrontModel) -> String {
+    if model.effects.is_empty() {
+        return "as given".into();
+    }
+    model.effects.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
+}
+
 /// How outputs are matched before and after.
 fn matches(d: &Diagnosis) -> String {
     let mut table =
@@ -175,17 +240,20 @@ fn moved(d: &Diagnosis) -> String {
     format!("\n{}", trimmed(&table))
 }
 
-/// Inputs that follow the states, and what that hides.
+/// Inputs that move with the states, and what that hides.
 fn following(d: &Diagnosis) -> String {
     let Some(following) = &d.feedback else { return String::new() };
     let mut text = String::from("\n");
     for input in &following.inputs {
         let own = 100.0 * (1.0 - input.explained);
-        let _ = writeln!(
-            text,
-            "{} follows the states, as under a controller or a pilot: {own:.0} % of it is its own",
-            input.input
-        );
+        let _ = match input.feedback {
+            true => writeln!(
+                text,
+                "{} follows the states, as under a controller or a pilot: {own:.0} % of it is its own",
+                input.input
+            ),
+            false => writeln!(text, "{} moves with the states: {own:.0} % of it is its own", input.input),
+        };
     }
     if following.hidden.is_empty() {
         let _ = writeln!(text, "nothing that was tried is hidden by that");
@@ -196,8 +264,8 @@ fn following(d: &Diagnosis) -> String {
     let more = if more > 0 { format!(" and {more} more (--json)") } else { String::new() };
     let _ = writeln!(
         text,
-        "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; commands that move the inputs beside \
-         the loop would show it",
+        "what these records hide, as the fitted parameters make up for nearly all of it: {}{more}; inputs that do not \
+         move with the states would show it",
         hidden.join(", ")
     );
     text

@@ -2,7 +2,7 @@
 
 use super::soundness;
 use crate::diagnostic::Diagnostic;
-use crate::syntax::{EffectLine, EffectTree, Expr, ExprRef, Tunable};
+use crate::syntax::{Class, EffectLine, EffectTree, Expr, ExprRef, Tunable};
 
 /// What a search can do with an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,6 +30,11 @@ impl Effect {
     /// What it is, with `{x}` for the name that the slot `x` stands for; empty when nothing is said.
     pub fn doc(&self) -> &str {
         self.tree.doc.as_ref().map_or("", |d| &d.text)
+    }
+
+    /// What kind of explanation it is.
+    pub fn class(&self) -> Class {
+        self.tree.class
     }
 
     /// As it was written.

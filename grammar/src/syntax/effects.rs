@@ -31,6 +31,32 @@ impl SlotKind {
     }
 }
 
+/// How an effect explains what it explains, in the order in which explanations are believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub enum Class {
+    /// A law of physics: friction, a missing coupling, a limit.
+    #[default]
+    Mechanism,
+    /// What stands between the vehicle and the record: zeros, lags and scales of sensors.
+    Sensor,
+    /// Something flexible that can take the place of many causes: a mode, a lag in a coupling, a parameter that changes.
+    StandIn,
+}
+
+impl Class {
+    /// Every class.
+    pub const ALL: [Class; 3] = [Self::Mechanism, Self::Sensor, Self::StandIn];
+
+    /// The word for it, behind `as`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Mechanism => "mechanism",
+            Self::Sensor => "sensor",
+            Self::StandIn => "stand_in",
+        }
+    }
+}
+
 /// `x: state | input`: a name that stands for one of the user's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Slot {
@@ -96,6 +122,8 @@ pub struct EffectTree {
     pub slots: Vec<Slot>,
     /// Where it does not fit.
     pub conditions: Vec<Condition>,
+    /// What kind of explanation it is; a mechanism where nothing is said.
+    pub class: Class,
     /// What it is, with `{i}` for the name that the slot `i` stands for.
     pub doc: Option<Name>,
     /// The lines between the braces, each with its place.

@@ -464,6 +464,7 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
         Rule::bounds => "bounds twice",
         Rule::fixed => "`fixed` twice",
         Rule::by_log => "`log` twice",
+        Rule::effect_class => "a second class",
         _ => "`per run` twice",
     };
     Diagnostic::new(Code::WrongAttribute, second, format!("`{name}` has {what}"))

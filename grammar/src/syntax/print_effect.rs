@@ -1,6 +1,6 @@
 //! An effect back to text, as people write it: a line for the header, a line for each statement.
 
-use super::effects::{EffectLine, EffectTree, Place, Tunable};
+use super::effects::{Class, EffectLine, EffectTree, Place, Tunable};
 use super::print::Printer;
 use std::fmt::Write;
 
@@ -19,6 +19,9 @@ pub fn print_effect(effect: &EffectTree) -> String {
     for condition in &effect.conditions {
         let word = if condition.unless { "unless" } else { "when" };
         let _ = write!(out, " {word} {}", printer.expression(condition.test));
+    }
+    if effect.class != Class::Mechanism {
+        let _ = write!(out, " as {}", effect.class.word());
     }
     if let Some(doc) = &effect.doc {
         let _ = write!(out, " \"{}\"", doc.text);

@@ -105,7 +105,9 @@ fn rough(bins: &[OutputBins], channel: usize) -> LogSpectrum {
     for part in bins.iter().filter(|l| l.channel == channel) {
         let mut first = 0;
         while first < part.frequency.len() {
-            let end = (first + BAND.max(first / 4)).min(part.frequency.len());
+            // the mean alone
+            let end = if first == 0 && part.sampled { 1 } else { first + BAND.max(first / 4) };
+            let end = end.min(part.frequency.len());
             let count = (end - first) as f64;
             let log_frequency = part.frequency[first..end].iter().map(|f| f.ln()).sum::<f64>() / count;
             let power = part.residual.rows(first, end - first).norm_squared() / count;

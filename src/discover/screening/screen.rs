@@ -58,8 +58,7 @@ pub enum ScreeningError {
 /// How candidates are screened.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ScreeningOptions {
-    /// OutputBins that are left out at the low end of every output of every run: the mean, of which noise with a memory as long as
-    /// the record says nothing.
+    /// Bins that are left out at the low end of every output of every run; none, as the mean and the slowest bins are evidence too.
     pub dropped: usize,
     /// Draws of residuals by which the best candidate is judged.
     pub draws: usize,
@@ -67,7 +66,7 @@ pub struct ScreeningOptions {
 
 impl Default for ScreeningOptions {
     fn default() -> Self {
-        Self { dropped: 1, draws: 400 }
+        Self { dropped: 0, draws: 400 }
     }
 }
 

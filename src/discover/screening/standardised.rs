@@ -8,6 +8,7 @@ use fdm_numeric::fourier::CosineTransform;
 use fdm_numeric::statistics::chi_squared_tail;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 /// Deviations beyond which a bin or a sample is cut back.
 const LIMIT: f64 = 5.0;
@@ -89,7 +90,8 @@ impl Standardised {
                 let kept = bin.clamp(-LIMIT, LIMIT);
                 if kept != *bin {
                     part.residual[k] += (kept - bin) * deviation[k];
-                    report(OutlierPlace::Frequency(part.frequency[k]), *bin);
+                    let mean = k + dropped == 0 && part.sampled;
+                    report(OutlierPlace::Frequency(if mean { 0.0 } else { part.frequency[k] }), *bin);
                 }
                 clean[dropped + k] = kept;
             }
@@ -98,6 +100,8 @@ impl Standardised {
             }
             let scale = (2.0 / n as f64).sqrt();
             let mut cosines = CosineTransform::new(n);
+            // the orthonormal mean, as the transform has it
+            clean[0] *= SQRT_2;
             cosines.backward(&mut clean);
             let mut excess = vec![0.0; n];
             for (k, sample) in clean.iter().enumerate() {
@@ -109,6 +113,7 @@ impl Standardised {
             }
             if excess.iter().any(|e| *e != 0.0) {
                 cosines.forward(&mut excess);
+                excess[0] *= FRAC_1_SQRT_2;
                 for (k, deviation) in deviation.iter().enumerate() {
                     part.residual[k] -= excess[dropped + k] * scale * deviation;
                 }

@@ -10,11 +10,12 @@
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
 use super::extended_model::place;
-use super::forward_step::{ForwardStep, PENALTY};
+use super::forward_step::{ForwardStep, prior};
 use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
 use fdm_estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
+use fdm_grammar::syntax::Class;
 use fdm_system::linear::{LinearModel, Modes, Values};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -32,10 +33,16 @@ const UNINFORMATIVE: f64 = 0.5;
 /// Why a candidate model is not accepted; none when it is.
 pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<String> {
     if candidate.score() < LEAST {
+        let parameters =
+            if candidate.cost == 1 { "its parameter".into() } else { format!("its {} parameters", candidate.cost) };
+        let kind = match candidate.class {
+            Class::Mechanism => String::new(),
+            Class::Sensor => format!(" and {:.0} for an effect of a sensor", prior(candidate.class)),
+            Class::StandIn => format!(" and {:.0} for a stand-in", prior(candidate.class)),
+        };
         return Some(format!(
-            "the gain of {:.1} is below the penalty for {} (3 each)",
-            candidate.score() + PENALTY * candidate.cost as f64,
-            if candidate.cost == 1 { "its parameter".into() } else { format!("its {} parameters", candidate.cost) }
+            "the gain of {:.1} is below the penalty for {parameters} (3 each{kind})",
+            candidate.whole_gain()
         ));
     }
     if let Some((gain, _)) = &candidate.validation
@@ -137,6 +144,7 @@ const BY_AMPLITUDE: &[&str] = &[
     "state_saturation",
 ];
 const SLOW: &[&str] = &["output_bias_drift", "time_varying_parameter", "slow_mode", "constant_force"];
+const STEADY: &[&str] = &["output_bias", "input_bias", "constant_force"];
 
 /// What to measure so that two effects part.
 pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
@@ -165,6 +173,11 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
     }
     if both(BY_AMPLITUDE) {
         return format!("{pair}: the manoeuvre at two amplitudes, one a third of the other");
+    }
+    if both(STEADY) {
+        return format!(
+            "{pair}: a record that begins away from its equilibrium, or a rest with the input at zero and the output read independently"
+        );
     }
     if both(SLOW) {
         return format!("{pair}: a longer record with rests at its beginning and end");

@@ -3,11 +3,12 @@
 use super::extended_model::new_values;
 use super::fitted_model::shared_from;
 use super::fitting::{FitProblem, Fitting};
-use super::forward_step::{ForwardStep, PENALTY};
+use super::forward_step::{ForwardStep, PENALTY, prior};
 use super::predictor::Predictor;
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::screening::Shape;
+use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::simulate::{choose_steps_within, integration_error};
 
@@ -56,6 +57,8 @@ pub(super) struct CandidateModel {
     pub(super) direction: Vec<f64>,
     /// Parameters that it costs.
     pub(super) cost: usize,
+    /// What kind of explanation it is.
+    pub(super) class: Class,
     /// Starts that were not followed, the best first.
     others: Vec<Vec<Vec<f64>>>,
 }
@@ -94,7 +97,12 @@ pub(super) struct Prediction {
 impl CandidateModel {
     /// Gains less the penalty of the parameters.
     pub(super) fn score(&self) -> f64 {
-        self.whole_gain() - PENALTY * self.cost as f64
+        self.whole_gain() - self.penalty()
+    }
+
+    /// What its parameters and its kind cost.
+    pub(super) fn penalty(&self) -> f64 {
+        PENALTY * self.cost as f64 + prior(self.class)
     }
 
     /// The gain on all runs.
@@ -276,6 +284,7 @@ impl ForwardStep<'_> {
             predicted,
             direction,
             cost,
+            class: attached.candidate.effect().class(),
             others,
         })
     }

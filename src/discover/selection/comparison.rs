@@ -11,7 +11,7 @@ use super::candidate_model::CandidateModel;
 use super::error::DiagnosisError;
 use super::fitted_model::{records, shared_from};
 use super::fitting::{FitProblem, Fitting};
-use super::forward_step::{ForwardStep, PENALTY};
+use super::forward_step::ForwardStep;
 use super::predictor::{Predictor, responses};
 use super::projection::Projection;
 use super::runs::Progress;
@@ -216,7 +216,7 @@ impl ForwardStep<'_> {
                 predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
             };
             let left: Vec<Signals> = c.predictors.iter().zip(self.runs.train()).zip(&answers).map(left).collect();
-            Some(self.likelihood(&left) - PENALTY * c.cost as f64)
+            Some(self.likelihood(&left) - c.penalty())
         };
         let all: Vec<Option<f64>> = models.par_iter().map(of).collect();
         let first = all[0]?;

@@ -12,7 +12,7 @@ use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, place, written};
 use super::fitted_model::{FittedModel, split_fit};
 use super::fitting::Fitting;
-use super::forward_step::PENALTY;
+use super::forward_step::{PENALTY, prior};
 use super::runs::Runs;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Alternative, Cause, EffectAt, Rejected};
@@ -23,6 +23,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// An effect that is in the model.
+#[derive(Clone)]
 pub(super) struct Accepted {
     pub(super) cause: Cause,
     pub(super) candidate: Candidate,
@@ -54,6 +55,11 @@ impl Accepted {
         cost(&self.params)
     }
 
+    /// What its parameters and its kind cost.
+    fn penalty(&self) -> f64 {
+        penalty(&self.candidate, &self.params)
+    }
+
     /// Takes its values from the last fit.
     pub(super) fn renew(&mut self, fitting: &Fitting) {
         let news = self.params.iter().filter(|p| p.begins_as.is_none());
@@ -82,20 +88,25 @@ pub(super) fn eliminate(
             Some((k, lost, smaller, params))
         };
         let tried: Vec<_> = (0..accepted.len()).into_par_iter().filter_map(without).collect();
-        let left = |(k, lost): (usize, f64)| lost - PENALTY * accepted[k].cost() as f64;
+        let left = |(k, lost): (usize, f64)| lost - accepted[k].penalty();
         let weakest = tried.into_iter().min_by(|a, b| left((a.0, a.1)).total_cmp(&left((b.0, b.1))));
         let Some((k, lost, smaller, params)) = weakest.filter(|w| left((w.0, w.1)) < 0.0) else { break };
         let gone = accepted.remove(k);
         accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
         current = Arc::new(smaller);
-        let reason = format!("beside the others it gains {lost:.1}, below its penalty (3 for each parameter)");
+        let reason = format!("beside the others it gains {lost:.1}, below its penalty");
         let (gain_training, gain_validation) = (gone.cause.gain_training, gone.cause.gain_validation);
         dropped.push(Rejected { place: gone.cause.place, step: k + 1, gain_training, gain_validation, reason });
     }
     Ok((current, dropped))
 }
 
-/// What an effect with these parameters costs.
+/// What the parameters and the kind of an effect cost.
+fn penalty(candidate: &Candidate, params: &[NewParam]) -> f64 {
+    PENALTY * cost(params) as f64 + prior(candidate.effect().class())
+}
+
+/// Parameters that an effect with these costs.
 pub(super) fn cost(params: &[NewParam]) -> usize {
     params.iter().filter(|p| !p.fixed && p.begins_as.is_none()).count()
 }
@@ -147,14 +158,13 @@ pub(super) fn revise(
     // the last one was chosen beside all others
     for k in 0..accepted.len() - 1 {
         let fit = split_fit(&current, runs, noise)?;
-        let penalty = |params: &[NewParam]| PENALTY * cost(params) as f64;
-        let own = -fit.cost() - penalty(&accepted[k].params);
+        let own = -fit.cost() - accepted[k].penalty();
         let try_instead = |(candidate, choice): &(Candidate, Choice)| -> Option<Tried> {
             let mut effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
             effects[k] = (candidate.clone(), choice.clone());
             let (current, params) = rebuilt(first, &current, &fit.theta, runs, &effects).ok()?;
             let fit = split_fit(&current, runs, noise).ok()?;
-            let score = -fit.cost() - penalty(&params[k]);
+            let score = -fit.cost() - penalty(candidate, &params[k]);
             Some(Tried {
                 candidate: candidate.clone(),
                 current,

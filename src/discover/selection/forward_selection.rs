@@ -1,21 +1,22 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
 use super::acceptance::{cause, objection, rejected};
-use super::assessment::{ResidualRecords, against, biased, feedback, output_gains, overlays, run_gains};
+use super::assessment::{ResidualRecords, against, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
-use super::elimination::{Accepted, eliminate, one_law, rebuilt, revise};
+use super::elimination::{Accepted, eliminate, one_law, revise};
 use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place, written};
+use super::feedback::feedback;
 use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
 use super::forward_step::ForwardStep;
+use super::front::FrontProblem;
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
 use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, evenly};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
-use super::written_model::{WrittenModel, written_model};
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
@@ -375,9 +376,25 @@ impl<'a> ForwardSelection<'a> {
             Some(current) => split_fit(current, self.runs, noise)?,
             None => before.clone(),
         };
-        let mut written = self.writable(first, &mut last, (&before, &mut after), noise)?;
-        if written.is_some() && !(self.goes_on)() {
-            end.stop();
+        let problem = FrontProblem {
+            first,
+            runs: self.runs,
+            noise,
+            options: self.options,
+            goes_on: self.goes_on,
+        };
+        let (mut written, mut front) = (None, Vec::new());
+        if let Some(current) = last.take() {
+            (self.progress)("fitting the written models plainly");
+            let found = problem.front(std::mem::take(&mut self.accepted), current, after)?;
+            (front, after) = (found.models, before.clone());
+            self.rejected.extend(found.rejected);
+            if let Some((level, text)) = found.recommended {
+                (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
+            }
+            if written.is_some() && !(self.goes_on)() {
+                end.stop();
+            }
         }
         let (all, train) = (self.runs.all, self.runs.train);
         let at =
@@ -399,15 +416,23 @@ impl<'a> ForwardSelection<'a> {
         let cost = self.accepted.iter().map(Accepted::cost).sum();
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
-        let verdict = self.verdict(attribution.as_ref(), end.family_wise);
+        let confirmed = !self.accepted.is_empty() && problem.is_confirmed(&old, &new);
+        let verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
         if verdict == Verdict::Disturbance {
             self.withdraw();
+            front.iter_mut().for_each(|model| model.recommended = false);
             (last, new, written) = (None, old.clone(), None);
         }
         // as a plain fit of the model has them, and as a simulation of what is written
         let plain = (&first.response[..], written.as_ref().map_or(&first.response[..], |w| &w.fitted.response[..]));
         if let Some(attribution) = &mut attribution {
             attribution.warnings.extend(one_law(&self.accepted));
+            if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound {
+                attribution.warnings.push(
+                    "a disturbance would explain more of the fitted runs; what the effects gain on the validation runs it would not"
+                        .into(),
+                );
+            }
         }
         let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
         let found = !self.accepted.is_empty();
@@ -416,6 +441,7 @@ impl<'a> ForwardSelection<'a> {
             verdict,
             family_wise_p: end.family_wise,
             causes: self.accepted.into_iter().map(|a| a.cause).collect(),
+            front,
             rejected: self.rejected,
             steps: self.steps,
             detectable: end.detectable,
@@ -437,45 +463,13 @@ impl<'a> ForwardSelection<'a> {
         })
     }
 
-    /// The extended model as it is written. Effects with which it would do worse are given up, the weakest first.
-    fn writable(
-        &mut self,
-        first: &FittedModel,
-        last: &mut Option<Arc<FittedModel>>,
-        (before, after): (&SplitFit, &mut SplitFit),
-        noise: &CommonNoise,
-    ) -> Result<Option<WrittenModel>, DiagnosisError> {
-        while let Some(current) = last {
-            (self.progress)("fitting the written model plainly");
-            let asked = (self.runs, self.options, self.goes_on);
-            let reason = match written_model(current, &after.theta, &first.response, asked) {
-                Ok(written) => return Ok(Some(written)),
-                Err(reason) => reason,
-            };
-            let score = |a: &Accepted| a.cause.score;
-            let weakest =
-                (0..self.accepted.len()).min_by(|a, b| score(&self.accepted[*a]).total_cmp(&score(&self.accepted[*b])));
-            let Some(k) = weakest else { break };
-            let Cause { place, gain_training, gain_validation, .. } = self.accepted.remove(k).cause;
-            self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
-            let effects: Vec<_> = self.accepted.iter().map(Accepted::written).collect();
-            if effects.is_empty() {
-                *last = None;
-                *after = before.clone();
-                break;
-            }
-            let (smaller, params) = rebuilt(first, current, &after.theta, self.runs, &effects)?;
-            self.accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
-            *after = split_fit(&smaller, self.runs, noise)?;
-            *last = Some(Arc::new(smaller));
-        }
-        Ok(None)
-    }
-
     /// Effect, disturbance, unknown cause or nothing.
-    fn verdict(&self, attribution: Option<&Attribution>, family_wise: f64) -> Verdict {
+    ///
+    /// A disturbance has another course in every run: it does not overrule effects that are confirmed by validation runs.
+    fn verdict(&self, attribution: Option<&Attribution>, family_wise: f64, confirmed: bool) -> Verdict {
         let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
         match attribution.map(|a| a.verdict) {
+            Some(Origin::Disturbance) if confirmed => Verdict::EffectFound,
             Some(Origin::Disturbance) => Verdict::Disturbance,
             // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,

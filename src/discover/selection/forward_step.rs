@@ -11,6 +11,7 @@ use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
 use crate::screening::{Direction, Screening, ScreeningOptions};
 use fdm_grammar::effect::{Candidate, Kind};
+use fdm_grammar::syntax::Class;
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -33,6 +34,16 @@ pub(super) struct ForwardStep<'a> {
 
 /// The penalty of a parameter in log-likelihood.
 pub(super) const PENALTY: f64 = 3.0;
+
+/// What an explanation costs beside its parameters, in log-likelihood: physics is believed first, what can take the place of many
+/// causes last.
+pub(super) fn prior(class: Class) -> f64 {
+    match class {
+        Class::Mechanism => 0.0,
+        Class::Sensor => 1.0,
+        Class::StandIn => 4.0,
+    }
+}
 
 impl<'a> ForwardStep<'a> {
     /// Simulates and screens all candidates.

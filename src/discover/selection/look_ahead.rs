@@ -6,7 +6,7 @@ use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, new_values, place, written};
 use super::fitted_model::FittedModel;
 use super::forward_selection::ForwardSelection;
-use super::forward_step::{ForwardStep, PENALTY};
+use super::forward_step::ForwardStep;
 use super::projection::cosine;
 use super::whitening::CommonNoise;
 use crate::diagnosis::EffectAt;
@@ -47,7 +47,7 @@ impl<'a> ForwardSelection<'a> {
         if others.is_empty() || self.accepted.len() + 2 > self.options.most {
             return Ok(Some(found));
         }
-        let costs = |k: usize| PENALTY * comparison.models[k].cost as f64;
+        let costs = |k: usize| comparison.models[k].penalty();
         let named = |k: usize| place(&step.simulated[comparison.models[k].candidate].attached.candidate);
         // where no search can be made beside it, the next one says so
         let Ok((mut ahead, left)) = self.ahead(&found.current, &named(best)) else { return Ok(Some(found)) };
@@ -91,7 +91,7 @@ impl<'a> ForwardSelection<'a> {
     fn total(&self, step: &ForwardStep<'_>, comparison: &Comparison, noise: &CommonNoise) -> Option<f64> {
         let best = comparison.models.first()?;
         let fitting = best.posed(step, noise).fit(&best.fitting.theta, ITERATIONS)?;
-        Some(fitting.cost + PENALTY * best.cost as f64)
+        Some(fitting.cost + best.penalty())
     }
 
     /// The model with a candidate model in its text, fitted jointly.

@@ -6,7 +6,8 @@
 //! `runs` (samples on a grid) -> `initial_fit` -> `fitted_model` (responses by a `predictor`, in time or in frequency bins) ->
 //! `extended_model` (an effect in the text) -> `directions` (what it adds to the responses) -> `forward_step` (all of them
 //! screened) -> `shortlist` -> `candidate_model` (fitted jointly by one noise: `whitening`, `projection`, `fitting`, `newton`) ->
-//! `comparison` -> `significance` -> `acceptance` -> `look_ahead` (with which to go on) -> `elimination` -> `assessment`.
+//! `comparison` -> `significance` -> `acceptance` -> `look_ahead` (with which to go on) -> `elimination` -> `front` (plain errors by number of effects:
+//! `written_model`) -> `assessment`.
 
 mod acceptance;
 mod assessment;
@@ -16,10 +17,12 @@ mod directions;
 mod elimination;
 mod error;
 mod extended_model;
+mod feedback;
 mod fitted_model;
 mod fitting;
 mod forward_selection;
 mod forward_step;
+mod front;
 mod initial_fit;
 mod look_ahead;
 mod newton;

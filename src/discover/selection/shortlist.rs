@@ -10,7 +10,7 @@
 //! suits it best (marginal likelihood over all spectra).
 
 use super::fitting::Fitting;
-use super::forward_step::{ForwardStep, PENALTY};
+use super::forward_step::{ForwardStep, PENALTY, prior};
 use super::projection::{Projected, Projection};
 use super::whitening::CommonNoise;
 use crate::noise::{LogSpectrum, ResidualPower};
@@ -58,9 +58,10 @@ impl ForwardStep<'_> {
         ranked
     }
 
-    /// What a candidate's parameters cost.
+    /// What a candidate's parameters and its kind cost.
     pub(super) fn penalty(&self, t: usize) -> f64 {
-        PENALTY * self.simulated[t].attached.cost() as f64
+        let attached = &self.simulated[t].attached;
+        PENALTY * attached.cost() as f64 + prior(attached.candidate.effect().class())
     }
 
     /// The best by lead, and all whose predicted gain is within reach of the best.

@@ -4,7 +4,7 @@
 //! One noise by which models are compared: a spectrum for each output, found once and then kept.
 
 use super::runs::interval;
-use crate::bins::spacing;
+use crate::bins::{ordinal, spacing};
 use crate::noise::LogSpectrum;
 use fdm_estimate::Response;
 use fdm_numeric::fourier::CosineTransform;
@@ -31,7 +31,7 @@ struct OutputWhitener {
     samples: Vec<usize>,
     /// Factor of every bin.
     weight: Vec<f64>,
-    /// Logarithm of the frequency of every bin; that of the mean is minus infinity.
+    /// Logarithm of the frequency of every bin.
     log_frequency: Vec<f64>,
 }
 
@@ -42,7 +42,7 @@ impl OutputWhitener {
         let dt = interval(run) * spacing(&samples);
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
         let weight = (0..n).map(|k| orthonormal(k).sqrt() / noise.deviation(o, k, n, dt)).collect();
-        let log_frequency = (0..n).map(|k| (k as f64 / (2.0 * n as f64 * dt)).ln()).collect();
+        let log_frequency = (0..n).map(|k| (ordinal(k) / (2.0 * n as f64 * dt)).ln()).collect();
         Self { dct: Some(CosineTransform::new(n.max(1))), samples, weight, log_frequency }
     }
 
@@ -96,12 +96,11 @@ impl Whitener {
         }
     }
 
-    /// Logarithm of the frequency and square of every bin of output `o` of a signal; all but the mean.
+    /// Logarithm of the frequency and square of every bin of output `o` of a signal.
     pub(super) fn squares(&mut self, o: usize, signal: &[f64]) -> Vec<(f64, f64)> {
         let q = self.outputs;
         let bins = self.bins(o, |k| signal[k * q + o]).to_vec();
-        let all = self.views[o].log_frequency.iter().copied().zip(bins.into_iter().map(|bin| bin * bin));
-        all.filter(|(log_frequency, _)| log_frequency.is_finite()).collect()
+        self.views[o].log_frequency.iter().copied().zip(bins.into_iter().map(|bin| bin * bin)).collect()
     }
 
     /// A signal in bins.
@@ -279,13 +278,11 @@ impl CommonNoise {
 
     /// Standard deviation of the noise in bin `k` of `n` of an output, with so much time between samples.
     ///
-    /// Bins that screening leaves out, the mean first, carry biases and trims that a fit needs, and whatever the noise remembers from
-    /// before the record: they keep a small weight, as if the noise rose with the inverse square of the frequency, and the mean
-    /// were an eighth of the first bin.
+    /// Bins that screening leaves out keep a small weight, as if the noise rose with the inverse square of the frequency.
     pub(super) fn deviation(&self, output: usize, k: usize, n: usize, interval: f64) -> f64 {
-        let known = k.max(self.dropped).max(1) as f64;
+        let known = ordinal(k.max(self.dropped));
         let frequency = known / (2.0 * n as f64 * interval);
-        let rise = (known / (k as f64).max(0.125)).max(1.0);
+        let rise = known / ordinal(k);
         self.variance(output, frequency.ln()).sqrt() * rise
     }
 

@@ -9,6 +9,7 @@ use super::initial_fit::plain_fit;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Signals;
 use fdm_grammar::model::Origin;
+use std::ops::Range;
 
 /// Digits of an estimate in the text.
 const DIGITS: usize = 6;
@@ -19,15 +20,32 @@ pub(super) struct WrittenModel {
     pub(super) fitted: FittedModel,
     /// Its text.
     pub(super) text: String,
-    /// Squared error over that of the model without the effects, on validation runs where there are any: the mean over outputs.
-    pub(super) ratio: f64,
+    /// Squared error over that of the model without the effects, the mean over outputs: on the training runs.
+    pub(super) training: f64,
+    /// On the validation runs; none without such runs.
+    pub(super) validation: Option<f64>,
+}
+
+impl WrittenModel {
+    /// The ratio by which it is judged: on validation runs where there are any.
+    pub(super) fn ratio(&self) -> f64 {
+        self.validation.unwrap_or(self.training)
+    }
+
+    /// Why it cannot be recommended, in words.
+    pub(super) fn objection(&self) -> Option<String> {
+        let whose = if self.validation.is_some() { "validation" } else { "fitted" };
+        let percent = 100.0 * (self.ratio().sqrt() - 1.0);
+        let larger = self.ratio().is_nan() || self.ratio() > 1.0;
+        larger.then(|| format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it"))
+    }
 }
 
 /// Writes the estimates into the text of an extended model: those of a plain fit, or the joint ones (`theta`) where these predict
 /// validation runs better. `naive` are the responses without the effects.
 ///
 /// # Errors
-/// Why it cannot be recommended, in words.
+/// Why there is none, in words.
 pub(super) fn written_model(
     current: &FittedModel,
     theta: &[Vec<f64>],
@@ -44,21 +62,13 @@ pub(super) fn written_model(
             Ok(plain) => {
                 let plain = at(current, &plain.theta, naive, runs);
                 match (plain, joint) {
-                    (Some(plain), Some(joint)) => Some(if joint.ratio < plain.ratio { joint } else { plain }),
+                    (Some(plain), Some(joint)) => Some(if joint.ratio() < plain.ratio() { joint } else { plain }),
                     (plain, joint) => plain.or(joint),
                 }
             }
         },
     };
-    let best = best.ok_or("the written model cannot be simulated")?;
-    if best.ratio > 1.0 {
-        let percent = 100.0 * (best.ratio.sqrt() - 1.0);
-        let whose = if runs.validation().is_empty() { "fitted" } else { "validation" };
-        return Err(format!(
-            "the residual of the written model is {percent:.1} % larger on {whose} runs than without it"
-        ));
-    }
-    Ok(best)
+    best.ok_or_else(|| "the written model cannot be simulated".into())
 }
 
 /// The model with these values in its text, to the digits that are written; none where it has no response.
@@ -80,24 +90,37 @@ fn at(current: &FittedModel, theta: &[Vec<f64>], naive: &[Signals], runs: Runs<'
     let text = current.subject.with_start_values(&values).text().to_string();
     let theta = shared_from(params, &shared, theta);
     let fitted = FittedModel::new(current.model.clone(), runs, theta).ok()?;
-    let ratio = ratio(&fitted, naive, runs);
-    Some(WrittenModel { fitted, text, ratio })
+    let training = ratio(&fitted, naive, runs, 0..runs.train);
+    let validation =
+        (!runs.validation().is_empty()).then(|| ratio(&fitted, naive, runs, runs.train..runs.all.len()));
+    Some(WrittenModel { fitted, text, training, validation })
 }
 
-/// Squared residuals over those of other responses, the mean over outputs.
-fn ratio(fitted: &FittedModel, naive: &[Signals], runs: Runs<'_>) -> f64 {
+/// Squared residuals over those of other responses on these runs, the mean over outputs.
+fn ratio(fitted: &FittedModel, naive: &[Signals], runs: Runs<'_>, judged: Range<usize>) -> f64 {
+    let after = squares(fitted, &fitted.response, runs, judged.clone());
+    let before = squares(fitted, naive, runs, judged);
+    let ratios: Vec<f64> =
+        before.iter().zip(&after).filter(|(before, _)| before.0 > 0.0).map(|(before, after)| after.0 / before.0).collect();
+    if ratios.is_empty() { 1.0 } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
+}
+
+/// Sum of squared residuals of each output on these runs, and the number of measurements.
+pub(super) fn squares(
+    fitted: &FittedModel,
+    responses: &[Signals],
+    runs: Runs<'_>,
+    judged: Range<usize>,
+) -> Vec<(f64, usize)> {
     let q = fitted.outputs();
-    let judged = if runs.validation().is_empty() { 0..runs.train } else { runs.train..runs.all.len() };
-    let mut sums = vec![[0.0; 2]; q];
+    let mut sums = vec![(0.0, 0); q];
     for r in judged {
         let measured = fitted.predictors[r].measured(&runs.all[r]);
-        let cells = measured.iter().zip(naive[r].iter().zip(&fitted.response[r]));
-        for (k, (z, (before, after))) in cells.enumerate().filter(|(_, (z, _))| !z.is_nan()) {
-            sums[k % q][0] += (z - before) * (z - before);
-            sums[k % q][1] += (z - after) * (z - after);
+        let cells = measured.iter().zip(&responses[r]).enumerate().filter(|(_, (z, _))| !z.is_nan());
+        for (k, (z, y)) in cells {
+            sums[k % q].0 += (z - y) * (z - y);
+            sums[k % q].1 += 1;
         }
     }
-    let ratios: Vec<f64> =
-        sums.iter().filter(|[before, _]| *before > 0.0).map(|[before, after]| after / before).collect();
-    if ratios.is_empty() { 1.0 } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
+    sums
 }

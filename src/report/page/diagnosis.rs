@@ -7,7 +7,7 @@ use super::section::{Section, Trust, Verdict};
 use super::subject::{Subject, called};
 use super::table::{Column, Table};
 use super::thinning::kept;
-use fdm_discover::{LackOfFit, OutputGain, PlaceKind, Verdict as Found};
+use fdm_discover::{FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict as Found};
 use fdm_results::documents::{CauseDocument, DiagnosisDocument};
 use maud::{Markup, html};
 use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
@@ -24,6 +24,7 @@ pub(super) fn sections(subject: &Subject, found: &DiagnosisDocument) -> Vec<Sect
     [
         wrong(subject, found),
         causes(found),
+        front(found),
         change(subject),
         gained(subject, found),
         moved(found),
@@ -54,7 +55,10 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
             (Trust::Good, format!("No missing effect detected (family-wise p = {}).", probability(found.family_wise_p)))
         }
     };
-    let mut points: Vec<(String, &'static str)> = Vec::new();
+    let unexplained = OutputGain::unexplained(&found.outputs).into_iter();
+    let mut points: Vec<(String, &'static str)> = unexplained
+        .map(|(output, r2)| (format!("The model as it was given explains nothing of {output} (R² {})", shown(r2, 2)), "gain"))
+        .collect();
     if found.stopped && matches!(found.verdict, Found::EffectFound | Found::Disturbance) {
         points.push(("The search was stopped before its end".into(), "wrong"));
     }
@@ -117,7 +121,7 @@ fn entrance(kind: PlaceKind) -> &'static str {
 /// All of them.
 pub(super) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
-    let misfit = found.misfit.iter().enumerate().flat_map(|(k, m)| of_misfit(k, m, &time));
+    let misfit = found.misfit.iter().enumerate().flat_map(|(k, m)| of_misfit(k, m, &time)).chain(front_figure(found));
     let runs = ordered(subject, &found.outputs).into_iter().enumerate();
     misfit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
 }
@@ -212,6 +216,70 @@ fn cause(k: usize, c: &CauseDocument) -> Markup {
             @if let Some(experiment) = &c.separating_experiment { p { "To tell apart " (experiment) } }
         }
     }
+}
+
+/// The best models by number of effects.
+fn front(found: &DiagnosisDocument) -> Option<Section> {
+    let front = &found.front;
+    let first = front.first().filter(|_| front.len() > 1)?;
+    let validated = first.error_validation.is_some();
+    let percent = |v: f64| if v.is_finite() { format!("{} %", text(100.0 * v, 3)) } else { String::new() };
+    let content = html! {
+        p.note {
+            "Each model as it is written: fitted once more by plain output error, and simulated. Errors are parts of that of the model \
+             as it was given, the mean over outputs."
+        }
+        @if let Some(figure) = front_figure(found) { (figure.markup()) }
+        div.scroll { table {
+            thead { tr {
+                th { "effects" } th.number { "parameters" } th.number { "error, fitted" }
+                @if validated { th.number { "validation" } }
+                @for o in &first.outputs {
+                    th.number { "RMS " code { (o.output) } (bracketed(o.unit.as_deref())) }
+                    @if validated { th.number { "validation" } }
+                }
+                th { "" }
+            } }
+            tbody { @for m in front { tr {
+                th scope="row" {
+                    @if m.effects.is_empty() { "as given" }
+                    @for (k, effect) in m.effects.iter().enumerate() { @if k > 0 { ", " } code { (effect) } }
+                }
+                td.number { "+" (m.parameters) }
+                td.number { (percent(m.error_training)) }
+                @if validated { td.number { (percent(m.error_validation.unwrap_or(f64::NAN))) } }
+                @for o in &m.outputs {
+                    td.number { (shown(o.rms_training, 3)) }
+                    @if validated { td.number { (shown(o.rms_validation, 3)) } }
+                }
+                td.reason { @if m.recommended { strong { "recommended" } } @else { (m.objection.as_deref().unwrap_or_default()) } }
+            } } }
+        } }
+    };
+    Some(Section::new("front", "Best models by size", content))
+}
+
+/// Errors over the number of effects.
+fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
+    let front = &found.front;
+    let of = |error: fn(&FrontModel) -> f64| front.iter().map(|m| 100.0 * error(m)).collect::<Vec<f64>>();
+    let mut marks = vec![Mark::between("fitted runs", Look::Residual, Shape::Dots, Vec::new(), of(|m| m.error_training))];
+    if front.iter().any(|m| m.error_validation.is_some()) {
+        let values = of(|m| m.error_validation.unwrap_or(f64::NAN));
+        marks.push(Mark::between("validation runs", Look::Model, Shape::Dots, Vec::new(), values));
+    }
+    (front.len() > 1).then(|| Figure {
+        id: "front".into(),
+        group: "front".into(),
+        caption: "error of the written model".into(),
+        label: "number of effects".into(),
+        logarithmic: false,
+        at: front.iter().map(|m| m.effects.len() as f64).collect(),
+        panels: vec![Panel { label: "part of the error [%]".into(), height: 150, logarithmic: false, marks }],
+        names: Vec::new(),
+        half: true,
+        samples: None,
+    })
 }
 
 /// Equations and text, what goes and what comes.

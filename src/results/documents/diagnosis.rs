@@ -1,7 +1,8 @@
 //! A diagnosis: what a model gets wrong, the cause, and what was tried.
 
 use fdm_discover::{
-    Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, LackOfFit, LeftOut, NewValue,
+    Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, FrontModel, LackOfFit, LeftOut,
+    NewValue,
     Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions, Verdict,
 };
 use serde::{Deserialize, Serialize};
@@ -36,6 +37,9 @@ pub struct DiagnosisDocument {
     /// Whether it was stopped before its end: that nothing was found then says nothing.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub stopped: bool,
+    /// The best models by number of effects.
+    #[serde(default)]
+    pub front: Vec<FrontModel>,
     /// What was fitted and not accepted.
     pub rejected: Vec<Rejected>,
     /// Each search.
@@ -153,6 +157,7 @@ impl DiagnosisDocument {
             suggestions: d.suggestions.clone(),
             ended: d.ended.clone(),
             stopped: d.stopped,
+            front: d.front.clone(),
             rejected: d.rejected.clone(),
             searches: d.steps.iter().map(Search::from).collect(),
             biased_parameters: d.biased.clone(),

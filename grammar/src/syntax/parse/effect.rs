@@ -12,10 +12,11 @@ pub(in crate::syntax) struct EffectHeader {
     pub(in crate::syntax) name: Name,
     pub(in crate::syntax) slots: Vec<Slot>,
     pub(in crate::syntax) conditions: Vec<Condition>,
+    pub(in crate::syntax) class: Class,
     pub(in crate::syntax) doc: Option<Name>,
 }
 
-/// Reads `effect NAME(slots) conditions "doc" {`, which begins at byte `offset` of the source.
+/// Reads `effect NAME(slots) conditions as class "doc" {`, which begins at byte `offset` of the source.
 pub(in crate::syntax) fn effect_header(
     text: &str,
     offset: usize,
@@ -41,7 +42,7 @@ pub(in crate::syntax) fn effect_statement(
 
 impl Build<'_> {
     fn effect_header(&mut self, parts: Pairs<Rule>) -> Option<EffectHeader> {
-        let (mut name, mut doc) = (None, None);
+        let (mut name, mut doc, mut class) = (None, None, None);
         let (mut slots, mut conditions) = (Vec::new(), Vec::new());
         for part in parts {
             let place = span(&part, self.offset);
@@ -49,6 +50,12 @@ impl Build<'_> {
                 Rule::name => name = Some(word(&part, self.offset, 0)),
                 Rule::slot => slots.extend(self.slot(part)),
                 Rule::condition => conditions.extend(self.condition(part)),
+                Rule::effect_class => {
+                    let names: Vec<Name> = name.iter().cloned().collect();
+                    for written in part.into_inner().filter(|p| p.as_rule() == Rule::name) {
+                        self.once(&mut class, word(&written, self.offset, 0), (Rule::effect_class, place), &names);
+                    }
+                }
                 Rule::doc => {
                     let names: Vec<Name> = name.iter().cloned().collect();
                     self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names);
@@ -56,7 +63,23 @@ impl Build<'_> {
                 _ => {}
             }
         }
-        Some(EffectHeader { name: name?, slots, conditions, doc })
+        let class = class.map_or(Some(Class::default()), |written| self.class(&written));
+        Some(EffectHeader { name: name?, slots, conditions, class: class?, doc })
+    }
+
+    /// `as stand_in`
+    fn class(&mut self, written: &Name) -> Option<Class> {
+        let found = Class::ALL.into_iter().find(|c| c.word() == written.text);
+        if found.is_none() {
+            let message = format!("`{}` is no class of effects", written.text);
+            let hint = match nearest(&written.text, Class::ALL.map(Class::word)) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => "`mechanism`, `sensor` or `stand_in`".into(),
+            };
+            self.findings.push(Diagnostic::new(Code::WrongName, written.span, message).hint(hint));
+            self.sound = false;
+        }
+        found
     }
 
     /// `x: state | input`

@@ -89,6 +89,8 @@ pub(super) struct Plan {
     runs: usize,
     /// All runs have the inputs of the first.
     repeated: bool,
+    /// Whether the zeros of the outputs are fitted; they are candidates otherwise.
+    biases: bool,
 }
 
 fn input(plan: &Plan, first: usize) -> Vec<f64> {
@@ -112,6 +114,10 @@ impl Family {
         let theta = model.definition().start();
         let columns: Vec<usize> = (0..first + effects).collect();
         let mut family = Self { records: Vec::new(), directions: Vec::new(), channels: q, size: vec![0.0; q] };
+        let bias = |p: &usize| !plan.biases && model.definition().params[*p].quantity.name.starts_with('b');
+        let (open, fitted): (Vec<usize>, Vec<usize>) = (0..first).partition(bias);
+        let linear: Vec<usize> = open.into_iter().chain(first..first + effects).collect();
+        let effects = linear.len();
         for k in 0..effects {
             family.directions.push(Direction { candidate: k, size: 1.0, shape: Shape::Linear });
         }
@@ -138,7 +144,7 @@ impl Family {
             let (mut y, mut jacobian) = (vec![0.0; samples * q], vec![0.0; samples * q * stride]);
             simulator.sensitivities(&theta, &columns, &mut y, &mut jacobian).unwrap();
             let column = |c: usize| -> Vec<f64> { jacobian.chunks_exact(stride).map(|row| row[c]).collect() };
-            let mut directions: Vec<Signals> = (first..first + effects).map(column).collect();
+            let mut directions: Vec<Signals> = linear.iter().map(|p| column(*p)).collect();
             for (name, sizes) in finite {
                 let p = model.definition().param(name).unwrap();
                 for size in *sizes {
@@ -155,7 +161,7 @@ impl Family {
             for (k, value) in y.iter().enumerate() {
                 family.size[k % q] += value * value / (plan.runs * samples) as f64;
             }
-            let fitted = (0..first).map(|c| Some(column(c))).collect();
+            let fitted = fitted.iter().map(|c| Some(column(*c))).collect();
             family.records.push(Record { interval: plan.interval, residual: y, fitted, directions });
         }
         family.size.iter_mut().for_each(|s| *s = s.sqrt());
@@ -225,6 +231,7 @@ fn cosines(signal: &[f64]) -> Vec<f64> {
     CosineTransform::new(bins.len()).forward(&mut bins);
     let scale = (2.0 / bins.len() as f64).sqrt();
     bins.iter_mut().for_each(|l| *l *= scale);
+    bins[0] *= 0.5_f64.sqrt();
     bins
 }
 
@@ -232,28 +239,31 @@ const DELAYS: &[f64] = &[0.025, 0.075, 0.2, 0.5];
 const LAGS: &[f64] = &[0.05, 0.2, 0.6, 2.0];
 const SLOW: &[f64] = &[0.5, 1.5, 4.0, 10.0];
 
-pub(super) fn short_period(runs: usize, repeated: bool) -> Family {
-    let plan = Plan { samples: 400, interval: 0.05, scale: 1.0, runs, repeated };
+pub(super) fn short_period(runs: usize, repeated: bool, biases: bool) -> Family {
+    let plan = Plan { samples: 400, interval: 0.05, scale: 1.0, runs, repeated, biases };
     Family::new(SHORT_PERIOD, 13, &[("tau", DELAYS), ("lag", LAGS)], &plan)
 }
 
 /// A ship on records of a length: 300 s hold some turns, 75 s are short beside its time constants.
-pub(super) fn ship(length: f64, runs: usize, repeated: bool) -> Family {
-    let plan = Plan { samples: 400, interval: length / 400.0, scale: length / 15.0, runs, repeated };
+pub(super) fn ship(length: f64, runs: usize, repeated: bool, biases: bool) -> Family {
+    let plan = Plan { samples: 400, interval: length / 400.0, scale: length / 15.0, runs, repeated, biases };
     Family::new(SHIP, 13, &[("tau", SLOW)], &plan)
 }
 
 pub(super) fn hover() -> Family {
-    let plan = Plan { samples: 400, interval: 0.05, scale: 0.8, runs: 2, repeated: false };
+    let plan = Plan { samples: 400, interval: 0.05, scale: 0.8, runs: 2, repeated: false, biases: true };
     Family::new(HOVER, 28, &[("tau", DELAYS), ("tal", DELAYS)], &plan)
 }
 
 /// A family by its name: made when it is wanted.
 pub(super) type Made = (&'static str, fn() -> Family);
 
-pub(super) const FAMILIES: [Made; 4] = [
-    ("short period", || short_period(2, false)),
-    ("ship", || ship(300.0, 2, false)),
-    ("short ship", || ship(75.0, 2, false)),
+pub(super) const FAMILIES: [Made; 7] = [
+    ("short period", || short_period(2, false, true)),
+    ("ship", || ship(300.0, 2, false, true)),
+    ("short ship", || ship(75.0, 2, false, true)),
+    ("short period without biases", || short_period(2, false, false)),
+    ("short period without biases, one run", || short_period(1, false, false)),
+    ("ship without biases", || ship(300.0, 2, false, false)),
     ("hover", hover),
 ];

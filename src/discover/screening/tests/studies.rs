@@ -195,8 +195,8 @@ fn speed() {
 fn false_alarms_repeated() {
     println!("| family | noise | runs | at 20 % | at 5 % | at 1 % | candidates in front |");
     let made = [
-        ("short period, 2 equal runs", super::family::short_period(2, true)),
-        ("ship, 3 equal runs", super::family::ship(300.0, 3, true)),
+        ("short period, 2 equal runs", super::family::short_period(2, true, true)),
+        ("ship, 3 equal runs", super::family::ship(300.0, 3, true, true)),
     ];
     for (name, family) in made {
         for colour in chosen(&Colour::ALONE) {
