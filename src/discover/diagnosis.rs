@@ -107,6 +107,8 @@ pub struct FrontModel {
     pub error_training: f64,
     /// The same on the validation runs; none without such runs.
     pub error_validation: Option<f64>,
+    /// Without validation runs: the same on each run by a fit to the others, or on the last third of a single run by a fit to the rest.
+    pub error_cross_validated: Option<f64>,
     /// How each output is matched.
     pub outputs: Vec<FrontOutput>,
     /// Whether it is the one that is recommended.
@@ -375,6 +377,8 @@ pub struct Diagnosis {
     pub suggestions: Option<Suggestions>,
     /// Inputs that move with the states; none where every input is its own.
     pub feedback: Option<Feedback>,
+    /// What was assumed about the runs, in sentences.
+    pub notes: Vec<String>,
     /// Of a diagnosis in the frequency domain.
     pub spectral: Option<FrequencyDomain>,
 }

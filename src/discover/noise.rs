@@ -74,6 +74,8 @@ pub struct ResidualPower {
 pub struct LogSpectrum {
     /// Logarithms of frequencies, evenly spaced.
     knots: Vec<f64>,
+    /// Logarithm of the lowest frequency above the means. Below it S is nowhere less: the means of few records may be near zero by chance.
+    lowest: f64,
     /// log S at the knots.
     values: DVector<f64>,
     /// What it is made of.
@@ -122,7 +124,7 @@ impl LogSpectrum {
             .collect();
         let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
         let evidence = best + (total / CURVATURES.len() as f64).ln();
-        Self { knots, values, parts, evidence }.raised()
+        Self { knots, lowest: first, values, parts, evidence }.raised()
     }
 
     /// Without what lies too far below the rest.
@@ -139,6 +141,7 @@ impl LogSpectrum {
     pub fn flat(level: f64) -> Self {
         Self {
             knots: vec![0.0],
+            lowest: f64::NEG_INFINITY,
             values: DVector::from_element(1, level.max(1e-200).ln()),
             parts: Vec::new(),
             evidence: 0.0,
@@ -147,7 +150,8 @@ impl LogSpectrum {
 
     /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on as it rose there, if it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
-        let known = Hat::at(&self.knots, log_frequency).of(&self.values);
+        let of = |log_frequency: f64| Hat::at(&self.knots, log_frequency).of(&self.values);
+        let known = if log_frequency < self.lowest { of(log_frequency).max(of(self.lowest)) } else { of(log_frequency) };
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
         if below == 0.0 || near == 0 {
             return known.exp();
@@ -212,7 +216,8 @@ impl LogSpectrum {
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
         let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.normal_of_pair());
         part.precision.solve_upper(&mut change);
-        Self { knots: self.knots.clone(), values: &part.values + change, parts: Vec::new(), evidence: 0.0 }
+        let values = &part.values + change;
+        Self { knots: self.knots.clone(), lowest: self.lowest, values, parts: Vec::new(), evidence: 0.0 }
     }
 }
 

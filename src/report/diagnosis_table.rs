@@ -30,6 +30,7 @@ pub fn diagnosis_text(d: &Diagnosis) -> String {
     }
     text.push_str(&following(d));
     let _ = writeln!(text, "\nThe search ended: {}.", d.ended);
+    d.notes.iter().for_each(|note| _ = writeln!(text, "{note}"));
     if let Some(spectral) = &d.spectral {
         let (low, high) = spectral.band;
         let _ = writeln!(
@@ -148,8 +149,11 @@ fn front(d: &Diagnosis) -> String {
     let outputs = &d.front[0].outputs;
     let shown = if outputs.len() <= OUTPUTS { outputs.len() } else { 0 };
     let mut headings: Vec<String> = ["best models by size", "parameters", "error, fitted"].map(String::from).to_vec();
+    let crossed = d.front.iter().any(|m| m.error_cross_validated.is_some());
     if validated {
         headings.push("validation".into());
+    } else if crossed {
+        headings.push("predicted".into());
     }
     for output in &outputs[..shown] {
         headings.push(format!("RMS {}", output.output));
@@ -165,6 +169,8 @@ fn front(d: &Diagnosis) -> String {
         let mut row = vec![named(model), format!("+{}", model.parameters), percent(model.error_training)];
         if validated {
             row.push(percent(model.error_validation.unwrap_or(f64::NAN)));
+        } else if crossed {
+            row.push(percent(model.error_cross_validated.unwrap_or(f64::NAN)));
         }
         for output in &model.outputs[..shown] {
             row.push(number(output.rms_training));

@@ -29,6 +29,8 @@ pub struct NewParam {
     pub upper: f64,
     /// The values to try, in the effect's order; empty for a param whose size is left free.
     pub trials: Vec<f64>,
+    /// Physics has it at its null or above: a fit that wants it below is told, and is no cause.
+    pub positive: bool,
     /// The data cannot see it at the null.
     pub nuisance: bool,
     /// Stays as it is when the extended model is fitted.

@@ -84,6 +84,8 @@ pub struct Tunable {
     pub declaration: Declaration,
     /// Values that a search tries, behind `try`.
     pub trials: Vec<ExprRef>,
+    /// `positive`: physics has it at its null or above.
+    pub positive: bool,
 }
 
 /// Where something is added: `der(x)` or `y`.

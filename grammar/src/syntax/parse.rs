@@ -113,7 +113,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_as => Want::As,
         Rule::colon => Want::Colon,
         Rule::open | Rule::connections => Want::Open,
-        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per | Rule::by_log => Want::Attribute,
+        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per | Rule::by_log | Rule::positive => Want::Attribute,
         Rule::unit => Want::Unit,
         Rule::word_run => Want::Run,
         Rule::equals => Want::Equals,
@@ -465,6 +465,7 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
         Rule::fixed => "`fixed` twice",
         Rule::by_log => "`log` twice",
         Rule::effect_class => "a second class",
+        Rule::positive => "`positive` twice",
         _ => "`per run` twice",
     };
     Diagnostic::new(Code::WrongAttribute, second, format!("`{name}` has {what}"))

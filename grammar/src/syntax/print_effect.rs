@@ -53,6 +53,9 @@ fn statement(printer: &Printer<'_>, line: &EffectLine) -> String {
 fn tunable(printer: &Printer<'_>, tunable: &Tunable) -> String {
     let word = if tunable.nuisance { "nuisance" } else { "param" };
     let mut out = format!("{word} {}", printer.declaration(&tunable.declaration));
+    if tunable.positive {
+        out.push_str(" positive");
+    }
     if !tunable.trials.is_empty() {
         let trials: Vec<_> = tunable.trials.iter().map(|e| printer.expression(*e)).collect();
         let _ = write!(out, " try {}", trials.join(", "));

@@ -45,6 +45,13 @@ pub(super) struct OutputPart {
     pub(super) reference: bool,
 }
 
+impl OutputPart {
+    /// Whether its first bin is the mean.
+    pub(super) fn has_mean(&self) -> bool {
+        self.sampled && self.frequency.len() == self.samples.len()
+    }
+}
+
 /// All runs in shared columns.
 #[derive(Debug, Clone)]
 pub(super) struct Basis {

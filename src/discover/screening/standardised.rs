@@ -8,7 +8,7 @@ use fdm_numeric::fourier::CosineTransform;
 use fdm_numeric::statistics::chi_squared_tail;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Deviations beyond which a bin or a sample is cut back.
 const LIMIT: f64 = 5.0;
@@ -87,11 +87,14 @@ impl Standardised {
             // bins first: one of them would be at all samples
             let mut clean = vec![0.0; n];
             for (k, bin) in bins.iter().enumerate() {
+                // a mean is no outlier, and makes none of the samples: nothing beside it says how large it may be
+                if k == 0 && part.has_mean() {
+                    continue;
+                }
                 let kept = bin.clamp(-LIMIT, LIMIT);
                 if kept != *bin {
                     part.residual[k] += (kept - bin) * deviation[k];
-                    let mean = k + dropped == 0 && part.sampled;
-                    report(OutlierPlace::Frequency(if mean { 0.0 } else { part.frequency[k] }), *bin);
+                    report(OutlierPlace::Frequency(part.frequency[k]), *bin);
                 }
                 clean[dropped + k] = kept;
             }
@@ -100,8 +103,6 @@ impl Standardised {
             }
             let scale = (2.0 / n as f64).sqrt();
             let mut cosines = CosineTransform::new(n);
-            // the orthonormal mean, as the transform has it
-            clean[0] *= SQRT_2;
             cosines.backward(&mut clean);
             let mut excess = vec![0.0; n];
             for (k, sample) in clean.iter().enumerate() {
@@ -153,7 +154,10 @@ impl Standardised {
         let mut sums = DMatrix::zeros(shared.channels, shared.channels);
         let mut count = 0;
         for run in runs {
-            let rows = rows(&shared.parts[run[0]].frequency, edges, band);
+            let first = &shared.parts[run[0]];
+            let rows = rows(&first.frequency, edges, band);
+            // without the means, which no noise need have made
+            let rows = rows.start.max(usize::from(first.has_mean()))..rows.end;
             count += rows.len();
             for (a, first) in run.iter().enumerate() {
                 for (b, second) in run.iter().enumerate().take(a) {

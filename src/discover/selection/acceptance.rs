@@ -45,6 +45,11 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
             candidate.whole_gain()
         ));
     }
+    let params = step.simulated[candidate.candidate].attached.params();
+    let value = |p: &NewParam| candidate.fitting.shared(&p.name).map(|e| e.value);
+    if let Some(sentence) = below_null(params, value) {
+        return Some(sentence);
+    }
     if let Some((gain, _)) = &candidate.validation
         && *gain <= 0.0
     {
@@ -62,6 +67,13 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     (candidate.gain < SIZE).then(|| {
         format!("it gains {:.1} on the training runs, below the gain of two standard errors ({SIZE})", candidate.gain)
     })
+}
+
+/// A parameter that physics has at its null or above and a fit below, in a sentence.
+pub(super) fn below_null(params: &[NewParam], value: impl Fn(&NewParam) -> Option<f64>) -> Option<String> {
+    let wrong = params.iter().filter(|p| p.positive).filter_map(|p| Some((p, value(p)?)));
+    let (p, value) = wrong.into_iter().find(|(p, value)| *value < p.null)?;
+    Some(format!("its fit wants {} = {value:.4}, where physics has none below {}", p.name, p.null))
 }
 
 /// The candidate model as a cause, accepted at a chance, with the group of those that score about as much.

@@ -14,7 +14,7 @@ use super::front::FrontProblem;
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, evenly};
+use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, SelectionStep, Verdict};
@@ -78,7 +78,10 @@ pub fn diagnose_while(
     goes_on: &GoesOn<'_>,
 ) -> Result<Diagnosis, DiagnosisError> {
     apart(runs, validation)?;
-    let all: Vec<Run> = runs.iter().chain(validation).map(evenly).collect::<Result<_, _>>()?;
+    let of = |run: &Run| prepared(run, &options.domain);
+    let found: Vec<(Run, Option<String>)> = runs.iter().chain(validation).map(of).collect::<Result<_, _>>()?;
+    let (all, notes): (Vec<Run>, Vec<Option<String>>) = found.into_iter().unzip();
+    let notes: Vec<String> = notes.into_iter().flatten().collect();
     let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
     let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
@@ -95,16 +98,18 @@ pub fn diagnose_while(
         let own = own.clone();
         ForwardSelection { runs, catalogue, options, progress, goes_on, own, accepted, rejected, steps }.run(first)
     };
-    let found = from(firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?)?;
+    let mut found = from(firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?)?;
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
         for first in firsts.take_while(|_| goes_on()) {
             progress("no candidate could be accepted there: restarting from the next-best local minimum");
             if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
-                return Ok(other);
+                found = other;
+                break;
             }
         }
     }
+    found.notes.splice(0..0, notes);
     Ok(found)
 }
 
@@ -459,6 +464,7 @@ impl<'a> ForwardSelection<'a> {
             places: evidence.map(|h| h.places),
             suggestions,
             feedback,
+            notes: Vec::new(),
             spectral: first.spectral(),
         })
     }

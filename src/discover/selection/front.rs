@@ -2,26 +2,37 @@
 //!
 //! Forward selection counts whitened log-likelihood, by which effects are found. What a user gets is the error of a simulation. So from
 //! all accepted effects one after the other is left out, the one of which the written model misses least, and each of these models is
-//! fitted as it is written. Recommended is the smallest whose squared error on the validation runs is within one standard error of the
-//! best (Breiman et al. 1984), unless the likelihood of these runs by the noise found clearly speaks for the larger one.
+//! fitted as it is written. They are compared by what they predict of runs that they were not fitted to: validation runs; without such
+//! runs each run by a fit to the others; of a single run its last third by a fit to the rest.
+//!
+//! Recommended is the smallest model that predicts as well as the best. Left out is a mechanism only where the prediction is no better with it:
+//! a small one that the likelihood has found is there, whether it is worth much or not. A stand-in or an effect of a sensor must be worth
+//! a standard error of the difference (the one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995), or the validation runs
+//! must be clearly likelier with it.
 
+use super::acceptance::below_null;
 use super::assessment::run_gains;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
+use super::initial_fit::plain_fit;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
 use crate::bins::Signals;
 use crate::diagnosis::{Cause, FrontModel, FrontOutput, Rejected};
+use fdm_estimate::residuals::{Advantage, advantage};
+use fdm_grammar::effect::NewParam;
+use fdm_grammar::syntax::Class;
+use fdm_system::record::Run;
 use rayon::prelude::*;
 use std::sync::Arc;
 
+/// Parts into which runs are divided, each predicted by a fit to the others.
+const FOLDS: usize = 3;
 /// Effects up to which each is left out in turn; of more the weakest goes.
 const EACH: usize = 4;
-/// Parts of a validation run by which errors are compared.
-const BLOCKS: usize = 8;
 /// Deviations of a gain in log-likelihood on validation runs from which it is clear.
 const CLEAR: f64 = 2.0;
 
@@ -41,12 +52,21 @@ pub(super) struct Level {
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
+    /// What it predicts.
+    predicted: Option<Predicted>,
 }
+
+/// What is left of outputs by a model that was not fitted to them: pieces of runs, outputs innermost.
+type Predicted = Vec<Vec<f64>>;
 
 impl Level {
     fn objection(&self) -> Option<String> {
         match &self.written {
-            Ok(written) => written.objection(),
+            Ok(written) => written.objection().or_else(|| {
+                let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
+                let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
+                self.accepted.iter().find_map(|a| below_null(&a.params, value))
+            }),
             Err(why) => Some(why.clone()),
         }
     }
@@ -70,7 +90,7 @@ impl FrontProblem<'_> {
     fn level(&self, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
         let written =
             written_model(&current, &split.theta, &self.first.response, (self.runs, self.options, self.goes_on));
-        Level { accepted, current, split, written }
+        Level { accepted, current, split, written, predicted: None }
     }
 
     /// From the model with all accepted effects down to that with one.
@@ -85,9 +105,17 @@ impl FrontProblem<'_> {
             let Some(next) = self.smaller(last) else { break };
             levels.push(next);
         }
-        let chosen = self.chosen(&levels);
-        let mut models = vec![self.described(None, None)];
-        models.extend(levels.iter().enumerate().rev().map(|(k, level)| self.described(Some(level), Some(Some(k) == chosen))));
+        let naive = self.predicted(self.first, self.first, &self.first.theta);
+        for level in &mut levels {
+            level.predicted = match &level.written {
+                Ok(written) => self.predicted(&level.current, &written.fitted, &written.fitted.theta),
+                Err(_) => None,
+            };
+        }
+        let chosen = self.chosen(&levels, naive.as_ref());
+        let mut models = vec![self.described(None, false, naive.as_ref())];
+        let told = levels.iter().enumerate().rev();
+        models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, naive.as_ref())));
         let rejected = self.rejected(&levels, chosen);
         let recommended = chosen.map(|k| levels.swap_remove(k)).and_then(|mut level| {
             let written = std::mem::replace(&mut level.written, Err(String::new()));
@@ -119,49 +147,102 @@ impl FrontProblem<'_> {
     }
 
     /// Which of them is recommended: they come with falling numbers of effects.
-    fn chosen(&self, levels: &[Level]) -> Option<usize> {
+    fn chosen(&self, levels: &[Level], naive: Option<&Predicted>) -> Option<usize> {
         let sound = |k: &usize| levels[*k].objection().is_none();
-        if self.runs.validation().is_empty() {
+        let (Some(naive), true) = (naive, levels.iter().all(|l| l.objection().is_some() || l.predicted.is_some())) else {
             // by likelihood every effect was worth its parameters
             return (0..levels.len()).find(sound);
-        }
-        let best = (0..levels.len()).filter(sound).min_by(|a, b| levels[*a].ratio().total_cmp(&levels[*b].ratio()))?;
-        let as_good = |k: &usize| *k == best || (*k > best && self.is_as_good(&levels[*k], &levels[best]));
+        };
+        let error = |k: &usize| levels[*k].predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, naive));
+        let best = (0..levels.len()).filter(sound).min_by(|a, b| error(a).total_cmp(&error(b)))?;
+        let as_good = |k: &usize| *k == best || (*k > best && self.is_as_good(&levels[*k], &levels[best], naive));
         (0..levels.len()).rev().filter(sound).find(as_good)
     }
 
-    /// Whether a smaller model predicts validation runs as well as the best one.
-    fn is_as_good(&self, smaller: &Level, best: &Level) -> bool {
-        let (Ok(small), Ok(large)) = (&smaller.written, &best.written) else { return false };
-        let (more, error) = self.difference(small, large);
-        more <= error && !self.clearly_likelier(smaller, best)
+    /// Whether a smaller model predicts as well as the best one.
+    fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
+        let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
+        let Some(gained) = self.advantage(large, small, naive) else { return false };
+        let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
+        let mut without = best.accepted.iter().filter(|a| !kept(a));
+        if without.any(|a| a.candidate.effect().class() == Class::Mechanism) {
+            return gained.reduction <= 0.0;
+        }
+        gained.reduction <= gained.error && !self.clearly_likelier(smaller, best)
     }
 
-    /// By how much the squared error of one model is larger than that of another on validation runs, in units of the first model's, and
-    /// the standard error of that, by blocks.
-    fn difference(&self, one: &WrittenModel, other: &WrittenModel) -> (f64, f64) {
-        let (runs, q) = (self.runs, self.first.outputs());
-        let scale: Vec<f64> = squares(self.first, &self.first.response, runs, runs.train..runs.all.len())
-            .into_iter()
-            .map(|(sum, count)| (sum / count.max(1) as f64).max(f64::MIN_POSITIVE))
-            .collect();
-        let mut blocks = Vec::new();
-        for r in runs.train..runs.all.len() {
-            let measured = self.first.predictors[r].measured(&runs.all[r]);
-            let (a, b) = (&one.fitted.response[r], &other.fitted.response[r]);
-            let samples = measured.len() / q.max(1);
-            let mut sums = vec![(0.0, 0); BLOCKS];
-            for (k, z) in measured.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
-                let block = &mut sums[(k / q) * BLOCKS / samples.max(1)];
-                block.0 += ((z - a[k]).powi(2) - (z - b[k]).powi(2)) / scale[k % q];
-                block.1 += 1;
-            }
-            blocks.extend(sums.into_iter().filter(|b| b.1 > 0).map(|(sum, count)| sum / f64::from(count)));
+    /// What a model predicts of runs that it was not fitted to; `written` is it at its values. None where that cannot be had.
+    fn predicted(&self, current: &FittedModel, written: &FittedModel, theta: &[Vec<f64>]) -> Option<Predicted> {
+        let (train, all) = (self.runs.train, self.runs.all.len());
+        if train < all {
+            return Some((train..all).flat_map(|r| self.residuals(written, self.runs.all, r, 0)).collect());
         }
-        let count = blocks.len().max(2) as f64;
-        let mean = blocks.iter().sum::<f64>() / count;
-        let variance = blocks.iter().map(|b| (b - mean).powi(2)).sum::<f64>() / (count - 1.0);
-        (mean, (variance / count).sqrt())
+        if *self.runs.domain != Domain::Time || !(self.goes_on)() {
+            return None;
+        }
+        let refitted = |all: &[Run], train: usize, theta: Vec<Vec<f64>>| {
+            let runs = Runs { all, train, domain: self.runs.domain };
+            let current = FittedModel::new(current.model.clone(), runs, theta.clone()).ok()?;
+            plain_fit(&current, &theta, runs, self.options, self.goes_on).ok()
+        };
+        if let [run] = self.runs.all {
+            let from = run.len() * 2 / 3;
+            let part = refitted(&[run.part(0..from)], 1, theta.to_vec())?;
+            let whole = FittedModel::new(current.model.clone(), self.runs, part.theta).ok()?;
+            return Some(self.residuals(&whole, self.runs.all, 0, from));
+        }
+        let folds = all.min(FOLDS);
+        let of = |fold: usize| -> Option<Predicted> {
+            let (own, others): (Vec<usize>, Vec<usize>) = (0..all).partition(|r| r % folds == fold);
+            let order: Vec<usize> = others.iter().chain(&own).copied().collect();
+            let runs: Vec<Run> = order.iter().map(|r| self.runs.all[*r].clone()).collect();
+            let fitted = refitted(&runs, others.len(), order.iter().map(|r| theta[*r].clone()).collect())?;
+            Some((others.len()..all).flat_map(|r| self.residuals(&fitted, &runs, r, 0)).collect())
+        };
+        let found: Option<Vec<Predicted>> = (0..folds).into_par_iter().map(of).collect();
+        Some(found?.into_iter().flatten().collect())
+    }
+
+    /// What a model leaves of each output of a run, from a sample on.
+    fn residuals(&self, fitted: &FittedModel, runs: &[Run], r: usize, from: usize) -> Predicted {
+        let q = self.first.outputs();
+        let measured = fitted.predictors[r].measured(&runs[r]);
+        let of = |o: usize| {
+            let cells = measured.iter().zip(&fitted.response[r]).skip(from * q + o).step_by(q);
+            cells.map(|(z, y)| z - y).collect()
+        };
+        (0..q).map(of).collect()
+    }
+
+    /// Mean square of each output; NaN where nothing was measured.
+    fn mean_squares(&self, predicted: &Predicted) -> Vec<f64> {
+        let q = self.first.outputs();
+        let of = |o: usize| {
+            let values = predicted.iter().skip(o).step_by(q).flatten().filter(|v| !v.is_nan());
+            let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v * v, count + 1.0));
+            sum / count
+        };
+        (0..q).map(of).collect()
+    }
+
+    /// Squared error over that of the model as it was given, the mean over outputs.
+    fn relative(&self, predicted: &Predicted, naive: &Predicted) -> f64 {
+        let (own, naive) = (self.mean_squares(predicted), self.mean_squares(naive));
+        let ratios: Vec<f64> = own.iter().zip(&naive).filter(|(_, n)| **n > 0.0).map(|(own, naive)| own / naive).collect();
+        if ratios.is_empty() { 1.0 } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
+    }
+
+    /// By how much the squared error of a larger model's prediction is less, outputs in units of the naive model's error; none where too
+    /// little is independent to tell.
+    fn advantage(&self, large: &Predicted, small: &Predicted, naive: &Predicted) -> Option<Advantage> {
+        let q = self.first.outputs();
+        let scale: Vec<f64> = self.mean_squares(naive).into_iter().map(f64::sqrt).collect();
+        let scaled = |(k, values): (usize, &Vec<f64>)| values.iter().map(|v| v / scale[k % q]).collect::<Vec<f64>>();
+        let pairs: Vec<_> = (0..large.len())
+            .filter(|k| scale[k % q] > 0.0)
+            .map(|k| (scaled((k, &large[k])), scaled((k, &small[k]))))
+            .collect();
+        advantage(&pairs)
     }
 
     /// Whether validation runs are clearly likelier by the larger model, by the noise found.
@@ -185,7 +266,7 @@ impl FrontProblem<'_> {
     }
 
     /// For the table: a level, or the model as it was given.
-    fn described(&self, level: Option<&Level>, recommended: Option<bool>) -> FrontModel {
+    fn described(&self, level: Option<&Level>, recommended: bool, naive: Option<&Predicted>) -> FrontModel {
         let written = level.map(|l| l.written.as_ref().ok());
         // a model that has no response has no errors either
         let fitted = match written {
@@ -214,7 +295,11 @@ impl FrontProblem<'_> {
             error_training: fitted.as_ref().map_or(f64::NAN, |f| f.1.sqrt()),
             error_validation: fitted.as_ref().and_then(|f| f.2).filter(|_| train < all).map(f64::sqrt),
             outputs: outputs.collect(),
-            recommended: recommended.unwrap_or(false),
+            error_cross_validated: naive.filter(|_| train == all).and_then(|naive| match level {
+                None => Some(1.0),
+                Some(level) => level.predicted.as_ref().map(|p| self.relative(p, naive).sqrt()),
+            }),
+            recommended,
             objection: level.and_then(Level::objection),
         }
     }
@@ -227,7 +312,7 @@ impl FrontProblem<'_> {
             // the smallest model that still had it says why
             let last = levels.iter().rev().find(|l| l.accepted.iter().any(|b| b.cause.place == a.cause.place));
             let reason = last.and_then(Level::objection).unwrap_or_else(|| {
-                "without it the written model predicts validation runs as well, within one standard error".into()
+                "without it the written model predicts as well".into()
             });
             let Cause { place, gain_training, gain_validation, .. } = a.cause.clone();
             list.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });

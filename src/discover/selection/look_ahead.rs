@@ -10,6 +10,7 @@ use super::forward_step::ForwardStep;
 use super::projection::cosine;
 use super::whitening::CommonNoise;
 use crate::diagnosis::EffectAt;
+use fdm_grammar::syntax::Class;
 use std::sync::Arc;
 
 /// Candidate models whose second effects are looked at, where the best one leaves much.
@@ -43,7 +44,9 @@ impl<'a> ForwardSelection<'a> {
         let Some(best) = fit.first().copied() else { return Ok(None) };
         let current = Arc::new(self.with_candidate(step, &comparison.models[best], scales)?);
         let mut found = NextStep { candidate: best, current, ahead: None };
-        let others = alternatives(comparison, fit);
+        // a stand-in must be better than the best pair of mechanisms
+        let stand_in = comparison.models[best].class == Class::StandIn;
+        let others = if stand_in { mechanisms(comparison, fit) } else { alternatives(comparison, fit) };
         if others.is_empty() || self.accepted.len() + 2 > self.options.most {
             return Ok(Some(found));
         }
@@ -51,18 +54,21 @@ impl<'a> ForwardSelection<'a> {
         let named = |k: usize| place(&step.simulated[comparison.models[k].candidate].attached.candidate);
         // where no search can be made beside it, the next one says so
         let Ok((mut ahead, left)) = self.ahead(&found.current, &named(best)) else { return Ok(Some(found)) };
-        if !left {
+        let least = if left {
+            let next = match ahead.comparison(&|_| ()) {
+                Err(DiagnosisError::Stopped) => return Ok(Some(found)),
+                next => next?,
+            };
+            let least = self.total(&ahead, &next, &comparison.noise);
+            found.ahead = Some((ahead, Some(next)));
+            least
+        } else {
             found.ahead = Some((ahead, None));
-            return Ok(Some(found));
-        }
-        let next = match ahead.comparison(&|_| ()) {
-            Err(DiagnosisError::Stopped) => return Ok(Some(found)),
-            next => next?,
+            stand_in.then(|| comparison.models[best].fitting.cost)
         };
-        let least = self.total(&ahead, &next, &comparison.noise);
-        found.ahead = Some((ahead, Some(next)));
         let Some(mut least) = least.map(|total| total + costs(best)) else { return Ok(Some(found)) };
-        (self.progress)(&format!("the best one leaves much: trying {} other beginnings", others.len()));
+        let why = if left { "the best one leaves much" } else { "the best one is a stand-in" };
+        (self.progress)(&format!("{why}: trying {} other beginnings", others.len()));
         for k in others {
             let Ok(current) = self.with_candidate(step, &comparison.models[k], scales) else { continue };
             let current = Arc::new(current);
@@ -116,6 +122,19 @@ impl<'a> ForwardSelection<'a> {
         }
         FittedModel::new(model, self.runs, theta)
     }
+}
+
+/// The best mechanisms that are no likeness of each other, whatever they gain alone.
+fn mechanisms(comparison: &Comparison, fit: &[usize]) -> Vec<usize> {
+    let mut chosen: Vec<usize> = Vec::new();
+    for k in fit.iter().copied().filter(|k| comparison.models[*k].class == Class::Mechanism) {
+        let own = &comparison.models[k];
+        let alike = |o: &usize| cosine(&own.direction, &comparison.models[*o].direction).abs() > ALIKE;
+        if chosen.len() < BEGINNINGS && !chosen.iter().any(alike) {
+            chosen.push(k);
+        }
+    }
+    chosen
 }
 
 /// Candidate models that are no likeness of the best or of each other, and good enough to begin with.

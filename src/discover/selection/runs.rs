@@ -39,6 +39,25 @@ pub(super) fn evenly(run: &Run) -> Result<Run, DiagnosisError> {
     Ok(spread(run, &grid))
 }
 
+/// The run as models are compared with it, and what was assumed for that. In time, samples that follow no grid are taken one after the
+/// other: white noise stays white, and slow noise has its spectrum by the mean interval. Responses are those at the times recorded.
+///
+/// # Errors
+/// As [`evenly`]; in the frequency domain the samples must be even.
+pub(super) fn prepared(run: &Run, domain: &Domain) -> Result<(Run, Option<String>), DiagnosisError> {
+    match evenly(run) {
+        Err(DiagnosisError::Uneven { .. } | DiagnosisError::LongGap { .. }) if *domain == Domain::Time => {
+            let note = format!(
+                "run `{}` is not sampled evenly: its noise is described sample by sample, as if samples were {:.3} apart (time unit)",
+                run.name,
+                interval(run)
+            );
+            Ok((run.clone(), Some(note)))
+        }
+        even => Ok((even?, None)),
+    }
+}
+
 /// Samples at their places; inputs are bridged, outputs stay empty.
 fn spread(run: &Run, grid: &EvenGrid) -> Run {
     let (n, m) = (grid.length(), run.held.len());

@@ -187,23 +187,60 @@ fn what_is_told_is_what_the_written_text_does() {
     }
 }
 
-/// What would be a friction below zero is something else.
+/// What would be a friction below zero is something else: one-sided bounds are searched on one side, and what is positive is refused
+/// in words.
 #[test]
 fn friction_has_one_sign() {
-    let signed = SOME.replace("param drag = 0;", "param drag = 0 in [0, inf];");
-    let (catalogue, findings) = Catalogue::read(&Source::new("signed.fdm", signed.as_str()));
-    assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", ROLL.replace("DRAG", "")).unwrap();
-    let named = |drag: f64| {
+    let found = |attribute: &str, drag: f64| {
+        let signed = SOME.replace("param drag = 0;", &format!("param drag = 0 {attribute};"));
+        let (catalogue, findings) = Catalogue::read(&Source::new("signed.fdm", signed.as_str()));
+        assert!(findings.is_empty(), "{findings:?}");
         let runs = [roll(drag, 0.5, "a"), roll(drag, 0.3, "b")];
-        let found = diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
-        let screened = found.steps[0].ranking.iter().find(|s| s.place.effect == "quadratic_damping").map(|s| s.gain);
-        (found.causes.iter().any(|c| c.place.effect == "quadratic_damping"), screened)
+        diagnose(&model, &runs, &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap()
     };
-    let (found, gain) = named(0.4);
-    assert!(found && gain.is_some_and(|g| g > 10.0), "{gain:?}");
-    let (found, gain) = named(-0.15);
-    assert!(!found && gain.is_none_or(|g| g < 1.0), "{gain:?}");
+    let named = |found: &Diagnosis| found.causes.iter().any(|c| c.place.effect == "quadratic_damping");
+    let screened = |found: &Diagnosis| {
+        found.steps[0].ranking.iter().find(|s| s.place.effect == "quadratic_damping").map(|s| s.gain)
+    };
+    for attribute in ["in [0, inf]", "positive"] {
+        let right = found(attribute, 0.4);
+        assert!(named(&right) && screened(&right).is_some_and(|g| g > 10.0), "{right:#?}");
+    }
+    let bounded = found("in [0, inf]", -0.15);
+    assert!(!named(&bounded) && screened(&bounded).is_none_or(|g| g < 1.0), "{bounded:#?}");
+    let signed = found("positive", -0.15);
+    let told = signed.rejected.iter().find(|r| r.place.effect == "quadratic_damping");
+    assert!(!named(&signed) && told.is_some_and(|r| r.reason.contains("physics has none below 0")), "{signed:#?}");
+}
+
+/// Records that begin at the heel which a constant moment makes: nothing but the mean tells of it, ten times the noise in every run.
+#[test]
+fn a_steady_offset_is_named() {
+    const HEELED: &str = "model heeled { input u; state phi = 0; state p = 0; param k = 2, d = 0.4, b = 1; \
+                          der(phi) = p; der(p) = -k*phi - d*p + b*u; output roll = phi OFFSET; }";
+    let push = |phase: f64| move |t: f64| ((t + phase) / 2.3).floor().rem_euclid(3.0) - 1.0;
+    let runs = |offset: f64| -> Vec<Run> {
+        let text = HEELED.replace("OFFSET", &format!("+ {offset}"));
+        let of = |k: usize| run(&text, &format!("r{k}"), push(1.7 * k as f64), &[], 0.015);
+        (0..3).map(of).collect()
+    };
+    let with = format!("{SOME}effect output_bias(y: output) as sensor \"zero\" {{ param bias = 0; add y += bias; }}");
+    let (catalogue, findings) = Catalogue::read(&Source::new("with.fdm", with.as_str()));
+    assert!(findings.is_empty(), "{findings:?}");
+    let model = Model::from_text("model.fdm", HEELED.replace("OFFSET", "")).unwrap();
+    let found = |offset: f64| {
+        diagnose(&model, &runs(offset), &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap()
+    };
+    let offset = found(0.15);
+    assert_eq!(offset.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{offset:#?}");
+    assert!((offset.causes[0].parameters[0].value - 0.15).abs() < 0.005 && offset.family_wise_p < 1e-6);
+    // no plain residual of a tenth of that is hidden either
+    assert_eq!(found(0.015).verdict, Verdict::EffectFound);
+    assert_eq!(found(0.0).verdict, Verdict::NoEffectFound);
+    // the front tells what the written model does
+    let models = &offset.front;
+    assert!(models.len() == 2 && models[1].recommended && models[1].error_training < 0.2, "{models:?}");
 }
 
 /// Wherever it is stopped, a search keeps what it has and says that it was stopped.

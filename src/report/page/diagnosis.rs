@@ -223,6 +223,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
     let front = &found.front;
     let first = front.first().filter(|_| front.len() > 1)?;
     let validated = first.error_validation.is_some();
+    let crossed = first.error_cross_validated.is_some();
     let percent = |v: f64| if v.is_finite() { format!("{} %", text(100.0 * v, 3)) } else { String::new() };
     let content = html! {
         p.note {
@@ -234,6 +235,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
             thead { tr {
                 th { "effects" } th.number { "parameters" } th.number { "error, fitted" }
                 @if validated { th.number { "validation" } }
+                @if crossed { th.number title="each run by a fit to the others; of a single run its last third" { "predicted" } }
                 @for o in &first.outputs {
                     th.number { "RMS " code { (o.output) } (bracketed(o.unit.as_deref())) }
                     @if validated { th.number { "validation" } }
@@ -248,6 +250,7 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
                 td.number { "+" (m.parameters) }
                 td.number { (percent(m.error_training)) }
                 @if validated { td.number { (percent(m.error_validation.unwrap_or(f64::NAN))) } }
+                @if crossed { td.number { (percent(m.error_cross_validated.unwrap_or(f64::NAN))) } }
                 @for o in &m.outputs {
                     td.number { (shown(o.rms_training, 3)) }
                     @if validated { td.number { (shown(o.rms_validation, 3)) } }
@@ -267,6 +270,9 @@ fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
     if front.iter().any(|m| m.error_validation.is_some()) {
         let values = of(|m| m.error_validation.unwrap_or(f64::NAN));
         marks.push(Mark::between("validation runs", Look::Model, Shape::Dots, Vec::new(), values));
+    } else if front.iter().any(|m| m.error_cross_validated.is_some()) {
+        let values = of(|m| m.error_cross_validated.unwrap_or(f64::NAN));
+        marks.push(Mark::between("predicted", Look::Model, Shape::Dots, Vec::new(), values));
     }
     (front.len() > 1).then(|| Figure {
         id: "front".into(),

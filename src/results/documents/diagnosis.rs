@@ -60,7 +60,7 @@ pub struct DiagnosisDocument {
     pub domain: String,
     /// Lowest and highest frequency, in the frequency domain.
     pub band: Option<(f64, f64)>,
-    /// What was not asked there, in sentences.
+    /// What was assumed, and what was not asked, in sentences.
     pub notes: Vec<String>,
 }
 
@@ -168,7 +168,7 @@ impl DiagnosisDocument {
             noise_knots: d.noise_knots.clone(),
             domain: if d.spectral.is_some() { "frequency" } else { "time" }.into(),
             band: d.spectral.as_ref().map(|s| s.band),
-            notes: d.spectral.as_ref().map_or(Vec::new(), |s| s.notes.clone()),
+            notes: d.notes.iter().chain(d.spectral.iter().flat_map(|s| &s.notes)).cloned().collect(),
         }
     }
 }

@@ -88,6 +88,7 @@ impl<'a> Rewrite<'a> {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             trials: Vec::new(),
+            positive: false,
             nuisance: true,
             fixed: false,
             per_run: true,

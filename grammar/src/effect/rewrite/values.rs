@@ -128,6 +128,7 @@ impl<'a> Rewrite<'a> {
             lower,
             upper,
             trials,
+            positive: t.positive,
             nuisance: t.nuisance,
             fixed: d.fixed.is_some(),
             per_run: d.per_run.is_some(),

@@ -153,7 +153,7 @@ impl Build<'_> {
         let name = parts.next()?;
         let all = span(&name, self.offset);
         let mut d = Declaration::new(word(&name, self.offset, 0), all);
-        let mut trials = Vec::new();
+        let (mut trials, mut positive) = (Vec::new(), false);
         let mut seen: Vec<(Rule, crate::source::Span)> = Vec::new();
         for part in parts {
             let (rule, place) = (part.as_rule(), span(&part, self.offset));
@@ -169,6 +169,7 @@ impl Build<'_> {
                 Rule::value => d.value = self.value(part),
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
+                Rule::positive => positive = true,
                 Rule::trials => {
                     let list = part.into_inner().filter(|p| p.as_rule() == Rule::expression);
                     trials = list.filter_map(|p| self.expression(p)).collect();
@@ -176,7 +177,7 @@ impl Build<'_> {
                 _ => d.per_run = Some(place),
             }
         }
-        Some(Tunable { nuisance, declaration: d, trials })
+        Some(Tunable { nuisance, declaration: d, trials, positive })
     }
 }
 

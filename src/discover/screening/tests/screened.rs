@@ -169,7 +169,7 @@ fn an_effect_of_one_run_only_is_not_consistent() {
     let judged = found.consistency[2].as_ref().unwrap();
     assert!(judged.chance < 1e-6 && judged.freedom == 2, "{judged:?}");
     let (amount, error) = judged.amounts[1].unwrap();
-    assert!((amount - 0.8).abs() < 5.0 * error && judged.amounts[0].unwrap().0.abs() < 5.0 * error);
+    assert!((amount - 0.8).abs() < 5.0 * error && judged.amounts[0].unwrap().0.abs() < 5.0 * error, "{judged:?}");
 }
 
 #[test]
