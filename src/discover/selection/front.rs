@@ -59,6 +59,14 @@ pub(super) struct Level {
 /// What is left of outputs by a model that was not fitted to them: pieces of runs, outputs innermost.
 type Predicted = Vec<Vec<f64>>;
 
+/// What models are compared by.
+struct Prediction {
+    /// Of the model as it was given.
+    naive: Predicted,
+    /// Whether it is no prediction, but what is left of the runs that were fitted.
+    fitted: bool,
+}
+
 impl Level {
     fn objection(&self) -> Option<String> {
         match &self.written {
@@ -105,23 +113,41 @@ impl FrontProblem<'_> {
             let Some(next) = self.smaller(last) else { break };
             levels.push(next);
         }
-        let naive = self.predicted(self.first, self.first, &self.first.theta);
-        for level in &mut levels {
-            level.predicted = match &level.written {
-                Ok(written) => self.predicted(&level.current, &written.fitted, &written.fitted.theta),
-                Err(_) => None,
-            };
-        }
-        let chosen = self.chosen(&levels, naive.as_ref());
-        let mut models = vec![self.described(None, false, naive.as_ref())];
+        let naive = self.predictions(&mut levels);
+        let chosen = self.chosen(&levels, &naive.naive);
+        let told_of = Some(&naive).filter(|n| !n.fitted).map(|n| &n.naive);
+        let mut models = vec![self.described(None, false, told_of)];
         let told = levels.iter().enumerate().rev();
-        models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, naive.as_ref())));
+        models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, told_of)));
         let rejected = self.rejected(&levels, chosen);
         let recommended = chosen.map(|k| levels.swap_remove(k)).and_then(|mut level| {
             let written = std::mem::replace(&mut level.written, Err(String::new()));
             Some((level, written.ok()?))
         });
         Ok(Front { recommended, models, rejected })
+    }
+
+    /// What each of them predicts, and the model as it was given: without any run or part that could be predicted, what they leave of
+    /// the runs that they were fitted to.
+    fn predictions(&self, levels: &mut [Level]) -> Prediction {
+        let of = |l: &Level| match &l.written {
+            Ok(written) => self.predicted(&l.current, &written.fitted, &written.fitted.theta),
+            Err(_) => None,
+        };
+        if let Some(naive) = self.predicted(self.first, self.first, &self.first.theta) {
+            let found: Vec<Option<Predicted>> = levels.iter().map(of).collect();
+            if levels.iter().zip(&found).all(|(level, found)| found.is_some() || level.objection().is_some()) {
+                levels.iter_mut().zip(found).for_each(|(level, found)| level.predicted = found);
+                return Prediction { naive, fitted: false };
+            }
+        }
+        let left = |model: &FittedModel| -> Predicted {
+            (0..self.runs.train).flat_map(|r| self.residuals(model, self.runs.all, r, 0)).collect()
+        };
+        for level in levels {
+            level.predicted = level.written.as_ref().ok().map(|written| left(&written.fitted));
+        }
+        Prediction { naive: left(self.first), fitted: true }
     }
 
     /// The best model with one effect less.
@@ -147,12 +173,8 @@ impl FrontProblem<'_> {
     }
 
     /// Which of them is recommended: they come with falling numbers of effects.
-    fn chosen(&self, levels: &[Level], naive: Option<&Predicted>) -> Option<usize> {
+    fn chosen(&self, levels: &[Level], naive: &Predicted) -> Option<usize> {
         let sound = |k: &usize| levels[*k].objection().is_none();
-        let (Some(naive), true) = (naive, levels.iter().all(|l| l.objection().is_some() || l.predicted.is_some())) else {
-            // by likelihood every effect was worth its parameters
-            return (0..levels.len()).find(sound);
-        };
         let error = |k: &usize| levels[*k].predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, naive));
         let best = (0..levels.len()).filter(sound).min_by(|a, b| error(a).total_cmp(&error(b)))?;
         let as_good = |k: &usize| *k == best || (*k > best && self.is_as_good(&levels[*k], &levels[best], naive));

@@ -46,7 +46,7 @@ impl<'a> ForwardSelection<'a> {
         let mut found = NextStep { candidate: best, current, ahead: None };
         // a stand-in must be better than the best pair of mechanisms
         let stand_in = comparison.models[best].class == Class::StandIn;
-        let others = if stand_in { mechanisms(comparison, fit) } else { alternatives(comparison, fit) };
+        let others = if stand_in { mechanisms(comparison) } else { alternatives(comparison, fit) };
         if others.is_empty() || self.accepted.len() + 2 > self.options.most {
             return Ok(Some(found));
         }
@@ -124,10 +124,12 @@ impl<'a> ForwardSelection<'a> {
     }
 }
 
-/// The best mechanisms that are no likeness of each other, whatever they gain alone.
-fn mechanisms(comparison: &Comparison, fit: &[usize]) -> Vec<usize> {
+/// The best mechanisms that are no likeness of each other, whatever they gain alone: as long as its partner is missing, a friction may
+/// even seem to be negative.
+fn mechanisms(comparison: &Comparison) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
-    for k in fit.iter().copied().filter(|k| comparison.models[*k].class == Class::Mechanism) {
+    let all = 0..comparison.models.len();
+    for k in all.filter(|k| comparison.models[*k].class == Class::Mechanism && comparison.models[*k].gain > 0.0) {
         let own = &comparison.models[k];
         let alike = |o: &usize| cosine(&own.direction, &comparison.models[*o].direction).abs() > ALIKE;
         if chosen.len() < BEGINNINGS && !chosen.iter().any(alike) {
