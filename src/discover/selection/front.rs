@@ -5,10 +5,10 @@
 //! fitted as it is written. They are compared by what they predict of runs that they were not fitted to: validation runs; without such
 //! runs each run by a fit to the others; of a single run its last third by a fit to the rest.
 //!
-//! Recommended is the smallest model that predicts as well as the best. Left out is a mechanism only where the prediction is no better with it:
-//! a small one that the likelihood has found is there, whether it is worth much or not. A stand-in or an effect of a sensor must be worth
-//! a standard error of the difference (the one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995), or the validation runs
-//! must be clearly likelier with it.
+//! Recommended is the smallest model that predicts as well as the best, within one standard error of the difference of squared errors (the
+//! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995). What runs that were not fitted make clearly likelier stays all
+//! the same. So does a mechanism of which so little was to be expected, unless the prediction is clearly worse with it: a small one that the
+//! likelihood has found is there, whether it is worth much or not.
 
 use super::acceptance::below_null;
 use super::assessment::run_gains;
@@ -16,7 +16,6 @@ use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
 use super::initial_fit::plain_fit;
-use super::predictor::responses;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
@@ -33,6 +32,9 @@ use std::sync::Arc;
 const FOLDS: usize = 3;
 /// Effects up to which each is left out in turn; of more the weakest goes.
 const EACH: usize = 4;
+/// Gain in log-likelihood below which an effect is not to be seen in plain errors: its improvement is about half the root of twice the gain, in
+/// standard errors, where noise is white.
+const SMALL: f64 = 18.0;
 /// Deviations of a gain in log-likelihood on validation runs from which it is clear.
 const CLEAR: f64 = 2.0;
 
@@ -56,8 +58,17 @@ pub(super) struct Level {
     predicted: Option<Predicted>,
 }
 
-/// What is left of outputs by a model that was not fitted to them: pieces of runs, outputs innermost.
-type Predicted = Vec<Vec<f64>>;
+/// What a model leaves of runs that it was not fitted to.
+type Predicted = Vec<Piece>;
+
+/// A run, or the end of one.
+struct Piece {
+    run: usize,
+    /// Its first sample.
+    from: usize,
+    /// What is left, N by q.
+    residual: Vec<f64>,
+}
 
 /// What models are compared by.
 struct Prediction {
@@ -142,7 +153,7 @@ impl FrontProblem<'_> {
             }
         }
         let left = |model: &FittedModel| -> Predicted {
-            (0..self.runs.train).flat_map(|r| self.residuals(model, self.runs.all, r, 0)).collect()
+            (0..self.runs.train).map(|r| self.piece(model, self.runs.all, (r, r), 0)).collect()
         };
         for level in levels {
             level.predicted = level.written.as_ref().ok().map(|written| left(&written.fitted));
@@ -185,19 +196,41 @@ impl FrontProblem<'_> {
     fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
         let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
         let Some(gained) = self.advantage(large, small, naive) else { return false };
-        let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
-        let mut without = best.accepted.iter().filter(|a| !kept(a));
-        if without.any(|a| a.candidate.effect().class() == Class::Mechanism) {
-            return gained.reduction <= 0.0;
+        if gained.reduction > gained.error || self.clearly_likelier(large, small) {
+            return false;
         }
-        gained.reduction <= gained.error && !self.clearly_likelier(smaller, best)
+        let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
+        let without = best.accepted.iter().filter(|a| !kept(a));
+        let small_mechanism =
+            |a: &Accepted| a.candidate.effect().class() == Class::Mechanism && a.cause.gain_training < SMALL;
+        gained.reduction < -gained.error || !without.into_iter().any(small_mechanism)
+    }
+
+    /// Whether runs that were not fitted are clearly likelier by the larger model, by the noise found. A part of a run that was fitted is no
+    /// such run.
+    fn clearly_likelier(&self, large: &Predicted, small: &Predicted) -> bool {
+        let whole = |piece: &&Piece| piece.from == 0 && self.runs.all.len() > 1;
+        let (mut gain, mut square) = (0.0, 0.0);
+        for large in large.iter().filter(whole) {
+            let Some(small) = small.iter().find(|p| p.run == large.run) else { continue };
+            let noise = if large.run < self.runs.train { self.noise } else { self.noise.for_validation() };
+            let (run, q) = (&self.runs.all[large.run], self.first.outputs());
+            let mut whitener = self.first.predictors[large.run].whitener(run, q, noise);
+            let (a, b) = (whitener.whitened(&small.residual), whitener.whitened(&large.residual));
+            let parts: Vec<f64> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a * a - b * b)).collect();
+            let sum: f64 = parts.iter().sum();
+            let mean = sum / parts.len().max(1) as f64;
+            gain += sum;
+            square += parts.iter().map(|p| (p - mean).powi(2)).sum::<f64>();
+        }
+        gain > CLEAR * square.sqrt()
     }
 
     /// What a model predicts of runs that it was not fitted to; `written` is it at its values. None where that cannot be had.
     fn predicted(&self, current: &FittedModel, written: &FittedModel, theta: &[Vec<f64>]) -> Option<Predicted> {
         let (train, all) = (self.runs.train, self.runs.all.len());
         if train < all {
-            return Some((train..all).flat_map(|r| self.residuals(written, self.runs.all, r, 0)).collect());
+            return Some((train..all).map(|r| self.piece(written, self.runs.all, (r, r), 0)).collect());
         }
         if *self.runs.domain != Domain::Time || !(self.goes_on)() {
             return None;
@@ -211,7 +244,7 @@ impl FrontProblem<'_> {
             let from = run.len() * 2 / 3;
             let part = refitted(&[run.part(0..from)], 1, theta.to_vec())?;
             let whole = FittedModel::new(current.model.clone(), self.runs, part.theta).ok()?;
-            return Some(self.residuals(&whole, self.runs.all, 0, from));
+            return Some(vec![self.piece(&whole, self.runs.all, (0, 0), from)]);
         }
         let folds = all.min(FOLDS);
         let of = |fold: usize| -> Option<Predicted> {
@@ -219,28 +252,24 @@ impl FrontProblem<'_> {
             let order: Vec<usize> = others.iter().chain(&own).copied().collect();
             let runs: Vec<Run> = order.iter().map(|r| self.runs.all[*r].clone()).collect();
             let fitted = refitted(&runs, others.len(), order.iter().map(|r| theta[*r].clone()).collect())?;
-            Some((others.len()..all).flat_map(|r| self.residuals(&fitted, &runs, r, 0)).collect())
+            Some((others.len()..all).map(|r| self.piece(&fitted, &runs, (r, order[r]), 0)).collect())
         };
         let found: Option<Vec<Predicted>> = (0..folds).into_par_iter().map(of).collect();
         Some(found?.into_iter().flatten().collect())
     }
 
-    /// What a model leaves of each output of a run, from a sample on.
-    fn residuals(&self, fitted: &FittedModel, runs: &[Run], r: usize, from: usize) -> Predicted {
-        let q = self.first.outputs();
-        let measured = fitted.predictors[r].measured(&runs[r]);
-        let of = |o: usize| {
-            let cells = measured.iter().zip(&fitted.response[r]).skip(from * q + o).step_by(q);
-            cells.map(|(z, y)| z - y).collect()
-        };
-        (0..q).map(of).collect()
+    /// What a model leaves of a run from a sample on: its place among these runs, and among all.
+    fn piece(&self, fitted: &FittedModel, runs: &[Run], (place, run): (usize, usize), from: usize) -> Piece {
+        let measured = fitted.predictors[place].measured(&runs[place]);
+        let cells = measured.iter().zip(&fitted.response[place]).skip(from * self.first.outputs());
+        Piece { run, from, residual: cells.map(|(z, y)| z - y).collect() }
     }
 
     /// Mean square of each output; NaN where nothing was measured.
     fn mean_squares(&self, predicted: &Predicted) -> Vec<f64> {
         let q = self.first.outputs();
         let of = |o: usize| {
-            let values = predicted.iter().skip(o).step_by(q).flatten().filter(|v| !v.is_nan());
+            let values = predicted.iter().flat_map(|p| p.residual.iter().skip(o).step_by(q)).filter(|v| !v.is_nan());
             let (sum, count) = values.fold((0.0, 0.0), |(sum, count), v| (sum + v * v, count + 1.0));
             sum / count
         };
@@ -259,19 +288,16 @@ impl FrontProblem<'_> {
     fn advantage(&self, large: &Predicted, small: &Predicted, naive: &Predicted) -> Option<Advantage> {
         let q = self.first.outputs();
         let scale: Vec<f64> = self.mean_squares(naive).into_iter().map(f64::sqrt).collect();
-        let scaled = |(k, values): (usize, &Vec<f64>)| values.iter().map(|v| v / scale[k % q]).collect::<Vec<f64>>();
-        let pairs: Vec<_> = (0..large.len())
-            .filter(|k| scale[k % q] > 0.0)
-            .map(|k| (scaled((k, &large[k])), scaled((k, &small[k]))))
-            .collect();
+        let column = |piece: &Piece, o: usize| {
+            piece.residual.iter().skip(o).step_by(q).map(|v| v / scale[o]).collect::<Vec<f64>>()
+        };
+        let mut pairs = Vec::new();
+        for large in large {
+            let Some(small) = small.iter().find(|p| p.run == large.run) else { continue };
+            let outputs = (0..q).filter(|o| scale[*o] > 0.0);
+            pairs.extend(outputs.map(|o| (column(large, o), column(small, o))));
+        }
         advantage(&pairs)
-    }
-
-    /// Whether validation runs are clearly likelier by the larger model, by the noise found.
-    fn clearly_likelier(&self, smaller: &Level, best: &Level) -> bool {
-        let of = |l: &Level| responses(&l.current.model, self.runs.all, &l.current.predictors, &l.split.theta);
-        let (Some(small), Some(large)) = (of(smaller), of(best)) else { return false };
-        self.gains_on_validation((&small, &large)).is_some_and(|(gain, deviation)| gain > CLEAR * deviation)
     }
 
     /// Gain in log-likelihood on all validation runs from one response to another, with its deviation; none without such runs.
