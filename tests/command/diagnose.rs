@@ -155,7 +155,7 @@ fn an_input_that_follows_the_states_is_told() {
         .iter()
         .map(|p| format!("{}({})", p["effect"].as_str().unwrap(), p["targets"][0].as_str().unwrap()))
         .collect();
-    for parameter in ["time_varying_parameter(T)", "time_varying_parameter(K)"] {
+    for parameter in ["time_varying_parameter(T)", "input_scale(rudder)"] {
         assert!(hidden.iter().any(|place| place == parameter), "{hidden:?}");
     }
     let said = desk.good("diagnose held.fdm --data loop.csv --hold rudder -q");

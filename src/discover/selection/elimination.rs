@@ -174,7 +174,10 @@ pub(super) fn revise(
                 choice: choice.clone(),
             })
         };
-        let mut tried: Vec<Tried> = accepted[k].near.par_iter().filter_map(try_instead).collect();
+        // what is in the model already is no alternative
+        let there = |near: &&(Candidate, Choice)| accepted.iter().any(|a| a.cause.place == place(&near.0));
+        let near = accepted[k].near.par_iter().filter(|near| !there(near));
+        let mut tried: Vec<Tried> = near.filter_map(try_instead).collect();
         tried.sort_by(|a, b| b.score.total_cmp(&a.score));
         let best = tried.first().map_or(own, |t| t.score.max(own));
         let alternative = |place: EffectAt, score: f64, gain: f64| {

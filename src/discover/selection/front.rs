@@ -6,7 +6,7 @@
 //! runs each run by a fit to the others; of a single run its last third by a fit to the rest.
 //!
 //! Recommended is the smallest model that predicts as well as the best, within one standard error of the difference of squared errors (the
-//! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995). What runs that were not fitted make clearly likelier stays all
+//! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995) or 1 % of the root mean square. What runs that were not fitted make clearly likelier stays all
 //! the same. So does a mechanism of which so little was to be expected, unless the prediction is clearly worse with it: a small one that the
 //! likelihood has found is there, whether it is worth much or not.
 
@@ -35,6 +35,8 @@ const EACH: usize = 4;
 /// Gain in log-likelihood below which an effect is not to be seen in plain errors: its improvement is about half the root of twice the gain, in
 /// standard errors, where noise is white.
 const SMALL: f64 = 18.0;
+/// Part of the squared error below which an improvement is of no use, however significant.
+const USELESS: f64 = 0.02;
 /// Deviations of a gain in log-likelihood on validation runs from which it is clear.
 const CLEAR: f64 = 2.0;
 
@@ -196,7 +198,7 @@ impl FrontProblem<'_> {
     fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
         let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
         let Some(gained) = self.advantage(large, small, naive) else { return false };
-        if gained.reduction > gained.error || self.clearly_likelier(large, small) {
+        if gained.reduction > gained.error.max(USELESS) || self.clearly_likelier(large, small) {
             return false;
         }
         let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
