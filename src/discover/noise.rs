@@ -24,8 +24,8 @@ const SPACING: f64 = 0.14;
 /// Most knots.
 const MOST: usize = 72;
 /// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other; a resonance of quality 3 has
-/// the last.
-const CURVATURES: [f64; 4] = [0.04, 0.18, 0.8, 3.2];
+/// the last, a power of the frequency the first.
+const CURVATURES: [f64; 5] = [0.008, 0.04, 0.18, 0.8, 3.2];
 /// A resonance has at least half as many periods in a record (bin k has k / 2): below, where a bin or two tell all there is to
 /// tell, the curvature is this at most.
 const PERIODS: f64 = 10.0;
@@ -44,6 +44,8 @@ const EXCESS: f64 = 1.2;
 /// Knots over which the slope at the low end is taken, and the most by which S rises with falling frequency.
 const NEAR: usize = 4;
 const STEEPEST: f64 = 2.0;
+/// Deviation of the slope below the lowest bin, at most: between 0 and the steepest all are alike.
+const SLOPES: f64 = 0.6;
 const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends: the next would be about its square.
 const SETTLED: f64 = 1e-3;
@@ -74,14 +76,25 @@ pub struct ResidualPower {
 pub struct LogSpectrum {
     /// Logarithms of frequencies, evenly spaced.
     knots: Vec<f64>,
-    /// Logarithm of the lowest frequency above the means. Below it S is nowhere less: the means of few records may be near zero by chance.
-    lowest: f64,
     /// log S at the knots.
     values: DVector<f64>,
     /// What it is made of.
     parts: Vec<Smooth>,
     /// Marginal log-likelihood of what was left.
     evidence: f64,
+    /// Below the knots, where the means of records stand.
+    mean: Continued,
+}
+
+/// A spectrum continued below its lowest bin, to the means of records.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Continued {
+    /// Distance in log f to which the others belong; 0 where there is no mean.
+    below: f64,
+    /// What the means add to the continued log S.
+    shift: f64,
+    /// Deviation of log S there.
+    deviation: f64,
 }
 
 /// The spectrum of one smoothness.
@@ -96,18 +109,22 @@ struct Smooth {
 impl LogSpectrum {
     /// Fits what is left of one output; `level` is taken where nothing is.
     pub fn fit(left: &[ResidualPower], level: f64) -> Self {
+        let lowest = lowest(left);
+        let (means, left): (Vec<ResidualPower>, Vec<ResidualPower>) =
+            left.iter().partition(|l| l.log_frequency < lowest);
+        let left = &left[..];
         let freedom: f64 = left.iter().map(|l| l.freedom).sum();
         let power = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
         if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
             return Self::flat(level);
         }
-        let (knots, first) = (knots(left), lowest(left));
+        let knots = knots(left);
         let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
         let mut values = None;
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
         for curvature in &CURVATURES {
-            let prior = prior(&knots, first + PERIODS.ln(), *curvature);
+            let prior = prior(&knots, *curvature);
             let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
             let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
             values = Some(part.values.clone());
@@ -124,7 +141,7 @@ impl LogSpectrum {
             .collect();
         let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
         let evidence = best + (total / CURVATURES.len() as f64).ln();
-        Self { knots, lowest: first, values, parts, evidence }.raised()
+        Self { knots, values, parts, evidence, mean: Continued::default() }.raised().continued(&means)
     }
 
     /// Without what lies too far below the rest.
@@ -141,23 +158,80 @@ impl LogSpectrum {
     pub fn flat(level: f64) -> Self {
         Self {
             knots: vec![0.0],
-            lowest: f64::NEG_INFINITY,
             values: DVector::from_element(1, level.max(1e-200).ln()),
             parts: Vec::new(),
             evidence: 0.0,
+            mean: Continued::default(),
         }
+    }
+
+    /// Down to the means of records: what the lowest bins say, and what the means themselves say beside all that explains them.
+    fn continued(mut self, means: &[ResidualPower]) -> Self {
+        let Some(first) = means.iter().map(|m| m.log_frequency).min_by(f64::total_cmp) else { return self };
+        let below = self.knots[0] - first;
+        let variance = self.continued_variance(below);
+        let value = self.at(first).ln();
+        // the means of few records may be near zero by chance: S falls nowhere below its lowest bin
+        let least = self.values[0] - value;
+        let freedom: f64 = means.iter().map(|m| m.freedom).sum();
+        let ratio = |shift: f64| means.iter().map(|m| m.freedom * m.power).sum::<f64>() * (-value - shift).exp();
+        let mut shift = 0.0_f64;
+        if variance > 0.0 && freedom > 0.0 {
+            for _ in 0..ROUNDS {
+                let slope = shift / variance + 0.5 * (freedom - ratio(shift));
+                let curvature = 1.0 / variance + 0.5 * ratio(shift).max(LEAST_CURVATURE * freedom);
+                let step = (slope / curvature).clamp(-2.0, 2.0);
+                shift = (shift - step).max(least);
+                if step.abs() < SETTLED {
+                    break;
+                }
+            }
+            let precision = 1.0 / variance + 0.5 * freedom;
+            self.evidence -= 0.5 * (shift * shift / variance + freedom * (value + shift) + ratio(shift))
+                + 0.5 * (precision * variance).ln();
+            self.mean = Continued { below, shift, deviation: precision.recip().sqrt() };
+        } else {
+            self.mean = Continued { below, shift, deviation: variance.sqrt() };
+        }
+        self
+    }
+
+    /// Variance of log S so far below the lowest knot, as the bins tell it.
+    fn continued_variance(&self, below: f64) -> f64 {
+        let near = NEAR.min(self.size() - 1);
+        let of = |part: &Smooth| {
+            let variance = |mut v: DVector<f64>| {
+                part.precision.solve_lower(&mut v);
+                v.norm_squared()
+            };
+            let mut level = DVector::zeros(self.size());
+            level[0] = 1.0;
+            let mut line = level.clone();
+            if near > 0 {
+                let share = below / (self.knots[near] - self.knots[0]);
+                line[0] += share;
+                line[near] -= share;
+            }
+            let (line, level) = (variance(line), variance(level));
+            let apart = part.values[0] - self.values[0];
+            part.weight * (level + (line - level).clamp(0.0, (SLOPES * below).powi(2)) + apart * apart)
+        };
+        self.parts.iter().map(of).sum()
     }
 
     /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on as it rose there, if it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
-        let of = |log_frequency: f64| Hat::at(&self.knots, log_frequency).of(&self.values);
-        let known = if log_frequency < self.lowest { of(log_frequency).max(of(self.lowest)) } else { of(log_frequency) };
+        let known = Hat::at(&self.knots, log_frequency).of(&self.values);
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
-        if below == 0.0 || near == 0 {
+        if below == 0.0 {
             return known.exp();
         }
+        let shift = if self.mean.below > 0.0 { self.mean.shift * (below / self.mean.below).min(1.0) } else { 0.0 };
+        if near == 0 {
+            return (known + shift).exp();
+        }
         let rise = (self.values[0] - self.values[near]) / (self.knots[near] - self.knots[0]);
-        (known + rise.clamp(0.0, STEEPEST) * below).exp()
+        (known + rise.clamp(0.0, STEEPEST) * below + shift).exp()
     }
 
     /// S by which a bin is weighed: higher where the bins tell so little of S that its logarithm may be off by much. Otherwise bins
@@ -194,16 +268,21 @@ impl LogSpectrum {
 
     /// Deviation of log S from what it would be, averaged over cells with these weights.
     pub(super) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
+        // the means have a deviation of their own
+        let beyond = |log_frequency: f64| (self.knots[0] - log_frequency).max(0.0) * f64::from(self.mean.below > 0.0);
+        let means = weights.iter().filter(|w| beyond(w.0) > 0.0);
+        let means: f64 =
+            means.map(|(f, weight)| weight * self.mean.deviation * (beyond(*f) / self.mean.below).min(1.0)).sum();
         let of = |part: &Smooth| {
             let mut mean = DVector::zeros(self.size());
-            for (log_frequency, weight) in weights {
+            for (log_frequency, weight) in weights.iter().filter(|w| beyond(w.0) == 0.0) {
                 Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
             }
             let shift = mean.dot(&(&part.values - &self.values));
             part.precision.solve_lower(&mut mean);
             part.weight * (mean.norm_squared() + shift * shift)
         };
-        self.parts.iter().map(of).sum::<f64>().sqrt()
+        (self.parts.iter().map(of).sum::<f64>() + means * means).sqrt()
     }
 
     /// A spectrum as likely as this one.
@@ -216,8 +295,20 @@ impl LogSpectrum {
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
         let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.normal_of_pair());
         part.precision.solve_upper(&mut change);
-        let values = &part.values + change;
-        Self { knots: self.knots.clone(), lowest: self.lowest, values, parts: Vec::new(), evidence: 0.0 }
+        let own = Continued { shift: 0.0, deviation: 0.0, ..self.mean };
+        let mut drawn = Self {
+            knots: self.knots.clone(),
+            values: &part.values + change,
+            parts: Vec::new(),
+            evidence: 0.0,
+            mean: own,
+        };
+        if self.mean.below > 0.0 {
+            let first = self.knots[0] - self.mean.below;
+            let value = self.at(first).ln() + EXCESS * self.mean.deviation * normal.normal_of_pair();
+            drawn.mean.shift = value - drawn.at(first).ln();
+        }
+        drawn
     }
 }
 
@@ -240,8 +331,8 @@ fn lowest(left: &[ResidualPower]) -> f64 {
     apart.map_or(logs[0], |k| logs[k + 1])
 }
 
-/// Precision of the values at the knots before any bin is seen; below a frequency their curvature is gentle.
-fn prior(knots: &[f64], gentle: f64, curvature: f64) -> Pentadiagonal {
+/// Precision of the values at the knots before any bin is seen.
+fn prior(knots: &[f64], curvature: f64) -> Pentadiagonal {
     let size = knots.len();
     let mut precision = Pentadiagonal::diagonal(size, LEVEL.powi(-2));
     if size < 2 {
@@ -250,7 +341,7 @@ fn prior(knots: &[f64], gentle: f64, curvature: f64) -> Pentadiagonal {
     let (step, middle) = (knots[1] - knots[0], (size - 1) / 2);
     precision.add_square(&[(middle, -1.0), (middle + 1, 1.0)], (SLOPE * step).powi(-2));
     for k in 1..size - 1 {
-        let own = if knots[k] < gentle { curvature.min(GENTLE) } else { curvature };
+        let own = if knots[k] < knots[0] + PERIODS.ln() { curvature.min(GENTLE) } else { curvature };
         // a walk of the slope: its deviation grows with the root of the distance
         let deviation = own * (step / 0.3).powf(1.5);
         precision.add_square(&[(k - 1, 1.0), (k, -2.0), (k + 1, 1.0)], deviation.powi(-2));
@@ -516,6 +607,33 @@ mod tests {
         assert!((8.0..60.0).contains(&nats), "{nats}");
         // what a smooth spectrum takes in is no less likely for its size
         assert!((likelihood(0.0) - likelihood(0.1)).abs() < 1.0);
+    }
+
+    /// Bins of so many samples and runs, one by one, and the means of the runs, which are all alike.
+    fn with_means(samples: usize, runs: usize, density: impl Fn(f64) -> f64, mean: f64) -> LogSpectrum {
+        let bin = |k: usize| {
+            let f = k as f64;
+            ResidualPower { log_frequency: f.ln(), power: density(f), freedom: runs as f64 }
+        };
+        let beside = runs as f64 - 1.0;
+        let means = ResidualPower { log_frequency: 0.125_f64.ln(), power: mean, freedom: beside };
+        let left: Vec<ResidualPower> = std::iter::once(means).chain((1..samples).map(bin)).collect();
+        LogSpectrum::fit(&left, 1.0)
+    }
+
+    #[test]
+    fn the_variance_of_a_mean_is_what_the_spectrum_continues_to() {
+        let place = 0.125_f64.ln();
+        let white = with_means(500, 1, |_| 2.0, 1.0);
+        assert!((white.at(place) / 2.0).ln().abs() < 0.2, "{}", white.at(place));
+        let doubt = |runs: usize| with_means(500, runs, |_| 2.0, 2.0).uncertainty(&[(place, 1.0)]);
+        assert!(doubt(1) < 1.2 && doubt(2) < 0.9 && doubt(4) < 0.6, "{} {} {}", doubt(1), doubt(2), doubt(4));
+        // 1/f noise: eight times its first bin
+        let pink = with_means(500, 1, |f| 3.0 / f, 1.0);
+        assert!((pink.at(place) / 24.0).ln().abs() < 0.3, "{}", pink.at(place));
+        // means that differ from run to run are noise; such that are near zero by chance make no spectrum fall
+        assert!(with_means(500, 4, |_| 2.0, 400.0).at(place) > 50.0);
+        assert!(with_means(500, 4, |_| 2.0, 1e-6).at(place) > 1.9);
     }
 
     #[test]
