@@ -27,8 +27,9 @@ const LEAST: f64 = 3.0;
 /// Least gain on the training runs: that of a size of two standard errors. (Wald's size itself says little where an
 /// effect has parameters of its own that correlate with it.)
 const SIZE: f64 = 2.0;
-/// Loss on validation runs below which they say nothing.
-const UNINFORMATIVE: f64 = 0.5;
+/// Loss on validation runs beyond which they speak against an effect by themselves: odds of 7 : 1. An effect of which they hold little may lose
+/// a little by chance; its score and its chance count that.
+const LOSS: f64 = 2.0;
 
 /// Why a candidate model is not accepted; none when it is.
 pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<String> {
@@ -51,12 +52,9 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
         return Some(sentence);
     }
     if let Some((gain, _)) = &candidate.validation
-        && *gain <= 0.0
+        && *gain < -LOSS
     {
-        return Some(match *gain > -UNINFORMATIVE {
-            true => "the validation runs are matched as well without it; a run that excites it would decide".into(),
-            false => format!("on the validation runs it loses {:.1} in log-likelihood", -gain),
-        });
+        return Some(format!("on the validation runs it loses {:.1} in log-likelihood", -gain));
     }
     if let Some(frequency) = repeated(step, candidate) {
         return Some(format!(

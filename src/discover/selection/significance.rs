@@ -59,7 +59,7 @@ fn weakened(p: f64, nats: f64) -> f64 {
 /// Least square of an effect's answer in units of noise, below which validation runs say nothing of it.
 const INFORMATIVE: f64 = 1.0;
 /// Held-out runs are believed down to this chance, and up to one less it: their noise is known from other runs.
-const LEAST: f64 = 0.01;
+const LEAST: f64 = 0.001;
 
 /// The chance that noise makes an effect match the validation runs as well as it does; none without such runs, or where they say nothing
 /// of it.
@@ -123,6 +123,7 @@ mod tests {
         assert_eq!((both(1.0, 0.01), both(0.03, 0.2)), (1.0, both(0.2, 0.03)));
         // what is confirmed is less likely, what is contradicted more
         assert!(both(0.05, 0.01) < 0.004 && both(0.001, 0.99) > 0.2);
+        assert!(both(0.17, LEAST) < 0.005);
     }
 
     /// Chances of noise alone stay what they say.
