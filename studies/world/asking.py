@@ -13,7 +13,7 @@ import numpy as np
 
 # seconds of processor time for an answer, and of the clock, as the machine may be shared
 LIMIT = 60
-CLOCK = 300
+CLOCK = 3600
 
 
 def limited(command, seconds=LIMIT):

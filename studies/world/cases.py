@@ -180,7 +180,7 @@ class Bench:
         if others:
             validation.measured = measured[:, :, others]
         costs, checks, points = {}, {}, {}
-        structures = {"naive": [], "true": list(range(len(effects)))}
+        structures = {"naive": []} | ({"true": list(range(len(effects)))} if effects else {})
         if len(effects) > 1:
             structures |= {f"without {j}": [k for k in range(len(effects)) if k != j] for j in range(len(effects))}
         for name, chosen in structures.items():
@@ -190,6 +190,8 @@ class Bench:
             if others and name in ("naive", "true"):
                 first = Point(points[name].values, points[name].sizes, begin[:, others] if self.free else self.begin[:, others])
                 _, checks[name] = self.oracle(part, others).fit(first, validation, parameters=False)
+        for found in (costs, checks):
+            found.setdefault("true", found.get("naive"))
         return y, measured, costs, checks, points
 
 
@@ -350,8 +352,8 @@ def made(name, kind, number, folder):
         "right": right,
         "gain": None if any(e.kind == "gust" for e in effects) else float(realised),
         "each": [float(costs[f"without {j}"] - costs["true"]) for j in range(len(effects))] if kind == "pair" else None,
-        "gain_validation": float(checks["naive"] - checks["true"]) if checks else None,
-        "cost_naive_validation": float(checks["naive"]) if checks else None,
+        "gain_validation": float(checks["naive"] - checks["true"]) if validation else None,
+        "cost_naive_validation": float(checks["naive"]) if validation else None,
         "runs": runs, "validation": validation, "colour": colour,
         "noise": {o: {"numbers": n.numbers, "size": n.size} for o, n in zip(family.outputs, bench.noises)},
         "start": bench.start, "free": bench.free, "newton": newton,

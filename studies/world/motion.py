@@ -117,6 +117,11 @@ def fine(record, sub):
     return record[low] * (1 - part) + record[low + 1] * part
 
 
+def bounded(x):
+    """What diverges stays a number."""
+    return np.clip(np.nan_to_num(x, nan=1e12), -1e12, 1e12)
+
+
 class Motion:
     """Simulates a family over the records of its inputs (samples, inputs, runs)."""
 
@@ -145,7 +150,10 @@ class Motion:
         force = {}
         for effect, size in effects:
             force[effect.place] = force.get(effect.place, 0) + size * term(effect, x, self.names, moment)
-        return np.stack(np.broadcast_arrays(*self.family.rates(x, u, p, force, special)))
+        out = np.empty_like(x)
+        for j, rate in enumerate(self.family.rates(x, u, p, force, special)):
+            out[j] = rate
+        return out
 
     def run(self, p, effects=(), start=None, settle=False):
         """States at the samples (samples, states, runs, columns), and inputs as felt there.
@@ -166,6 +174,7 @@ class Motion:
             still = [(e, s) for e, s in acting if e.kind != "gust"]
             for _ in range(self.family.settling):
                 x = self.advance(x, u, u, u, p, still, special, 0, 0, 0)
+            x = bounded(x)
         u = self.felt(effects, columns)
         moment = self.gust if self.gust is not None else np.zeros((len(u), runs))
         moment = moment[:, :, None]
@@ -173,23 +182,24 @@ class Motion:
         for k in range(0, len(u) - 1, 2):
             x = self.advance(x, u[k], u[k + 1], u[k + 2], p, acting, special, moment[k], moment[k + 1], moment[k + 2])
             if (k // 2 + 1) % self.sub == 0:
+                x = bounded(x)
                 out.append(x)
         return np.array(out), u[:: 2 * self.sub]
 
     def advance(self, x, u0, u1, u2, p, effects, special, m0, m1, m2):
         h = 2 * self.half
-        with np.errstate(all="ignore"):
-            a = self.rates(x, u0, p, effects, special, m0)
-            b = self.rates(x + h / 2 * a, u1, p, effects, special, m1)
-            c = self.rates(x + h / 2 * b, u1, p, effects, special, m1)
-            d = self.rates(x + h * c, u2, p, effects, special, m2)
-            return np.clip(x + h / 6 * (a + 2 * b + 2 * c + d), -1e12, 1e12)
+        a = self.rates(x, u0, p, effects, special, m0)
+        b = self.rates(x + h / 2 * a, u1, p, effects, special, m1)
+        c = self.rates(x + h / 2 * b, u1, p, effects, special, m1)
+        d = self.rates(x + h * c, u2, p, effects, special, m2)
+        return x + h / 6 * (a + 2 * b + 2 * c + d)
 
     def outputs(self, p, effects=(), start=None, settle=False, scales=None):
         """Outputs at the samples (samples, outputs, runs, columns) and the initial states."""
-        x, u = self.run(p, effects, start, settle)
+        with np.errstate(all="ignore"):
+            x, u = self.run(p, effects, start, settle)
         x_, u_ = np.moveaxis(x, 1, 0), np.moveaxis(u, 1, 0)
-        y = np.stack(np.broadcast_arrays(*self.family.measured(x_, u_, p)), axis=1).copy()
+        y = np.stack(np.broadcast_arrays(*self.family.measured(x_, u_, p)), axis=1)
         ramp = (np.arange(len(x)) / (len(x) - 1))[:, None, None]
         for effect, size in effects:
             if effect.kind in OUTPUT:
