@@ -50,30 +50,37 @@ def parameters(text):
     return found
 
 
-def responses(command, model, runs, options=()):
-    """What the text as it stands does on each run, as {output: values}: only what belongs to a run is estimated."""
+def responses(command, model, runs, validation, options=()):
+    """What the text as it stands does on each run, as {output: values}: only what belongs to a run is estimated.
+
+    The runs that were fitted are estimated together, as their outputs share weights; each validation run by itself."""
     text = Path(model).read_text()
     free = "= free" in text or re.search(r"\bper run\b", re.sub(r"//[^\n]*", "", text))
     found = []
-    for run in runs:
-        if not free:
+    if not free:
+        for run in [*runs, *validation]:
             done = limited([command, "simulate", str(model), "--data", str(run), "--json", "--threads", "1", *options])
             channels = (parsed(done["out"]) or [{}])[0].get("channels", [])
             found.append({c["name"]: np.array(c["values"], dtype=float) for c in channels} or None)
-            continue
-        fixed = [a for name in parameters(text) for a in ("--fix", name)]
+        return found
+    fixed = [a for name in parameters(text) for a in ("--fix", name)]
+    for together in [runs, *([v] for v in validation)]:
+        data = [a for run in together for a in ("--data", str(run))]
         with tempfile.TemporaryDirectory() as folder:
             where = Path(folder, "result")
-            limited([command, "fit", str(model), "--data", str(run), *fixed, "--quiet", "--threads", "1", "--out", str(where), *options])
-            tables = list(where.glob("run_*.csv"))
-            if not tables:
-                found.append(None)
-                continue
-            lines = tables[0].read_text().splitlines()
-            head = [h.split("[")[0].strip() for h in lines[0].split(",")]
-            values = np.array([[float(c) if c.strip() else np.nan for c in row.split(",")] for row in lines[1:]])
-            found.append({h.removesuffix("_model"): values[:, j] for j, h in enumerate(head) if h.endswith("_model")})
+            limited([command, "fit", str(model), *data, *fixed, "--quiet", "--threads", "1", "--out", str(where), *options])
+            for run in together:
+                tables = list(where.glob(f"run_*_{Path(run).stem}.csv"))
+                found.append(modelled(tables[0]) if tables else None)
     return found
+
+
+def modelled(path):
+    """The model's outputs in a run's table."""
+    lines = path.read_text().splitlines()
+    head = [h.split("[")[0].strip() for h in lines[0].split(",")]
+    values = np.array([[float(c) if c.strip() else np.nan for c in row.split(",")] for row in lines[1:]])
+    return {h.removesuffix("_model"): values[:, j] for j, h in enumerate(head) if h.endswith("_model")}
 
 
 def answer(command, model, runs, validation, folder, options=()):
@@ -104,7 +111,7 @@ def answer(command, model, runs, validation, folder, options=()):
             "termination": result.get("termination") if result else None,
             "outputs": [{k: o.get(k) for k in ("name", "run", "rms")} for o in result["outputs"]] if result else None,
         }
-        does = responses(command, written, [*runs, *validation], options)
+        does = responses(command, written, runs, validation, options)
         found["does"] = [{k: list(v) for k, v in d.items()} if d else None for d in does]
     kept.write_text(json.dumps(found))
     return found

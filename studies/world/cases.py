@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from families import FAMILIES
-from motion import EQUATION, INPUT, OUTPUT, Motion
+from motion import EQUATION, INPUT, OUTPUT, Hidden, Motion, term
 from noises import COLOURS, Noise, numbers
 from oracle import Oracle, Point, Records, complement
 
@@ -29,6 +29,8 @@ LARGEST = {
 }
 # a smaller loss without noise is another name of the same model, nats
 SAME = 0.05
+# what lacks less is written beside the truth as a rival, nats
+NEAR = 6.0
 NAMES = {
     "input_bias": ["input_bias", "input_offset"],
     "input_gain": ["input_scale", "input_gain", "input_scale_factor"],
@@ -51,20 +53,51 @@ NAMES = {
 }
 
 
-def names_of(family, effect, start, positive):
-    """Names that are right, each with its reason: decided by the equations, before anything is asked."""
-    own = [effect.place, effect.other] if effect.other and effect.kind not in ("reverse",) else [effect.place]
-    right = [{"effect": n, "targets": own, "why": "the truth"} for n in NAMES[effect.kind]]
-    others = family.same(effect.kind, effect.place, start) if family.same else []
-    for name, targets, why in others:
-        for n in next((v for v in NAMES.values() if name in v), [name]):
-            if not any(r["effect"] == n and r["targets"] == targets for r in right):
-                right.append({"effect": n, "targets": targets, "why": why})
-    if effect.kind == "drag" and effect.place in positive:
-        right.append({"effect": "quadratic_term", "targets": [effect.place, effect.place],
-                      "why": f"{effect.place} has one sign, so that x*abs(x) is x^2"})
-    if effect.kind == "cubic" and effect.other == effect.place:
-        right.append({"effect": "cubic_damping", "targets": [effect.place], "why": "the cube of a state in its own equation"})
+def same_kinds(family, effect, start):
+    """Kinds and places that are the same model, each with its reason."""
+    kind, place, found = effect.kind, effect.place, []
+    by_input = {i: x for i, x in family.enters.items()}
+    force = "the input enters this equation alone, in proportion: its bias is a constant force there"
+    if kind == "input_bias" and place in by_input:
+        found.append(("constant", by_input[place], force))
+    if kind == "constant":
+        found += [("input_bias", i, force) for i, x in by_input.items() if x == place]
+        if family.positive:
+            found.append(("coulomb", place, f"{place} has one sign, so that friction is a constant force"))
+    if kind == "drag" and family.positive:
+        found.append(("quadratic_term", f"{place}, {place}", f"{place} has one sign, so that x*abs(x) is x^2"))
+    if kind == "input_gain" and family.positive:
+        found.append(("input_scale_asymmetry", place, f"{place} has one sign, so that i + k*abs(i) is a gain"))
+    if kind == "curve" and effect.fixed["even"] and place in by_input:
+        found.append(("quadratic_term", f"{by_input[place]}, {place}", "the input enters this equation alone, in proportion"))
+    if kind == "cubic" and effect.other == place:
+        found.append(("cubic_damping", place, "the cube of a state in its own equation"))
+    return found + (family.same(kind, place, start) if family.same else [])
+
+
+def names_of(family, effect, start, rivals=None, whole=0.0):
+    """Names that are right, each with its reason: decided by the equations and by simulation, before anything is asked."""
+    right = []
+
+    def add(kind, places, why):
+        for name in NAMES.get(kind, [kind]):
+            if not any(r["effect"] == name and r["targets"] == places for r in right):
+                right.append({"effect": name, "targets": places, "why": why})
+
+    # of a reaction backwards it is enough that the species is named
+    add(effect.kind, [effect.place] + [effect.other] * (effect.other != "" and effect.kind != "reverse"), "the truth")
+    for kind, places, why in same_kinds(family, effect, start):
+        add(kind, places.split(", "), why)
+        # and what is the same as that, where it is a kind that this set hides
+        for also, there, reason in same_kinds(family, Hidden(kind, places), start) if kind in ("constant", "input_bias") else []:
+            add(also, there.split(", "), f"{why}; {reason}")
+    for key, lack in (rivals or {}).items():
+        if lack < SAME:
+            other = next(e for e in family.effects if e.key == key)
+            why = f"computed: lacks {max(lack, 0):.3f} nats of {whole:.1f} without noise"
+            add(other.kind, [other.place] + [other.other] * (other.other != ""), why)
+            for kind, places, reason in same_kinds(family, other, start):
+                add(kind, places.split(", "), f"{why}; {reason}")
     return right
 
 
@@ -102,7 +135,6 @@ class Bench:
         states, _ = self.motion.run({k: np.array([v]) for k, v in self.values.items()}, start=start)
         self.states = states[..., 0]
         self.spread = np.std(self.states, axis=(0, 2)) + 1e-9
-        self.positive = [s.name for j, s in enumerate(family.states) if np.min(self.states[:, j]) > 0]
         self.names = [s.name for s in family.states]
 
     def simulate(self, effects, motion=None):
@@ -132,8 +164,6 @@ class Bench:
         if effect.kind == "cogging":
             effect.fixed["phase"] = float(self.rng.uniform(0, 2 * np.pi))
         if effect.kind in EQUATION:
-            from motion import term
-
             x = np.moveaxis(self.states, 1, 0)
             basis = np.sqrt(np.mean(np.square(term(effect, x, self.names, self.motion.gust[:: 2 * self.motion.sub]))))
             j = self.names.index(effect.place)
@@ -317,7 +347,7 @@ def made(name, kind, number, folder):
             continue
         if kind == "single":
             lacks, whole = rivals(bench, effects[0], sizes[0], off, records)
-            near = dict(sorted(((k, v) for k, v in lacks.items() if v < max(6.0, 0)), key=lambda kv: kv[1]))
+            near = dict(sorted(((k, v) for k, v in lacks.items() if v < NEAR), key=lambda kv: kv[1]))
             extra = {"rivals": near, "gain_without_noise": whole}
         break
     else:
@@ -333,19 +363,8 @@ def made(name, kind, number, folder):
         rows = np.column_stack([bench.time, bench.inputs[:, :, r], measured[:, :, r]])
         np.savetxt(where / file, rows, delimiter=",", header=",".join(head), comments="", fmt="%.12g")
     np.save(where / "clean.npy", y)
-    right = []
-    for effect in effects:
-        if effect.kind in NAMES:
-            names = names_of(family, effect, bench.start, bench.positive)
-            for key, lack in extra.get("rivals", {}).items():
-                if lack < SAME:
-                    other = next(e for e in family.effects if e.key == key)
-                    reason = f"computed: lacks {max(lack, 0):.3f} nats of {extra['gain_without_noise']:.1f} without noise"
-                    for n in NAMES[other.kind]:
-                        targets = [other.place, other.other] if other.other else [other.place]
-                        if not any(q["effect"] == n and q["targets"] == targets for q in names):
-                            names.append({"effect": n, "targets": targets, "why": reason})
-            right.append(names)
+    right = [
+        names_of(family, e, bench.start, extra.get("rivals"), extra.get("gain_without_noise", 0.0)) for e in effects if e.kind in NAMES]
     truth = {
         "case": where.name, "family": name, "apart": family.apart, "kind": kind, "attempt": attempt,
         "hidden": [{"kind": e.kind, "place": e.place, "other": e.other, "size": s, "fixed": e.fixed} for e, s in zip(effects, sizes)],
@@ -361,6 +380,16 @@ def made(name, kind, number, folder):
     }
     (where / "truth.json").write_text(json.dumps(truth, indent=1, default=float))
     return truth
+
+
+def renamed(path):
+    """The right names of a case that is there, written anew: they follow from its truth alone."""
+    truth = json.loads(path.read_text())
+    family = FAMILIES[truth["family"]]
+    effects = [Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]) for h in truth["hidden"]]
+    rivals, whole = truth.get("rivals"), truth.get("gain_without_noise", 0.0)
+    truth["right"] = [names_of(family, e, truth["start"], rivals, whole) for e in effects if e.kind in NAMES]
+    path.write_text(json.dumps(truth, indent=1, default=float))
 
 
 def one(work):
@@ -380,7 +409,12 @@ def main():
     ask.add_argument("--apart", action="store_true")
     for kind, count in (("single", 14), ("nothing", 4), ("pair", 2), ("outside", 3)):
         ask.add_argument(f"--{kind}", type=int, default=count)
+    ask.add_argument("--rename", action="store_true", help="write the right names of cases that are there anew")
     given = ask.parse_args()
+    if given.rename:
+        for path in given.folder.glob("*/truth.json"):
+            renamed(path)
+        return
     work = []
     for family in FAMILIES.values():
         chosen = family.name in given.families.split(",") if given.families else True

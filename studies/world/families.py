@@ -45,8 +45,12 @@ class Family:
     # initial states where a record begins at rest, and how far a released one is from there
     begin: object = None
     released: object = None
-    # names that are the same model: (kind, place, start) -> [(effect, targets, reason)]
+    # other names of the same model beside those that hold for all families: (kind, place, start) -> [(kind, place, reason)]
     same: object = None
+    # states and inputs have one sign, far from zero
+    positive: bool = False
+    # the only equation that an input enters, in proportion
+    enters: dict = field(default_factory=dict)
     noise: tuple = (0.01, 0.05)
     outside: list = field(default_factory=list)
 
@@ -144,14 +148,6 @@ def servo():
     def manoeuvre(rng, time):
         return drive(rng, time, rng.uniform(2, 4))[:, None]
 
-    def same(kind, place, start):
-        force = "the current enters the motor's balance alone, as K*i: K times its bias is a torque there"
-        if kind == "input_bias":
-            return [("constant_force", ["wm"], force)]
-        if kind == "constant" and place == "wm":
-            return [("input_bias", ["i"], force)]
-        return []
-
     return Family(
         "servo_with_load", False, 0.01, 6, 350, 3000, "s",
         [Quantity("am", "rad", "angle of the motor"), Quantity("wm", "rad/s", "rate of the motor"),
@@ -170,7 +166,7 @@ def servo():
            Hidden("constant", "wm", sign=0), Hidden("constant", "wl", sign=0),
            Hidden("output_bias", "load", sign=0), Hidden("output_bias", "motor", sign=0),
            Hidden("drift", "load", sign=0), Hidden("drift", "motor", sign=0)],
-        same=same,
+        enters={"i": "wm"},
         outside=[Hidden("cogging", "wm", "am", fixed={"teeth": 12}), Hidden("gust", "wl"), Hidden("gust", "wm")],
     )
 
@@ -187,16 +183,15 @@ def cart():
         return drive(rng, time, rng.uniform(3, 6))[:, None]
 
     def same(kind, place, start):
-        force = "the voltage enters the only balance, as K*e: K times its bias is a force there"
         shift = "the springs are linear and initial states are free: x - F/k obeys the equation without the force"
-        found = []
-        if kind in ("constant", "input_bias"):
-            found += [("constant_force", ["v"], force), ("input_bias", ["e"], force)]
-            if start != "rest":
-                found.append(("output_bias", ["position"], shift))
+        late = "one linear equation between one input and one output, at rest before: late in, late out"
+        if kind in ("constant", "input_bias") and start != "rest":
+            return [("output_bias", "position", shift)]
         if kind == "output_bias" and start != "rest":
-            found += [("constant_force", ["v"], shift), ("input_bias", ["e"], shift)]
-        return found
+            return [("constant", "v", shift), ("input_bias", "e", shift)]
+        if kind in ("delay", "lag") and start != "released":
+            return [({"delay": "output_delay", "lag": "sensor_lag"}[kind], "position", late)]
+        return []
 
     return Family(
         "cart_on_rail", True, 0.02, 6, 400, 4000, "s",
@@ -210,7 +205,7 @@ def cart():
         + [Hidden("coulomb", "v"), Hidden("drag", "v"), Hidden("cubic", "v", "x"), Hidden("constant", "v", sign=0),
            Hidden("output_bias", "position", sign=0), Hidden("drift", "position", sign=0)],
         starts=("rest", "settled", "released"), released=lambda rng: [rng.choice([-1, 1]) * rng.uniform(0.15, 0.35), 0],
-        same=same,
+        same=same, enters={"e": "v"},
         outside=[Hidden("cogging", "v", "x", fixed={"teeth": 60})],
     )
 
@@ -231,14 +226,6 @@ def tanks():
             [0.09 + rng.uniform(0.6, 1) * pieces(rng, time, 80, 420, (-0.06, 0.08)),
              0.05 + rng.uniform(0.6, 1) * pieces(rng, time, 80, 420, (-0.04, 0.05))], axis=1)
 
-    def same(kind, place, start):
-        force = "the pump fills this tank alone: a bias of its flow is a constant flow there"
-        if kind == "input_bias":
-            return [("constant_force", [{"q1": "h1", "q3": "h3"}[place]], force)]
-        if kind == "constant" and place in ("h1", "h3"):
-            return [("input_bias", [{"h1": "q1", "h3": "q3"}[place]], force)]
-        return []
-
     return Family(
         "tanks_in_a_row", False, 5.0, 3, 360, 2500, "s",
         [Quantity("h1", "dm", "level of the first tank"), Quantity("h2", "dm", "of the second"),
@@ -257,7 +244,8 @@ def tanks():
            Hidden("root", "h3"), Hidden("root", "h2"), Hidden("constant", "h1", sign=0), Hidden("constant", "h2", sign=-1),
            Hidden("output_bias", "l2", sign=0), Hidden("output_bias", "l3", sign=0), Hidden("output_bias", "l1", sign=0),
            Hidden("drift", "l3", sign=0), Hidden("drift", "l1", sign=0)],
-        starts=("settled",), begin=lambda p: [4.4 + 0 * p["k3"], 3.5 + 0 * p["k3"], 2.5 + 0 * p["k3"]], same=same,
+        starts=("settled",), begin=lambda p: [4.4 + 0 * p["k3"], 3.5 + 0 * p["k3"], 2.5 + 0 * p["k3"]],
+        positive=True, enters={"q1": "h1", "q3": "h3"},
         outside=[Hidden("gust", "h2"), Hidden("gust", "h1")],
     )
 
@@ -273,14 +261,6 @@ def buck():
         size = rng.uniform(0.08, 0.15)
         return (0.45 + np.clip(moved(0.2, 3, 0.15, 1.2)(rng, time, size), -0.4, 0.5))[:, None]
 
-    def same(kind, place, start):
-        force = "the duty enters the coil's balance alone, as V*d: V times its bias is a voltage there"
-        if kind == "input_bias":
-            return [("constant_force", ["iL"], force)]
-        if kind == "constant" and place == "iL":
-            return [("input_bias", ["d"], force)]
-        return []
-
     return Family(
         "buck_converter", True, 0.02, 6, 400, 4000, "ms",
         [Quantity("iL", "A", "current of the coil"), Quantity("vC", "V", "voltage of the capacitor")],
@@ -294,7 +274,8 @@ def buck():
            Hidden("constant", "iL", sign=-1), Hidden("constant", "vC", sign=-1), Hidden("drag", "vC"), Hidden("drag", "iL"),
            Hidden("output_bias", "current", sign=0), Hidden("output_bias", "voltage", sign=0),
            Hidden("drift", "current", sign=0), Hidden("drift", "voltage", sign=0)],
-        starts=("settled",), begin=lambda p: [2.3 + 0 * p["R"], 10 + 0 * p["R"]], same=same,
+        starts=("settled",), begin=lambda p: [2.3 + 0 * p["R"], 10 + 0 * p["R"]],
+        positive=True, enters={"d": "iL"},
         outside=[Hidden("gust", "vC"), Hidden("gust", "iL")],
     )
 
@@ -347,16 +328,12 @@ def ship():
         return (rng.uniform(0.04, 0.08) * slope / np.std(slope))[:, None]
 
     def same(kind, place, start):
-        force = "the slope enters the only balance, as C*r*slope: a bias of it is a constant moment"
         shift = "the restoring moment is linear and initial states are free: phi - F/C obeys the equation without the moment"
-        found = []
         if kind in ("constant", "input_bias"):
-            found += [("constant_force", ["p"], force), ("input_bias", ["slope"], force)]
-            if start != "rest":
-                found.append(("output_bias", ["roll"], shift))
-        if kind == "output_bias" and place == "roll" and start != "rest":
-            found += [("constant_force", ["p"], shift), ("input_bias", ["slope"], shift)]
-        return found
+            return [("output_bias", "roll", shift)]
+        if kind == "output_bias" and place == "roll":
+            return [("constant", "p", shift), ("input_bias", "slope", shift)]
+        return []
 
     return Family(
         "ship_in_waves", False, 0.4, 4, 500, 3000, "s",
@@ -372,6 +349,7 @@ def ship():
            Hidden("output_bias", "roll", sign=0), Hidden("output_bias", "rate", sign=0),
            Hidden("drift", "roll", sign=0), Hidden("drift", "rate", sign=0)],
         starts=("settled", "released"), released=lambda rng: [rng.choice([-1, 1]) * rng.uniform(0.1, 0.25), 0], same=same,
+        enters={"slope": "p"},
         outside=[Hidden("gust", "p")],
     )
 
@@ -394,13 +372,8 @@ def reactor():
         return (325 + rng.uniform(-4, 8) + np.clip(pieces(rng, time, 12, 35, (-12, 14)), -15, 15))[:, None]
 
     def same(kind, place, start):
-        force = "the jacket enters the heat balance alone, as UA*Tj: UA times its bias is a heat flow there"
-        if kind == "input_bias":
-            return [("constant_force", ["T"], force)]
-        if kind == "constant":
-            return [("input_bias", ["Tj"], force)]
         if kind == "reverse":
-            return [("missing_coupling", ["A", "B"], "what B loses backwards is a part of k2*B, which is estimated, where temperatures vary little")]
+            return [("missing_coupling", "A, B", "what B loses backwards is a part of k2*B, which is estimated, where temperatures vary little")]
         return []
 
     return Family(
@@ -421,6 +394,7 @@ def reactor():
         lets="  let r1 = k1*exp(E1*(1/T0 - 1/T))*A;\n  let r2 = k2*exp(E2*(1/T0 - 1/T))*B;",
         starts=("released",), begin=lambda p: [2 + 0 * p["k1"], 0.05 + 0 * p["k1"], 320 + 0 * p["k1"]],
         released=lambda rng: [rng.uniform(-0.7, 0.7), rng.uniform(0, 0.3), rng.uniform(-5, 5)], same=same,
+        positive=True, enters={"Tj": "T"},
         outside=[Hidden("gust", "T")],
     )
 
@@ -436,14 +410,6 @@ def vessel():
         room = 295 + rng.uniform(-2, 2) + 1.5 * np.sin(2 * np.pi * time / 1700 + rng.uniform(0, 6))
         return np.stack([np.clip(0.2 + pieces(rng, time, 60, 320, (-0.2, 0.75)), 0, 1), room], axis=1)
 
-    def same(kind, place, start):
-        if kind == "input_bias" and place == "heater":
-            return [("constant_force", ["Th"], "the heater enters this balance alone, as P*heater")]
-        if kind == "constant":
-            return [("input_bias", ["heater"], "the heater enters this balance alone, as P*heater"),
-                    ("input_bias", ["room"], "the room enters this balance alone, as UA*room")]
-        return []
-
     return Family(
         "heated_vessel", True, 4.0, 2, 400, 2500, "s",
         [Quantity("Th", "K", "temperature of the block"), Quantity("Ts", "K", "temperature of the sensor")],
@@ -457,7 +423,8 @@ def vessel():
         + [Hidden("curve", "heater", sign=0, fixed={"even": True}), Hidden("radiation", "Th", fixed={"surroundings": 295}),
            Hidden("constant", "Th", sign=0), Hidden("output_bias", "sensor", sign=0), Hidden("output_bias", "block", sign=0),
            Hidden("drift", "sensor", sign=0), Hidden("drift", "block", sign=0)],
-        starts=("settled",), begin=lambda p: [312 + 0 * p["P"], 312 + 0 * p["P"]], same=same,
+        starts=("settled",), begin=lambda p: [312 + 0 * p["P"], 312 + 0 * p["P"]],
+        positive=True, enters={"heater": "Th", "room": "Th"},
         outside=[Hidden("gust", "Th")],
     )
 

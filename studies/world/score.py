@@ -129,6 +129,8 @@ def judge(case, found):
                     off.append((abs(rms / o["rms_after"] - 1), path.stem, o["output"], o["rms_after"], rms))
         row["off"] = max(off)[0] if off else None
         row["off_at"] = max(off)[1:] if off else None
+        # where initial states are estimated again, weights of outputs differ a little
+        row["differs"] = bool(off) and row["off"] > (0.02 if truth["free"] else 0.005)
         if truth["validation"] and truth["gain_validation"] and truth["gain_validation"] > 3:
             record, does = case.table(case.validation[0]), found["does"][-1]
             clean = np.load(case.folder / "clean.npy")[:, :, truth["runs"]]
@@ -177,8 +179,8 @@ def table(rows):
     if gained:
         lines.append(f"| validation gain over the truth's: median, 5 % quantile | {np.median(gained):.2f}, {np.quantile(gained, 0.05):.2f} ({len(gained)}) | 1.00, 0.95 |")
     lines.append(f"| printed validation RMS worse than the naive one | {sum(r['worse'] for r in worse)} of {len(worse)} | 0 |")
-    off = [r for r in rows if r.get("off") is not None]
-    lines.append(f"| printed RMS is not that of `fdm simulate` (by more than 0.5 %) | {sum(r['off'] > 0.005 for r in off)} of {len(off)} | 0 |")
+    off = [r for r in rows if r.get("differs") is not None]
+    lines.append(f"| printed RMS is not that of the written text (0.5 %; 2 % with free initial states) | {sum(r['differs'] for r in off)} of {len(off)} | 0 |")
     refit = [r for r in rows if r.get("refit") is not None]
     lines.append(f"| refit of the written text fails or takes more than 60 s | {sum(not r['refit'] for r in refit)} of {len(refit)} | 0 |")
     seconds = [r["seconds"] for r in rows]
@@ -217,7 +219,7 @@ def misses(rows):
             wrong.append("missed")
         if r.get("worse"):
             wrong.append(f"validation RMS worse ({r['ratio']:.2f} x)")
-        if (r.get("off") or 0) > 0.005:
+        if r.get("differs"):
             wrong.append(f"printed RMS off by {100 * r['off']:.1f} % at {r['off_at']}")
         if r.get("refit") is False:
             wrong.append("refit: " + r["refit_how"])
