@@ -53,7 +53,7 @@ NAMES = {
 }
 
 
-def same_kinds(family, effect, start):
+def same_kinds(family, effect, start, size=None):
     """Kinds and places that are the same model, each with its reason."""
     kind, place, found = effect.kind, effect.place, []
     by_input = {i: x for i, x in family.enters.items()}
@@ -72,10 +72,13 @@ def same_kinds(family, effect, start):
         found.append(("quadratic_term", f"{by_input[place]}, {place}", "the input enters this equation alone, in proportion"))
     if kind == "cubic" and effect.other == place:
         found.append(("cubic_damping", place, "the cube of a state in its own equation"))
+    if kind in ("delay", "lag") and size is not None and abs(size) * (family.samples - 1) < 0.1:
+        short = "shorter than a tenth of a sample: both take T*du/dt away, and differ by squares of T"
+        found.append(("lag" if kind == "delay" else "delay", place, short))
     return found + (family.same(kind, place, start) if family.same else [])
 
 
-def names_of(family, effect, start, rivals=None, whole=0.0):
+def names_of(family, effect, size, start, rivals=None, whole=0.0):
     """Names that are right, each with its reason: decided by the equations and by simulation, before anything is asked."""
     right = []
 
@@ -86,7 +89,7 @@ def names_of(family, effect, start, rivals=None, whole=0.0):
 
     # of a reaction backwards it is enough that the species is named
     add(effect.kind, [effect.place] + [effect.other] * (effect.other != "" and effect.kind != "reverse"), "the truth")
-    for kind, places, why in same_kinds(family, effect, start):
+    for kind, places, why in same_kinds(family, effect, start, size):
         add(kind, places.split(", "), why)
         # and what is the same as that, where it is a kind that this set hides
         for also, there, reason in same_kinds(family, Hidden(kind, places), start) if kind in ("constant", "input_bias") else []:
@@ -273,7 +276,9 @@ def rivals(bench, effect, size, off, records):
         part = d[:, at:at + len(grid)]
         at += len(grid)
         square = np.sum(part**2, axis=0) + 1e-30
-        amount = np.clip((part.T @ truth) / square, 0.4, 2.5)
+        # between the sizes of the grid an effect is nearly in proportion, and below the smallest down to nothing
+        lowest = np.where(np.abs(grid) == np.min(np.abs(grid)), 0.0, 0.4)
+        amount = np.clip((part.T @ truth) / square, lowest, 2.5)
         lacks = whole - np.max(amount * (part.T @ truth) - 0.5 * amount**2 * square)
         found[one.key] = float(lacks)
     return found, float(whole)
@@ -364,7 +369,8 @@ def made(name, kind, number, folder):
         np.savetxt(where / file, rows, delimiter=",", header=",".join(head), comments="", fmt="%.12g")
     np.save(where / "clean.npy", y)
     right = [
-        names_of(family, e, bench.start, extra.get("rivals"), extra.get("gain_without_noise", 0.0)) for e in effects if e.kind in NAMES]
+        names_of(family, e, s, bench.start, extra.get("rivals"), extra.get("gain_without_noise", 0.0))
+        for e, s in zip(effects, sizes) if e.kind in NAMES]
     truth = {
         "case": where.name, "family": name, "apart": family.apart, "kind": kind, "attempt": attempt,
         "hidden": [{"kind": e.kind, "place": e.place, "other": e.other, "size": s, "fixed": e.fixed} for e, s in zip(effects, sizes)],
@@ -386,9 +392,9 @@ def renamed(path):
     """The right names of a case that is there, written anew: they follow from its truth alone."""
     truth = json.loads(path.read_text())
     family = FAMILIES[truth["family"]]
-    effects = [Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]) for h in truth["hidden"]]
+    effects = [(Hidden(h["kind"], h["place"], h["other"], fixed=h["fixed"]), h["size"]) for h in truth["hidden"]]
     rivals, whole = truth.get("rivals"), truth.get("gain_without_noise", 0.0)
-    truth["right"] = [names_of(family, e, truth["start"], rivals, whole) for e in effects if e.kind in NAMES]
+    truth["right"] = [names_of(family, e, s, truth["start"], rivals, whole) for e, s in effects if e.kind in NAMES]
     path.write_text(json.dumps(truth, indent=1, default=float))
 
 
