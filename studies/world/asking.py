@@ -1,7 +1,6 @@
 """Runs the command with a limit on processor time, keeps its answers, and reads what a written model does."""
 
 import json
-import os
 import re
 import resource
 import subprocess

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from cases import Bench
 from families import FAMILIES
 from motion import Motion
-from noises import COLOURS, Noise, numbers
+from noises import COLOURS, Noise, covariance, numbers
 
 # largest difference of two integrations, nats over all runs of a case
 MOST = 0.5
@@ -64,8 +64,6 @@ def integration(name):
 
 def colours():
     """Covariances of drawn noise, at lags 0, 1, 5, over 4000 records."""
-    from noises import covariance
-
     for colour in COLOURS:
         rng = np.random.default_rng(5)
         n, drawn = 120, numbers(colour, rng)

@@ -7,7 +7,6 @@ Four records are kept apart: they are asked with `--apart` only, and then alone.
 """
 
 import argparse
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
