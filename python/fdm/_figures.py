@@ -139,10 +139,10 @@ def bode(fit: Fit, runs: Sequence[Run], *, axes: Any = None, **options: Any) -> 
         raise ValueError("the model has no input, so that there is no frequency response")
     made = _axes(axes, 2, len(pairs), sharex="col", size=(4.0, 2.4))
     natural = np.abs(linear.poles[np.abs(linear.poles) > 0]) / (2 * np.pi)
-    spread = (natural.min() / 10, natural.max() * 10) if natural.size else (0.01, 10.0)
+    low, high = (float(natural.min()) / 10, float(natural.max()) * 10) if natural.size else (0.01, 10.0)
     for column, (output, input) in enumerate(pairs):
         above, below = made[0, column], made[1, column]
-        frequency = np.geomspace(*spread, 300)
+        frequency = np.geomspace(low, high, 300)
         if (output, input) in measured:
             at, response = measured[output, input]
             above.semilogx(at, _decibels(response), ".", ms=3, color="0.45", label="measured")
@@ -212,14 +212,20 @@ def spectra(found: Spectra, *, axes: Any = None) -> Any:
 
 def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table as HTML."""
-    cells = lambda tag, row: "".join(f"<{tag}>{html.escape(str(c))}</{tag}>" for c in row)  # noqa: E731
+
+    def cells(tag: str, row: Sequence[str]) -> str:
+        return "".join(f"<{tag}>{html.escape(str(c))}</{tag}>" for c in row)
+
     body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
     return f"<table><caption>{html.escape(title)}</caption><thead><tr>{cells('th', heads)}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _pictures(files: Sequence[tuple[str, bytes]]) -> str:
     drawn = _fdm.figures_of(list(files), False)
-    part = lambda d: f"<figure>{d[2]}<figcaption>{html.escape(d[1])}</figcaption></figure>"  # noqa: E731
+
+    def part(drawing: tuple[str, str, str]) -> str:
+        return f"<figure>{drawing[2]}<figcaption>{html.escape(drawing[1])}</figcaption></figure>"
+
     shown, rest = drawn[:_SHOWN], drawn[_SHOWN:]
     more = f"<details><summary>{len(rest)} more figures</summary>{''.join(map(part, rest))}</details>" if rest else ""
     return "".join(map(part, shown)) + more

@@ -146,6 +146,13 @@ class Fit:
     validation: Prediction | None
     """The prediction of the validation runs; none where none were given, or where `document.holdout` has it."""
 
+    # the fit of this process, or none of one that was read
+    _made: _fdm.Fit | None
+    _files: list[tuple[str, bytes]] | None
+    _runs: list[Run]
+    _text: str
+    _remarks: list[str]
+
     def __init__(self, *_: Any) -> None:
         raise TypeError("fits are made by Model.fit and by fdm.load")
 
@@ -204,7 +211,7 @@ class Fit:
     def files(self) -> list[tuple[str, bytes]]:
         """Names and contents of the files that ``fdm fit --out`` writes: ``result.json``, ``manifest.json``, tables, pictures."""
         if self._files is None:
-            self._files = self._made.files()
+            self._files = self._made.files() if self._made is not None else []
         return self._files
 
     # What was found

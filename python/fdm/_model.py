@@ -573,7 +573,8 @@ class Residuals:
 
     def squares(self, r: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sums of squares of the residuals of each output (q)."""
-        return np.bincount(self.outputs.astype(int), weights=r * r, minlength=len(self.deviations))
+        sums = np.bincount(self.outputs.astype(int), weights=r * r, minlength=len(self.deviations))
+        return np.asarray(sums, dtype=np.float64)
 
     def __reduce__(self) -> Any:
         raise TypeError("residuals hold compiled code: prepare them anew in the other process")

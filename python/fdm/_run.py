@@ -67,6 +67,9 @@ class Run:
     put on the union of all times.
     """
 
+    notes: Sequence[str] = ()
+    """What a careful reader would mention about the file: known when it has been read."""
+
     def __init__(
         self,
         data: Any = None,
@@ -289,8 +292,9 @@ def _named(title: str) -> str:
 
 def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run]:
     """One run or several; files, frames and dictionaries become runs."""
-    alone = isinstance(runs, (Run, str, os.PathLike, Mapping)) or hasattr(runs, "columns")
-    given = [runs] if alone else list(runs)
+    given: Iterable[Any] = runs if isinstance(runs, Iterable) else [runs]
+    if isinstance(runs, (Run, str, os.PathLike, Mapping)) or hasattr(runs, "columns"):
+        given = [runs]
     return [r if isinstance(r, Run) else Run(r) for r in given]
 
 

@@ -6,7 +6,7 @@ use fdm::grammar::graph::Signal;
 use fdm::linear::Values;
 use fdm::request::{self, Answer as Told};
 use fdm::{LinearModel, Modes};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
 use std::path::PathBuf;
@@ -212,15 +212,12 @@ impl Model {
         without_outputs: bool,
     ) -> PyResult<Record> {
         let mut builder = self.model.run(name);
-        for (channel, unit, samples) in channels {
-            let samples = match samples.as_slice() {
-                Ok(samples) => samples.to_vec(),
+        for (channel, unit, samples) in &channels {
+            builder = match (samples.as_slice(), unit.as_deref()) {
+                (Ok(samples), unit) => builder.samples_of(channel, unit, samples),
                 // a column of a matrix, or a part with a step
-                Err(_) => (0..samples.len()).filter_map(|k| samples.get(k).copied()).collect(),
-            };
-            builder = match unit {
-                Some(unit) => builder.samples_in(&channel, &unit, samples),
-                None => builder.samples(&channel, samples),
+                (Err(_), Some(unit)) => builder.samples_in(channel, unit, samples.as_array().to_vec()),
+                (Err(_), None) => builder.samples(channel, samples.as_array().to_vec()),
             };
         }
         for input in hold {
@@ -301,7 +298,7 @@ impl Model {
         dict.set_item("trim_states", PyArray1::from_slice(py, &trim.states))?;
         dict.set_item("trim_inputs", PyArray1::from_slice(py, &trim.inputs))?;
         let modes = Modes::new(structure, &values).map_err(|e| said(py, e))?;
-        let poles: Vec<(f64, f64)> = modes.modes.iter().map(|mode| (mode.value.re, mode.value.im)).collect();
+        let poles: Vec<(f64, f64)> = modes.modes.iter().map(|mode| (mode.s.re, mode.s.im)).collect();
         dict.set_item("poles", poles)?;
         Ok(dict)
     }

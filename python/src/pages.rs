@@ -25,7 +25,7 @@ pub(crate) fn figures_of(py: Python<'_>, files: Files, dark: bool) -> PyResult<V
         let all = drawings(&Subject::from_files(&files)?);
         Ok(all.iter().map(|d| (d.name().to_string(), d.caption().to_string(), d.svg(paper))).collect())
     });
-    drawn.map_err(|e: fdm::report::page::SubjectError| said(py, e))
+    drawn.map_err(|e: page::SubjectError| said(py, e))
 }
 
 /// 95 % intervals of the parameters of a result, where they have one.
