@@ -18,7 +18,7 @@ from ._documents import Document, columns, frame
 from ._errors import InterruptedWarning, ResultWarning
 from ._model import Model, Residuals, Response
 from ._progress import telling
-from ._run import Run, RunLike, as_runs, bound
+from ._run import Run, RunLike, as_runs, bound, some_runs
 
 if TYPE_CHECKING:
     from ._results import Design, Linear, Modes
@@ -341,7 +341,7 @@ class Fit:
     def predict(self, runs: RunLike | Sequence[RunLike], *, progress: Any = None) -> Prediction:
         """What the result predicts of runs that it was not fitted to, as ``fdm validate``: shared parameters are held, biases and initial
         states estimated anew. Bands are by the errors of the shared parameters."""
-        given = as_runs(runs)
+        given = some_runs(runs)
         every = [o.name for o in self.model.outputs]
         records = bound(given, self.model, elsewhere=every)
         with telling(progress, f"predicting {self.model.name}") as tell:

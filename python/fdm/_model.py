@@ -15,7 +15,7 @@ from . import _fdm
 from ._errors import ModelWarning, NumericalError, ResultWarning, findings
 from ._options import listed, words
 from ._progress import telling
-from ._run import Run, RunLike, as_runs, bound
+from ._run import Run, RunLike, as_runs, bound, some_runs
 
 if TYPE_CHECKING:
     from ._errors import Finding
@@ -237,7 +237,7 @@ class Model:
             start_values=start_values, iterations=iterations, tolerance=tolerance, gain=gain, starts=starts, seed=seed, steps=steps,
             integrator=integrator, band=band, time_limit=time_limit,
         )  # fmt: skip
-        fitted, predicted = as_runs(runs), as_runs(validation)
+        fitted, predicted = some_runs(runs), as_runs(validation)
         records = bound(fitted, self)
         others = bound(predicted, self, elsewhere=self._measured(records))
         with telling(progress, f"fitting {self.name}") as tell:
@@ -292,7 +292,7 @@ class Model:
         bad = [f"the deviation of `{o.name}` is {d}, expected a number above 0" for o, d in zip(self.outputs, deviations) if not d > 0]
         if bad:
             raise ValueError("; ".join(bad))
-        return Residuals(_fdm.Residuals(model._m, bound(as_runs(runs), self), deviations), model, deviations)
+        return Residuals(_fdm.Residuals(model._m, bound(some_runs(runs), self), deviations), model, deviations)
 
     def residuals(
         self, runs: RunLike | Sequence[RunLike], theta: ArrayLike | Mapping[Any, float] | None = None, **options: Any
@@ -303,7 +303,7 @@ class Model:
             estimated, in the model's order, then those of every run (`Residuals.names`).
         options: those of `prepare`. What was prepared is kept for the next call with the same runs and options.
         """
-        given = as_runs(runs)
+        given = some_runs(runs)
         key = (tuple(id(r) for r in given), repr(sorted(options.items())))
         if self._kept is None or self._kept[0] != key:
             # the runs are kept too, so that no other one gets their numbers
@@ -342,7 +342,7 @@ class Model:
             only=only, without=without, effects=effects, alpha=alpha, max_effects=max_effects, domain=domain, set=set, fix=fix,
             free=free, time_limit=time_limit,
         )  # fmt: skip
-        records = bound(as_runs(runs), self)
+        records = bound(some_runs(runs), self)
         others = bound(as_runs(validation), self, elsewhere=self._measured(records))
         with telling(progress, f"diagnosing {self.name}") as tell:
             made = _fdm.diagnose(self._m, records, others, words({**given, **options}), tell)
@@ -359,7 +359,7 @@ class Model:
 
         with telling(progress, f"study of {self.name}") as tell:
             asked = words({"repeats": repeats, "seed": seed, **options})
-            made, columns = _fdm.study(self._m, bound(as_runs(runs), self), asked, tell)
+            made, columns = _fdm.study(self._m, bound(some_runs(runs), self), asked, tell)
         return Study._of(made, columns)
 
     def profile(
@@ -375,7 +375,7 @@ class Model:
 
         with telling(progress, f"profiling {self.name}") as tell:
             asked = words({"parameter": parameter, **options})
-            made = _fdm.profile(self._m, bound(as_runs(runs), self), asked, tell)
+            made = _fdm.profile(self._m, bound(some_runs(runs), self), asked, tell)
         return Profiles._of(made)
 
     def design(
@@ -424,7 +424,7 @@ class Model:
         from ._results import Spectra
 
         given = dict(inputs=inputs, outputs=outputs, band=band, segment=segment)
-        records = bound(as_runs(runs), self, to_simulate=True)
+        records = bound(some_runs(runs), self, to_simulate=True)
         return Spectra._of(_fdm.spectra(self._m, records, words({**given, **options})))
 
     # Without runs

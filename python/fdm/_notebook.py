@@ -48,9 +48,9 @@ def placed(text: str, file: str, row: int, column: int = 0) -> Model:
     try:
         made = _fdm.Model.from_text("model.fdm", text)
     except ModelError:
-        # the same mistakes, where the reader sees the text
-        _fdm.Model.from_text(file, before + text)
-        raise
+        made = None
+    # the same mistakes, where the reader sees the text
+    made = made or _fdm.Model.from_text(file, before + text)
     found = Model._of(made)
     if made.warnings()[0]:
         _, said = _fdm.Model.from_text(file, before + text).warnings()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _fdm
+from ._errors import InputError
 from ._options import listed, words
 
 if TYPE_CHECKING:
@@ -296,6 +297,14 @@ def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run]:
     if isinstance(runs, (Run, str, os.PathLike, Mapping)) or hasattr(runs, "columns"):
         given = [runs]
     return [r if isinstance(r, Run) else Run(r) for r in given]
+
+
+def some_runs(runs: RunLike | Sequence[RunLike]) -> list[Run]:
+    """The same, of which there must be one."""
+    given = as_runs(runs)
+    if not given:
+        raise InputError(["no run was given"])
+    return given
 
 
 def bound(

@@ -14,8 +14,9 @@ model = fdm.model("""
 model tank "a tank that empties through a hole" {
   input inflow [m^3/s];
   state h "level" [m] = 1;
-  param a = 0.02 in [0.001, 1] [m^(5/2)/s] "size of the hole", area = 1 in [0.1, 10] [m^2];
-  der(h) = (inflow - a*sqrt(max(h, 0 m)))/area;
+  const g = 9.81 [m/s^2];
+  param hole = 0.005 in [0.0001, 1] [m^2] "effective area of the hole", area = 1 in [0.1, 10] [m^2] "of the tank";
+  der(h) = (inflow - hole*sqrt(2*g*max(h, 0)))/area;
   output level [m] = h;
   noise level = 0.005;
 }
@@ -24,7 +25,7 @@ model tank "a tank that empties through a hole" {
 rng = np.random.default_rng(4)
 t = np.linspace(0, 120, 400)
 inflow = np.where((t > 40) & (t < 80), 0.05, 0.0)
-truth = model.simulate(fdm.Run(t=t, inputs={"inflow": inflow}), {"a": 0.03, "area": 1.4})["level"]
+truth = model.simulate(fdm.Run(t=t, inputs={"inflow": inflow}), {"hole": 0.007, "area": 1.4})["level"]
 run = fdm.Run(t=t, inputs={"inflow": inflow}, outputs={"level": truth + 0.005 * rng.standard_normal(t.size)})
 
 # %% [markdown]
@@ -72,9 +73,9 @@ else:
     from fdm.adapters import pymc_op
 
     with pymc.Model():
-        a = pymc.LogNormal("a", np.log(0.03), 0.5, initval=found.x[0])
+        hole = pymc.LogNormal("hole", np.log(0.007), 0.5, initval=found.x[0])
         area = pymc.Normal("area", 1.45, 0.05, initval=found.x[1])
-        pymc.Potential("record", pymc_op(residuals)(pt.stack([a, area])))
+        pymc.Potential("record", pymc_op(residuals)(pt.stack([hole, area])))
         trace = pymc.sample(300, tune=300, chains=2, cores=1, random_seed=1, progressbar=False, compute_convergence_checks=False)
     drawn = trace.posterior["area"].values.ravel()
     print(f"area = {drawn.mean():.4f} +- {drawn.std():.4f}")

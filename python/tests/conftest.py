@@ -17,7 +17,7 @@ matplotlib.use("Agg")
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "models"
 
-DECAY = "model decay { state x = 1; param k = 0.2 in [0, 5] [1/s]; der(x) = -k*x; output y = x; }"
+DECAY = "model decay { state x [1] = 1; param k = 0.2 in [0, 5] [1/s]; der(x) = -k*x; output y [1] = x; }"
 ROLL = """model roll "a roll axis" {
   input aileron [deg];
   state p [rad/s], phi [rad];

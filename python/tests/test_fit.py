@@ -113,7 +113,8 @@ def test_histories_hold_together(tanker_fit):
 def test_a_saved_fit_is_found_again(tanker_fit, tmp_path):
     tanker_fit.save(tmp_path / "r")
     again = fdm.load(tmp_path / "r")
-    assert again.files == sorted(tanker_fit.files, key=[n for n, _ in again.files].index(tanker_fit.files[0][0]).__class__) or dict(again.files) == dict(tanker_fit.files)
+    kept = {n: c for n, c in tanker_fit.files if n != "manifest.json"}
+    assert {n: c for n, c in again.files if n != "manifest.json"} == kept
     assert again.params == tanker_fit.params and again.good and np.array_equal(again.cov, tanker_fit.cov)
     assert np.array_equal(again.histories[0].response, tanker_fit.histories[0].response)
     assert list(again.model.parameters) == list(tanker_fit.model.parameters)

@@ -106,9 +106,9 @@ def test_an_output_may_be_measured_in_another_run(roll):
 
 
 def test_files_are_read_with_the_options_of_the_command(tanker, tanker_run):
-    run = fdm.Run.read(tanker_run, from_=5.0, to=30.0, every=2, map={"roll": "roll"})
+    run = fdm.Run.read(tanker_run, from_=30.0, to=60.0, every=2, map={"roll": "roll"})
     fit = tanker.fit(run)
-    assert 1200 < len(fit.histories[0].time) < 1300
+    assert 1495 < len(fit.histories[0].time) < 1505
     with pytest.raises(fdm.UnknownOption, match="there is no option `evry`; did you mean `every`") as caught:
         tanker.fit(fdm.Run.read(tanker_run, evry=2))
     assert caught.value.option == "evry"
