@@ -769,9 +769,9 @@ pub use fdm_estimate::equation_error::Regression;
 /// # Example
 ///
 /// ```
-/// use fdm::ResidualVector;
+/// use fdm::{FitOptions, ResidualVector};
 /// let (model, runs) = fdm::example::decay()?;
-/// let mut vector = ResidualVector::new(&model, &runs, &[1.0])?; // in units of the output
+/// let mut vector = ResidualVector::new(&model, &runs, &[1.0], &FitOptions::default())?; // in units of the output
 /// let (mut r, mut jacobian) = (vec![0.0; vector.len()], vec![0.0; vector.len()]); // R, and R by one unknown
 /// vector.jacobian(&[0.5], &mut r, &mut jacobian).map_err(|d| format!("not finite at {} s", d.time))?;
 /// assert!(r.iter().all(|r| r.abs() < 0.05) && jacobian[10] > 0.0); // a faster decay leaves less

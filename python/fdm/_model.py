@@ -278,10 +278,14 @@ class Model:
         fix: str | Iterable[str] = (),
         free: str | Iterable[str] = (),
         noise: Mapping[str, float] | None = None,
+        steps: int | None = None,
+        integrator: str | None = None,
     ) -> Residuals:
         """Residuals as a function of the parameters, ready to be evaluated many times.
 
         noise: standard deviation of each output in its unit, by which residuals are divided; as the model declares it, else 1.
+        steps, integrator: as in `fit`; chosen at the start values when not given. A stiff model that is evaluated far from these wants
+            ``integrator="radau"``.
         """
         model = self.changed(set=set, fix=fix, free=free) if set or listed(fix) or listed(free) else self
         unknown = [name for name in noise or {} if name not in [o.name for o in self.outputs]]
@@ -292,7 +296,8 @@ class Model:
         bad = [f"the deviation of `{o.name}` is {d}, expected a number above 0" for o, d in zip(self.outputs, deviations) if not d > 0]
         if bad:
             raise ValueError("; ".join(bad))
-        return Residuals(_fdm.Residuals(model._m, bound(some_runs(runs), self), deviations), model, deviations)
+        made = _fdm.Residuals(model._m, bound(some_runs(runs), self), deviations, steps, integrator)
+        return Residuals(made, model, deviations)
 
     def residuals(
         self, runs: RunLike | Sequence[RunLike], theta: ArrayLike | Mapping[Any, float] | None = None, **options: Any

@@ -3,10 +3,12 @@
 use crate::errors::{numbers, said};
 use crate::model::Model;
 use crate::records::{Record, all};
-use fdm::ResidualVector;
+use fdm::simulate::Scheme;
+use fdm::{FitOptions, ResidualVector};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray1, PyReadwriteArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
 
 struct Owner {
@@ -43,11 +45,27 @@ pub(crate) struct Residuals {
 #[pymethods]
 impl Residuals {
     #[new]
-    fn new(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, deviations: Vec<f64>) -> PyResult<Self> {
+    #[pyo3(signature = (model, records, deviations, steps=None, integrator=None))]
+    fn new(
+        py: Python<'_>,
+        model: &Model,
+        records: Vec<Py<Record>>,
+        deviations: Vec<f64>,
+        steps: Option<NonZeroUsize>,
+        integrator: Option<&str>,
+    ) -> PyResult<Self> {
+        let scheme = match integrator {
+            None | Some("auto") => None,
+            Some("runge-kutta") => Some(Scheme::RungeKutta),
+            Some("radau") => Some(Scheme::Radau),
+            Some(other) => return Err(said(py, format!("there is no integrator `{other}`: auto, runge-kutta, radau"))),
+        };
+        let options = FitOptions { per_interval: steps.map(NonZeroUsize::get), scheme, ..FitOptions::default() };
         let runs = all(&records).into_iter().map(|r| r.run).collect();
         let owner = Owner { model: model.model.clone(), runs };
-        let prepared =
-            py.detach(|| Prepared::try_new(owner, |own| ResidualVector::new(&own.model, &own.runs, &deviations)));
+        let prepared = py.detach(|| {
+            Prepared::try_new(owner, |own| ResidualVector::new(&own.model, &own.runs, &deviations, &options))
+        });
         let prepared = prepared.map_err(|e| said(py, e))?;
         let described = prepared.with_dependent(|_, vector| {
             let (lower, upper) = vector.bounds();

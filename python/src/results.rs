@@ -72,12 +72,6 @@ impl Fit {
         let found = self.fitted.in_time().map_or(&[][..], |fit| &fit.estimate.runs);
         self.fitted.runs().iter().zip(found).map(|(run, found)| history(py, run, found)).collect()
     }
-
-    /// Covariance of the measurement noise (q by q), as given or estimated.
-    fn noise<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-        let noise = self.fitted.estimate().and_then(|e| e.noise.as_ref());
-        noise.map(|noise| rows(py, &noise.values, noise.size)).transpose()
-    }
 }
 
 /// `fdm fit`.

@@ -16,8 +16,8 @@ use fdm_system::simulate::{Divergence, Simulator, Steps};
 /// Residuals (measured minus simulated) of every measured number, over the standard deviation of its output, and their derivatives.
 ///
 /// Unknowns are the shared parameters that are estimated, in the model's order, then those of every run. Rows are runs, in these
-/// samples, in these outputs; a number that was not measured has none. Integration steps are chosen at the start values and kept, so
-/// that the Jacobian is exact.
+/// samples, in these outputs; a number that was not measured has none. Integration steps are chosen at the start values, unless the
+/// options give them, and kept, so that the Jacobian is exact.
 pub struct ResidualVector<'a> {
     problem: Problem<'a>,
     unknowns: Unknowns,
@@ -32,20 +32,24 @@ pub struct ResidualVector<'a> {
 }
 
 impl<'a> ResidualVector<'a> {
-    /// Residuals of a model (see [`changed`](crate::changed)) and runs, in units of the `deviations` of the outputs (q).
+    /// Residuals of a model (see [`changed`](crate::changed)) and runs, in units of the `deviations` of the outputs (q). Of the options
+    /// those of integration have a part: far from the start values a stiff model wants `scheme` to be Radau.
     ///
     /// # Errors
     /// [`FitError::Unsuited`] when a run cannot be simulated.
     ///
     /// # Panics
     /// When there are not as many deviations as outputs.
-    pub fn new(model: &'a Model, runs: &'a [Run], deviations: &[f64]) -> Result<Self, FitError> {
+    pub fn new(model: &'a Model, runs: &'a [Run], deviations: &[f64], options: &FitOptions) -> Result<Self, FitError> {
         assert_eq!(deviations.len(), model.definition().outputs.len(), "a deviation for each output");
         let starts = starts(model, runs, &Changes::default());
-        let steps = chosen_steps(model, runs, &starts, &FitOptions::default())?;
+        let steps = match options.per_interval {
+            Some(count) => vec![Steps::equal(options.scheme.unwrap_or_default(), count); runs.len()],
+            None => chosen_steps(model, runs, &starts, options)?.into_iter().map(|a| a.steps).collect(),
+        };
         let mut prepared = Vec::with_capacity(runs.len());
-        for ((run, start), accuracy) in runs.iter().zip(&starts).zip(steps) {
-            prepared.push(prepared_run(model, run, start, accuracy.steps)?);
+        for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {
+            prepared.push(prepared_run(model, run, start, steps)?);
         }
         let derived = DerivedQuantities::none();
         let problem = Problem::new(model.definition(), prepared, derived);
@@ -177,7 +181,7 @@ fn prepared_run<'a>(model: &'a Model, run: &'a Run, start: &[f64], steps: Steps)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{FitOptions, Noise, Options, fit};
+    use crate::{Noise, Options, fit};
 
     /// Two outputs with gaps in two runs, a shared rate and a bias per run.
     fn specimen() -> (Model, Vec<Run>) {
@@ -200,7 +204,7 @@ mod tests {
         let (model, runs) = specimen();
         let options = Options { noise: Noise::Given(vec![Some(0.1), Some(0.2)]), ..Options::default() };
         let found = fit(&model, &runs, &FitOptions { options, ..FitOptions::default() }, &mut ()).expect("a fit");
-        let mut vector = ResidualVector::new(&model, &runs, &[0.1, 0.2]).expect("residuals");
+        let mut vector = ResidualVector::new(&model, &runs, &[0.1, 0.2], &FitOptions::default()).expect("residuals");
         let names = vector.unknowns();
         assert_eq!((vector.len(), names.len()), (2 * (120 - 3), 1 + 2 * 2));
         let value = |n: &UnknownName| found.estimate.parameter(&n.name, n.run.as_deref()).expect("a parameter").value;
@@ -223,7 +227,7 @@ mod tests {
     #[test]
     fn the_jacobian_is_the_derivative() {
         let (model, runs) = specimen();
-        let mut vector = ResidualVector::new(&model, &runs, &[0.1, 0.2]).expect("residuals");
+        let mut vector = ResidualVector::new(&model, &runs, &[0.1, 0.2], &FitOptions::default()).expect("residuals");
         let (count, at) = (vector.len(), vector.start().to_vec());
         let (mut residuals, mut jacobian) = (vec![0.0; count], vec![0.0; count * at.len()]);
         vector.jacobian(&at, &mut residuals, &mut jacobian).expect("a response");
