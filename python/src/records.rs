@@ -18,7 +18,7 @@ impl Record {
 
 /// Rows of numbers as an array (N by width).
 pub(crate) fn rows<'py>(py: Python<'py>, values: &[f64], width: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let count = if width == 0 { 0 } else { values.len() / width };
+    let count = values.len().checked_div(width).unwrap_or(0);
     PyArray1::from_slice(py, values).reshape([count, width])
 }
 

@@ -195,7 +195,6 @@ pub(crate) fn spectra(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, w
 
 /// `fdm simulate`: outputs (N by q), how they were integrated, and what makes them wrong.
 #[pyfunction]
-#[expect(clippy::type_complexity, reason = "what Python gets")]
 pub(crate) fn simulate<'py>(
     py: Python<'py>,
     model: &Model,
