@@ -124,7 +124,7 @@ def test_pypesto_reaches_the_best_known_minimum():
     low, high = (np.log10(b) for b in residuals.bounds)
     problem = pypesto.Problem(objective, low, high, x_scales=["log10"] * len(low))
     np.random.seed(1)
-    found = optimize.minimize(problem, optimize.ScipyOptimizer("L-BFGS-B"), n_starts=20, progress_bar=False)
+    found = optimize.minimize(problem, optimize.ScipyOptimizer("L-BFGS-B"), n_starts=30, progress_bar=False)
     # minus the logarithm of the likelihood at the parameters of the collection
     assert found.optimize_result[0].fval < 138.221_997 + 1e-3
 
