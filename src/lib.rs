@@ -10,10 +10,15 @@ pub mod example;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub use fdm_cli::language_server as lsp;
+#[cfg(feature = "cli")]
+#[doc(hidden)]
+pub use fdm_cli::{main_with, request};
 #[cfg(feature = "discover")]
 pub use fdm_discover as diagnose;
 pub use fdm_estimate as estimate;
 pub use fdm_estimate::{equation_error, residuals};
+#[doc(hidden)]
+pub use fdm_grammar as grammar;
 pub use fdm_grammar::effect;
 #[doc(hidden)]
 pub use fdm_grammar::math;
@@ -758,6 +763,22 @@ pub use fdm_estimate::equation_error::RegressionOptions;
 pub use fdm_estimate::equation_error::Regression;
 
 // Residuals.
+
+/// For optimisers and samplers of other packages.
+///
+/// # Example
+///
+/// ```
+/// use fdm::{FitOptions, ResidualVector};
+/// let (model, runs) = fdm::example::decay()?;
+/// let mut vector = ResidualVector::new(&model, &runs, &[1.0], &FitOptions::default())?; // in units of the output
+/// let (mut r, mut jacobian) = (vec![0.0; vector.len()], vec![0.0; vector.len()]); // R, and R by one unknown
+/// vector.jacobian(&[0.5], &mut r, &mut jacobian).map_err(|d| format!("not finite at {} s", d.time))?;
+/// assert!(r.iter().all(|r| r.abs() < 0.05) && jacobian[10] > 0.0); // a faster decay leaves less
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[doc(inline)]
+pub use fdm_estimate::ResidualVector;
 
 /// # Example
 ///

@@ -10,8 +10,8 @@ use fdm_grammar::syntax::holds_effects;
 use fdm_grammar::{Diagnostic, Source};
 use fdm_report::check_text;
 use fdm_results::documents::{CatalogueDocument, ModelDocument};
-use fdm_system::ModelError;
-use fdm_system::code::{Nominal, verify};
+use fdm_system::code::{Nominal, Verification, verify};
+use fdm_system::{Model, ModelError};
 
 /// What `fdm check` takes.
 #[derive(Debug, Args)]
@@ -31,14 +31,19 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         },
         model => model?,
     };
-    // the noise of outputs has derivatives too
-    let whole = model.definition().with_precisions().map_or_else(|| model.clone(), |whole| model.altered(whole));
-    let found = verify(whole.definition(), whole.schedule(), &Nominal::start(whole.definition()));
+    let found = verified(&model);
     let printed = print(&match arguments.json {
         true => as_json(&ModelDocument::of(&model, &found))?,
         false => check_text(&model, &found),
     });
     ended(found.passed() && printed)
+}
+
+/// Every derivative against a complex step.
+pub(crate) fn verified(model: &Model) -> Verification {
+    // the noise of outputs has derivatives too
+    let whole = model.definition().with_precisions().map_or_else(|| model.clone(), |whole| model.altered(whole));
+    verify(whole.definition(), whole.schedule(), &Nominal::start(whole.definition()))
 }
 
 /// A text of effects: each must vanish at its null and do something elsewhere.

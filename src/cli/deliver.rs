@@ -91,6 +91,21 @@ pub(crate) struct Outcome<'a> {
     pub(crate) manifest: Manifest,
 }
 
+impl Outcome<'_> {
+    /// The modes of the model as it was found are part of what is written.
+    fn find_modes(&mut self) {
+        let runs: Vec<String> = self.runs.iter().map(|run| run.name.clone()).collect();
+        let modes = of_result(self.model, &self.json, &runs);
+        self.json.set_modes(modes);
+    }
+
+    /// The files of the folder that `--out` would write.
+    pub(crate) fn files(mut self) -> Result<Vec<NamedFile>, String> {
+        self.find_modes();
+        contents(self).files().map_err(|e| e.to_string())
+    }
+}
+
 /// Places that were looked at before the work.
 pub(crate) struct Prepared<'a> {
     output: &'a Output,
@@ -164,7 +179,7 @@ impl Prepared<'_> {
         (records, runs): (&Records, &[Run]),
     ) -> Manifest {
         let mut manifest = Manifest::new(model, identity, noise);
-        manifest.command = std::env::args().collect();
+        manifest.command = crate::command_line();
         if self.places.any() {
             records.describe(runs, &mut manifest);
         }
@@ -174,9 +189,7 @@ impl Prepared<'_> {
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
     pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
         if self.output.json || self.places.any() {
-            let runs: Vec<String> = outcome.runs.iter().map(|run| run.name.clone()).collect();
-            let modes = of_result(outcome.model, &outcome.json, &runs);
-            outcome.json.set_modes(modes);
+            outcome.find_modes();
         }
         let printed = match self.output.json {
             true => outcome.json.text().map_err(|e| remark(format_args!("error: {e}"))).is_ok_and(|json| print(&json)),

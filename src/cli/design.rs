@@ -7,7 +7,7 @@ use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{Noise, initial_guess};
-use fdm_lab::design::{Asked, Question, Step, design_while, table};
+use fdm_lab::design::{Asked, Design, Question, Step, design_while, table};
 use fdm_lab::experiment::Amount;
 use fdm_report::design_table;
 use fdm_results::store::ResultFolder;
@@ -19,7 +19,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelOrResult,
+    pub(crate) model: ModelOrResult,
     /// Earlier run; may be given several times
     #[arg(long = "data", value_name = "RUN", help_heading = "Data")]
     data: Vec<PathBuf>,
@@ -52,7 +52,7 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "records", help_heading = "Result")]
     force: bool,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     output: Output,
 }
@@ -72,15 +72,19 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let found = found.map_err(Failure::Input)?;
     let printed = arguments.output.print(|| design_table(&found, &model), || &found)?;
     if let Some(folder) = &arguments.records {
-        let one = |(k, step): (usize, &Step)| {
-            table(&question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
-        };
-        let files: Vec<NamedFile> = found.steps.iter().enumerate().filter_map(one).collect();
-        write_all(folder, &files)?;
+        write_all(folder, &planned(&question, &found))?;
     }
     // told in any case
     let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
     ended(in_time && uninterrupted && printed)
+}
+
+/// The inputs of the planned runs, one table each.
+pub(crate) fn planned(question: &Question<'_>, found: &Design) -> Vec<NamedFile> {
+    let one = |(k, step): (usize, &Step)| {
+        table(question, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
+    };
+    found.steps.iter().enumerate().filter_map(one).collect()
 }
 
 /// The name of the k-th run that is planned.
@@ -119,7 +123,7 @@ impl Arguments {
         theta
     }
 
-    fn question<'m>(
+    pub(crate) fn question<'m>(
         &self,
         model: &'m Model,
         folder: Option<&ResultFolder>,

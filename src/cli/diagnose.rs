@@ -12,6 +12,7 @@ use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
 use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose_while};
 use fdm_estimate::FitOptions;
+use fdm_grammar::effect::Catalogue;
 use fdm_report::diagnosis_text;
 use fdm_results::documents::DiagnosisDocument;
 use fdm_results::store::{DataFile, Destination, Identity, Manifest};
@@ -24,7 +25,7 @@ use std::sync::Mutex;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelFile,
+    pub(crate) model: ModelFile,
     #[command(flatten)]
     records: Records,
     /// Validation data: a run that is not fitted; an effect must improve its prediction too; may be given several times
@@ -53,7 +54,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE", help_heading = "Result")]
     write: Option<PathBuf>,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     places: Places,
     #[command(flatten)]
@@ -67,23 +68,36 @@ fn probability(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let domain = arguments.domain()?;
-    let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
+    let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.load()?;
     let (runs, validation) = arguments.runs(&model)?;
     // places that cannot be written are told before the work
     let destination = arguments.places.destination(&names(&model, &runs, &validation))?;
-    let changes = arguments.model.changes(&arguments.estimated);
-    let options = DiagnosisOptions {
-        alpha: arguments.alpha,
-        most: arguments.most.into(),
-        fit: FitOptions { changes, ..FitOptions::default() }.with_declared_noise(&model),
-        screening: ScreeningOptions::default(),
-        domain,
-    };
+    let options = arguments.options(&model, domain);
     let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
-    let halt = progress.halt();
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
+    let (found, in_time) = search(&model, (&runs, &validation), (&catalogue, &options), progress);
+    let found = match found {
+        // numbers went wrong, or there was no time: the input may be good
+        Err(error) if is_of_numbers(&error) => {
+            remark(format_args!("error: {error}"));
+            return ended(false);
+        }
+        found => found.map_err(refused)?,
+    };
+    let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
+    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
+    if in_time && !found.stopped { Ok(ending) } else { ended(false) }
+}
+
+/// The search, and whether it ended in time.
+pub(crate) fn search(
+    model: &Model,
+    (runs, validation): (&[Run], &[Run]),
+    (catalogue, options): (&Catalogue, &DiagnosisOptions),
+    progress: Progress,
+) -> (Result<Diagnosis, DiagnosisError>, bool) {
+    let halt = progress.halt();
     let progress = Mutex::new(progress);
     let say = |text: &str| {
         if let Ok(progress) = progress.lock() {
@@ -91,29 +105,44 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
     };
     let goes_on = || halt.goes_on();
-    let found = diagnose_while(&model, &runs, &validation, &catalogue, (&options, &say), &goes_on);
+    let found = diagnose_while(model, runs, validation, catalogue, (options, &say), &goes_on);
     let mut in_time = true;
     if let Ok(progress) = progress.lock() {
         progress.finish();
         in_time = progress.in_time();
     }
-    let found = match found {
-        // numbers went wrong, or there was no time: the input may be good
-        Err(error @ (DiagnosisError::Stopped | DiagnosisError::NoFit(_))) => {
-            remark(format_args!("error: {error}"));
-            return ended(false);
-        }
-        found => found.map_err(|error| match error {
-            DiagnosisError::Model(e) => Failure::Model(e),
-            other => Failure::input([other]),
-        })?,
-    };
-    let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
-    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
-    if in_time && !found.stopped { Ok(ending) } else { ended(false) }
+    (found, in_time)
+}
+
+/// Whether the input may be good all the same: numbers went wrong, or there was no time.
+pub(crate) fn is_of_numbers(error: &DiagnosisError) -> bool {
+    matches!(error, DiagnosisError::Stopped | DiagnosisError::NoFit(_))
+}
+
+pub(crate) fn refused(error: DiagnosisError) -> Failure {
+    match error {
+        DiagnosisError::Model(e) => Failure::Model(e),
+        other => Failure::input([other]),
+    }
 }
 
 impl Arguments {
+    /// Where models are compared with records, and the effects that are searched.
+    pub(crate) fn searched(&self) -> Result<(discover::Domain, Catalogue), Failure> {
+        Ok((self.domain()?, self.chosen.of(self.effects.read()?)?))
+    }
+
+    pub(crate) fn options(&self, model: &Model, domain: discover::Domain) -> DiagnosisOptions {
+        let changes = self.model.changes(&self.estimated);
+        DiagnosisOptions {
+            alpha: self.alpha,
+            most: self.most.into(),
+            fit: FitOptions { changes, ..FitOptions::default() }.with_declared_noise(model),
+            screening: ScreeningOptions::default(),
+            domain,
+        }
+    }
+
     /// Options of the frequency domain are refused in the time domain.
     fn domain(&self) -> Result<discover::Domain, Failure> {
         let given = self.spectra.given();
@@ -153,7 +182,7 @@ impl Arguments {
         let all: Vec<Run> = runs.iter().chain(validation).cloned().collect();
         let noise = options.fit.options.noise.clone();
         let mut manifest = Manifest::of_diagnosis(model, Identity::of(model, &all, options), noise);
-        manifest.command = std::env::args().collect();
+        manifest.command = crate::command_line();
         self.records.describe(runs, &mut manifest);
         let files = validation.iter().zip(&self.validation).map(|(run, file)| DataFile::new(&run.name, file));
         manifest.data.extend(files);
@@ -216,7 +245,7 @@ fn names(model: &Model, runs: &[Run], validation: &[Run]) -> Vec<String> {
 }
 
 /// What a folder holds.
-fn files(model: &Model, (text, json): (&str, &str), difference: &str, found: &Diagnosis) -> Vec<NamedFile> {
+pub(crate) fn files(model: &Model, (text, json): (&str, &str), difference: &str, found: &Diagnosis) -> Vec<NamedFile> {
     let own = model.source().text().to_string();
     let mut files = vec![("diagnosis.txt", text.to_string()), ("diagnosis.json", json.to_string()), ("model.fdm", own)];
     if let Some(extended) = &found.extended {

@@ -70,7 +70,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let catalogue = arguments.chosen.of(arguments.effects.read()?)?;
+    let catalogue = arguments.catalogue()?;
     let (_, subject) = subject(&arguments.model)?;
     let places = catalogue.places(&subject);
     ended(match arguments.json {
@@ -79,11 +79,21 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     })
 }
 
+impl Arguments {
+    pub(crate) fn catalogue(&self) -> Result<Catalogue, Failure> {
+        self.chosen.of(self.effects.read()?)
+    }
+}
+
 /// Reads a model for effects.
 pub(crate) fn subject(file: &Path) -> Result<(Model, Subject), Failure> {
     let model = load_model(file)?;
-    let subject = Subject::new(model.source(), model.definition()).map_err(|f| invalid(model.source(), f))?;
+    let subject = subject_of(&model)?;
     Ok((model, subject))
+}
+
+pub(crate) fn subject_of(model: &Model) -> Result<Subject, Failure> {
+    Subject::new(model.source(), model.definition()).map_err(|f| invalid(model.source(), f))
 }
 
 impl Effects {
@@ -108,7 +118,7 @@ pub(crate) fn invalid(source: &Source, diagnostics: Vec<Diagnostic>) -> Failure 
 }
 
 /// A line for each effect that fits anywhere, with its places below.
-fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> String {
+pub(crate) fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> String {
     let mut text = String::new();
     let (bold, plain) = if colour { ("\x1b[1m", "\x1b[0m") } else { ("", "") };
     for effect in catalogue.effects() {
@@ -191,22 +201,30 @@ impl Scales for Typed {
     }
 }
 
+impl Extend {
+    /// A model with the effects in it.
+    pub(crate) fn applied(&self, mut at: Subject) -> Result<Subject, Failure> {
+        let positive = |v: f64| v > 0.0 && v.is_finite();
+        if !positive(self.step) || !positive(self.duration) {
+            return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
+        }
+        let catalogue = self.effects.read()?;
+        let scales = Typed { step: self.step, duration: self.duration };
+        for wanted in &self.effect {
+            let places = catalogue.places(&at);
+            let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
+            let extension =
+                candidate.apply(&at, &scales, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
+            let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
+            at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
+        }
+        Ok(at)
+    }
+}
+
 pub(crate) fn extend(arguments: &Extend) -> Ending {
-    let positive = |v: f64| v > 0.0 && v.is_finite();
-    if !positive(arguments.step) || !positive(arguments.duration) {
-        return Err(Failure::input(["`--step` and `--duration` must be above zero"]));
-    }
-    let catalogue = arguments.effects.read()?;
-    let (model, mut at) = subject(&arguments.model)?;
-    let scales = Typed { step: arguments.step, duration: arguments.duration };
-    for wanted in &arguments.effect {
-        let places = catalogue.places(&at);
-        let candidate = places.find(wanted).ok_or_else(|| nowhere(wanted, &places))?;
-        let extension =
-            candidate.apply(&at, &scales, &Choice::new()).map_err(|d| Failure::input([d.message.clone()]))?;
-        let compiled = fdm_grammar::compile(extension.source()).map_err(|f| invalid(extension.source(), f))?;
-        at = Subject::new(extension.source(), &compiled.model).map_err(|f| invalid(extension.source(), f))?;
-    }
+    let (model, at) = subject(&arguments.model)?;
+    let at = arguments.applied(at)?;
     let new = at.source().text();
     if let Some(file) = &arguments.write {
         write(file, new)?;

@@ -11,18 +11,19 @@ use crate::progress::Progress;
 use crate::regress::equation_error;
 use clap::Args;
 use fdm_estimate::{
-    BestOptions, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise, ResponseFit,
-    ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter, fit_kept,
-    fit_responses, fit_spectra,
+    BestOptions, Changes, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise,
+    ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
+    fit_kept, fit_responses, fit_spectra,
 };
 use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
     history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
 };
 use fdm_results::documents::{FitDocument, TimeDomain};
-use fdm_results::store::Identity;
+use fdm_results::store::{Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
+use fdm_system::spectrum::Frequencies;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -31,7 +32,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelFile,
+    pub(crate) model: ModelFile,
     #[command(flatten)]
     records: Records,
     #[command(flatten)]
@@ -58,7 +59,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     /// Show the 95 % interval of each parameter
     #[arg(long, help_heading = "Result")]
     intervals: bool,
@@ -69,13 +70,13 @@ pub(crate) struct Arguments {
     #[arg(long, help_heading = "Result")]
     watch: bool,
     #[command(flatten)]
-    checkpoints: Checkpoints,
+    pub(crate) checkpoints: Checkpoints,
     #[command(flatten)]
     delivery: Delivery,
 }
 
 impl Arguments {
-    fn question(&self) -> Result<Question, Failure> {
+    pub(crate) fn question(&self) -> Result<Question, Failure> {
         let own = given(&[
             ("--noise", self.noise.is_given()),
             ("--loss", !self.loss.is_squares()),
@@ -90,8 +91,16 @@ impl Arguments {
         self.methods.question(&all.concat())
     }
 
-    fn options(&self, question: Question, model: &Model) -> Result<Chosen, Failure> {
-        let changes = self.model.changes(&self.estimated);
+    pub(crate) fn changes(&self) -> Changes {
+        self.model.changes(&self.estimated)
+    }
+
+    pub(crate) fn frequencies(&self) -> Frequencies {
+        self.frequency.spectra.frequencies()
+    }
+
+    pub(crate) fn options(&self, question: Question, model: &Model) -> Result<Chosen, Failure> {
+        let changes = self.changes();
         // frequency responses have the errors that the coherence gives
         let noise =
             if question.method == Method::FrequencyResponse { Noise::Diagonal } else { self.noise.of(model)? };
@@ -128,54 +137,138 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.delivery.output.quiet;
     if question.method == Method::EquationError {
         let asked = (&arguments.model, &arguments.estimated, &arguments.records);
-        let frequencies = (question.domain == Domain::Frequency).then(|| arguments.frequency.spectra.frequencies());
+        let frequencies = (question.domain == Domain::Frequency).then(|| arguments.frequencies());
         return equation_error(asked, &arguments.delivery, frequencies);
     }
     let mut progress = Progress::new(quiet).within(&arguments.limit).watching(arguments.watch);
     let model = arguments.model.load()?;
     let runs = arguments.records.runs(&model, quiet)?;
-    let mut options = arguments.options(question, &model)?;
+    let options = arguments.options(question, &model)?;
     let validation = arguments.validation_runs(&model, &runs)?;
-    let mut text = match (&mut options, arguments.methods.start()) {
-        (Chosen::Output(options) | Chosen::Filter(options), Some(StartValues::EquationError)) => {
-            start_at_best_iterate(&model, &runs, options)?
-        }
-        _ => String::new(),
-    };
-    let identity = options.identity(&model, &runs);
+    let task = Task::new(arguments, options, &model, &runs)?;
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, &runs)?;
-    let checkpoint = arguments.checkpoints.open(&identity, quiet)?;
+    let checkpoint = arguments.checkpoints.open(&task.identity, quiet)?;
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
-    let result = options.fit(&model, &runs, checkpoint.keeper(), &mut progress);
+    let result = task.work(&model, &runs, checkpoint.keeper(), &mut progress);
     progress.finish();
-    let found = result?;
-
-    text.push_str(&found.text(arguments, &runs));
-    let mut document = found.document();
-    if let Some(predicted) = found.predicted(&validation, &mut progress)? {
-        text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
-        document.holdout = Some(TimeDomain::of(&predicted));
-    }
-    let mut manifest = prepared.manifest(&model, identity, options.noise(), (&arguments.records, &runs));
-    manifest.seed = matches!(options, Chosen::Output(_)).then_some(arguments.seed);
-    let (starts, frequencies) = (arguments.starts as usize, found.frequencies());
-    let outcome = Outcome {
-        model: found.model(),
-        fit: found.in_time(),
-        runs: &runs,
-        spectra: found.panels(&frequencies),
-        tables: found.tables(),
-        text,
-        json: document.into(),
-        remarks: found.remarks(starts),
-        manifest,
-    };
-    let delivered = prepared.deliver(outcome);
+    let made = task.made(result?, (&runs, &validation), &mut progress)?;
+    let manifest = made.manifest(prepared.manifest(
+        &model,
+        made.identity.clone(),
+        made.noise.clone(),
+        (&arguments.records, &runs),
+    ));
+    let good = made.is_good();
+    let frequencies = made.found.frequencies();
+    let delivered = prepared.deliver(made.outcome(&runs, &frequencies, manifest));
     let whole = checkpoint.close();
     // told in any case
     let in_time = progress.in_time();
-    ended(in_time && found.is_good(starts) && delivered && whole)
+    ended(in_time && good && delivered && whole)
+}
+
+/// A fit that is asked for, by any method but equation error.
+pub(crate) struct Task<'a> {
+    arguments: &'a Arguments,
+    options: Chosen,
+    /// What is said in front of the result.
+    text: String,
+    /// What the bits of the result depend on.
+    pub(crate) identity: Identity,
+}
+
+impl<'a> Task<'a> {
+    /// With start values of these runs, where equation error is to give them.
+    pub(crate) fn new(
+        arguments: &'a Arguments,
+        mut options: Chosen,
+        model: &Model,
+        runs: &[Run],
+    ) -> Result<Self, Failure> {
+        let text = match (&mut options, arguments.methods.start()) {
+            (Chosen::Output(options) | Chosen::Filter(options), Some(StartValues::EquationError)) => {
+                start_at_best_iterate(model, runs, options)?
+            }
+            _ => String::new(),
+        };
+        let identity = options.identity(model, runs);
+        Ok(Self { arguments, options, text, identity })
+    }
+
+    pub(crate) fn work(
+        &self,
+        model: &Model,
+        runs: &[Run],
+        keeper: Option<&dyn Keeper>,
+        progress: &mut Progress,
+    ) -> Result<Found, Failure> {
+        self.options.fit(model, runs, keeper, progress)
+    }
+
+    /// What is told of a fit to these runs, and of runs that took no part.
+    pub(crate) fn made(
+        self,
+        found: Found,
+        (runs, validation): (&[Run], &[Run]),
+        progress: &mut Progress,
+    ) -> Result<Made, Failure> {
+        let mut text = self.text;
+        text.push_str(&found.text(self.arguments, runs));
+        let mut document = found.document();
+        if let Some(predicted) = found.predicted(validation, progress)? {
+            text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
+            document.holdout = Some(TimeDomain::of(&predicted));
+        }
+        let seed = matches!(self.options, Chosen::Output(_)).then_some(self.arguments.seed);
+        let (starts, noise) = (self.arguments.starts as usize, self.options.noise());
+        Ok(Made { found, text, document, starts, seed, noise, identity: self.identity })
+    }
+}
+
+/// A fit that was made.
+pub(crate) struct Made {
+    pub(crate) found: Found,
+    /// Tables and sentences.
+    pub(crate) text: String,
+    /// The same for programs.
+    document: FitDocument,
+    starts: usize,
+    seed: Option<u64>,
+    pub(crate) noise: Noise,
+    pub(crate) identity: Identity,
+}
+
+impl Made {
+    pub(crate) fn is_good(&self) -> bool {
+        self.found.is_good(self.starts)
+    }
+
+    /// With what the fit says of what it was made from.
+    pub(crate) fn manifest(&self, mut manifest: Manifest) -> Manifest {
+        manifest.seed = self.seed;
+        manifest
+    }
+
+    /// What is printed and written of it.
+    pub(crate) fn outcome<'a>(
+        &'a self,
+        runs: &'a [Run],
+        frequencies: &'a [Vec<f64>],
+        manifest: Manifest,
+    ) -> Outcome<'a> {
+        Outcome {
+            model: self.found.model(),
+            fit: self.found.in_time(),
+            runs,
+            spectra: self.found.panels(frequencies),
+            tables: self.found.tables(),
+            text: self.text.clone(),
+            json: self.document.clone().into(),
+            remarks: self.found.remarks(self.starts),
+            manifest,
+        }
+    }
 }
 
 /// Start values from recursive least squares, where none were typed; says which iterate they are.
@@ -195,7 +288,7 @@ fn start_at_best_iterate(model: &Model, runs: &[Run], options: &mut FitOptions) 
 }
 
 /// The options of the method that was chosen.
-enum Chosen {
+pub(crate) enum Chosen {
     Output(FitOptions),
     Filter(FitOptions),
     Spectra(SpectralOptions),
@@ -245,7 +338,7 @@ impl Chosen {
 }
 
 /// What the method found.
-enum Found {
+pub(crate) enum Found {
     Output(Fit),
     Filter(FilterFit),
     Spectra(SpectralFit),
@@ -253,7 +346,7 @@ enum Found {
 }
 
 impl Found {
-    fn model(&self) -> &Model {
+    pub(crate) fn model(&self) -> &Model {
         match self {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => &fit.model,
             Self::Spectra(fit) => &fit.model,
@@ -261,7 +354,7 @@ impl Found {
         }
     }
 
-    fn estimate(&self) -> &Estimate {
+    pub(crate) fn estimate(&self) -> &Estimate {
         match self {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => &fit.estimate,
             Self::Spectra(fit) => &fit.estimate,
@@ -270,7 +363,7 @@ impl Found {
     }
 
     /// The fit in the time domain; results of the frequency domain are simulated where that is possible.
-    fn in_time(&self) -> Option<&Fit> {
+    pub(crate) fn in_time(&self) -> Option<&Fit> {
         match self {
             Self::Output(fit) | Self::Filter(FilterFit { fit, .. }) => Some(fit),
             Self::Spectra(fit) => fit.finish.as_ref(),
@@ -375,7 +468,7 @@ impl Found {
     }
 
     /// The frequencies of every spectrum, in cycles per unit of time.
-    fn frequencies(&self) -> Vec<Vec<f64>> {
+    pub(crate) fn frequencies(&self) -> Vec<Vec<f64>> {
         let Self::Spectra(fit) = self else { return Vec::new() };
         fit.spectra.iter().map(|s| s.omega.iter().map(|w| w / std::f64::consts::TAU).collect()).collect()
     }

@@ -86,7 +86,7 @@ impl Halt {
     }
 
     /// Whether work was ended by the time limit.
-    fn ran_out_of_time(&self) -> bool {
+    pub(crate) fn ran_out_of_time(&self) -> bool {
         self.over.load(Ordering::Relaxed)
     }
 

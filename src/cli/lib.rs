@@ -30,6 +30,7 @@ mod progress;
 mod progress_file;
 mod regress;
 mod reproduce;
+pub mod request;
 mod show;
 mod simulate;
 mod spectra;
@@ -37,7 +38,9 @@ mod study;
 mod validate;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::ffi::OsString;
 use std::process::ExitCode;
+use std::sync::OnceLock;
 
 /// Find the mathematical model of a moving vehicle or a chemical reaction from measured data.
 #[derive(Debug, Parser)]
@@ -113,8 +116,23 @@ pub fn command() -> clap::Command {
 
 /// Does what the command line asks for.
 pub fn main() -> ExitCode {
+    main_with(std::env::args_os())
+}
+
+/// The words of the command line, where they are not those of the process.
+static WORDS: OnceLock<Vec<String>> = OnceLock::new();
+
+/// The words of the command line, as results tell them.
+fn command_line() -> Vec<String> {
+    WORDS.get().cloned().unwrap_or_else(|| std::env::args_os().map(|w| w.to_string_lossy().into_owned()).collect())
+}
+
+/// Does what these words ask for, the first of which is the name of the program: once in a process.
+pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let words: Vec<OsString> = words.into_iter().collect();
+    let _ = WORDS.set(words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
     let mut command = Arguments::command();
-    let matches = match command.try_get_matches_from_mut(std::env::args_os()) {
+    let matches = match command.try_get_matches_from_mut(words) {
         Ok(matches) => matches,
         Err(e) => return failure::refuse_words(&e),
     };

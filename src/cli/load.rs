@@ -42,7 +42,12 @@ pub(crate) struct Estimated {
 impl ModelFile {
     /// Reads and compiles the model; warnings go to standard error.
     pub(crate) fn load(&self) -> Result<Model, Failure> {
-        load_model(&self.model)?.untied(&self.untie).or_failure()
+        self.untied(&load_model(&self.model)?)
+    }
+
+    /// A model with the ties switched off that were named.
+    pub(crate) fn untied(&self, model: &Model) -> Result<Model, Failure> {
+        model.untied(&self.untie).or_failure()
     }
 
     /// The model with the values that were typed.
@@ -240,7 +245,7 @@ pub(crate) fn read_records(
 ) -> Result<Vec<(Run, Summary)>, Failure> {
     let channels = channels(model.definition());
     let mut runs = read_all(files, &channels, options, elsewhere).map_err(Failure::Records)?;
-    number_equal_names(&mut runs);
+    number_equal_names(runs.iter_mut().map(|(run, _)| run).collect());
     let mut known = files_of_runs();
     known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.display().to_string())));
     drop(known);
@@ -263,9 +268,9 @@ pub(crate) fn with_files(said: &str) -> String {
 }
 
 /// Runs whose files share a name are numbered.
-fn number_equal_names(runs: &mut [(Run, Summary)]) {
-    let names: Vec<String> = runs.iter().map(|(run, _)| run.name.clone()).collect();
-    for (k, (run, _)) in runs.iter_mut().enumerate() {
+pub(crate) fn number_equal_names(runs: Vec<&mut Run>) {
+    let names: Vec<String> = runs.iter().map(|run| run.name.clone()).collect();
+    for (k, run) in runs.into_iter().enumerate() {
         if names.iter().filter(|n| **n == names[k]).count() > 1 {
             run.name = format!("{}#{}", names[k], 1 + names[..k].iter().filter(|n| **n == names[k]).count());
         }
@@ -274,25 +279,28 @@ fn number_equal_names(runs: &mut [(Run, Summary)]) {
 
 /// Says what a careful reader would mention about the records.
 pub(crate) fn say_notes(records: &[(Run, Summary)]) {
-    let say = |run: &str, note: std::fmt::Arguments<'_>| {
-        remark(format_args!("{}", with_files(&format!("note: run `{run}`: {note}"))));
-    };
     for (run, summary) in records {
-        let not_measured =
-            |name: &str| summary.notes.iter().any(|n| matches!(n, Note::NotMeasured { output } if output == name));
-        for note in &summary.notes {
-            say(&run.name, format_args!("{note}"));
-        }
-        let missing: Vec<String> = summary
-            .sources
-            .iter()
-            .filter(|s| s.gaps > 0 && s.column.is_some() && !not_measured(&s.channel))
-            .map(|s| format!("{} of `{}`", s.gaps, s.channel))
-            .collect();
-        if !missing.is_empty() {
-            say(&run.name, format_args!("missing values: {}", missing.join(", ")));
+        for note in notes(summary) {
+            remark(format_args!("{}", with_files(&format!("note: run `{}`: {note}", run.name))));
         }
     }
+}
+
+/// What a careful reader would mention about a record.
+pub(crate) fn notes(summary: &Summary) -> Vec<String> {
+    let not_measured =
+        |name: &str| summary.notes.iter().any(|n| matches!(n, Note::NotMeasured { output } if output == name));
+    let mut notes: Vec<String> = summary.notes.iter().map(ToString::to_string).collect();
+    let missing: Vec<String> = summary
+        .sources
+        .iter()
+        .filter(|s| s.gaps > 0 && s.column.is_some() && !not_measured(&s.channel))
+        .map(|s| format!("{} of `{}`", s.gaps, s.channel))
+        .collect();
+    if !missing.is_empty() {
+        notes.push(format!("missing values: {}", missing.join(", ")));
+    }
+    notes
 }
 
 /// Measurement noise as it is typed.

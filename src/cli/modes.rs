@@ -64,7 +64,7 @@ impl Arguments {
 }
 
 /// Where a model is linearised at the values of its parameters, and its modes there.
-fn modes(model: &Model) -> Result<(Trim, Modes), Failure> {
+pub(crate) fn modes(model: &Model) -> Result<(Trim, Modes), Failure> {
     let theta = model.definition().start();
     let mut linear = LinearModel::new(model).or_failure()?;
     let mut values = Values::default();

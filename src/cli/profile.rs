@@ -10,10 +10,11 @@ use crate::options::Integration;
 use crate::ownership::Overwriting;
 use crate::progress::Progress;
 use clap::Args;
-use fdm_estimate::{FitOptions, Options, Status, fit};
+use fdm_estimate::{Fit, FitOptions, Options, Status, fit};
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::{profile_svg, profile_table};
 use fdm_system::Model;
+use fdm_system::record::Run;
 use rayon::prelude::*;
 use std::path::PathBuf;
 
@@ -21,7 +22,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelFile,
+    pub(crate) model: ModelFile,
     #[command(flatten)]
     records: Records,
     /// Parameter that is profiled; may be given several times [default: all that are estimated and shared]
@@ -34,7 +35,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     output: Output,
     /// Draw the cost over each parameter to an SVG file
@@ -44,9 +45,46 @@ pub(crate) struct Arguments {
     overwriting: Overwriting,
 }
 
+/// A fit, and the profiles around it, or why there are none.
+pub(crate) struct Profiled {
+    pub(crate) found: Fit,
+    pub(crate) profiles: Result<Vec<Profile>, StudyError>,
+}
+
 impl Arguments {
+    pub(crate) fn work(&self, model: &Model, runs: &[Run], progress: &mut Progress) -> Result<Profiled, Failure> {
+        let options = self.integration.among(FitOptions {
+            changes: self.model.changes(&self.estimated),
+            options: Options { noise: self.noise.of(model)?, ..Options::default() },
+            ..FitOptions::default()
+        });
+        let found = fit(model, runs, &options, progress).or_failure()?;
+        let halt = progress.halt();
+        let goes_on = move || halt.goes_on();
+        let profiler = match Profiler::new(&found, runs, &options, &goes_on) {
+            Ok(profiler) => profiler,
+            Err(e) => {
+                progress.finish();
+                return Ok(Profiled { found, profiles: Err(e) });
+            }
+        };
+        let shared = found.estimate.parameters.iter().filter(|p| p.run.is_none() && p.status == Status::Estimated);
+        let names: Vec<String> = match &self.parameters[..] {
+            [] => shared.map(|p| p.name.clone()).collect(),
+            some => some.to_vec(),
+        };
+        if names.is_empty() {
+            return Err(Failure::input(["no shared parameter is estimated; name one with --parameter"]));
+        }
+        progress.say(&format!("profiling {}", names.join(", ")));
+        let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
+        progress.finish();
+        let profiles = profiles.or_failure()?;
+        Ok(Profiled { found, profiles: Ok(profiles) })
+    }
+
     /// Names that are none are told before the work.
-    fn are_known(&self, model: &Model) -> Result<(), Failure> {
+    pub(crate) fn are_known(&self, model: &Model) -> Result<(), Failure> {
         let names = || model.definition().params.iter().map(|p| p.quantity.name.as_str());
         let unknown = self.parameters.iter().filter(|wanted| !names().any(|name| name == wanted.as_str()));
         let hint = |wanted: &String| did_you_mean(wanted, names());
@@ -61,34 +99,14 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let model = arguments.model.load()?;
     arguments.are_known(&model)?;
     let runs = arguments.records.runs(&model, arguments.output.quiet)?;
-    let options = arguments.integration.among(FitOptions {
-        changes: arguments.model.changes(&arguments.estimated),
-        options: Options { noise: arguments.noise.of(&model)?, ..Options::default() },
-        ..FitOptions::default()
-    });
-    let found = fit(&model, &runs, &options, &mut progress).or_failure()?;
-    let halt = progress.halt();
-    let goes_on = move || halt.goes_on();
-    let profiler = match Profiler::new(&found, &runs, &options, &goes_on) {
-        Ok(profiler) => profiler,
+    let Profiled { found, profiles } = arguments.work(&model, &runs, &mut progress)?;
+    let profiles = match profiles {
+        Ok(profiles) => profiles,
         Err(e) => {
-            progress.finish();
             remark(format_args!("error: {e}"));
             return print_so_far(&found, &arguments.output);
         }
     };
-    let shared = found.estimate.parameters.iter().filter(|p| p.run.is_none() && p.status == Status::Estimated);
-    let names: Vec<String> = match &arguments.parameters[..] {
-        [] => shared.map(|p| p.name.clone()).collect(),
-        some => some.to_vec(),
-    };
-    if names.is_empty() {
-        return Err(Failure::input(["no shared parameter is estimated; name one with --parameter"]));
-    }
-    progress.say(&format!("profiling {}", names.join(", ")));
-    let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
-    progress.finish();
-    let profiles = profiles.or_failure()?;
     let printed = arguments.output.print(|| profile_table(&profiles), || &profiles)?;
     integration_remarks(&found).iter().for_each(|r| remark(format_args!("{r}")));
     let drawn = arguments.plot.as_ref().map_or(Ok(()), |file| write(file, profile_svg(&profiles)));

@@ -71,13 +71,16 @@ pub(crate) struct Progress {
     /// Where others read how far it is.
     course: Option<Course>,
     halt: Halt,
+    /// Whether nothing at all is to be said.
+    silent: bool,
 }
 
 impl Progress {
     /// Live on a terminal; `quiet` says nothing at all. An interrupt ends the work after what is in hand.
     pub(crate) fn new(quiet: bool) -> Self {
         let bar = bar(None, !quiet, "{spinner} {msg} [{elapsed}]", 100);
-        let progress = Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default() };
+        let progress =
+            Self { bar, lines: in_lines(quiet), costs: None, course: None, halt: Halt::default(), silent: false };
         let interrupted = progress.halt.interrupted();
         for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
             // a second one ends the program at once; where handlers cannot be had the first does
@@ -85,6 +88,12 @@ impl Progress {
             let _ = signal_hook::flag::register(signal, Arc::clone(interrupted));
         }
         progress
+    }
+
+    /// Shows nothing; writes down how far it is, and ends the work when `halt` says so.
+    pub(crate) fn hidden(halt: Halt, course: Course) -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
+        Self { bar, lines: false, costs: None, course: Some(course), halt, silent: true }
     }
 
     /// Ends the work when the time is over, too.
@@ -135,7 +144,7 @@ impl Progress {
 
     /// Says so where the time limit has ended the work; says whether it has not.
     pub(crate) fn in_time(&self) -> bool {
-        self.halt.in_time()
+        if self.silent { !self.halt.ran_out_of_time() } else { self.halt.in_time() }
     }
 }
 
@@ -229,6 +238,12 @@ struct Ended {
 impl RepeatsSoFar {
     fn lock(&self) -> MutexGuard<'_, Ended> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How many there are, and of how many.
+    pub(crate) fn counts(&self) -> (usize, usize) {
+        let ended = self.lock();
+        (ended.repeats.iter().flatten().count(), ended.repeats.len())
     }
 
     /// All of them by number, and the seconds that the others will take as far as can be told.

@@ -3,6 +3,7 @@
 //! A thread of its own writes it, at most once a second, so that the work waits for nothing. Work without a place for its
 //! result has no such thread.
 
+use crate::progress::RepeatsSoFar;
 use fdm_estimate::{Iteration, StartSummary, Status, UnknownName};
 use fdm_results::documents::study::Study;
 use fdm_results::documents::{AtWork, CourseDocument, CourseParameter, ProgressDocument, ProgressManifest, to_text};
@@ -35,6 +36,8 @@ pub(crate) struct State {
     pub(crate) history: Vec<Iteration>,
     /// Starts that have ended, of so many.
     pub(crate) starts: (Vec<StartSummary>, usize),
+    /// Repeats of a Monte Carlo study that have ended.
+    pub(crate) repeats: Option<RepeatsSoFar>,
     /// What else there is: the study so far, and the time that is left.
     pub(crate) more: Option<Arc<Parts>>,
 }
@@ -150,7 +153,7 @@ impl Head {
             left
         });
         let seconds = |time: SystemTime| time.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64());
-        let (command, model) = (std::env::args().collect(), self.model.clone());
+        let (command, model) = (crate::command_line(), self.model.clone());
         let manifest = ProgressManifest { command, model, model_file: self.model_file.clone() };
         let (began, told) = (seconds(self.began.0), seconds(SystemTime::now()));
         let progress = AtWork { doing, began, told, elapsed: self.began.1.elapsed().as_secs_f64(), left };

@@ -16,7 +16,7 @@ use fdm_report::{
     dependence_table, recursive_histories, recursive_table, recursive_times, regression_table, structure_table, svg,
 };
 use fdm_results::documents::{RecursiveDocument, RegressionDocument, ResultDocument, StructureDocument};
-use fdm_results::store::Identity;
+use fdm_results::store::{Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::Frequencies;
@@ -245,15 +245,19 @@ pub(crate) fn equation_error(
     frequencies: Option<Frequencies>,
 ) -> Ending {
     let (model, runs) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
-    let domain = frequencies.map_or(Domain::Time, Domain::Frequency);
-    let options = RegressionOptions { domain, ..RegressionOptions::default() };
+    let options = at_once(frequencies);
     let prepared = delivery.prepare(&model, &runs)?;
     let (text, document, determined) = estimates(&model, &runs, &options).or_failure()?;
     deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)
 }
 
+/// The options of `fdm fit --method equation-error`.
+pub(crate) fn at_once(frequencies: Option<Frequencies>) -> RegressionOptions {
+    RegressionOptions { domain: frequencies.map_or(Domain::Time, Domain::Frequency), ..RegressionOptions::default() }
+}
+
 /// Tables, the same for programs, and whether a parameter was determined.
-fn estimates(
+pub(crate) fn estimates(
     model: &Model,
     runs: &[Run],
     options: &RegressionOptions,
@@ -271,10 +275,19 @@ fn deliver(
     determined: bool,
 ) -> Ending {
     let manifest = prepared.manifest(model, Identity::of(model, runs, options), Noise::Diagonal, (records, runs));
+    ended(prepared.deliver(outcome(model, runs, (text, json, determined), manifest)) && determined)
+}
+
+/// What is printed and written of regressions.
+pub(crate) fn outcome<'a>(
+    model: &'a Model,
+    runs: &'a [Run],
+    (text, json, determined): (String, ResultDocument, bool),
+    manifest: Manifest,
+) -> Outcome<'a> {
     let remarks = if determined { Vec::new() } else { vec![UNDETERMINED.to_string()] };
     let (spectra, tables) = (Vec::new(), Vec::new());
-    let outcome = Outcome { model, fit: None, runs, spectra, tables, text, json, remarks, manifest };
-    ended(prepared.deliver(outcome) && determined)
+    Outcome { model, fit: None, runs, spectra, tables, text, json, remarks, manifest }
 }
 
 /// Half the mean sampling rate of the slowest record.

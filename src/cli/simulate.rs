@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelOrResult,
+    pub(crate) model: ModelOrResult,
     /// Run of the result whose per-run parameters (biases, initial states) are used [default: the run with the same name, or the
     /// only one]
     #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Parameters")]
@@ -33,7 +33,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
-    integration: Integration,
+    pub(crate) integration: Integration,
     /// Print JSON instead of CSV
     #[arg(long, conflicts_with = "output", help_heading = "Result")]
     json: bool,
@@ -45,11 +45,11 @@ pub(crate) struct Arguments {
 }
 
 /// One run's response.
-struct Response<'a> {
+pub(crate) struct Response<'a> {
     run: &'a Run,
-    accuracy: Accuracy,
+    pub(crate) accuracy: Accuracy,
     /// Outputs (N by q); NaN behind a divergence.
-    y: Vec<f64>,
+    pub(crate) y: Vec<f64>,
     divergence: Option<Divergence>,
     /// Where the integration error is above 1e-3 of an output's range, the worst output first.
     wrong: Vec<WorstError>,
@@ -88,21 +88,28 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         if model.layout().states > 0 && !arguments.json {
             remark(format_args!("{}: {}", response.run.name, arguments.integration.said(&response.accuracy)));
         }
-        if let Some(d) = response.divergence {
-            let state = d.state.map_or(String::from("an output"), |s| {
-                format!("state `{}`", model.definition().states[s].quantity.name)
-            });
-            let said = format!("run `{}` diverges: {state} is not finite at time {}", response.run.name, d.time);
-            remark(format_args!("{}", with_files(&said)));
-            good = false;
-        }
-        if let Some(worst) = response.wrong.first() {
-            let said = format!("run `{}` is not integrated: {}", response.run.name, said(&model, response.run, worst));
+        for said in response.faults(&model) {
             remark(format_args!("{}", with_files(&said)));
             good = false;
         }
     }
     ended(good)
+}
+
+impl Response<'_> {
+    /// What makes the numbers wrong.
+    pub(crate) fn faults(&self, model: &Model) -> Vec<String> {
+        let name = &self.run.name;
+        let diverges = self.divergence.map(|d| {
+            let state = d.state.map_or(String::from("an output"), |s| {
+                format!("state `{}`", model.definition().states[s].quantity.name)
+            });
+            format!("run `{name}` diverges: {state} is not finite at time {}", d.time)
+        });
+        let wrong =
+            self.wrong.first().map(|worst| format!("run `{name}` is not integrated: {}", said(model, self.run, worst)));
+        diverges.into_iter().chain(wrong).collect()
+    }
 }
 
 impl Arguments {
@@ -162,7 +169,7 @@ fn theta(model: &Model, run: &Run, folder: Option<&ResultFolder>, arguments: &Ar
     Ok(theta)
 }
 
-fn respond<'a>(
+pub(crate) fn respond<'a>(
     model: &Model,
     run: &'a Run,
     folder: Option<&ResultFolder>,

@@ -52,20 +52,10 @@ const SEGMENTS: f64 = 5.0;
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let model = load_model(&arguments.model)?;
-    let definition = model.definition();
-    let declared = definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.as_str()).collect();
-    let shown = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
-    let inputs = chosen(&arguments.inputs, declared, "input")?;
-    let mut outputs = chosen(&arguments.outputs, shown, "output")?;
+    let channels = arguments.channels(&model)?;
     let options = arguments.records.selection.options(false);
-    outputs.retain(|o| !options.without.contains(&definition.outputs[*o].quantity.name));
-    if outputs.is_empty() {
-        return Err(Failure::input(["--without-output leaves no output"]));
-    }
     let runs = read_runs(&arguments.records.data, &options, &model, &[], arguments.output.quiet)?;
-    let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(&inputs, &outputs)).collect();
-    let names = names(&model, &inputs, &outputs);
-    let found = arguments.estimate(&runs, &names)?;
+    let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
     arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;
     ended(printed)
@@ -96,7 +86,38 @@ fn names(model: &Model, inputs: &[usize], outputs: &[usize]) -> ResponseNames {
     }
 }
 
+/// The numbers of those channels whose responses are estimated.
+pub(crate) struct Channels {
+    inputs: Vec<usize>,
+    outputs: Vec<usize>,
+}
+
 impl Arguments {
+    pub(crate) fn channels(&self, model: &Model) -> Result<Channels, Failure> {
+        let definition = model.definition();
+        let declared = definition.inputs.iter().filter(|i| i.is_declared()).map(|i| i.quantity.name.as_str()).collect();
+        let shown = definition.outputs.iter().map(|o| o.quantity.name.as_str()).collect();
+        let inputs = chosen(&self.inputs, declared, "input")?;
+        let mut outputs = chosen(&self.outputs, shown, "output")?;
+        let options = self.records.selection.options(false);
+        outputs.retain(|o| !options.without.contains(&definition.outputs[*o].quantity.name));
+        if outputs.is_empty() {
+            return Err(Failure::input(["--without-output leaves no output"]));
+        }
+        Ok(Channels { inputs, outputs })
+    }
+
+    pub(crate) fn responses(
+        &self,
+        model: &Model,
+        runs: &[Run],
+        Channels { inputs, outputs }: &Channels,
+    ) -> Result<(FrequencyResponseEstimate, ResponseNames), Failure> {
+        let runs: Vec<Run> = runs.iter().map(|run| run.with_channels(inputs, outputs)).collect();
+        let names = names(model, inputs, outputs);
+        Ok((self.estimate(&runs, &names)?, names))
+    }
+
     fn estimate(&self, runs: &[Run], names: &ResponseNames) -> Result<FrequencyResponseEstimate, Failure> {
         let duration = |run: &Run| run.time.last().copied().unwrap_or(0.0) - run.time.first().copied().unwrap_or(0.0);
         let shortest = runs.iter().map(duration).fold(f64::INFINITY, f64::min);

@@ -13,6 +13,8 @@ use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, series};
 use fdm_report::{fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
 use fdm_results::store::Identity;
+use fdm_system::Model;
+use fdm_system::record::Run;
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -20,7 +22,7 @@ use std::sync::Arc;
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
     #[command(flatten)]
-    model: ModelFile,
+    pub(crate) model: ModelFile,
     #[command(flatten)]
     records: Records,
     #[command(flatten)]
@@ -30,13 +32,13 @@ pub(crate) struct Arguments {
     /// Number of repeats
     #[arg(long, value_name = "N", default_value_t = 1000, help_heading = "Repeats",
           allow_negative_numbers = true, value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
-    repeats: u32,
+    pub(crate) repeats: u32,
     #[command(flatten)]
-    repetition: Repeats,
+    pub(crate) repetition: Repeats,
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
-    limit: TimeLimit,
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     delivery: Delivery,
 }
@@ -49,19 +51,20 @@ struct Studied<'a> {
     seed: u64,
 }
 
+/// What the bits of the repeats depend on.
+pub(crate) fn identity(model: &Model, runs: &[Run], fit: &FitOptions, (noise_colour, seed): (Colour, u64)) -> Identity {
+    Identity::of(model, runs, &Studied { fit, noise_colour, seed })
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (quiet, count) = (arguments.delivery.output.quiet, arguments.repeats as usize);
     let checkpoints = &arguments.repetition.checkpoints;
     let mut progress = Progress::new(quiet).within(&arguments.limit);
     let model = arguments.model.load()?;
     let runs = arguments.records.runs(&model, quiet)?;
-    let options = arguments.integration.among(FitOptions {
-        changes: arguments.model.changes(&arguments.estimated),
-        options: Options { noise: arguments.noise.of(&model)?, ..Options::default() },
-        ..FitOptions::default()
-    });
+    let options = arguments.options(&model)?;
     let (colour, seed) = (arguments.colour()?, arguments.repetition.seed);
-    let identity = Identity::of(&model, &runs, &Studied { fit: &options, noise_colour: colour, seed });
+    let identity = identity(&model, &runs, &options, (colour, seed));
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, &runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
@@ -108,7 +111,15 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 }
 
 impl Arguments {
-    fn colour(&self) -> Result<Colour, Failure> {
+    pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
+        Ok(self.integration.among(FitOptions {
+            changes: self.model.changes(&self.estimated),
+            options: Options { noise: self.noise.of(model)?, ..Options::default() },
+            ..FitOptions::default()
+        }))
+    }
+
+    pub(crate) fn colour(&self) -> Result<Colour, Failure> {
         match self.repetition.colours()[..] {
             [] => Ok(Colour::default()),
             [colour] => Ok(colour),

@@ -27,6 +27,7 @@ mod observer;
 mod output_error;
 mod problem;
 mod recovery;
+mod residual_vector;
 pub mod residuals;
 mod solve;
 #[cfg(test)]
@@ -66,6 +67,7 @@ pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, Mult
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
+pub use residual_vector::ResidualVector;
 
 pub use solve::{estimate, estimate_from};
 pub use spectra::{

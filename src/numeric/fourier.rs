@@ -1,12 +1,13 @@
 //! Fast Fourier and cosine transforms: the only file that names the libraries that compute them.
 //!
-//! Plans are kept for the whole process, since finding one costs more than using it. A plan depends on the length alone, so
-//! that results do not depend on who asked first.
+//! Plans are kept for the whole process, since finding one costs more than using it. Each is found by a planner of its own: one that has
+//! planned before builds on what it has, so that bits would depend on who asked first.
 
 use num_complex::Complex64;
 use realfft::{RealFftPlanner, RealToComplex};
 use rustdct::{DctPlanner, TransformType2And3};
 use rustfft::{Fft, FftPlanner};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
@@ -14,25 +15,15 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 /// Plans above this length are not kept: their tables are as large as the series.
 const LONGEST_KEPT: usize = 1 << 16;
 
-struct Planners {
-    real: RealFftPlanner<f64>,
-    complex: FftPlanner<f64>,
-    cosine: DctPlanner<f64>,
-}
+/// Plans by length.
+type Plans<T> = LazyLock<Mutex<BTreeMap<usize, T>>>;
 
-impl Planners {
-    fn new() -> Self {
-        Self { real: RealFftPlanner::new(), complex: FftPlanner::new(), cosine: DctPlanner::new() }
+/// What is planned for series of a length.
+fn planned<T: Clone>(kept: &Plans<T>, length: usize, plan: impl FnOnce() -> T) -> T {
+    if length > LONGEST_KEPT {
+        return plan();
     }
-
-    /// What is planned for series of a length.
-    fn plan<T>(length: usize, plan: impl FnOnce(&mut Self) -> T) -> T {
-        static KEPT: LazyLock<Mutex<Planners>> = LazyLock::new(|| Mutex::new(Planners::new()));
-        if length > LONGEST_KEPT {
-            return plan(&mut Self::new());
-        }
-        plan(&mut KEPT.lock().unwrap_or_else(PoisonError::into_inner))
-    }
+    kept.lock().unwrap_or_else(PoisonError::into_inner).entry(length).or_insert_with(plan).clone()
 }
 
 /// Transforms of real series of one length at their own frequencies.
@@ -46,7 +37,8 @@ pub struct RealFft {
 impl RealFft {
     /// For series of so many samples.
     pub fn new(samples: usize) -> Self {
-        let plan = Planners::plan(samples, |p| p.real.plan_fft_forward(samples));
+        static KEPT: Plans<Arc<dyn RealToComplex<f64>>> = LazyLock::new(Mutex::default);
+        let plan = planned(&KEPT, samples, || RealFftPlanner::new().plan_fft_forward(samples));
         let (series, bins, scratch) = (plan.make_input_vec(), plan.make_output_vec(), plan.make_scratch_vec());
         Self { plan, series, bins, scratch }
     }
@@ -77,8 +69,9 @@ pub struct ComplexFft {
 impl ComplexFft {
     /// For series of this length.
     pub fn new(length: usize) -> Self {
-        let plans = |p: &mut Planners| (p.complex.plan_fft_forward(length), p.complex.plan_fft_inverse(length));
-        let (forward, backward) = Planners::plan(length, plans);
+        static KEPT: Plans<[Arc<dyn Fft<f64>>; 2]> = LazyLock::new(Mutex::default);
+        let plans = || [FftPlanner::new().plan_fft_forward(length), FftPlanner::new().plan_fft_inverse(length)];
+        let [forward, backward] = planned(&KEPT, length, plans);
         let scratch = forward.get_inplace_scratch_len().max(backward.get_inplace_scratch_len());
         Self { forward, backward, scratch: vec![Complex64::ZERO; scratch] }
     }
@@ -110,7 +103,8 @@ pub struct CosineTransform {
 impl CosineTransform {
     /// For series of this length.
     pub fn new(length: usize) -> Self {
-        let plan = Planners::plan(length, |p| p.cosine.plan_dct2(length));
+        static KEPT: Plans<Arc<dyn TransformType2And3<f64>>> = LazyLock::new(Mutex::default);
+        let plan = planned(&KEPT, length, || DctPlanner::new().plan_dct2(length));
         let scratch = vec![0.0; plan.get_scratch_len()];
         Self { plan, scratch }
     }
@@ -136,6 +130,22 @@ impl fmt::Debug for CosineTransform {
 mod tests {
     use super::*;
     use std::f64::consts::{PI, TAU};
+
+    #[test]
+    fn bits_do_not_depend_on_what_was_planned_before() {
+        for n in 380_usize..=660 {
+            let series: Vec<f64> = (0..n).map(|i| (i as f64 * 0.7).sin() + 0.2).collect();
+            let mut alone: Vec<Complex64> = series.iter().map(|v| Complex64::new(*v, 0.0)).collect();
+            let mut kept = alone.clone();
+            FftPlanner::new().plan_fft_forward(n).process(&mut alone);
+            ComplexFft::new(n).forward(&mut kept);
+            assert!(alone == kept, "{n}");
+            let (mut alone, mut kept) = (series.clone(), series);
+            DctPlanner::new().plan_dct2(n).process_dct2(&mut alone);
+            CosineTransform::new(n).forward(&mut kept);
+            assert!(alone == kept, "{n}");
+        }
+    }
 
     #[test]
     fn transforms_are_the_sums_of_their_definitions() {

@@ -232,15 +232,32 @@ impl ResultFolder {
 
     fn as_it_stands(folder: &Path) -> Result<Self, ResultError> {
         let (_, manifest) = manifest_of(folder, Manifest::format)?;
-        let changed = |folder: &Path, files: Vec<String>| ResultError::Changed { folder: folder.into(), files };
         let wrong: Vec<String> =
             manifest.files.iter().filter(|f| read_same(folder, f).is_none()).map(|f| f.name.clone()).collect();
         if !wrong.is_empty() {
-            return Err(changed(folder, wrong));
+            return Err(ResultError::Changed { folder: folder.into(), files: wrong });
         }
-        let read =
-            |name: &str| fs::read_to_string(standing(folder, name)).map_err(|_| changed(folder, vec![name.into()]));
-        let broken = |name: &str| changed(folder, vec![name.into()]);
+        Self::read(folder, manifest, &|name| fs::read_to_string(standing(folder, name)).ok())
+    }
+
+    /// From the files of a result in memory, as [`Contents::files`] makes them; `folder` is what messages call them.
+    ///
+    /// # Errors
+    /// [`ResultError`].
+    pub fn from_files(folder: impl AsRef<Path>, files: &[(String, Vec<u8>)]) -> Result<Self, ResultError> {
+        let folder = folder.as_ref();
+        let text = |name: &str| {
+            let (_, content) = files.iter().find(|(own, _)| own == name)?;
+            String::from_utf8(content.clone()).ok()
+        };
+        let manifest = text(manifest::NAME).and_then(|text| serde_json::from_str(&text).ok());
+        let manifest = manifest.ok_or_else(|| ResultError::Foreign { folder: folder.into() })?;
+        Self::read(folder, manifest, &text)
+    }
+
+    fn read(folder: &Path, manifest: Manifest, text: &dyn Fn(&str) -> Option<String>) -> Result<Self, ResultError> {
+        let broken = |name: &str| ResultError::Changed { folder: folder.into(), files: vec![name.into()] };
+        let read = |name: &str| text(name).ok_or_else(|| broken(name));
         let (model, result, quality) = (read(MODEL)?, read(RESULT)?, read(QUALITY)?);
         let result = ResultDocument::read(&result).map_err(|_| broken(RESULT))?;
         let quality = from_text(&quality).map_err(|_| broken(QUALITY))?;

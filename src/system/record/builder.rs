@@ -7,6 +7,7 @@ use super::read::since_first;
 use super::run::Run;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Model, Unit};
+use std::borrow::Cow;
 use std::fmt;
 
 /// A run from samples in memory: times and one list of samples for each input and output of a model, by name.
@@ -18,18 +19,18 @@ use std::fmt;
 pub struct RunBuilder<'m> {
     model: &'m Model,
     name: String,
-    times: Vec<Samples>,
-    signals: Vec<Samples>,
+    times: Vec<Samples<'m>>,
+    signals: Vec<Samples<'m>>,
     held: Vec<String>,
     unmeasured: bool,
 }
 
 /// What was given under a name.
 #[derive(Debug, Clone)]
-struct Samples {
+struct Samples<'s> {
     name: String,
     unit: Option<String>,
-    values: Vec<f64>,
+    values: Cow<'s, [f64]>,
 }
 
 impl<'m> RunBuilder<'m> {
@@ -59,6 +60,11 @@ impl<'m> RunBuilder<'m> {
         self.given(channel, Some(unit), samples.into())
     }
 
+    /// The same, or times, of samples that stay where they are until the run is built; in a unit where one is named.
+    pub fn samples_of(self, channel: &str, unit: Option<&str>, samples: &'m [f64]) -> Self {
+        self.kept(channel, unit, samples.into())
+    }
+
     /// Keeps an input between samples at the earlier one; otherwise it is linear between samples.
     pub fn zero_order_hold(mut self, input: &str) -> Self {
         self.held.push(input.into());
@@ -71,7 +77,11 @@ impl<'m> RunBuilder<'m> {
         self
     }
 
-    fn given(mut self, name: &str, unit: Option<&str>, values: Vec<f64>) -> Self {
+    fn given(self, name: &str, unit: Option<&str>, values: Vec<f64>) -> Self {
+        self.kept(name, unit, values.into())
+    }
+
+    fn kept(mut self, name: &str, unit: Option<&str>, values: Cow<'m, [f64]>) -> Self {
         let samples = Samples { name: name.into(), unit: unit.map(String::from), values };
         if channels(self.model).means_time(name) {
             self.times.push(samples)
@@ -91,7 +101,7 @@ impl<'m> RunBuilder<'m> {
         let time = self.time(&mut faults);
         let wanted = channels(self.model);
         let n = time.len();
-        let mut columns = |role: Role, channels: &[Channel]| -> Vec<Vec<f64>> {
+        let mut columns = |role: Role, channels: &[Channel]| -> Vec<Cow<'_, [f64]>> {
             channels.iter().map(|channel| self.column(role, channel, n, &mut faults)).collect()
         };
         let (inputs, outputs) = (columns(Role::Input, &wanted.inputs), columns(Role::Output, &wanted.outputs));
@@ -99,8 +109,7 @@ impl<'m> RunBuilder<'m> {
             return Err(RunError { run: self.name, faults });
         }
         let (m, q) = (inputs.len(), outputs.len());
-        let rows = |columns: &[Vec<f64>]| (0..n).flat_map(|k| columns.iter().map(move |c| c[k])).collect::<Vec<f64>>();
-        let (mut driven, mut measured) = (rows(&inputs), rows(&outputs));
+        let (mut driven, mut measured) = (rows(&inputs, n), rows(&outputs, n));
         if !wanted.timed {
             derived::compare_not(&driven, m, &mut measured, q);
         }
@@ -161,7 +170,7 @@ impl<'m> RunBuilder<'m> {
             }
             return (0..counted).map(|k| k as f64).collect();
         };
-        let times = &given.values;
+        let times = &given.values[..];
         let conversion = self.conversion(given, Some(&wanted.time), faults);
         if let Some(at) = times.iter().position(|t| !t.is_finite()) {
             faults.push(RunFault::NotFinite { channel: "t".into(), sample: at, value: times[at].to_string() });
@@ -170,16 +179,16 @@ impl<'m> RunBuilder<'m> {
             faults.push(RunFault::NotRising { sample: at + 1, before, found });
         } else if times.len() < wanted.samples {
             faults.push(RunFault::TooFew { found: times.len(), expected: wanted.samples });
-        } else if let Some(time) = conversion.and_then(|(scale, _)| since_first(times.clone(), scale)) {
+        } else if let Some(time) = conversion.and_then(|(scale, _)| since_first(times.to_vec(), scale)) {
             return time;
         } else if conversion.is_some() {
             faults.push(RunFault::TimeResolution);
         }
-        times.clone()
+        times.to_vec()
     }
 
     /// The samples of a channel in its unit; NaN for those of an output that is not measured.
-    fn column(&self, role: Role, channel: &Channel, n: usize, faults: &mut Vec<RunFault>) -> Vec<f64> {
+    fn column(&self, role: Role, channel: &Channel, n: usize, faults: &mut Vec<RunFault>) -> Cow<'_, [f64]> {
         let name = channel.name.clone();
         let Some(given) = self.signals.iter().find(|s| s.name == name) else {
             if role == Role::Input || !self.unmeasured {
@@ -188,9 +197,9 @@ impl<'m> RunBuilder<'m> {
                 let nearest = nearest(&name, spare).map(String::from);
                 faults.push(RunFault::Missing { role, channel: name, nearest });
             }
-            return vec![f64::NAN; n];
+            return vec![f64::NAN; n].into();
         };
-        let mut values = given.values.clone();
+        let mut values = Cow::Borrowed(&given.values[..]);
         // a list of another length says nothing of the others where the times are missing
         if values.len() != n {
             faults.push(RunFault::Length { channel: name, found: values.len(), expected: n });
@@ -202,13 +211,13 @@ impl<'m> RunBuilder<'m> {
         if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), faults)
             && (scale, offset) != (1.0, 0.0)
         {
-            values.iter_mut().for_each(|v| *v = *v * scale + offset);
+            values.to_mut().iter_mut().for_each(|v| *v = *v * scale + offset);
         }
         values
     }
 
     /// Factor and offset from the unit that was named to that of the model; none where they do not fit.
-    fn conversion(&self, given: &Samples, to: Option<&Unit>, faults: &mut Vec<RunFault>) -> Option<(f64, f64)> {
+    fn conversion(&self, given: &Samples<'_>, to: Option<&Unit>, faults: &mut Vec<RunFault>) -> Option<(f64, f64)> {
         let Some(named) = &given.unit else { return Some((1.0, 0.0)) };
         let (channel, unit) = (given.name.clone(), excerpt(named));
         let Ok(from) = Unit::parse(named) else {
@@ -225,6 +234,19 @@ impl<'m> RunBuilder<'m> {
         }
         conversion
     }
+}
+
+/// Columns of N numbers as rows, a part of them at a time that stays in the cache.
+fn rows(columns: &[Cow<'_, [f64]>], n: usize) -> Vec<f64> {
+    const PART: usize = 256;
+    let mut rows = vec![0.0; n * columns.len()];
+    for (part, block) in rows.chunks_mut(PART * columns.len().max(1)).enumerate() {
+        for (c, column) in columns.iter().enumerate() {
+            let values = &column[part * PART..];
+            block[c..].iter_mut().step_by(columns.len()).zip(values).for_each(|(row, value)| *row = *value);
+        }
+    }
+    rows
 }
 
 /// Everything that is wrong with the samples of a run; at least one fault.

@@ -1,0 +1,335 @@
+"""Recorded runs: from files, arrays, dictionaries and frames."""
+
+from __future__ import annotations
+
+import os
+import re
+import weakref
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _fdm
+from ._errors import InputError
+from ._options import listed, words
+
+if TYPE_CHECKING:
+    from ._model import Model
+
+_TIMES = ("t", "time")
+_TITLE = re.compile(r"^\s*(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]\s*$")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """Samples with what belongs to them.
+
+    values: samples (N); NaN where one is missing.
+    unit: unit of the samples, such as ``"deg"``; the model's own when not given.
+    t: times of these samples (N), where they have a rate of their own.
+    """
+
+    values: ArrayLike
+    unit: str | None = None
+    t: ArrayLike | None = None
+
+
+RunLike = Union["Run", str, "os.PathLike[str]", Mapping[str, Any], Any]
+
+
+class Run:
+    """A recorded run: times, inputs and measured outputs.
+
+    ::
+
+        Run("f.csv")                                        # a file, as Run.read
+        Run(frame)                                          # a pandas or polars frame
+        Run({"t": t, "u [deg]": u, "y": y})                 # a dictionary of arrays
+        Run(t=t, inputs={"u": (u, "deg")}, outputs={"y": y})
+        Run(t=t, inputs={"u": u}, outputs={"y": Signal(y, "deg", t=slow)})  # several rates
+
+    data: a file, a mapping of names to samples, or a frame. A name may hold a unit, as in ``"roll [deg]"``. Columns that a model
+        does not know are left alone.
+    t: times (N), rising, in the model's unit of time unless `units` says another. A frame without a column ``t`` or ``time``
+        has its index for them.
+    inputs, outputs: samples (N) by channel: an array, a pair ``(samples, "unit")``, a `Signal`, or a pandas series with its own
+        index. A channel that the model does not have is refused.
+    units: units by name, where they are not said otherwise; ``"t"`` is the time.
+    map: columns by channel, ``{"roll": "attitude_phi"}``.
+    name: what tables call the run.
+    zoh: inputs that keep their value until the next sample (zero-order hold); others are linear between samples.
+    without_output: outputs that are not compared.
+
+    NaN marks a sample that is missing: outputs are not compared there, inputs are bridged linearly. Channels with other rates are
+    put on the union of all times.
+    """
+
+    notes: Sequence[str] = ()
+    """What a careful reader would mention about the file: known when it has been read."""
+
+    def __init__(
+        self,
+        data: Any = None,
+        /,
+        *,
+        t: ArrayLike | None = None,
+        inputs: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None,
+        map: Mapping[str, str] | None = None,
+        name: str | None = None,
+        zoh: str | Iterable[str] = (),
+        without_output: str | Iterable[str] = (),
+    ):
+        self.file: Path | None = None
+        self._words: list[str] = []
+        self._bound: weakref.WeakKeyDictionary[Any, dict[Any, _fdm.Record]] = weakref.WeakKeyDictionary()
+        self.zoh, self.without_output = listed(zoh), listed(without_output)
+        if isinstance(data, (str, os.PathLike)):
+            if t is not None or inputs or outputs or units:
+                raise TypeError("a file has its own times, channels and units: leave out t, inputs, outputs and units")
+            self._of_file(data, name, {"map": map})
+            return
+        self.name = name or "run"
+        # whether a channel that the model does not have is a mistake
+        self._exact = data is None
+        self._channels: dict[str, Signal] = {}
+        if data is not None:
+            for title, samples in _columns(data, t is None).items():
+                self._add(title, samples)
+        for given in (inputs, outputs):
+            for channel, samples in (given or {}).items():
+                self._add(channel, samples)
+        if t is not None:
+            self._channels = {"t": _signal("t", t, None), **self._channels}
+        for channel, column in (map or {}).items():
+            if column not in self._channels:
+                raise KeyError(f"there is no column `{column}`; the columns are {', '.join(self._channels)}")
+            self._channels[channel] = self._channels.pop(column)
+        for channel, unit in (units or {}).items():
+            key = channel if channel in self._channels else next((n for n in _TIMES if n in self._channels), channel)
+            if channel not in self._channels and channel not in _TIMES:
+                raise KeyError(f"units are given for `{channel}`, which has no samples")
+            if key in self._channels:
+                self._channels[key] = Signal(self._channels[key].values, unit, self._channels[key].t)
+        self._merge_rates()
+
+    @classmethod
+    def read(
+        cls,
+        file: str | os.PathLike[str],
+        *,
+        map: Mapping[str, str] | str | os.PathLike[str] | None = None,
+        from_: float | None = None,
+        to: float | None = None,
+        every: int | None = None,
+        zoh: str | Iterable[str] = (),
+        without_output: str | Iterable[str] = (),
+        name: str | None = None,
+        **options: Any,
+    ) -> Run:
+        """A run of a file, with the options of the command: ``fdm fit --data FILE --map ... --from ... --to ... --every ...``.
+
+        The file is read when a model is there that says what its channels are.
+        """
+        run = cls.__new__(cls)
+        run._bound = weakref.WeakKeyDictionary()
+        run.zoh, run.without_output = listed(zoh), listed(without_output)
+        reading = {"map": map, "from": from_, "to": to, "every": every, **options}
+        run._of_file(file, name, reading)
+        return run
+
+    def _of_file(self, file: str | os.PathLike[str], name: str | None, reading: Mapping[str, Any]) -> None:
+        self.file = Path(file)
+        self.name = name or self.file.stem
+        self._exact, self._channels = False, {}
+        self._words = words({**reading, "zoh": self.zoh, "without_output": self.without_output})
+
+    def _add(self, title: str, samples: Any) -> None:
+        match = _TITLE.match(title)
+        channel, unit = (match["name"], match["unit"] or None) if match else (title, None)
+        if channel in self._channels:
+            raise ValueError(f"samples of `{channel}` are given more than once")
+        self._channels[channel] = _signal(channel, samples, unit)
+
+    def _merge_rates(self) -> None:
+        """Channels with times of their own are put on the union of all times."""
+        own = {name: s for name, s in self._channels.items() if s.t is not None}
+        if not own:
+            return
+        base = next((name for name in _TIMES if name in self._channels), None)
+        common = np.asarray(self._channels[base].values) if base else np.empty(0)
+        times = np.unique(np.concatenate([common, *(np.asarray(s.t) for s in own.values())]))
+        merged: dict[str, Signal] = {}
+        for name, signal in self._channels.items():
+            if name == base:
+                continue
+            at = common if signal.t is None else np.asarray(signal.t)
+            values = np.asarray(signal.values)
+            if len(at) != len(values):
+                raise ValueError(f"`{name}` has {len(values)} samples and {len(at)} times")
+            spread = np.full(len(times), np.nan)
+            spread[np.searchsorted(times, at)] = values
+            merged[name] = Signal(spread, signal.unit)
+        unit = self._channels[base].unit if base else None
+        self._channels = {base or "t": Signal(times, unit), **merged}
+
+    @property
+    def channels(self) -> list[str]:
+        """Names of the channels in memory, the time among them; none of a file, which is read with a model."""
+        return list(self._channels)
+
+    def __getitem__(self, channel: str) -> NDArray[np.float64]:
+        """Samples (N) of a channel in memory."""
+        return np.asarray(self._channels[channel].values)
+
+    def __len__(self) -> int:
+        return max((np.size(s.values) for s in self._channels.values()), default=0)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __repr__(self) -> str:
+        if self.file is not None:
+            return f"Run({str(self.file)!r})"
+        return f"Run(name={self.name!r}, {len(self)} samples of {', '.join(self._channels)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k != "_bound"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bound = weakref.WeakKeyDictionary()
+
+    def _record(self, model: Model, others: set[str], to_simulate: bool) -> _fdm.Record:
+        """Samples in memory in the channels of a model; outputs that `others` measure may be missing."""
+        channels = model._names
+        outputs = [o.name for o in model.outputs]
+        absent = [o for o in outputs if o not in self._channels]
+        waived = to_simulate or bool(absent) and all(o in others or o in self.without_output for o in absent)
+        known = {*channels, *(() if any(t in channels for t in _TIMES) else _TIMES)}
+        taken = [
+            (name, signal.unit, np.asarray(signal.values))
+            for name, signal in self._channels.items()
+            if (self._exact or name in known) and name not in self.without_output
+        ]
+        return model._m.run(self.name, taken, self.zoh, waived or bool(self.without_output))
+
+
+def _signal(channel: str, samples: Any, unit: str | None) -> Signal:
+    times = None
+    if isinstance(samples, Signal):
+        samples, unit, times = samples.values, samples.unit or unit, samples.t
+    elif isinstance(samples, tuple) and len(samples) == 2 and isinstance(samples[1], str):
+        samples, unit = samples
+    elif channel not in _TIMES and _is_series(samples) and _has_times(samples.index):
+        times = samples.index
+    values, seconds = _numbers(channel, samples)
+    if seconds:
+        unit = unit or "s"
+    if times is not None:
+        times, _ = _numbers("t", times)
+    return Signal(values, unit, times)
+
+
+def _is_series(samples: Any) -> bool:
+    return type(samples).__module__.startswith("pandas") and hasattr(samples, "index")
+
+
+def _has_times(index: Any) -> bool:
+    """Whether an index says more than the number of the row."""
+    return type(index).__name__ != "RangeIndex"
+
+
+def _numbers(channel: str, samples: Any) -> tuple[NDArray[np.float64], bool]:
+    """Samples (N) as numbers, and whether they were times that became seconds."""
+    if type(samples).__module__.startswith("polars"):
+        samples = samples.to_numpy()
+    elif hasattr(samples, "to_numpy"):
+        kind = getattr(samples, "dtype", None)
+        # numbers that may be missing
+        samples = samples.to_numpy(dtype=float, na_value=np.nan) if _is_extension(kind) else samples.to_numpy()
+    values = np.asarray(samples)
+    if values.dtype.kind in "mM":
+        first = values[:1] if values.dtype.kind == "M" else np.zeros(1, values.dtype)
+        return ((values - first) / np.timedelta64(1, "ns")).astype(float) * 1e-9, True
+    try:
+        values = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as e:
+        raise TypeError(f"the samples of `{channel}` are no numbers: {e}") from None
+    if values.ndim != 1:
+        raise ValueError(f"the samples of `{channel}` have the shape {values.shape}, expected one number for each time")
+    return values, False
+
+
+def _is_extension(kind: Any) -> bool:
+    return kind is not None and not isinstance(kind, np.dtype) and getattr(kind, "_is_numeric", False)
+
+
+def _columns(data: Any, with_index: bool) -> dict[str, Any]:
+    if isinstance(data, Mapping):
+        return dict(data)
+    if not hasattr(data, "columns"):
+        raise TypeError(f"a run is a file, a mapping of names to samples, or a frame, not {type(data).__name__}")
+    columns = {str(c): data[c] for c in data.columns}
+    index = getattr(data, "index", None)
+    if with_index and index is not None and not any(_named(c) in _TIMES for c in columns) and _has_times(index):
+        columns = {"t": index, **columns}
+    if index is not None:
+        # the times are the frame's own
+        columns = {n: c.to_numpy() if isinstance(getattr(c, "dtype", None), np.dtype) else c.array for n, c in columns.items()}
+    units = getattr(data, "attrs", {}).get("units", {})
+    return {n: (c, units[n]) if n in units else c for n, c in columns.items()}
+
+
+def _named(title: str) -> str:
+    match = _TITLE.match(title)
+    return match["name"] if match else title
+
+
+def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run]:
+    """One run or several; files, frames and dictionaries become runs."""
+    given: Iterable[Any] = runs if isinstance(runs, Iterable) else [runs]
+    if isinstance(runs, (Run, str, os.PathLike, Mapping)) or hasattr(runs, "columns"):
+        given = [runs]
+    return [r if isinstance(r, Run) else Run(r) for r in given]
+
+
+def some_runs(runs: RunLike | Sequence[RunLike]) -> list[Run]:
+    """The same, of which there must be one."""
+    given = as_runs(runs)
+    if not given:
+        raise InputError(["no run was given"])
+    return given
+
+
+def bound(
+    runs: Sequence[Run], model: Model, *, to_simulate: bool = False, elsewhere: Iterable[str] = ()
+) -> list[_fdm.Record]:
+    """Runs in the channels, order and units of a model. Outputs that are measured `elsewhere` may be missing in all of them."""
+    outputs = [o.name for o in model.outputs]
+    measured = {name for run in runs for name in run._channels} | set(elsewhere)
+    found: dict[int, _fdm.Record] = {}
+    files: dict[tuple[str, ...], list[int]] = {}
+    for k, run in enumerate(runs):
+        key = (to_simulate, *(o in measured for o in outputs))
+        kept = run._bound.setdefault(model, {})
+        if run.file is not None:
+            files.setdefault(tuple(run._words), []).append(k)
+        elif key not in kept:
+            kept[key] = run._record(model, measured, to_simulate)
+        if run.file is None:
+            found[k] = kept[key]
+    for said, places in files.items():
+        paths = [str(runs[k].file) for k in places]
+        read = model._m.read(paths, list(said), [o in measured for o in outputs], to_simulate)
+        for k, (record, notes) in zip(places, read):
+            found[k] = record
+            if runs[k].name != record.name and paths.count(str(runs[k].file)) == 1 and runs[k].name != Path(paths[0]).stem:
+                found[k] = record.renamed(runs[k].name)
+            runs[k].notes = notes
+    return [found[k] for k in range(len(runs))]

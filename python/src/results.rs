@@ -1,0 +1,208 @@
+//! Fits and other long work on a model and runs.
+
+use crate::errors::refused;
+use crate::model::{Answer, Files, Model};
+use crate::records::{Record, all, rows};
+use crate::work::watched;
+use fdm::request::{self, Fitted};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+/// Columns by name.
+type Columns<'py> = Vec<(String, Bound<'py, PyArray1<f64>>)>;
+
+/// A fit by any method.
+#[pyclass(frozen, module = "fdm._fdm")]
+pub(crate) struct Fit {
+    fitted: Fitted,
+    #[pyo3(get)]
+    interrupted: bool,
+}
+
+/// Names and contents as Python has them.
+fn files_of(py: Python<'_>, files: Files) -> Vec<(String, Py<PyBytes>)> {
+    files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect()
+}
+
+/// Times (N), measurement, response and residuals (N by q each) of a run of a fit.
+fn history<'py>(py: Python<'py>, run: &fdm::Run, found: &fdm::estimate::RunFit) -> PyResult<Bound<'py, PyDict>> {
+    let q = run.output_gaps.len();
+    let dict = PyDict::new(py);
+    dict.set_item("run", &found.run)?;
+    dict.set_item("time", PyArray1::from_slice(py, &run.time))?;
+    dict.set_item("measured", rows(py, &run.measured, q)?)?;
+    dict.set_item("response", rows(py, &found.response, q)?)?;
+    dict.set_item("residuals", rows(py, &found.residuals, q)?)?;
+    Ok(dict)
+}
+
+#[pymethods]
+impl Fit {
+    /// The model with the changes that were asked for.
+    #[getter]
+    fn model(&self) -> Model {
+        Model { model: self.fitted.model().clone() }
+    }
+
+    /// Whether it converged, the data determine every parameter, and no integration error falsifies that.
+    #[getter]
+    fn good(&self) -> bool {
+        self.fitted.is_good()
+    }
+
+    /// What the command prints, and what it says behind that.
+    fn text(&self) -> (String, Vec<String>) {
+        self.fitted.text()
+    }
+
+    /// The runs that were fitted.
+    fn records(&self) -> Vec<Record> {
+        self.fitted.records().iter().map(|record| Record { record: record.clone() }).collect()
+    }
+
+    /// The files that `fdm fit --out` writes.
+    fn files(&self, py: Python<'_>) -> PyResult<Vec<(String, Py<PyBytes>)>> {
+        let files = py.detach(|| self.fitted.files()).map_err(|e| refused(py, e))?;
+        Ok(files_of(py, files))
+    }
+
+    /// Histories of every run; none without simulation.
+    fn histories<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let found = self.fitted.in_time().map_or(&[][..], |fit| &fit.estimate.runs);
+        self.fitted.runs().iter().zip(found).map(|(run, found)| history(py, run, found)).collect()
+    }
+}
+
+/// `fdm fit`.
+#[pyfunction]
+pub(crate) fn fit(
+    py: Python<'_>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    validation: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Fit> {
+    let (records, validation) = (all(&records), all(&validation).into_iter().map(|r| r.run).collect::<Vec<_>>());
+    let work = |watch: &request::Watch| request::fit(&model.model, records, &validation, &words, watch);
+    let (found, interrupted) = watched(py, progress, work)?;
+    Ok(Fit { fitted: found.map_err(|e| refused(py, e))?, interrupted })
+}
+
+/// `fdm validate`: quality of the prediction as JSON of a fit, and the histories.
+#[pyfunction]
+pub(crate) fn validate<'py>(
+    py: Python<'py>,
+    files: Files,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(String, String, Vec<Bound<'py, PyDict>>)> {
+    let runs: Vec<fdm::Run> = all(&records).into_iter().map(|r| r.run).collect();
+    let (found, interrupted) = watched(py, progress, |watch| request::validate(&files, &model.model, &runs, watch))?;
+    if interrupted {
+        return Err(refused(py, request::Refusal::Stopped));
+    }
+    let found = found.map_err(|e| refused(py, e))?;
+    let json = fdm::documents::to_text(&fdm::FitDocument::of(&found)).map_err(|e| crate::errors::said(py, e))?;
+    let text = fdm::report::fit_table(&found, false);
+    let histories = runs.iter().zip(&found.estimate.runs).map(|(run, found)| history(py, run, found));
+    Ok((json, text, histories.collect::<PyResult<_>>()?))
+}
+
+/// `fdm diagnose`: the answer, the extended text, and the responses before and after of every run.
+#[pyfunction]
+pub(crate) fn diagnose<'py>(
+    py: Python<'py>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    validation: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(Answer, Option<String>, Vec<Bound<'py, PyDict>>)> {
+    let (records, validation) = (all(&records), all(&validation));
+    let work = |watch: &request::Watch| request::diagnose(&model.model, records, validation, &words, watch);
+    let (found, interrupted) = watched(py, progress, work)?;
+    let (answer, found) = found.map_err(|e| refused(py, e))?;
+    let q = model.model.layout().outputs;
+    let overlay = |o: &fdm::diagnose::Overlay| {
+        let dict = PyDict::new(py);
+        dict.set_item("run", &o.run)?;
+        dict.set_item("time", PyArray1::from_slice(py, &o.time))?;
+        dict.set_item("measured", rows(py, &o.measured, q)?)?;
+        dict.set_item("before", rows(py, &o.before, q)?)?;
+        dict.set_item("after", rows(py, &o.after, q)?)?;
+        Ok(dict)
+    };
+    let overlays = found.overlays.iter().map(overlay).collect::<PyResult<_>>()?;
+    Ok((Answer::new(py, answer, interrupted), found.extended, overlays))
+}
+
+/// `fdm study`: the answer, and the columns of all repeats.
+#[pyfunction]
+pub(crate) fn study<'py>(
+    py: Python<'py>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(Answer, Columns<'py>)> {
+    let records = all(&records);
+    let (found, interrupted) = watched(py, progress, |watch| request::study(&model.model, records, &words, watch))?;
+    let (answer, repeats) = found.map_err(|e| refused(py, e))?;
+    let columns = repeats.columns.into_iter().map(|(name, values)| (name, PyArray1::from_vec(py, values))).collect();
+    Ok((Answer::new(py, answer, interrupted), columns))
+}
+
+/// `fdm profile`.
+#[pyfunction]
+pub(crate) fn profile(
+    py: Python<'_>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answer> {
+    let records = all(&records);
+    let (found, interrupted) = watched(py, progress, |watch| request::profile(&model.model, records, &words, watch))?;
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+}
+
+/// `fdm design`, with the inputs of the planned runs as files.
+#[pyfunction]
+pub(crate) fn design(
+    py: Python<'_>,
+    model: &Model,
+    records: Vec<Py<Record>>,
+    result: Option<Files>,
+    words: Vec<String>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Answer> {
+    let records = all(&records);
+    let work = |watch: &request::Watch| request::design(&model.model, records, result.as_deref(), &words, watch);
+    let (found, interrupted) = watched(py, progress, work)?;
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, interrupted))
+}
+
+/// `fdm spectra`.
+#[pyfunction]
+pub(crate) fn spectra(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, words: Vec<String>) -> PyResult<Answer> {
+    let records = all(&records);
+    let found = py.detach(|| request::spectra(&model.model, records, &words));
+    Ok(Answer::new(py, found.map_err(|e| refused(py, e))?, false))
+}
+
+/// `fdm simulate`: outputs (N by q), how they were integrated, and what makes them wrong.
+#[pyfunction]
+pub(crate) fn simulate<'py>(
+    py: Python<'py>,
+    model: &Model,
+    record: &Record,
+    words: Vec<String>,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, String, Vec<String>)> {
+    let found = py.detach(|| request::simulate(&model.model, &record.record.run, &words));
+    let found = found.map_err(|e| refused(py, e))?;
+    let q = model.model.layout().outputs;
+    Ok((rows(py, &found.response, q)?, found.integration, found.faults))
+}
