@@ -113,7 +113,9 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_as => Want::As,
         Rule::colon => Want::Colon,
         Rule::open | Rule::connections => Want::Open,
-        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per | Rule::by_log | Rule::positive => Want::Attribute,
+        Rule::bounds | Rule::word_in | Rule::fixed | Rule::per_run | Rule::word_per | Rule::by_log | Rule::positive => {
+            Want::Attribute
+        }
         Rule::unit => Want::Unit,
         Rule::word_run => Want::Run,
         Rule::equals => Want::Equals,

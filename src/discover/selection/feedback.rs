@@ -138,12 +138,13 @@ fn related(runs: &[Signals], k: usize, at_once: &[bool]) -> Option<f64> {
             });
             past.chain(inputs).chain([1.0]).collect()
         };
-        let (places, left) = remainder(runs, row, |run, t| run.residual(t, o))?;
-        for ((r, t), value) in places.into_iter().zip(left.iter()) {
+        let found = remainder(runs, row, |run, t| run.residual(t, o))?;
+        for ((r, t), value) in found.places.into_iter().zip(found.left.iter()) {
             new[r][t * q + o] = *value;
         }
     }
-    let own = |run: &Signals, t: usize| -> Vec<f64> { (1..=LAGS).map(|lag| run.input(t - lag, k)).chain([1.0]).collect() };
+    let own =
+        |run: &Signals, t: usize| -> Vec<f64> { (1..=LAGS).map(|lag| run.input(t - lag, k)).chain([1.0]).collect() };
     let index = |run: &Signals| runs.iter().position(|r| std::ptr::eq(r, run)).unwrap_or(0);
     let all = |run: &Signals, t: usize| -> Vec<f64> {
         let new = &new[index(run)];
@@ -156,8 +157,8 @@ fn related(runs: &[Signals], k: usize, at_once: &[bool]) -> Option<f64> {
     // the same samples for both, those at which everything is known
     let known = |run: &Signals, t: usize| all(run, t).iter().all(|v| v.is_finite());
     let target = |run: &Signals, t: usize| if known(run, t) { run.input(t, k) } else { f64::NAN };
-    let (places, without) = remainder(runs, own, target)?;
-    let (_, with) = remainder(runs, all, target)?;
+    let Remainder { places, left: without } = remainder(runs, own, target)?;
+    let Remainder { left: with, .. } = remainder(runs, all, target)?;
     let added = at_once.iter().map(|at_once| LAGS + usize::from(*at_once)).sum::<usize>();
     let freedom = places.len().checked_sub(LAGS + 1 + added).filter(|f| *f > added)?;
     let (without, with) = (without.norm_squared(), with.norm_squared());
@@ -165,12 +166,18 @@ fn related(runs: &[Signals], k: usize, at_once: &[bool]) -> Option<f64> {
     (with > 0.0 && without > 0.0).then(|| chi_squared_tail(freedom as f64 * (without / with).ln(), added as f64))?
 }
 
-/// What least squares by rows of regressors leaves of a signal, and where; none where too few samples are known.
+/// What is left of a signal, and where: run and sample.
+struct Remainder {
+    places: Vec<(usize, usize)>,
+    left: DVector<f64>,
+}
+
+/// What least squares by rows of regressors leaves of a signal; none where too few samples are known.
 fn remainder(
     runs: &[Signals],
     row: impl Fn(&Signals, usize) -> Vec<f64>,
     target: impl Fn(&Signals, usize) -> f64,
-) -> Option<(Vec<(usize, usize)>, DVector<f64>)> {
+) -> Option<Remainder> {
     let (mut places, mut rows, mut values) = (Vec::new(), Vec::new(), Vec::new());
     for (r, run) in runs.iter().enumerate() {
         for t in 2 * LAGS..run.samples() {
@@ -198,7 +205,7 @@ fn remainder(
     let target = DVector::from_vec(values);
     let solved = Cholesky::new(gram)?.solve(&design.tr_mul(&target));
     let left = target - design * solved;
-    Some((places, left))
+    Some(Remainder { places, left })
 }
 
 #[cfg(test)]

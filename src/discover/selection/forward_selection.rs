@@ -381,13 +381,7 @@ impl<'a> ForwardSelection<'a> {
             Some(current) => split_fit(current, self.runs, noise)?,
             None => before.clone(),
         };
-        let problem = FrontProblem {
-            first,
-            runs: self.runs,
-            noise,
-            options: self.options,
-            goes_on: self.goes_on,
-        };
+        let problem = FrontProblem { first, runs: self.runs, noise, options: self.options, goes_on: self.goes_on };
         let (mut written, mut front) = (None, Vec::new());
         if let Some(current) = last.take() {
             (self.progress)("fitting the written models plainly");

@@ -180,9 +180,7 @@ impl FrontProblem<'_> {
             Some(self.level(accepted, Arc::new(smaller), split))
         };
         let found: Vec<Level> = tried.par_iter().filter_map(without).collect();
-        found.into_iter().min_by(|a, b| {
-            a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost()))
-        })
+        found.into_iter().min_by(|a, b| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost())))
     }
 
     /// Which of them is recommended: they come with falling numbers of effects.
@@ -281,7 +279,8 @@ impl FrontProblem<'_> {
     /// Squared error over that of the model as it was given, the mean over outputs.
     fn relative(&self, predicted: &Predicted, naive: &Predicted) -> f64 {
         let (own, naive) = (self.mean_squares(predicted), self.mean_squares(naive));
-        let ratios: Vec<f64> = own.iter().zip(&naive).filter(|(_, n)| **n > 0.0).map(|(own, naive)| own / naive).collect();
+        let ratios: Vec<f64> =
+            own.iter().zip(&naive).filter(|(_, n)| **n > 0.0).map(|(own, naive)| own / naive).collect();
         if ratios.is_empty() { 1.0 } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
     }
 
@@ -306,7 +305,8 @@ impl FrontProblem<'_> {
     fn gains_on_validation(&self, responses: (&[Signals], &[Signals])) -> Option<(f64, f64)> {
         let gains = run_gains(self.runs.all, self.runs.train, &self.first.predictors, responses, self.noise);
         let validation = gains.iter().filter(|g| g.validation);
-        let (gain, square) = validation.fold((0.0, 0.0), |(gain, square), g| (gain + g.gain, square + g.deviation.powi(2)));
+        let (gain, square) =
+            validation.fold((0.0, 0.0), |(gain, square), g| (gain + g.gain, square + g.deviation.powi(2)));
         (!self.runs.validation().is_empty()).then_some((gain, square.sqrt()))
     }
 
@@ -356,14 +356,15 @@ impl FrontProblem<'_> {
 
     /// Every effect that a larger model has and the recommended one has not.
     fn rejected(&self, levels: &[Level], chosen: Option<usize>) -> Vec<Rejected> {
-        let kept = |a: &Accepted| chosen.is_some_and(|k| levels[k].accepted.iter().any(|b| b.cause.place == a.cause.place));
+        let kept =
+            |a: &Accepted| chosen.is_some_and(|k| levels[k].accepted.iter().any(|b| b.cause.place == a.cause.place));
         let mut list = Vec::new();
         for (k, a) in levels[0].accepted.iter().enumerate().filter(|(_, a)| !kept(a)) {
             // the smallest model that still had it says why
             let last = levels.iter().rev().find(|l| l.accepted.iter().any(|b| b.cause.place == a.cause.place));
-            let reason = last.and_then(Level::objection).unwrap_or_else(|| {
-                "without it the written model predicts as well".into()
-            });
+            let reason = last
+                .and_then(Level::objection)
+                .unwrap_or_else(|| "without it the written model predicts as well".into());
             let Cause { place, gain_training, gain_validation, .. } = a.cause.clone();
             list.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
         }

@@ -229,9 +229,8 @@ fn a_steady_offset_is_named() {
     let (catalogue, findings) = Catalogue::read(&Source::new("with.fdm", with.as_str()));
     assert!(findings.is_empty(), "{findings:?}");
     let model = Model::from_text("model.fdm", HEELED.replace("OFFSET", "")).unwrap();
-    let found = |offset: f64| {
-        diagnose(&model, &runs(offset), &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap()
-    };
+    let found =
+        |offset: f64| diagnose(&model, &runs(offset), &[], &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
     let offset = found(0.15);
     assert_eq!(offset.causes.first().map(|c| c.place.to_string()).as_deref(), Some("output_bias(roll)"), "{offset:#?}");
     assert!((offset.causes[0].parameters[0].value - 0.15).abs() < 0.005 && offset.family_wise_p < 1e-6);

@@ -37,7 +37,9 @@ impl WrittenModel {
         let whose = if self.validation.is_some() { "validation" } else { "fitted" };
         let percent = 100.0 * (self.ratio().sqrt() - 1.0);
         let larger = self.ratio().is_nan() || self.ratio() > 1.0;
-        larger.then(|| format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it"))
+        larger.then(|| {
+            format!("the residual of the written model is {percent:.1} % larger on {whose} runs than without it")
+        })
     }
 }
 
@@ -91,8 +93,7 @@ fn at(current: &FittedModel, theta: &[Vec<f64>], naive: &[Signals], runs: Runs<'
     let theta = shared_from(params, &shared, theta);
     let fitted = FittedModel::new(current.model.clone(), runs, theta).ok()?;
     let training = ratio(&fitted, naive, runs, 0..runs.train);
-    let validation =
-        (!runs.validation().is_empty()).then(|| ratio(&fitted, naive, runs, runs.train..runs.all.len()));
+    let validation = (!runs.validation().is_empty()).then(|| ratio(&fitted, naive, runs, runs.train..runs.all.len()));
     Some(WrittenModel { fitted, text, training, validation })
 }
 
@@ -100,8 +101,12 @@ fn at(current: &FittedModel, theta: &[Vec<f64>], naive: &[Signals], runs: Runs<'
 fn ratio(fitted: &FittedModel, naive: &[Signals], runs: Runs<'_>, judged: Range<usize>) -> f64 {
     let after = squares(fitted, &fitted.response, runs, judged.clone());
     let before = squares(fitted, naive, runs, judged);
-    let ratios: Vec<f64> =
-        before.iter().zip(&after).filter(|(before, _)| before.0 > 0.0).map(|(before, after)| after.0 / before.0).collect();
+    let ratios: Vec<f64> = before
+        .iter()
+        .zip(&after)
+        .filter(|(before, _)| before.0 > 0.0)
+        .map(|(before, after)| after.0 / before.0)
+        .collect();
     if ratios.is_empty() { 1.0 } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
 }
 

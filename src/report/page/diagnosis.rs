@@ -57,7 +57,9 @@ pub(super) fn verdict(found: &DiagnosisDocument) -> Verdict {
     };
     let unexplained = OutputGain::unexplained(&found.outputs).into_iter();
     let mut points: Vec<(String, &'static str)> = unexplained
-        .map(|(output, r2)| (format!("The model as it was given explains nothing of {output} (R² {})", shown(r2, 2)), "gain"))
+        .map(|(output, r2)| {
+            (format!("The model as it was given explains nothing of {output} (R² {})", shown(r2, 2)), "gain")
+        })
         .collect();
     if found.stopped && matches!(found.verdict, Found::EffectFound | Found::Disturbance) {
         points.push(("The search was stopped before its end".into(), "wrong"));
@@ -266,7 +268,8 @@ fn front(found: &DiagnosisDocument) -> Option<Section> {
 fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
     let front = &found.front;
     let of = |error: fn(&FrontModel) -> f64| front.iter().map(|m| 100.0 * error(m)).collect::<Vec<f64>>();
-    let mut marks = vec![Mark::between("fitted runs", Look::Residual, Shape::Dots, Vec::new(), of(|m| m.error_training))];
+    let mut marks =
+        vec![Mark::between("fitted runs", Look::Residual, Shape::Dots, Vec::new(), of(|m| m.error_training))];
     if front.iter().any(|m| m.error_validation.is_some()) {
         let values = of(|m| m.error_validation.unwrap_or(f64::NAN));
         marks.push(Mark::between("validation runs", Look::Model, Shape::Dots, Vec::new(), values));

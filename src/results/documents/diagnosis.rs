@@ -2,8 +2,8 @@
 
 use fdm_discover::{
     Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, FrontModel, LackOfFit, LeftOut,
-    NewValue,
-    Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions, Verdict,
+    NewValue, Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions,
+    Verdict,
 };
 use serde::{Deserialize, Serialize};
 
