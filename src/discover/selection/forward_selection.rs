@@ -382,11 +382,11 @@ impl<'a> ForwardSelection<'a> {
             None => before.clone(),
         };
         let problem = FrontProblem { first, runs: self.runs, noise, options: self.options, goes_on: self.goes_on };
-        let (mut written, mut front) = (None, Vec::new());
+        let (mut written, mut front, mut confirmed) = (None, Vec::new(), false);
         if let Some(current) = last.take() {
             (self.progress)("fitting the written models plainly");
             let found = problem.front(std::mem::take(&mut self.accepted), current, after)?;
-            (front, after) = (found.models, before.clone());
+            (front, after, confirmed) = (found.models, before.clone(), found.confirmed);
             self.rejected.extend(found.rejected);
             if let Some((level, text)) = found.recommended {
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
@@ -415,7 +415,6 @@ impl<'a> ForwardSelection<'a> {
         let cost = self.accepted.iter().map(Accepted::cost).sum();
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
-        let confirmed = !self.accepted.is_empty() && problem.is_confirmed(&old, &new);
         let verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
         if verdict == Verdict::Disturbance {
             self.withdraw();
@@ -428,7 +427,7 @@ impl<'a> ForwardSelection<'a> {
             attribution.warnings.extend(one_law(&self.accepted));
             if attribution.verdict == Origin::Disturbance && verdict == Verdict::EffectFound {
                 attribution.warnings.push(
-                    "a disturbance would explain more of the fitted runs; what the effects gain on the validation runs it would not"
+                    "a disturbance would explain more of the fitted runs; what the effects gain on runs that were not fitted it would not"
                         .into(),
                 );
             }
@@ -465,7 +464,7 @@ impl<'a> ForwardSelection<'a> {
 
     /// Effect, disturbance, unknown cause or nothing.
     ///
-    /// A disturbance has another course in every run: it does not overrule effects that are confirmed by validation runs.
+    /// A disturbance has another course in every run: it does not overrule effects that are confirmed by runs that were not fitted.
     fn verdict(&self, attribution: Option<&Attribution>, family_wise: f64, confirmed: bool) -> Verdict {
         let (found, clear) = (!self.accepted.is_empty(), family_wise < self.options.alpha);
         match attribution.map(|a| a.verdict) {

@@ -11,7 +11,6 @@
 //! likelihood has found is there, whether it is worth much or not.
 
 use super::acceptance::below_null;
-use super::assessment::run_gains;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
@@ -19,7 +18,6 @@ use super::initial_fit::plain_fit;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
-use crate::bins::Signals;
 use crate::diagnosis::{Cause, FrontModel, FrontOutput, Rejected};
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::effect::NewParam;
@@ -105,6 +103,9 @@ pub(super) struct Front {
     pub(super) models: Vec<FrontModel>,
     /// Effects that are not recommended, and why.
     pub(super) rejected: Vec<Rejected>,
+    /// Whether runs that were not fitted are clearly likelier with the recommended effects. No disturbance does that: it has another course
+    /// in every run.
+    pub(super) confirmed: bool,
 }
 
 impl FrontProblem<'_> {
@@ -133,11 +134,13 @@ impl FrontProblem<'_> {
         let told = levels.iter().enumerate().rev();
         models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, told_of)));
         let rejected = self.rejected(&levels, chosen);
+        let predicted = chosen.and_then(|k| levels[k].predicted.as_ref()).filter(|_| !naive.fitted);
+        let confirmed = predicted.is_some_and(|large| self.clearly_likelier(large, &naive.naive));
         let recommended = chosen.map(|k| levels.swap_remove(k)).and_then(|mut level| {
             let written = std::mem::replace(&mut level.written, Err(String::new()));
             Some((level, written.ok()?))
         });
-        Ok(Front { recommended, models, rejected })
+        Ok(Front { recommended, models, rejected, confirmed })
     }
 
     /// What each of them predicts, and the model as it was given: without any run or part that could be predicted, what they leave of
@@ -299,20 +302,6 @@ impl FrontProblem<'_> {
             pairs.extend(outputs.map(|o| (column(large, o), column(small, o))));
         }
         advantage(&pairs)
-    }
-
-    /// Gain in log-likelihood on all validation runs from one response to another, with its deviation; none without such runs.
-    fn gains_on_validation(&self, responses: (&[Signals], &[Signals])) -> Option<(f64, f64)> {
-        let gains = run_gains(self.runs.all, self.runs.train, &self.first.predictors, responses, self.noise);
-        let validation = gains.iter().filter(|g| g.validation);
-        let (gain, square) =
-            validation.fold((0.0, 0.0), |(gain, square), g| (gain + g.gain, square + g.deviation.powi(2)));
-        (!self.runs.validation().is_empty()).then_some((gain, square.sqrt()))
-    }
-
-    /// Whether accepted effects clearly gain on validation runs: no disturbance explains that, as it has another course in every run.
-    pub(super) fn is_confirmed(&self, old: &[Signals], new: &[Signals]) -> bool {
-        self.gains_on_validation((old, new)).is_some_and(|(gain, deviation)| gain > CLEAR * deviation)
     }
 
     /// For the table: a level, or the model as it was given.
