@@ -12,6 +12,8 @@ pub(crate) struct Hdf5;
 /// Depth of groups, and number of columns.
 const DEEPEST: usize = 32;
 const WIDEST: usize = 10_000;
+/// Bytes of one set.
+const LIMIT: u64 = 4 << 30;
 
 struct State {
     fields: Vec<Field>,
@@ -84,12 +86,8 @@ impl State {
             Ok(attributes) => attributes,
             Err(e) => return self.lost(name, e),
         };
-        let text = |key: &str| match attributes.get(key) {
-            Some(AttrValue::String(text) | AttrValue::AsciiString(text)) => {
-                Some(text.trim_end_matches('\0').to_string())
-            }
-            _ => None,
-        };
+        let text =
+            |key: &str| attributes.get(key).and_then(AttrValue::as_str).map(|t| t.trim_end_matches('\0').to_string());
         if let Some(class) = text("MATLAB_class").filter(|_| attributes.contains_key("MATLAB_object_decode")) {
             self.remarks.push(format!(
                 "`{name}` is an object of the class `{class}`, whose layout is not published; in MATLAB, `fdm_export(NAME, 'run.csv')` writes it"
@@ -114,6 +112,13 @@ impl State {
         if !numbers {
             self.remarks.push(format!("`{name}` holds no numbers"));
             return;
+        }
+        // room is made by what the file says of its size: no packing makes more than a thousand bytes of one
+        let bytes = |shape: &[u64]| shape.iter().try_fold(set.element_size().unwrap_or(8), |n, d| n.checked_mul(*d));
+        let most = LIMIT.min(self.length.saturating_mul(1100));
+        let chunk = set.chunk_shape().ok().flatten().unwrap_or_default();
+        if [&shape, &chunk].iter().any(|shape| bytes(shape).is_none_or(|n| n > most)) {
+            return self.lost(name, format_args!("the shape {shape:?} is larger than the file can hold"));
         }
         let values = match set.read_f64() {
             Ok(values) => values,
