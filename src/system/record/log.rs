@@ -1,11 +1,13 @@
 //! Logs and data files of other formats, and maps of text files, as tables of numbers.
 
 use super::channel::Channels;
-use super::error::{Fault, Problem};
+use super::error::{Fault, Problem, RecordError};
 use super::read::{Note, ReadOptions};
 use super::samples::numbers;
 use super::table::{Heading, Numbers, Table};
+use super::text;
 use fdm_readers::{Field, Format, Log, RecordMap, Taken, Topic, open, take};
+use std::path::Path;
 
 /// A file of any format as a table.
 pub(crate) fn table(
@@ -59,6 +61,36 @@ pub(crate) fn whole(bytes: &[u8], salvage: bool, notes: &mut Vec<Note>) -> Resul
     }
     notes.extend(log.remarks.iter().cloned().map(Note::Taken));
     Ok(log)
+}
+
+/// All that a log or a table of text holds, for people to look at before they map it.
+///
+/// # Errors
+/// [`RecordError`] of a file that cannot be read, or is damaged while `salvage` is not wanted.
+pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordError> {
+    let told = |problem| RecordError { file: path.display().to_string(), problems: vec![problem] };
+    let bytes = text::load(path).map_err(told)?;
+    let mut notes = Vec::new();
+    if Format::of(&bytes).is_some() {
+        return whole(&bytes, salvage, &mut notes).map(|log| (log, notes)).map_err(told);
+    }
+    let table = Table::new(bytes).map_err(told)?;
+    let times = ["t", "time", "T", "Time", "TIME"];
+    let time = times.iter().find_map(|n| table.columns.iter().position(|h| h.name == *n));
+    let time = time.or_else(|| (0..table.columns.len()).find(|k| table.is_clock(*k)));
+    let mut topic = Topic::default();
+    for (column, heading) in table.columns.iter().enumerate().filter(|(_, h)| !h.title.is_empty()) {
+        let is_clock = table.is_clock(column);
+        match numbers(&table, &[column], Some(column).filter(|_| is_clock)) {
+            Ok(mut values) => {
+                topic.time = topic.time.or_else(|| (time == Some(column)).then_some(topic.fields.len()));
+                let unit = if is_clock { Some("s".to_string()) } else { heading.unit.clone() };
+                topic.fields.push(Field { name: heading.name.clone(), unit, values: values.pop().unwrap_or_default() });
+            }
+            Err(problems) => notes.extend(problems.iter().take(1).map(|p| Note::Taken(p.to_string()))),
+        }
+    }
+    Ok((Log { format: "text", topics: vec![topic], ..Log::default() }, notes))
 }
 
 /// The only table of a file.

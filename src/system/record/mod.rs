@@ -26,6 +26,7 @@ pub use derived::Incomplete;
 pub use derived::bridge;
 pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
+pub use log::open_log;
 pub use read::{ChannelSource, Note, Sampling, Summary};
 pub use read::{ReadOptions, read, read_all};
 pub use run::Run;
