@@ -7,6 +7,7 @@ mod check;
 mod checkpoint;
 mod codegen;
 mod compare;
+mod data;
 mod deliver;
 mod design;
 mod diagnose;
@@ -57,6 +58,8 @@ struct Arguments {
 enum Verb {
     /// Check a model: every mistake in its text, then every derivative against a complex step
     Check(check::Arguments),
+    /// Look into a log or data file, and take channels from it as CSV
+    Data(data::Arguments),
     /// Optimal input design: the manoeuvres of the next runs that reduce the standard errors most
     Design(design::Arguments),
     /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
@@ -149,6 +152,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
     let result = match &arguments.verb {
         Verb::Check(a) => check::run(a),
+        Verb::Data(a) => data::run(a),
         Verb::Design(a) => design::run(a),
         Verb::Diagnose(a) => diagnose::run(a),
         Verb::Effects(a) => effects::run(a),

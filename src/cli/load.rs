@@ -5,7 +5,8 @@ use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
-use fdm_results::store::{DataFile, Manifest, ResultFolder, differences};
+use fdm_readers::{RecordMap, shipped};
+use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
 use fdm_system::record::{Note, ReadOptions, Run, Summary, channels, read_all};
 use std::collections::BTreeMap;
@@ -145,7 +146,7 @@ pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[PathBu
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct Records {
-    /// Recorded run (CSV with a header `name [unit], ...`); may be given several times
+    /// Recorded run (CSV with a header `name [unit], ...`, or a log with --map-file); `-` for standard input; may be given several times
     #[arg(long = "data", value_name = "RUN", required = true)]
     pub(crate) data: Vec<PathBuf>,
     #[command(flatten)]
@@ -159,6 +160,12 @@ pub(crate) struct Selection {
     /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
     #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "data")]
     map: Vec<(String, String)>,
+    /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
+    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "data")]
+    map_file: Option<RecordMap>,
+    /// Use what can be read of a damaged log; what is lost is said
+    #[arg(long, requires = "data")]
+    salvage: bool,
     /// Use the record from this time on, in the file's unit
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
     from: Option<f64>,
@@ -207,6 +214,8 @@ impl Selection {
             hold: self.zoh.clone(),
             require_outputs,
             without: self.without_output.clone(),
+            map_file: self.map_file.clone(),
+            salvage: self.salvage,
         }
     }
 }
@@ -392,6 +401,17 @@ pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
 pub(crate) fn number(text: &str) -> Result<f64, String> {
     let text = text.trim();
     held(text).map_err(|unheld| format!("`{text}` {unheld}: {}", unheld.hint()))
+}
+
+/// A map of channels: a file, or one that comes with the program.
+pub(crate) fn map_file(text: &str) -> Result<RecordMap, String> {
+    let (known, names) = shipped(text);
+    let map = match std::fs::read_to_string(text) {
+        Ok(map) => map,
+        Err(_) if known.is_some() => known.unwrap_or_default().into(),
+        Err(e) => return Err(format!("{}; maps that come with fdm are {}", reason(&e), names.join(", "))),
+    };
+    RecordMap::parse(&map).map_err(|e| e.to_string())
 }
 
 /// `CHANNEL=COLUMN`

@@ -12,6 +12,7 @@ mod digits;
 mod fit;
 mod frequency;
 mod json;
+mod log;
 mod model;
 mod modes;
 mod outputs;
@@ -38,6 +39,7 @@ pub use frequency::{
     MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
 };
 pub use json::{from_text, to_text};
+pub use log::{FieldDocument, LogDocument, TopicDocument};
 pub use model::{
     CatalogueDocument, ChannelDocument, Derivatives, DiscrepancyDocument, Diverged, EffectDocument, EffectsDocument,
     InputDocument, ModelDocument, OutputDeclared, ParamDocument, PlaceDocument, PriorDocument, QuantityDocument,

@@ -117,6 +117,8 @@ pub(crate) struct Source {
     pub(crate) offset: f64,
     /// Whether the channel is the natural logarithm of all this.
     pub(crate) logarithm: bool,
+    /// Whether its cells are dates or clock times, which are read as seconds.
+    pub(crate) clock: bool,
 }
 
 impl Source {

@@ -16,8 +16,10 @@ pub struct RecordError {
 /// One problem and where it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
-    /// Line as an editor counts them, from 1; `None` when the problem is not in one line.
+    /// Line as an editor counts them, from 1, or sample of a file that has no lines; `None` when the problem is not in one of them.
     pub line: Option<usize>,
+    /// What is counted: `line`, or `sample`.
+    pub place: &'static str,
     /// Title of the column.
     pub column: Option<String>,
     /// What is wrong.
@@ -33,7 +35,15 @@ pub struct Problem {
 impl Fault {
     /// The problem at no particular place.
     pub(crate) fn anywhere(self) -> Problem {
-        Problem { line: None, column: None, fault: Box::new(self), also: Vec::new(), more: 0, hint: None }
+        Problem {
+            line: None,
+            place: "line",
+            column: None,
+            fault: Box::new(self),
+            also: Vec::new(),
+            more: 0,
+            hint: None,
+        }
     }
 
     /// The problem in a line.
@@ -68,15 +78,15 @@ impl Problem {
 impl fmt::Display for Problem {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match (self.line, &self.column) {
-            (Some(line), Some(column)) => write!(f, "line {line}, column `{column}`: ")?,
-            (Some(line), None) => write!(f, "line {line}: ")?,
+            (Some(line), Some(column)) => write!(f, "{} {line}, column `{column}`: ", self.place)?,
+            (Some(line), None) => write!(f, "{} {line}: ", self.place)?,
             (None, Some(column)) => write!(f, "column `{column}`: ")?,
             (None, None) => {}
         }
         write!(f, "{}", self.fault)?;
         if !self.also.is_empty() {
             let lines: Vec<_> = self.also.iter().map(usize::to_string).collect();
-            write!(f, "; also in line{} {}", if lines.len() == 1 { "" } else { "s" }, lines.join(", "))?;
+            write!(f, "; also in {}{} {}", self.place, if lines.len() == 1 { "" } else { "s" }, lines.join(", "))?;
             if self.more > 0 {
                 write!(f, " and {} more", self.more)?;
             }
@@ -175,6 +185,34 @@ pub enum Fault {
     /// Bytes that are not UTF-8.
     #[error("the file is not UTF-8 text")]
     NotText,
+    /// A log or data file of which nothing can be read.
+    #[error("{0}")]
+    Unopened(String),
+    /// A log or data file that is damaged.
+    #[error("the {format} file is damaged: {places}; {rows} samples of {topics} topics were read")]
+    Damaged {
+        /// The format.
+        format: &'static str,
+        /// What is wrong, and where.
+        places: String,
+        /// Samples that were read, of all topics together.
+        rows: usize,
+        /// Topics that were read.
+        topics: usize,
+    },
+    /// A log of several topics, and no map.
+    #[error("this {format} file holds {count} tables with clocks of their own: {names}")]
+    SeveralClocks {
+        /// The format.
+        format: &'static str,
+        /// How many.
+        count: usize,
+        /// Their names.
+        names: String,
+    },
+    /// A map that does not fit the file.
+    #[error("--map-file: {0}")]
+    Map(String),
     /// Nothing but blank lines and comments.
     #[error("the file holds no rows, expected a header with column names and rows of numbers")]
     Empty,
@@ -336,6 +374,11 @@ pub enum Fault {
     /// Text where a number is wanted.
     #[error("found `{0}`, expected a number")]
     NotANumber(String),
+    /// Something else in a column of dates or clock times.
+    #[error(
+        "found `{0}`, expected a date with a time as in `2026-05-01T12:34:56.7`, or a time as in `12:34:56.7`, as above it"
+    )]
+    NotAStamp(String),
     /// A number that has no logarithm.
     #[error("found `{0}`, expected a number above zero: its logarithm is read")]
     NotPositive(String),
@@ -375,10 +418,12 @@ pub enum Fault {
     #[error("the time is missing")]
     NoTime,
     /// Time that stands still or falls.
-    #[error("the time {} from {before} in line {line} to {found}, expected a later time", if .before == .found { "does not rise" } else { "falls" })]
+    #[error("the time {} from {before} in {place} {line} to {found}, expected a later time", if .before == .found { "does not rise" } else { "falls" })]
     NotRising {
         /// Time of the sample before.
         before: String,
+        /// What is counted: lines of a text, samples of a log.
+        place: &'static str,
         /// Its line.
         line: usize,
         /// Time in this line.

@@ -1,13 +1,15 @@
 //! Measured data: CSV files to [`Run`]s in the model's units, with errors that name file, line and column.
 //!
-//! Start at [`read()`]: `text` (bytes, cells) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`]. Samples in memory
+//! Start at [`read()`]: `text` (bytes, cells) or `log` (other formats, maps) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`]. Samples in memory
 //! become one by [`RunBuilder`].
 
 mod builder;
 mod channel;
+mod clock;
 mod derived;
 mod error;
 pub mod even_grid;
+mod log;
 mod read;
 mod run;
 mod samples;
@@ -24,6 +26,7 @@ pub use derived::Incomplete;
 pub use derived::bridge;
 pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
+pub use log::open_log;
 pub use read::{ChannelSource, Note, Sampling, Summary};
 pub use read::{ReadOptions, read, read_all};
 pub use run::Run;

@@ -6,8 +6,9 @@ use super::error::{Fault, Names, Problem, RecordError};
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::{Dialect, Table};
-use super::{derived, search};
+use super::{derived, log, search, text};
 use fdm_grammar::diagnostic::nearest;
+use fdm_readers::RecordMap;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -34,6 +35,12 @@ pub struct ReadOptions {
     /// Whether numbers are read whose squares are none: what is only simulated needs no squares.
     #[serde(default, skip_serializing)]
     pub any_size: bool,
+    /// From which fields of a log, or columns of a table, the channels are read, and how their numbers become theirs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map_file: Option<RecordMap>,
+    /// Whether what can be read of a damaged log is used.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub salvage: bool,
 }
 
 impl Default for ReadOptions {
@@ -47,6 +54,8 @@ impl Default for ReadOptions {
             require_outputs: true,
             without: Vec::new(),
             any_size: false,
+            map_file: None,
+            salvage: false,
         }
     }
 }
@@ -118,9 +127,19 @@ fn demanding(
     };
     let demands: Vec<Demand> = channels.outputs.iter().enumerate().map(of).collect();
     let told = |problems| RecordError { file: path.display().to_string(), problems };
-    let table = Table::open(path).map_err(|p| told(vec![p]))?;
-    let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
-    assemble(name, &table, channels, options, &demands).map_err(told)
+    let mut notes = Vec::new();
+    let bytes = text::load(path).map_err(|p| told(vec![p]))?;
+    let table = log::table(bytes, channels, options, &mut notes).map_err(told)?;
+    assemble(name_of(path), &table, channels, options, &demands, notes).map_err(told)
+}
+
+/// The name of the run of a file.
+fn name_of(path: &Path) -> String {
+    if path == Path::new("-") {
+        return "stdin".into();
+    }
+    let unpacked = if path.extension().is_some_and(|e| e == "gz") { path.with_extension("") } else { path.into() };
+    unpacked.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned())
 }
 
 fn assemble(
@@ -129,9 +148,9 @@ fn assemble(
     channels: &Channels,
     options: &ReadOptions,
     demands: &[Demand],
+    mut notes: Vec<Note>,
 ) -> Result<(Run, Summary), Vec<Problem>> {
     let mut problems = check_options(channels, options);
-    let mut notes = Vec::new();
     let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
     let samples = samples::collect(table, &plan, channels.timed, options)?;
@@ -139,7 +158,9 @@ fn assemble(
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
-    let run = finish(name, samples, &plan, channels, options, &mut notes)?;
+    let mut held = options.hold.clone();
+    held.extend(table.numbers.iter().flat_map(|n| n.held.iter().cloned()));
+    let run = finish(name, samples, &plan, channels, &held, &mut notes)?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
     let unheld = if options.any_size { Vec::new() } else { sizes(&run, &names, channels.inputs.len()) };
@@ -154,7 +175,8 @@ fn assemble(
     notes.extend(suspicions(&run, &names, sampling));
     let sources = sources(table, &plan, &run, &names);
     let used = run.len();
-    Ok((run, Summary { dialect, rows, used, sources, sampling, notes }))
+    let format = table.format;
+    Ok((run, Summary { format, dialect, rows, used, sources, sampling, notes }))
 }
 
 fn names(channels: &Channels) -> impl Iterator<Item = (Role, String)> {
@@ -211,7 +233,7 @@ fn check_amount(
 ) -> Result<(), Vec<Problem>> {
     let found = samples.time.len();
     if samples.rows == 0 {
-        return Err(vec![Fault::NoRows.at(table.header_line)]);
+        return Err(vec![table.in_header(Fault::NoRows)]);
     }
     if let (0, Some((first, last))) = (found, samples.span) {
         let (first, last) = (first.to_string(), last.to_string());
@@ -244,7 +266,7 @@ fn finish(
     samples: Samples,
     plan: &Plan,
     channels: &Channels,
-    options: &ReadOptions,
+    held: &[String],
     notes: &mut Vec<Note>,
 ) -> Result<Run, Vec<Problem>> {
     let Samples { time, inputs, mut measured, .. } = samples;
@@ -257,7 +279,7 @@ fn finish(
     let (declared, q) = (plan.inputs.len(), plan.outputs.len());
     let mut inputs = derived::beside(time.len(), (&inputs, declared), declared, (&measured, q), &channels.driving);
     let m = declared + channels.driving.len();
-    let mut held: Vec<_> = channels.inputs.iter().map(|c| options.hold.contains(&c.name)).collect();
+    let mut held: Vec<_> = channels.inputs.iter().map(|c| held.contains(&c.name)).collect();
     held.resize(m, false);
     let output_gaps = (0..q).map(|k| measured.iter().skip(k).step_by(q).filter(|v| v.is_nan()).count()).collect();
     if !channels.timed {
@@ -326,6 +348,8 @@ fn sources(table: &Table, plan: &Plan, run: &Run, names: &[(Role, String)]) -> V
 /// What was read from where, and what should be known about it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
+    /// The format, as people call it; `text` for tables of text.
+    pub format: &'static str,
     /// How the file is written.
     pub dialect: Dialect,
     /// Rows below the header that are not blank.
@@ -442,6 +466,13 @@ pub enum Note {
         /// Whether the values come from the neighbours in time; otherwise these samples are not compared.
         in_time: bool,
     },
+    /// What was done to take a run from a log, or left out.
+    Taken(String),
+    /// Dates or clock times that were read as seconds.
+    Clock {
+        /// Title of the column.
+        column: String,
+    },
     /// A pause much longer than the usual interval.
     Pause {
         /// Its length in the model's time unit.
@@ -483,6 +514,10 @@ impl fmt::Display for Note {
             }
             Self::Bridged { input, gaps, in_time: false } => {
                 write!(f, "the input `{input}` has no value in {gaps} sample(s), which are not compared")
+            }
+            Self::Taken(what) => f.write_str(what),
+            Self::Clock { column } => {
+                write!(f, "column `{column}` holds dates or clock times, read as seconds since the first midnight")
             }
             Self::Pause { length, at, median } => {
                 write!(f, "no sample for {length:.6} from {at:.6} on, where the usual interval is {median:.6}")

@@ -1,9 +1,10 @@
 //! The selected rows of a table as numbers in the model's units, and everything that is wrong with them.
 
 use super::channel::{Plan, Source};
+use super::clock::{self, Axis};
 use super::error::{Fault, Problem, excerpt};
 use super::read::ReadOptions;
-use super::table::{Delimiter, Mark, Row, Table};
+use super::table::{Delimiter, Mark, Numbers, Row, Table};
 use super::text::{self, Cell};
 use csv::ByteRecord;
 
@@ -48,13 +49,67 @@ pub(crate) fn collect(table: &Table, plan: &Plan, timed: bool, options: &ReadOpt
         selected: 0,
         before: None,
         thousands: Thousands::NotSeen,
+        axis: Axis::default(),
     };
+    if let Some(numbers) = &table.numbers {
+        for k in 0..numbers.rows() {
+            // in a table without lines the offset of a row is its number
+            let row = Row { start: k, end: k };
+            collector.row(row, Cells::Numbers(numbers, k), false);
+        }
+        return collector.finish();
+    }
     let (mut rows, mut record, mut previous) = (table.rows(), ByteRecord::new(), ByteRecord::new());
     while let Some(row) = rows.read(&mut record).map_err(|p| vec![p])? {
-        collector.row(row, &record, &previous);
+        collector.row(row, Cells::Text(&record), record == previous);
         std::mem::swap(&mut record, &mut previous);
     }
     collector.finish()
+}
+
+/// Columns of a text as numbers, NaN in gaps, whatever a model wants of them; those of `clock` are dates or clock times.
+///
+/// # Errors
+/// Every cell that is neither number nor gap.
+pub(crate) fn numbers(table: &Table, columns: &[usize], clock: Option<usize>) -> Result<Vec<Vec<f64>>, Vec<Problem>> {
+    let plan = Plan { time: None, strict: false, inputs: Vec::new(), outputs: Vec::new() };
+    let options = ReadOptions::default();
+    let mut collector = Collector {
+        table,
+        plan: &plan,
+        options: &options,
+        timed: false,
+        samples: Samples::default(),
+        tallies: Vec::new(),
+        selected: 0,
+        before: None,
+        thousands: Thousands::NotSeen,
+        axis: Axis::default(),
+    };
+    let mut found: Vec<Vec<f64>> = columns.iter().map(|_| Vec::new()).collect();
+    let (mut rows, mut record) = (table.rows(), ByteRecord::new());
+    while let Some(row) = rows.read(&mut record).map_err(|p| vec![p])? {
+        let cells = Cells::Text(&record);
+        if collector.is_ragged(row, cells) {
+            continue;
+        }
+        for (column, values) in columns.iter().zip(&mut found) {
+            let value = if clock == Some(*column) {
+                collector.stamp(*column, row, cells)
+            } else {
+                collector.number(*column, row, cells)
+            };
+            values.push(value.unwrap_or(f64::NAN));
+        }
+    }
+    collector.finish().map(|_| found)
+}
+
+/// One row of a table.
+#[derive(Clone, Copy)]
+enum Cells<'a> {
+    Text(&'a ByteRecord),
+    Numbers(&'a Numbers, usize),
 }
 
 struct Collector<'a> {
@@ -69,6 +124,8 @@ struct Collector<'a> {
     /// Time and place of the selected row before.
     before: Option<(f64, usize)>,
     thousands: Thousands,
+    /// The axis of dates and clock times.
+    axis: Axis,
 }
 
 /// Whether decimal commas can be told from separated thousands in a file with commas between its cells.
@@ -96,20 +153,30 @@ enum Kind {
 }
 
 impl Collector<'_> {
-    fn row(&mut self, row: Row, record: &ByteRecord, previous: &ByteRecord) {
-        let number = self.samples.rows;
-        self.samples.rows += 1;
+    /// Whether a row has more or fewer cells than the header, and is blamed for it.
+    fn is_ragged(&mut self, row: Row, cells: Cells<'_>) -> bool {
+        let Cells::Text(record) = cells else { return false };
         let width = self.table.columns.len();
         let longer = record.len() > width && record.iter().skip(width).any(|c| !c.trim_ascii().is_empty());
-        if record.len() < width || longer {
+        let ragged = record.len() < width || longer;
+        if ragged {
             self.blame(Kind::Row, None, row, Fault::Ragged { found: record.len(), expected: width });
+        }
+        ragged
+    }
+
+    /// `same` says whether the row repeats the one before to the letter.
+    fn row(&mut self, row: Row, record: Cells<'_>, same: bool) {
+        let number = self.samples.rows;
+        self.samples.rows += 1;
+        if self.is_ragged(row, record) {
             return;
         }
         let Some(time) = self.time(row, record, number) else { return };
         let span = self.samples.span.get_or_insert((time, time));
         span.1 = time;
         let (from, to) = (self.options.from.unwrap_or(f64::NEG_INFINITY), self.options.to.unwrap_or(f64::INFINITY));
-        if time < from || time > to || !self.follows(time, row, record == previous) {
+        if time < from || time > to || !self.follows(time, row, same) {
             return;
         }
         let used = self.selected.is_multiple_of(self.options.every);
@@ -121,13 +188,22 @@ impl Collector<'_> {
     }
 
     /// The time of a row as it stands in the file, or the row's number.
-    fn time(&mut self, row: Row, record: &ByteRecord, number: usize) -> Option<f64> {
+    fn time(&mut self, row: Row, record: Cells<'_>, number: usize) -> Option<f64> {
         let Some(source) = &self.plan.time else { return Some(number as f64) };
         if !self.plan.strict {
-            let text = record.get(source.column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
-            return Some(if let Cell::Number(value, _) = text::scan(text) { value } else { f64::NAN });
+            return Some(match record {
+                Cells::Numbers(numbers, k) => numbers.columns[source.column][k],
+                Cells::Text(record) => {
+                    let text = record.get(source.column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
+                    if let Cell::Number(value, _) = text::scan(text) { value } else { f64::NAN }
+                }
+            });
         }
-        let value = self.number(source.column, row, record)?;
+        let value = if source.clock {
+            self.stamp(source.column, row, record)?
+        } else {
+            self.number(source.column, row, record)?
+        };
         if value.is_nan() {
             self.blame(Kind::Cell, Some(source.column), row, Fault::NoTime);
             return None;
@@ -151,12 +227,27 @@ impl Collector<'_> {
         }
         let column = self.plan.time.as_ref().map(|t| t.column);
         let line = if self.is_blamed(Kind::Time, column) { 0 } else { self.table.line(place) };
-        let fault = Fault::NotRising { before: previous.to_string(), line, found: time.to_string() };
+        let place = self.table.place();
+        let fault = Fault::NotRising { before: previous.to_string(), place, line, found: time.to_string() };
         self.blame(Kind::Time, column, row, fault);
         true
     }
 
-    fn channels(&mut self, row: Row, record: &ByteRecord) {
+    /// The seconds of a date or clock time; `None` when the cell has been blamed.
+    fn stamp(&mut self, column: usize, row: Row, record: Cells<'_>) -> Option<f64> {
+        let Cells::Text(cells) = record else { return self.number(column, row, record) };
+        let text = cells.get(column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
+        if text.trim().is_empty() {
+            return Some(f64::NAN);
+        }
+        let Some(stamp) = clock::stamp(text) else {
+            self.blame(Kind::Cell, Some(column), row, Fault::NotAStamp(excerpt(text)));
+            return None;
+        };
+        Some(self.axis.seconds(stamp))
+    }
+
+    fn channels(&mut self, row: Row, record: Cells<'_>) {
         let plan = self.plan;
         for source in &plan.inputs {
             let value = self.channel(source, row, record);
@@ -168,7 +259,7 @@ impl Collector<'_> {
         }
     }
 
-    fn channel(&mut self, source: &Source, row: Row, record: &ByteRecord) -> f64 {
+    fn channel(&mut self, source: &Source, row: Row, record: Cells<'_>) -> f64 {
         let Some(value) = self.number(source.column, row, record) else { return f64::NAN };
         let converted = source.convert(value);
         if converted.is_nan() && !value.is_nan() {
@@ -181,7 +272,18 @@ impl Collector<'_> {
     }
 
     /// The number in a cell, NaN for a gap; `None` when it has been blamed.
-    fn number(&mut self, column: usize, row: Row, record: &ByteRecord) -> Option<f64> {
+    fn number(&mut self, column: usize, row: Row, record: Cells<'_>) -> Option<f64> {
+        let record = match record {
+            Cells::Text(record) => record,
+            Cells::Numbers(numbers, k) => {
+                let value = numbers.columns[column][k];
+                if value.is_infinite() {
+                    self.blame(Kind::Cell, Some(column), row, Fault::Infinite(value.to_string()));
+                    return None;
+                }
+                return Some(value);
+            }
+        };
         let text = record.get(column).and_then(|c| str::from_utf8(c).ok()).unwrap_or("");
         let (value, mark) = match text::scan(text) {
             Cell::Gap => return Some(f64::NAN),
@@ -253,6 +355,7 @@ impl Collector<'_> {
 
     fn problem(&self, tally: &Tally) -> Problem {
         let mut problem = tally.fault.clone().at(self.table.line(tally.row.start));
+        problem.place = self.table.place();
         if let Some(column) = tally.key.1 {
             problem = problem.column(&self.table.columns[column].title);
         }
@@ -273,7 +376,7 @@ impl Collector<'_> {
                 "if this row holds the units, write them into the header: `name [unit]`"
             }
             Fault::NotANumber(text) if text.contains(':') || text.matches('-').count() == 2 => {
-                "dates and clock times are not read; make a column of seconds"
+                "dates and clock times are read in the column of the time alone"
             }
             Fault::NotANumber(_) => "leave a cell empty, or write NaN, where nothing was measured",
             Fault::NotRising { before, found, .. } if before == found => {

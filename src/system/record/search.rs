@@ -92,7 +92,7 @@ impl Search<'_> {
         let unit = self.table.columns[column].unit.clone();
         let own = unit.as_deref().and_then(|u| Unit::parse(u).ok());
         let (scale, offset) = own.map_or(Some((1.0, 0.0)), |own| own.conversion(&self.channels.time))?;
-        Some(Source { column, unit, scale, offset, logarithm: false })
+        Some(Source { column, unit, scale, offset, logarithm: false, clock: false })
     }
 
     fn time(&mut self) -> Option<Source> {
@@ -113,6 +113,12 @@ impl Search<'_> {
             },
         };
         let channel = Channel { name: "t".into(), unit: Some(self.channels.time.clone()) };
+        if self.table.is_clock(found.column) {
+            let column = self.table.columns[found.column].title.clone();
+            self.notes.push(Note::Clock { column });
+            let seconds = Found { unit: Some("s".into()), ..found };
+            return self.source(Role::Time, &channel, seconds).map(|source| Source { clock: true, ..source });
+        }
         self.source(Role::Time, &channel, found)
     }
 
@@ -130,7 +136,12 @@ impl Search<'_> {
                 return Ok(Some(column));
             }
         }
-        Ok(None)
+        // dates and clock times can be nothing else
+        let mut clocks = (0..self.table.columns.len()).filter(|k| self.table.is_clock(*k));
+        Ok(match (clocks.next(), clocks.next()) {
+            (Some(column), None) => Some(column).filter(|k| !mapped(&self.table.columns[*k])),
+            _ => None,
+        })
     }
 
     fn is_time_unit(&self, unit: &str) -> bool {
@@ -277,7 +288,7 @@ impl Search<'_> {
         let count = 1 + found.count();
         match first {
             Some((_, h)) if count > 1 => {
-                let problem = Fault::Ambiguous { name: excerpt(&h.name), count }.at(self.table.header_line);
+                let problem = self.table.in_header(Fault::Ambiguous { name: excerpt(&h.name), count });
                 Err(problem
                     .hint("rename the columns, or say --map CHANNEL=TITLE with a title that only one of them has"))
             }
@@ -325,7 +336,7 @@ impl Search<'_> {
         let heading = &self.table.columns[column];
         let pure = || is_pure(&heading.name, &channel.name).then(|| "1".to_string());
         let unit = given.or_else(|| heading.unit.clone()).or_else(pure);
-        let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0, logarithm: false };
+        let same = Source { column, unit: unit.clone(), scale: 1.0, offset: 0.0, logarithm: false, clock: false };
         let (Some(from), Some(to)) = (&unit, &channel.unit) else {
             if unit.is_some() != channel.unit.is_some() {
                 self.notes.push(Note::UnitAssumed {
@@ -351,13 +362,13 @@ impl Search<'_> {
                     |near| format!("did you mean `{near}`?"),
                 );
                 let fault = Fault::UnknownUnit { unit: excerpt(from), role, channel: name, expected };
-                self.problems.push(fault.at(self.table.header_line).column(&heading.title).hint(hint));
+                self.problems.push(self.table.in_header(fault).column(&heading.title).hint(hint));
                 return None;
             }
         };
         let Some((scale, offset)) = known.conversion(to) else {
             let fault = Fault::Incompatible { found: excerpt(from), expected, role, channel: name };
-            self.problems.push(fault.at(self.table.header_line).column(&heading.title));
+            self.problems.push(self.table.in_header(fault).column(&heading.title));
             return None;
         };
         Some(Source { scale, offset, ..same })
@@ -371,7 +382,7 @@ impl Search<'_> {
             self.table.columns[found.column].unit.clone().filter(|u| Unit::parse(u).map_or(true, |u| !u.is_one()));
         if let Some(unit) = channel.unit.as_ref().filter(|u| !u.is_one()) {
             let fault = Fault::LogarithmOfUnit { role, channel: name, unit: unit.text().to_string() };
-            self.problems.push(fault.at(self.table.header_line).column(&title));
+            self.problems.push(self.table.in_header(fault).column(&title));
             return None;
         }
         match (own, found.unit) {
@@ -379,10 +390,12 @@ impl Search<'_> {
                 let bare = &self.table.columns[found.column].name;
                 let hint = format!("say in which: --map \"{name}=log({bare} [{own}])\"");
                 let fault = Fault::LogarithmInWhich { role, channel: name, unit: excerpt(&own) };
-                self.problems.push(fault.at(self.table.header_line).column(&title).hint(hint));
+                self.problems.push(self.table.in_header(fault).column(&title).hint(hint));
                 None
             }
-            (None, unit) => Some(Source { column: found.column, unit, scale: 1.0, offset: 0.0, logarithm: true }),
+            (None, unit) => {
+                Some(Source { column: found.column, unit, scale: 1.0, offset: 0.0, logarithm: true, clock: false })
+            }
             (Some(_), Some(unit)) => {
                 // as a channel in that unit would be read
                 let wanted = match Unit::parse(&unit) {

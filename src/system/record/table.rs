@@ -6,7 +6,6 @@ use super::text;
 use csv::ByteRecord;
 use std::borrow::Cow;
 use std::fmt;
-use std::path::Path;
 
 /// A file whose header has been read.
 #[derive(Debug)]
@@ -14,6 +13,10 @@ pub(crate) struct Table {
     text: String,
     /// Offset of the first row below the header.
     body: usize,
+    /// The columns of a file that is no text.
+    pub(crate) numbers: Option<Numbers>,
+    /// The format, as people call it.
+    pub(crate) format: &'static str,
     /// Line of the header.
     pub(crate) header_line: usize,
     /// What separates the cells.
@@ -22,6 +25,28 @@ pub(crate) struct Table {
     pub(crate) columns: Vec<Heading>,
     /// Whether the last line ends as a line; a file that was cut does not.
     pub(crate) ended: bool,
+}
+
+/// Columns of numbers.
+#[derive(Debug, Default)]
+pub(crate) struct Numbers {
+    headings: Vec<Heading>,
+    /// By column; all of one length.
+    pub(crate) columns: Vec<Vec<f64>>,
+    /// Channels whose values hold until the next.
+    pub(crate) held: Vec<String>,
+}
+
+impl Numbers {
+    pub(crate) fn new(columns: Vec<(Heading, Vec<f64>)>, held: Vec<String>) -> Self {
+        let (headings, columns) = columns.into_iter().unzip();
+        Self { headings, columns, held }
+    }
+
+    /// Number of samples.
+    pub(crate) fn rows(&self) -> usize {
+        self.columns.first().map_or(0, Vec::len)
+    }
 }
 
 /// The title of a column.
@@ -82,9 +107,29 @@ fn opening(title: &str) -> Option<usize> {
 }
 
 impl Table {
-    /// Reads a file and its header.
-    pub(crate) fn open(path: &Path) -> Result<Self, Problem> {
-        Self::new(text::load(path)?)
+    /// A table of numbers.
+    pub(crate) fn of_numbers(format: &'static str, mut numbers: Numbers) -> Self {
+        let columns = std::mem::take(&mut numbers.headings);
+        let (text, delimiter) = (String::new(), Delimiter::Comma);
+        Self { text, body: 0, numbers: Some(numbers), format, header_line: 0, delimiter, columns, ended: true }
+    }
+
+    /// A problem of the header.
+    pub(crate) fn in_header(&self, fault: Fault) -> Problem {
+        if self.numbers.is_some() { fault.anywhere() } else { fault.at(self.header_line) }
+    }
+
+    /// What its rows are called in a message.
+    pub(crate) fn place(&self) -> &'static str {
+        if self.numbers.is_some() { "sample" } else { "line" }
+    }
+
+    /// Whether the first cell of a column is a date or a clock time.
+    pub(crate) fn is_clock(&self, column: usize) -> bool {
+        let mut record = ByteRecord::new();
+        let first = self.numbers.is_none() && matches!(self.rows().read(&mut record), Ok(Some(_)));
+        let cell = record.get(column).filter(|_| first).and_then(|c| str::from_utf8(c).ok());
+        cell.is_some_and(|c| super::clock::stamp(c).is_some())
     }
 
     /// Reads the header of a text.
@@ -92,7 +137,9 @@ impl Table {
         let text = text::decode(bytes)?;
         let (delimiter, ended) = (sniff(&text), text.ends_with(['\n', '\r']));
         let text = if delimiter == Delimiter::Spaces { collapse(&text) } else { text };
-        let mut table = Self { text, body: 0, header_line: 1, delimiter, columns: Vec::new(), ended };
+        let columns = Vec::new();
+        let mut table =
+            Self { text, body: 0, numbers: None, format: "text", header_line: 1, delimiter, columns, ended };
         let mut record = ByteRecord::new();
         let mut rows = table.rows();
         let Some(row) = rows.read(&mut record)? else { return Err(Fault::Empty.anywhere()) };
@@ -118,16 +165,22 @@ impl Table {
 
     /// Line of an offset that [`Row`] gave.
     pub(crate) fn line(&self, offset: usize) -> usize {
+        if self.numbers.is_some() {
+            return offset + 1;
+        }
         text::line_of(self.text.as_bytes(), offset)
     }
 
     /// Whether an offset is the end of a text that does not end with a line.
     pub(crate) fn is_cut(&self, end: usize) -> bool {
-        end >= self.text.len() && !self.text.ends_with(['\n', '\r'])
+        self.numbers.is_none() && end >= self.text.len() && !self.text.ends_with(['\n', '\r'])
     }
 
     /// Offset of the first row below the header.
     pub(crate) fn first_row(&self) -> Option<usize> {
+        if self.numbers.is_some() {
+            return None;
+        }
         self.rows().read(&mut ByteRecord::new()).ok()?.map(|row| row.start)
     }
 

@@ -236,6 +236,8 @@ fn options_are_checked_together() {
         hold: vec!["y".into(), "v".into()],
         require_outputs: true,
         without: Vec::new(),
+        map_file: None,
+        salvage: false,
     };
     let texts: Vec<_> = bad("t,u,y\n0,1,1\n", &uy(), &options).iter().map(Problem::to_string).collect();
     let parts =

@@ -3,10 +3,12 @@
 
 use super::error::{Fault, Problem};
 use super::table::Mark;
+use fdm_readers::unzipped;
 use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::OnceLock;
 
 /// Largest file that is read; everything else costs memory in proportion to the file.
 const LIMIT: u64 = 4 << 30;
@@ -16,6 +18,9 @@ const LONGEST_LINE: usize = 1 << 20;
 /// Reads a file or pipe whole.
 pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     let refused = |e: std::io::Error| Fault::Unreadable(reason(&e)).anywhere();
+    if path == Path::new("-") {
+        return standard_input().map(<[u8]>::to_vec).map_err(|e| Fault::Unreadable(e.clone()).anywhere());
+    }
     let about = std::fs::metadata(path).map_err(refused)?;
     if about.is_dir() {
         return Err(Fault::Directory.anywhere());
@@ -28,7 +33,29 @@ pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     }
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_end(&mut bytes)).map_err(refused)?;
-    if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { Ok(bytes) }
+    if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { unpacked(bytes) }
+}
+
+/// The bytes of a text, also of a compressed one.
+fn unpacked(bytes: Vec<u8>) -> Result<Vec<u8>, Problem> {
+    match unzipped(&bytes, LIMIT) {
+        None => Ok(bytes),
+        Some(text) => text.map_err(|e| Fault::Unopened(e.to_string()).anywhere()),
+    }
+}
+
+/// All of standard input, which can be read once only.
+fn standard_input() -> Result<&'static [u8], &'static String> {
+    static INPUT: OnceLock<Result<Vec<u8>, String>> = OnceLock::new();
+    let read = || {
+        let mut bytes = Vec::new();
+        std::io::stdin().lock().take(LIMIT + 1).read_to_end(&mut bytes).map_err(|e| reason(&e))?;
+        if bytes.len() as u64 > LIMIT {
+            return Err(Fault::TooLarge(LIMIT).to_string());
+        }
+        unpacked(bytes).map_err(|p| p.to_string())
+    };
+    INPUT.get_or_init(read).as_deref()
 }
 
 /// What the operating system says, without its number.

@@ -1,0 +1,118 @@
+//! Formats, recognised by their first bytes, never by the name of the file.
+
+use crate::log::{Log, ReadError};
+
+/// A format of logs or data files that is not text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// NumPy's archive of arrays.
+    Npz,
+    /// One array of NumPy.
+    Npy,
+    /// MATLAB's MAT-file, version 5 to 7.
+    Mat,
+    /// PX4's log.
+    ULog,
+    /// ArduPilot's log.
+    DataFlash,
+    /// HDF5, and MATLAB's MAT-file of version 7.3.
+    Hdf5,
+    /// Apache Parquet.
+    Parquet,
+}
+
+/// What reads the files of one format.
+pub(crate) trait Reader {
+    /// All that the bytes hold, with what is damaged in them.
+    fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 7] =
+        [Self::Npz, Self::Npy, Self::Mat, Self::ULog, Self::DataFlash, Self::Hdf5, Self::Parquet];
+
+    /// The name that people use.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Npz => "NPZ",
+            Self::Npy => "NPY",
+            Self::Mat => "MAT",
+            Self::ULog => "ULog",
+            Self::DataFlash => "DataFlash",
+            Self::Hdf5 => "HDF5",
+            Self::Parquet => "Parquet",
+        }
+    }
+
+    /// The feature of Cargo that switches its reader on.
+    pub fn feature(self) -> &'static str {
+        match self {
+            Self::Npz | Self::Npy => "npz",
+            Self::Mat => "mat",
+            Self::ULog => "ulog",
+            Self::DataFlash => "dataflash",
+            Self::Hdf5 => "hdf5",
+            Self::Parquet => "parquet",
+        }
+    }
+
+    /// The format of a file with these bytes; none for what is none of them, such as text.
+    pub fn of(bytes: &[u8]) -> Option<Self> {
+        let begins = |magic: &[u8]| bytes.starts_with(magic);
+        // a MAT-file of version 7.3 is HDF5 behind 512 bytes of MATLAB's own
+        let hdf5 = |at: usize| bytes.get(at..).is_some_and(|b| b.starts_with(b"\x89HDF\r\n\x1a\n"));
+        match () {
+            () if begins(b"PK\x03\x04") || begins(b"PK\x05\x06") => Some(Self::Npz),
+            () if begins(b"\x93NUMPY") => Some(Self::Npy),
+            () if begins(b"ULog\x01\x12\x35") => Some(Self::ULog),
+            () if begins(&[0xa3, 0x95]) => Some(Self::DataFlash),
+            () if hdf5(0) || hdf5(512) => Some(Self::Hdf5),
+            () if begins(b"PAR1") => Some(Self::Parquet),
+            () if begins(b"MATLAB 5.0 MAT-file") || begins(b"MATLAB 7.3 MAT-file") => Some(Self::Mat),
+            () if matches!(bytes.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I'])) => Some(Self::Mat),
+            () => None,
+        }
+    }
+
+    fn reader(self) -> Option<&'static dyn Reader> {
+        match self {
+            #[cfg(feature = "npz")]
+            Self::Npz | Self::Npy => Some(&crate::npz::NumPy),
+            #[cfg(feature = "mat")]
+            Self::Mat => Some(&crate::mat::Mat),
+            #[cfg(feature = "ulog")]
+            Self::ULog => Some(&crate::ulog::ULog),
+            #[cfg(feature = "dataflash")]
+            Self::DataFlash => Some(&crate::dataflash::DataFlash),
+            #[cfg(feature = "hdf5")]
+            Self::Hdf5 => Some(&crate::hdf5::Hdf5),
+            #[cfg(feature = "parquet")]
+            Self::Parquet => Some(&crate::parquet::Parquet),
+            #[allow(unreachable_patterns, reason = "a build with all readers leaves none over")]
+            _ => None,
+        }
+    }
+
+    /// Whether this build reads it.
+    pub fn is_read(self) -> bool {
+        self.reader().is_some()
+    }
+}
+
+/// Reads a log or data file.
+///
+/// What is damaged stands in [`Log::damage`]; who goes on with such a log must say so.
+///
+/// # Errors
+/// [`ReadError`] of a format that is unknown or switched off, and of a file of which nothing can be read.
+pub fn open(bytes: &[u8]) -> Result<Log, ReadError> {
+    let Some(format) = Format::of(bytes) else {
+        let names: Vec<_> = Format::ALL.iter().map(|f| f.name()).collect();
+        return Err(ReadError::Unknown(names.join(", ")));
+    };
+    let off = ReadError::Off { format: format.name(), feature: format.feature() };
+    let mut log = format.reader().ok_or(off)?.read(bytes)?;
+    log.format = format.name();
+    Ok(log)
+}

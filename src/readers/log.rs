@@ -1,0 +1,203 @@
+//! What a file holds: topics, each a table of fields over one clock; and what of it is damaged.
+
+use std::fmt;
+
+/// Everything that was read from a file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Log {
+    /// The format, as people call it.
+    pub format: &'static str,
+    /// The topics, in the order of the file.
+    pub topics: Vec<Topic>,
+    /// What could not be read, and where; empty for a whole file.
+    pub damage: Vec<Damage>,
+    /// What else is to be known: fields that hold no numbers, dropouts that the logger itself reports.
+    pub remarks: Vec<String>,
+}
+
+/// A table of fields over one clock: a message of a logger, or the arrays of one length of a data file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Topic {
+    /// Its name; empty for the only table of a file.
+    pub name: String,
+    /// The field that is its time, where it has one.
+    pub time: Option<usize>,
+    /// The fields, all of one length (N).
+    pub fields: Vec<Field>,
+}
+
+/// One column of numbers.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Field {
+    /// Its name in the topic.
+    pub name: String,
+    /// Its unit, where the file states it.
+    pub unit: Option<String>,
+    /// Its values (N); NaN where the file has none.
+    pub values: Vec<f64>,
+}
+
+/// A part of a file that could not be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Damage {
+    /// Offset in the file, in bytes.
+    pub at: u64,
+    /// What is wrong there, and what is lost by it.
+    pub what: String,
+}
+
+/// A file of which nothing can be read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ReadError {
+    /// The build has no reader for it.
+    #[error("this is {format}, whose reader is not in this build; build with `--features {feature}`")]
+    Off {
+        /// The format.
+        format: &'static str,
+        /// The feature of Cargo that switches its reader on.
+        feature: &'static str,
+    },
+    /// It is of no format that is known.
+    #[error("the file is none of the formats that are read ({0})")]
+    Unknown(String),
+    /// The bytes are not what the format prescribes.
+    #[error("the {format} file cannot be read: {what}, at byte {at}")]
+    Broken {
+        /// The format.
+        format: &'static str,
+        /// What is wrong.
+        what: String,
+        /// Where.
+        at: u64,
+    },
+    /// The contents are larger than is read.
+    #[error("the contents of the {format} file are larger than the limit of {} GiB", .limit >> 30)]
+    TooLarge {
+        /// The format.
+        format: &'static str,
+        /// The limit in bytes.
+        limit: u64,
+    },
+}
+
+impl fmt::Display for Damage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "at byte {}: {}", self.at, self.what)
+    }
+}
+
+impl Field {
+    /// A column of this name.
+    pub fn new(name: impl Into<String>, unit: Option<&str>, values: Vec<f64>) -> Self {
+        Self { name: name.into(), unit: unit.map(String::from), values }
+    }
+}
+
+impl Topic {
+    /// Number of samples.
+    pub fn rows(&self) -> usize {
+        self.fields.first().map_or(0, |field| field.values.len())
+    }
+
+    /// The field of this name.
+    pub fn field(&self, name: &str) -> Option<&Field> {
+        self.fields.iter().find(|field| field.name == name)
+    }
+
+    /// The times in seconds (N), where the topic has a time in a unit that is known.
+    pub fn seconds(&self) -> Option<Vec<f64>> {
+        let field = &self.fields[self.time?];
+        let second = in_seconds(field.unit.as_deref().unwrap_or("s"))?;
+        // a division by a whole number is exact where a product with its inverse is not
+        Some(if second < 1.0 {
+            let parts = (1.0 / second).round();
+            field.values.iter().map(|t| t / parts).collect()
+        } else {
+            field.values.iter().map(|t| t * second).collect()
+        })
+    }
+}
+
+/// A unit of time in seconds.
+pub(crate) fn in_seconds(unit: &str) -> Option<f64> {
+    Some(match unit {
+        "s" => 1.0,
+        "ms" => 1e-3,
+        "us" | "µs" => 1e-6,
+        "ns" => 1e-9,
+        "min" => 60.0,
+        "h" => 3600.0,
+        _ => return None,
+    })
+}
+
+impl Log {
+    /// Names of all topics.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.topics.iter().map(|topic| topic.name.as_str())
+    }
+
+    /// The topic and field that `topic.field` names, or `field` alone in a file of one table. The first instance of a topic may be named
+    /// without its number.
+    pub fn find(&self, path: &str) -> Option<(usize, usize)> {
+        let inside = |k: usize, name: &str| self.topics[k].fields.iter().position(|f| f.name == name).map(|f| (k, f));
+        for (k, topic) in self.topics.iter().enumerate() {
+            let named = |name: &str| path.strip_prefix(name).and_then(|rest| rest.strip_prefix('.'));
+            let first = topic.name.strip_suffix("[0]");
+            let rest =
+                if topic.name.is_empty() { Some(path) } else { named(&topic.name).or_else(|| first.and_then(named)) };
+            if let Some(found) = rest.and_then(|field| inside(k, field)) {
+                return Some(found);
+            }
+        }
+        // in a file of one table of values a field's own name says enough
+        let mut holding = (0..self.topics.len()).filter_map(|k| inside(k, path));
+        match (holding.next(), holding.next()) {
+            (Some(found), None) => Some(found),
+            _ => None,
+        }
+    }
+}
+
+/// Adds the arrays of a data file as topics: those of one length stand over one clock, which is the array named as times are.
+#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
+pub(crate) fn by_length(fields: Vec<Field>) -> Vec<Topic> {
+    let mut lengths: Vec<usize> = Vec::new();
+    for field in &fields {
+        if !lengths.contains(&field.values.len()) {
+            lengths.push(field.values.len());
+        }
+    }
+    let several = lengths.iter().filter(|n| **n > 1).count() > 1;
+    let mut topics: Vec<Topic> =
+        lengths.iter().map(|n| Topic { name: name_of(*n, several), ..Topic::default() }).collect();
+    for field in fields {
+        let k = lengths.iter().position(|n| *n == field.values.len()).unwrap_or(0);
+        topics[k].fields.push(field);
+    }
+    for topic in &mut topics {
+        topic.time = time_of(&topic.fields);
+    }
+    topics
+}
+
+/// One value is a constant beside the tables, and not a table.
+#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
+fn name_of(length: usize, several: bool) -> String {
+    match length {
+        1 => "constants".into(),
+        _ if several => format!("length {length}"),
+        _ => String::new(),
+    }
+}
+
+/// The field that is the time by its name.
+#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
+fn time_of(fields: &[Field]) -> Option<usize> {
+    let is = |wanted: &dyn Fn(&str) -> bool| fields.iter().position(|f| wanted(&f.name));
+    is(&|n| n == "t")
+        .or_else(|| is(&|n| n.eq_ignore_ascii_case("time")))
+        .or_else(|| is(&|n| n == "T"))
+        .or_else(|| is(&|n| n.ends_with(".t") || n.to_ascii_lowercase().ends_with(".time")))
+        .or_else(|| is(&|n| n.ends_with("/t") || n.to_ascii_lowercase().ends_with("/time")))
+}

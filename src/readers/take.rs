@@ -1,0 +1,326 @@
+//! Columns over one time from topics with clocks of their own, by a map.
+//!
+//! A sensor is never shown more often than it was sampled: on times that are not its own it stands, interpolated between its neighbours, at
+//! the one nearest to each of its samples. Commands hold, and other inputs are linear. Nothing is bridged over a gap.
+
+use crate::log::{Field, Log, in_seconds};
+use crate::map::{ChannelMap, RecordMap};
+
+/// Columns over one time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Taken {
+    /// The times in seconds (N), rising; none where the file has no time.
+    pub time: Option<Vec<f64>>,
+    /// The columns.
+    pub columns: Vec<TakenColumn>,
+    /// Channels of the map that the file does not have, and need not.
+    pub absent: Vec<String>,
+    /// What was done and left out on the way.
+    pub notes: Vec<String>,
+}
+
+/// A column that was taken.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct TakenColumn {
+    /// The channel.
+    pub name: String,
+    /// Its unit, where map or file state it.
+    pub unit: Option<String>,
+    /// Its values (N); NaN where it was not sampled.
+    pub values: Vec<f64>,
+    /// Whether a value holds until the next.
+    pub hold: bool,
+}
+
+/// Why a map does not fit a log.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TakeError {
+    /// A channel whose field the log does not have.
+    #[error("channel.{channel}.from = \"{from}\": the log has no such field{}", .hint.as_ref().map_or_else(String::new, |h| format!("; {h}")))]
+    NoField {
+        /// The channel.
+        channel: String,
+        /// What the map names.
+        from: String,
+        /// What may be meant, or done.
+        hint: Option<String>,
+    },
+    /// A topic without a time, beside others.
+    #[error("the topic `{0}` has no time that is known; name it by `[time] from = \"FIELD\"`")]
+    NoTime(String),
+    /// A topic named for its times that is not there.
+    #[error("time.samples = \"{0}\": the log has no such topic among those of the channels")]
+    NoTopic(String),
+    /// The topics do not overlap in time.
+    #[error("the topics of the channels have no time in common")]
+    Apart,
+    /// Nothing is left to take.
+    #[error("no channel of the map is wanted and in the log")]
+    Nothing,
+    /// A grid too fine to be meant.
+    #[error("time.rate = {0}: the grid would have more than {1} samples")]
+    TooMany(String, usize),
+}
+
+/// Most samples on an even grid.
+const LARGEST: usize = 100_000_000;
+
+/// One channel with the samples of its own.
+struct Sampled<'a> {
+    name: &'a str,
+    map: &'a ChannelMap,
+    unit: Option<String>,
+    topic: usize,
+    /// None where the file has no time.
+    time: Option<Vec<f64>>,
+    values: Vec<f64>,
+    /// Whether it drives a model: then it has a value at every time.
+    drives: bool,
+}
+
+/// Takes channels from a log. `wanted` says of a channel of the map whether it is taken, and if so whether it drives the model.
+///
+/// # Errors
+/// Every channel whose field is not there, or what is wrong with the times.
+pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -> Result<Taken, Vec<TakeError>> {
+    let (mut sampled, mut errors, mut absent, mut notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for (name, channel) in &map.channel {
+        let Some(drives) = wanted(name) else { continue };
+        let Some((topic, field)) = log.find(&channel.from) else {
+            if channel.optional {
+                absent.push(name.clone());
+            } else {
+                let (hint, from) = (hint(log, channel), channel.from.clone());
+                errors.push(TakeError::NoField { channel: name.clone(), from, hint });
+            }
+            continue;
+        };
+        let field = &log.topics[topic].fields[field];
+        match own_times(log, map, topic) {
+            Ok(time) => sampled.push(own(name, channel, field, topic, time, drives || channel.hold, &mut notes)),
+            Err(e) => errors.push(e),
+        }
+    }
+    errors.dedup();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let Some(first) = sampled.first() else { return Err(vec![TakeError::Nothing]) };
+    let one = sampled.iter().all(|s| s.topic == first.topic && s.map.delay == 0.0);
+    if one && map.time.rate.is_none() {
+        let time = first.time.clone();
+        return Ok(as_it_is(time, sampled, absent, notes));
+    }
+    if let Some(s) = sampled.iter().find(|s| s.time.is_none()) {
+        return Err(vec![TakeError::NoTime(log.topics[s.topic].name.clone())]);
+    }
+    let base = base(log, map, &sampled, &mut notes).map_err(|e| vec![e])?;
+    Ok(on_base(base, map, &sampled, absent, notes))
+}
+
+/// The samples of a channel at its own times: those that say nothing are left out.
+fn own<'a>(
+    name: &'a str,
+    map: &'a ChannelMap,
+    field: &Field,
+    topic: usize,
+    time: Option<Vec<f64>>,
+    drives: bool,
+    notes: &mut Vec<String>,
+) -> Sampled<'a> {
+    let mut values = field.values.clone();
+    if let Some(period) = map.wrap {
+        let jumps = unwrap(&mut values, period);
+        if jumps > 0 {
+            notes.push(format!("`{name}`: {jumps} jump(s) of {period} are taken out"));
+        }
+    }
+    values.iter_mut().for_each(|v| *v = map.convert(*v));
+    let unit = map.unit.clone().or_else(|| field.unit.clone().filter(|_| map.scale == 1.0));
+    let time = time.map(|time| time.iter().map(|t| t - map.delay).collect());
+    Sampled { name, map, unit, topic, time, values, drives }
+}
+
+/// Takes out the jumps of an angle; gives their number.
+fn unwrap(values: &mut [f64], period: f64) -> usize {
+    let (mut turns, mut before, mut jumps) = (0.0, f64::NAN, 0);
+    for value in values.iter_mut().filter(|v| v.is_finite()) {
+        let step = ((*value - before) / period).round();
+        if step != 0.0 && step.is_finite() {
+            turns -= step;
+            jumps += 1;
+        }
+        before = *value;
+        *value += turns * period;
+    }
+    jumps
+}
+
+/// The times of a topic in seconds; none for the only table of a file without times.
+fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>>, TakeError> {
+    let unknown = || TakeError::NoTime(log.topics[topic].name.clone());
+    let named = map.time.from.as_ref().and_then(|from| log.find(from)).filter(|(t, _)| *t == topic);
+    let mut table = crate::Topic { time: named.map(|(_, f)| f).or(log.topics[topic].time), ..crate::Topic::default() };
+    let Some(k) = table.time else {
+        let alone = log.topics.iter().filter(|t| t.rows() > 1).count() == 1;
+        return if alone && map.time.from.is_none() { Ok(None) } else { Err(unknown()) };
+    };
+    let mut field = log.topics[topic].fields[k].clone();
+    field.unit = map.time.unit.clone().or(field.unit);
+    if field.unit.as_deref().is_some_and(|u| in_seconds(u).is_none()) {
+        return Err(unknown());
+    }
+    (table.fields, table.time) = (vec![field], Some(0));
+    table.seconds().map(Some).ok_or_else(unknown)
+}
+
+/// What may be done about a field that is not there.
+fn hint(log: &Log, channel: &ChannelMap) -> Option<String> {
+    let topic = channel.from.split('.').next().unwrap_or_default();
+    let base = topic.split('[').next().unwrap_or_default();
+    if let Some(there) = log.topics.iter().find(|t| t.name == topic || t.name.split('[').next() == Some(base)) {
+        let names: Vec<&str> = there.fields.iter().map(|f| f.name.as_str()).take(12).collect();
+        return Some(format!("`{}` has {}", there.name, names.join(", ")));
+    }
+    channel.missing.clone().or_else(|| {
+        let names: Vec<&str> = log.names().take(12).collect();
+        Some(format!("its topics are {}", names.join(", ")))
+    })
+}
+
+/// All channels of one topic, at its own times.
+fn as_it_is(time: Option<Vec<f64>>, sampled: Vec<Sampled<'_>>, absent: Vec<String>, mut notes: Vec<String>) -> Taken {
+    let rows = sampled.first().map_or(0, |s| s.values.len());
+    let rises = |k: &usize| time.as_ref().is_none_or(|t| *k == 0 || t[*k] != t[*k - 1]);
+    let kept: Vec<usize> = (0..rows).filter(rises).collect();
+    if kept.len() < rows {
+        notes.push(format!("{} sample(s) have the time of the one before and are left out", rows - kept.len()));
+    }
+    let of = |values: &[f64]| kept.iter().map(|k| values[*k]).collect::<Vec<f64>>();
+    let columns = sampled.iter().map(|s| TakenColumn {
+        name: s.name.into(),
+        unit: s.unit.clone(),
+        values: of(&s.values),
+        hold: s.map.hold,
+    });
+    Taken { columns: columns.collect(), time: time.as_ref().map(|t| of(t)), absent, notes }
+}
+
+/// The times that all channels are brought to.
+fn base(log: &Log, map: &RecordMap, sampled: &[Sampled<'_>], notes: &mut Vec<String>) -> Result<Vec<f64>, TakeError> {
+    let ends = |s: &Sampled<'_>| s.time.as_ref().and_then(|t| Some((*t.first()?, *t.last()?)));
+    let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (first, last) in sampled.iter().filter_map(ends) {
+        // a command that is given once holds
+        (from, to) = (from.max(first), to.min(last));
+    }
+    for s in sampled.iter().filter(|s| s.map.hold) {
+        let others = sampled.iter().filter(|o| !o.map.hold).filter_map(ends).map(|e| e.1).fold(f64::INFINITY, f64::min);
+        if ends(s).is_some_and(|(_, last)| last == to) && others.is_finite() {
+            to = others;
+        }
+    }
+    if from.partial_cmp(&to) != Some(std::cmp::Ordering::Less) {
+        return Err(TakeError::Apart);
+    }
+    if let Some(rate) = map.time.rate {
+        let count = ((to - from) * rate).floor();
+        if count >= LARGEST as f64 {
+            return Err(TakeError::TooMany(rate.to_string(), LARGEST));
+        }
+        notes.push(format!("the samples are on a grid of {rate} per second"));
+        return Ok((0..=count as usize).map(|k| from + k as f64 / rate).collect());
+    }
+    let mut times: Vec<f64> = match map.time.samples.as_deref() {
+        None | Some("all") => {
+            let sensors = sampled.iter().any(|s| !s.drives);
+            let shown = sampled.iter().filter(|s| !sensors || !s.drives);
+            notes.push("the samples are at the times of every sensor; each sensor is compared at its own".into());
+            shown.flat_map(|s| s.time.iter().flatten().copied()).collect()
+        }
+        Some(topic) => {
+            let is = |s: &&Sampled<'_>| {
+                let name = &log.topics[s.topic].name;
+                name == topic || name.strip_suffix("[0]") == Some(topic)
+            };
+            let found = sampled.iter().find(is).ok_or_else(|| TakeError::NoTopic(topic.into()))?;
+            notes.push(format!("the samples are at the times of `{topic}`"));
+            found.time.iter().flatten().map(|t| t + found.map.delay).collect()
+        }
+    };
+    times.retain(|t| (from..=to).contains(t));
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    Ok(times)
+}
+
+/// Brings all channels to common times.
+fn on_base(
+    base: Vec<f64>,
+    map: &RecordMap,
+    sampled: &[Sampled<'_>],
+    absent: Vec<String>,
+    mut notes: Vec<String>,
+) -> Taken {
+    let mut kept = vec![true; base.len()];
+    let mut columns = Vec::new();
+    for s in sampled {
+        let time = s.time.as_deref().unwrap_or_default();
+        let longest = map.time.longest_gap.unwrap_or_else(|| 10.0 * median(time).max(median(&base)));
+        let mut values = vec![f64::NAN; base.len()];
+        let mut gap: Option<(f64, f64)> = None;
+        let shown = if s.drives { vec![true; base.len()] } else { nearest(&base, time) };
+        for (k, t) in base.iter().enumerate().filter(|(k, _)| shown[*k]) {
+            let after = time.partition_point(|own| own <= t);
+            let Some(left) = after.checked_sub(1) else { continue };
+            let exact = time[left] == *t || after == time.len();
+            let apart = if exact { 0.0 } else { time[after] - time[left] };
+            if s.map.hold || exact {
+                values[k] = s.values[left];
+            } else if apart <= longest {
+                let part = (t - time[left]) / apart;
+                values[k] = s.values[left] + part * (s.values[after] - s.values[left]);
+            } else if s.drives {
+                kept[k] = false;
+                gap.get_or_insert((time[left], apart));
+            }
+        }
+        if let Some((at, length)) = gap {
+            notes.push(format!(
+                "no sample of `{}` for {length:.6} s from {at:.6} s on; the samples in its gaps are left out",
+                s.name
+            ));
+        }
+        columns.push(TakenColumn { name: s.name.into(), unit: s.unit.clone(), values, hold: s.map.hold });
+    }
+    let of =
+        |values: &[f64]| values.iter().zip(&kept).filter(|(_, kept)| **kept).map(|(v, _)| *v).collect::<Vec<f64>>();
+    columns.iter_mut().for_each(|c| c.values = of(&c.values));
+    Taken { time: Some(of(&base)), columns, absent, notes }
+}
+
+/// At which of the times a sensor is shown: those nearest to its samples.
+fn nearest(base: &[f64], time: &[f64]) -> Vec<bool> {
+    let mut shown = vec![false; base.len()];
+    for t in time {
+        let after = base.partition_point(|b| b < t);
+        let near = match (after.checked_sub(1), base.get(after)) {
+            (Some(left), Some(right)) if t - base[left] < right - t => Some(left),
+            (_, Some(_)) => Some(after),
+            (left, None) => left,
+        };
+        // a sample outside says nothing of the ends
+        let inside = base.first().is_some_and(|first| t >= first) && base.last().is_some_and(|last| t <= last);
+        near.filter(|_| inside).into_iter().for_each(|k| shown[k] = true);
+    }
+    shown
+}
+
+fn median(time: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+}

@@ -1,0 +1,308 @@
+use crate::samples::{ROWS, dataflash, micros, rate, ulog};
+use crate::{ChannelMap, Log, ReadError, RecordMap, TakeError, open, take, unzipped};
+
+/// The files that the software of each format wrote, by `studies/records/make.py`.
+fn file(name: &str) -> Vec<u8> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/samples/");
+    std::fs::read(format!("{path}{name}")).expect("a sample")
+}
+
+fn values<'a>(log: &'a Log, path: &str) -> &'a [f64] {
+    let (topic, field) = log.find(path).unwrap_or_else(|| panic!("{path} in {log:?}"));
+    &log.topics[topic].fields[field].values
+}
+
+fn expected(of: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..200).map(|k| of(f64::from(k))).collect()
+}
+
+fn p(k: f64) -> f64 {
+    (k * k) % 97.0 / 16.0 - 3.0
+}
+
+/// The four signals that every file of `make.py` holds.
+fn is_read(log: &Log, [t, p_name, y, u]: [&str; 4]) {
+    assert!(log.damage.is_empty(), "{log:?}");
+    assert_eq!(values(log, t), expected(|k| k / 128.0));
+    assert_eq!(values(log, p_name), expected(p));
+    assert_eq!(values(log, y), expected(|k| -k / 8.0));
+    assert_eq!(values(log, u), expected(|k| k % 3.0));
+}
+
+#[cfg(feature = "npz")]
+#[test]
+fn arrays_of_numpy_are_read_to_the_bit() {
+    for name in ["plain.npz", "packed.npz"] {
+        let log = open(&file(name)).unwrap();
+        is_read(&log, ["t", "p", "y[:,1]", "u"]);
+        let table = log.topics.iter().find(|t| t.name.is_empty()).unwrap();
+        assert_eq!(table.time.map(|k| table.fields[k].name.as_str()), Some("t"));
+    }
+    let log = open(&file("plain.npz")).unwrap();
+    assert_eq!(values(&log, "mass"), [2.5]);
+    assert!(log.remarks.iter().any(|r| r.contains("`name` holds `<U6`")), "{:?}", log.remarks);
+    let log = open(&file("array.npy")).unwrap();
+    assert_eq!(values(&log, "value[:,1]"), expected(p));
+}
+
+#[cfg(feature = "mat")]
+#[test]
+fn variables_of_matlab_are_read_to_the_bit() {
+    for name in ["plain.mat", "packed.mat"] {
+        let log = open(&file(name)).unwrap();
+        is_read(&log, ["t", "p", "y(:,2)", "u"]);
+        assert_eq!(values(&log, "run.q"), expected(p));
+        assert!(log.remarks.iter().any(|r| r == "`label` is text"), "{:?}", log.remarks);
+    }
+    let log = open(&file("plain.mat")).unwrap();
+    assert_eq!(values(&log, "cells{1}"), expected(p));
+    assert_eq!(values(&log, "cells{2}(:,2)"), expected(|k| -k / 8.0));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn sets_of_hdf5_are_read_to_the_bit() {
+    let log = open(&file("table.h5")).unwrap();
+    is_read(&log, ["t", "flight/p", "flight/y[:,1]", "flight/u"]);
+    let (topic, field) = log.find("flight/p").unwrap();
+    assert_eq!(log.topics[topic].fields[field].unit.as_deref(), Some("rad/s"));
+    let log = open(&file("matlab73.mat")).unwrap();
+    assert_eq!(values(&log, "p"), expected(p));
+    assert_eq!(values(&log, "y(:,2)"), expected(|k| -k / 8.0));
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn columns_of_parquet_are_read_to_the_bit() {
+    let log = open(&file("table.parquet")).unwrap();
+    assert_eq!(values(&log, "t [s]"), expected(|k| k / 128.0));
+    let found = values(&log, "p [rad/s]");
+    assert!(found[5].is_nan());
+    assert_eq!((found[4], found[6], found[199]), (p(4.0), p(6.0), p(199.0)));
+    assert_eq!(values(&log, "u"), expected(|k| k % 3.0));
+}
+
+#[cfg(not(all(feature = "hdf5", feature = "parquet")))]
+#[test]
+fn a_reader_that_is_off_says_its_feature() {
+    let off = |name: &str| open(&file(name)).unwrap_err().to_string();
+    #[cfg(not(feature = "hdf5"))]
+    assert!(off("matlab73.mat").contains("--features hdf5"), "{}", off("matlab73.mat"));
+    #[cfg(not(feature = "parquet"))]
+    assert!(off("table.parquet").contains("--features parquet"), "{}", off("table.parquet"));
+}
+
+#[cfg(feature = "ulog")]
+#[test]
+fn topics_of_px4_are_read_to_the_bit() {
+    let log = open(&ulog()).unwrap();
+    assert!(log.damage.is_empty(), "{:?}", log.damage);
+    let names: Vec<&str> = log.names().collect();
+    assert_eq!(names, ["vehicle_angular_velocity[0]", "vehicle_attitude[0]", "vehicle_torque_setpoint[0]"]);
+    let found = values(&log, "vehicle_angular_velocity.xyz[1]");
+    assert!(found.iter().enumerate().all(|(k, v)| *v == f64::from(rate(k, 1))) && found.len() == ROWS);
+    assert_eq!(values(&log, "vehicle_attitude.roll"), vec![0.0; ROWS / 2]);
+    assert_eq!(log.topics[0].seconds().unwrap()[3], micros(3, 1) as f64 / 1e6);
+    assert_eq!(log.remarks, ["the logger reports 1 dropouts of 0.020 s together"]);
+}
+
+#[cfg(feature = "dataflash")]
+#[test]
+fn messages_of_ardupilot_are_read_to_the_bit() {
+    let log = open(&dataflash()).unwrap();
+    assert!(log.damage.is_empty(), "{:?}", log.damage);
+    let found = values(&log, "IMU[1].GyrY");
+    assert!(found.iter().enumerate().all(|(k, v)| *v == f64::from(rate(k, 1) + 1.0)) && found.len() == ROWS);
+    assert_eq!(values(&log, "ATT.Pitch")[1], -0.02);
+    let (topic, field) = log.find("ATT.Roll").unwrap();
+    assert_eq!(log.topics[topic].fields[field].unit.as_deref(), Some("deg"));
+    let (topic, field) = log.find("IMU.GyrX").unwrap();
+    assert_eq!(
+        (log.topics[topic].name.as_str(), log.topics[topic].fields[field].unit.as_deref()),
+        ("IMU[0]", Some("rad/s"))
+    );
+}
+
+/// How many of 200 files that were cut, and of 200 in which eight bits were turned, are read as if they were whole although their numbers are
+/// others. What is accepted of a cut file is the beginning of the whole, in any case, and nothing panics.
+fn accepted(whole: &[u8]) -> (usize, usize) {
+    let all = open(whole).unwrap();
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = |n: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % n as u64) as usize
+    };
+    let same = |log: &Log| format!("{:?}", log.topics) == format!("{:?}", all.topics);
+    let silent = |bytes: &[u8]| open(bytes).ok().filter(|log| log.damage.is_empty() && !same(log));
+    let beginning = |log: &Log| {
+        log.topics.iter().all(|topic| {
+            let whole = all.topics.iter().find(|t| t.name == topic.name).expect("a topic of the whole");
+            topic.fields.iter().all(|f| whole.field(&f.name).is_some_and(|w| w.values.starts_with(&f.values)))
+        })
+    };
+    let cut: Vec<Log> = (0..200).filter_map(|_| silent(&whole[..random(whole.len())])).collect();
+    assert!(cut.iter().all(beginning));
+    let flipped = (0..200).filter(|_| {
+        let mut bytes = whole.to_vec();
+        (0..8).for_each(|_| bytes[random(whole.len())] ^= 1 << random(8));
+        silent(&bytes).is_some()
+    });
+    (cut.len(), flipped.count())
+}
+
+#[cfg(feature = "npz")]
+#[test]
+fn damaged_archives_of_numpy_are_never_accepted() {
+    assert_eq!(accepted(&file("plain.npz")), (0, 0));
+    assert_eq!(accepted(&file("packed.npz")), (0, 0));
+    // the numbers of a single array have no checksum
+    assert_eq!(accepted(&file("array.npy")), (0, 180));
+}
+
+/// A file of MATLAB has no end: one that ends between two variables is whole. Its packed numbers have a checksum, others have none.
+#[cfg(feature = "mat")]
+#[test]
+fn damaged_files_of_matlab_are_seen_as_far_as_the_format_allows() {
+    assert_eq!(accepted(&file("packed.mat")), (1, 0));
+    assert_eq!(accepted(&file("plain.mat")), (0, 160));
+}
+
+/// A log that ends between two messages is whole, and its numbers have no checksum; but few flips do not hit what the format prescribes.
+#[cfg(feature = "ulog")]
+#[test]
+fn damaged_logs_of_px4_are_seen_as_far_as_the_format_allows() {
+    assert_eq!(accepted(&ulog()), (13, 5));
+}
+
+#[cfg(feature = "dataflash")]
+#[test]
+fn damaged_logs_of_ardupilot_are_seen_as_far_as_the_format_allows() {
+    assert_eq!(accepted(&dataflash()), (13, 1));
+}
+
+#[cfg(feature = "hdf5")]
+#[test]
+fn damaged_sets_of_hdf5_are_seen_as_far_as_the_format_allows() {
+    // plain sets have no checksum, and no set has one of its place in the file
+    assert_eq!(accepted(&file("table.h5")), (0, 117));
+    assert_eq!(accepted(&file("matlab73.mat")), (0, 5));
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn damaged_columns_of_parquet_are_never_accepted() {
+    assert_eq!(accepted(&file("table.parquet")), (0, 0));
+}
+
+#[cfg(feature = "gzip")]
+#[test]
+fn compressed_text_is_unpacked_with_its_checksum() {
+    use std::io::Write;
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    let text: String = (0..500).map(|k| format!("{k},{}\n", k * k % 97)).collect();
+    encoder.write_all(text.as_bytes()).unwrap();
+    let packed = encoder.finish().unwrap();
+    assert_eq!(unzipped(&packed, 1 << 20).unwrap().unwrap(), text.as_bytes());
+    assert!(unzipped(b"t,x\n", 1 << 20).is_none());
+    assert!(matches!(unzipped(&packed, 100), Some(Err(ReadError::TooLarge { limit: 100, .. }))));
+    for cut in [packed.len() - 1, packed.len() / 2, 12] {
+        assert!(matches!(unzipped(&packed[..cut], 1 << 20), Some(Err(ReadError::Broken { .. }))), "{cut}");
+    }
+}
+
+fn map(text: &str) -> RecordMap {
+    RecordMap::parse(text).unwrap()
+}
+
+#[cfg(feature = "ulog")]
+#[test]
+fn a_map_takes_topics_of_several_clocks() {
+    let log = open(&ulog()).unwrap();
+    let all = "[channel.p]\nfrom = \"vehicle_angular_velocity.xyz[0]\"\nsign = -1\nunit = \"rad/s\"\n\
+               [channel.phi]\nfrom = \"vehicle_attitude.roll\"\n\
+               [channel.u]\nfrom = \"vehicle_torque_setpoint.xyz[0]\"\nhold = true\n";
+    let taken = take(&log, &map(all), &|_| Some(false)).unwrap();
+    let column = |name: &str| &taken.columns.iter().find(|c| c.name == name).unwrap().values;
+    let time = taken.time.as_ref().unwrap();
+    // up to the last sample of the slowest sensor; each sensor at its own times, a command at all
+    assert_eq!((time.len(), time[1]), (ROWS - 1, micros(1, 1) as f64 / 1e6));
+    assert!(column("p").iter().enumerate().all(|(k, v)| *v == -f64::from(rate(k, 0))));
+    assert!(column("phi").iter().enumerate().all(|(k, v)| v.is_nan() == (k % 2 == 1)));
+    assert_eq!((column("u")[127], column("u")[128]), (0.0, 0.5));
+    assert_eq!(taken.columns.iter().map(|c| c.unit.as_deref()).collect::<Vec<_>>(), [Some("rad/s"), Some("rad"), None]);
+    let grid = take(&log, &map(&format!("[time]\nrate = 20\n{all}")), &|_| Some(false)).unwrap();
+    let time = grid.time.unwrap();
+    assert!(
+        time.windows(2).all(|w| (w[1] - w[0] - 0.05).abs() < 1e-12)
+            && grid.columns.iter().all(|c| !c.values[5].is_nan())
+    );
+    // one topic keeps its own times, to the bit
+    let own = take(&log, &map(all), &|name| (name == "p").then_some(false)).unwrap();
+    assert_eq!((own.columns.len(), own.time.unwrap().len()), (1, ROWS));
+}
+
+#[test]
+fn delays_wraps_and_gaps_are_as_the_map_says() {
+    use crate::{Field, Topic};
+    let t: Vec<f64> = (0..40).map(f64::from).filter(|t| !(10.0..30.0).contains(t)).collect();
+    let angle: Vec<f64> = t.iter().map(|t| (t * 50.0) % 360.0).collect();
+    let slow = Topic {
+        name: "b".into(),
+        time: Some(0),
+        fields: vec![Field::new("t", None, vec![0.0, 39.0]), Field::new("u", None, vec![0.0, 39.0])],
+    };
+    let fast = Topic {
+        name: "a".into(),
+        time: Some(0),
+        fields: vec![Field::new("t", Some("s"), t.clone()), Field::new("psi", Some("deg"), angle)],
+    };
+    let log = Log { topics: vec![fast, slow], ..Log::default() };
+    let text = "[channel.psi]\nfrom = \"a.psi\"\nwrap = 360\ndelay = 0.5\n[channel.u]\nfrom = \"b.u\"\n[time]\nrate = 1\nlongest_gap = 100\n";
+    let taken = take(&log, &map(text), &|name| Some(name == "u")).unwrap();
+    let time = taken.time.clone().unwrap();
+    // a sensor that stamps late by half a second shows what was half a step before
+    let psi = &taken.columns[0].values;
+    assert!((psi[3] - 50.0 * (time[3] + 0.5)).abs() < 1e-9, "{taken:?}");
+    assert!(taken.notes[0].contains("jump(s) of 360 are taken out"), "{:?}", taken.notes);
+    // an input is linear over what is no gap to the map; a sensor is not shown where it has no samples
+    assert_eq!(taken.columns[1].values[15], time[15]);
+    assert!(psi[15].is_nan());
+    let short = take(&log, &map(&text.replace("= 100", "= 2")), &|name| Some(name == "u")).unwrap();
+    assert!(short.notes.iter().any(|n| n.contains("no sample of `u` for 39")), "{:?}", short.notes);
+}
+
+#[test]
+fn maps_that_make_no_sense_are_refused_with_their_key() {
+    let wrong = |text: &str| RecordMap::parse(text).unwrap_err().to_string();
+    assert!(wrong("[channel.p]\nfrom = \"a\"\nsing = 1\n").contains("sing"));
+    assert!(wrong("").contains("channel = nothing: expected at least one"));
+    assert!(wrong("[channel.p]\nfrom = \"a\"\nsign = 2\n").contains("channel.p.sign = 2: expected 1 or -1"));
+    assert!(wrong("[channel.p]\nfrom = \"a\"\nwrap = 0\n").contains("channel.p.wrap"));
+    assert!(wrong("[time]\nunit = \"week\"\n").contains("time.unit = week"));
+    let plain = RecordMap {
+        channel: [("p".to_string(), ChannelMap { sign: -1.0, ..ChannelMap::plain("P") })].into(),
+        ..RecordMap::default()
+    };
+    assert_eq!(RecordMap::parse(&plain.text()).unwrap(), plain);
+}
+
+#[cfg(feature = "ulog")]
+#[test]
+fn shipped_maps_are_maps_and_say_what_was_not_logged() {
+    let (none, names) = crate::shipped("nothing");
+    assert!(none.is_none());
+    let maps: Vec<RecordMap> = names.iter().map(|name| map(crate::shipped(name).0.unwrap())).collect();
+    for one in &maps {
+        assert_eq!(&map(&one.text()), one);
+    }
+    let log = open(&ulog()).unwrap();
+    let taken = take(&log, &maps[0], &|_| Some(false)).unwrap();
+    assert!(taken.columns.len() == 9 && taken.absent.contains(&"V".to_string()), "{taken:?}");
+    let mut quiet = log;
+    quiet.topics.remove(0);
+    let errors = take(&quiet, &maps[0], &|_| Some(false)).unwrap_err();
+    assert!(matches!(&errors[0], TakeError::NoField { channel, .. } if channel == "p"));
+    assert!(errors[0].to_string().contains("SDLOG_PROFILE"), "{}", errors[0]);
+}
