@@ -30,7 +30,7 @@ struct Kind {
     /// Where the messages stood.
     offsets: Vec<usize>,
     /// Units and multipliers of its fields, each by a letter.
-    units: Option<(Vec<u8>, Vec<u8>)>,
+    units: Option<Letters>,
 }
 
 struct Place {
@@ -68,6 +68,12 @@ impl Reader for DataFlash {
         }
         Ok(state.finish(bytes.len()))
     }
+}
+
+/// What stands for the unit and for the factor of each column.
+struct Letters {
+    units: Vec<u8>,
+    factors: Vec<u8>,
 }
 
 struct State {
@@ -189,7 +195,7 @@ impl State {
                 let letters = |from: usize| body[from..from + 16].to_vec();
                 let of = body[8];
                 if let Some(kind) = self.kinds.get_mut(&of) {
-                    kind.units = Some((letters(9), letters(25)));
+                    kind.units = Some(Letters { units: letters(9), factors: letters(25) });
                 }
             }
             _ => {}
@@ -215,9 +221,8 @@ impl State {
 
     /// One topic for each instance of a sensor.
     fn topics(&mut self, kind: Kind, topics: &mut Vec<Topic>) {
-        let letter =
-            |k: usize, of: fn(&(Vec<u8>, Vec<u8>)) -> &Vec<u8>| kind.units.as_ref().and_then(|u| of(u).get(k)).copied();
-        let instance = kind.places.iter().position(|p| letter(p.label, |u| &u.0) == Some(b'#'));
+        let letter = |k: usize, of: fn(&Letters) -> &Vec<u8>| kind.units.as_ref().and_then(|u| of(u).get(k)).copied();
+        let instance = kind.places.iter().position(|p| letter(p.label, |u| &u.units) == Some(b'#'));
         let numbers: Vec<Option<i64>> = match instance {
             Some(k) => kind.columns[k].iter().map(|v| Some(*v as i64)).collect(),
             None => vec![None; kind.offsets.len()],
@@ -246,7 +251,7 @@ impl State {
                 let unit = match label.as_str() {
                     "TimeUS" => Some("us".into()),
                     "TimeMS" => Some("ms".into()),
-                    _ => self.unit(letter(place.label, |u| &u.0), letter(place.label, |u| &u.1), place.scale),
+                    _ => self.unit(letter(place.label, |u| &u.units), letter(place.label, |u| &u.factors), place.scale),
                 };
                 Field { name: label.clone(), unit, values: rows.iter().map(|r| column[*r]).collect() }
             };

@@ -148,10 +148,8 @@ impl<'a> State<'a> {
         let last = f64::NEG_INFINITY;
         let topic = Subscription { name: format!("{name}[{instance}]"), places, size, time, columns, last };
         self.found.push(topic);
-        match self.topics.insert(id, self.found.len() - 1) {
-            Some(_) => Some(format!("the number {id} is given to the topic `{name}` and to one before")),
-            None => None,
-        }
+        let before = self.topics.insert(id, self.found.len() - 1);
+        before.map(|_| format!("the number {id} is given to the topic `{name}` and to one before"))
     }
 
     fn data(&mut self, body: &[u8]) -> Option<String> {
