@@ -34,6 +34,9 @@ const ROUGH: f64 = 0.5;
 /// The same where a candidate is only glanced at, and the points that it is glanced at.
 const GLANCE: usize = 2;
 const GLANCED_AT: usize = 2;
+/// Ratio of values of what is fixed that are tried beside each other, and how often to each side.
+const FACTOR: f64 = 1.5;
+const STEPS: usize = 6;
 /// Iterations of a fit, and what one of them must predicted gain.
 const WHOLE: usize = 25;
 const FINE: f64 = 0.01;
@@ -131,18 +134,39 @@ impl CandidateModel {
         self.gain = base.cost - self.fitting.cost;
     }
 
-    /// Fits from starts that were not followed too, where there are such; true when one of them ends better.
+    /// Fits from starts that were not followed too, where there are such, and with other values of what is fixed; true when one of them ends
+    /// better.
     pub(super) fn again(&mut self, step: &ForwardStep<'_>, noise: &CommonNoise, base: &Fitting) -> bool {
         let others = std::mem::take(&mut self.others);
         let before = self.fitting.cost;
         let Some(mut prepared) = self.posed(step, noise).prepared() else { return false };
         let ends = others.iter().filter_map(|starts| prepared.fit(starts, WHOLE, FINE));
-        let best = ends.min_by(|a, b| a.cost.total_cmp(&b.cost)).filter(|f| f.cost < before - FINE);
+        let mut best = ends.min_by(|a, b| a.cost.total_cmp(&b.cost)).filter(|f| f.cost < before - FINE);
+        // trials stand far apart: a width that is half as large may be what another effect would make up for
+        for k in self.fixed(step) {
+            for factor in [FACTOR, 1.0 / FACTOR] {
+                for _ in 0..STEPS {
+                    let from = best.as_ref().unwrap_or(&self.fitting);
+                    let mut starts = from.theta.clone();
+                    starts.iter_mut().for_each(|theta| theta[k] *= factor);
+                    let least = from.cost - FINE;
+                    let Some(found) = prepared.fit(&starts, WHOLE, FINE).filter(|f| f.cost < least) else { break };
+                    best = Some(found);
+                }
+            }
+        }
         drop(prepared);
         let Some(fitting) = best else { return false };
         self.fitting = fitting;
         self.gain = base.cost - self.fitting.cost;
         true
+    }
+
+    /// Nuisances that stay as they were tried, by their places among all parameters.
+    fn fixed(&self, step: &ForwardStep<'_>) -> Vec<usize> {
+        let params = step.simulated[self.candidate].attached.params().iter();
+        let fixed = params.filter(|p| p.nuisance && p.fixed && p.begins_as.is_none());
+        fixed.filter_map(|p| self.model.definition().param(&p.name)).collect()
     }
 
     /// Compares with the base model on the validation runs.

@@ -283,9 +283,9 @@ fn front_figure(found: &DiagnosisDocument) -> Option<Figure> {
         caption: "error of the written model".into(),
         label: "number of effects".into(),
         logarithmic: false,
-        at: front.iter().map(|m| m.effects.len() as f64).collect(),
-        panels: vec![Panel { label: "part of the error [%]".into(), height: 150, logarithmic: false, marks }],
-        names: Vec::new(),
+        at: (0..front.len()).map(|k| k as f64).collect(),
+        panels: vec![Panel { label: "part of the error [%]".into(), height: 150, logarithmic: true, marks }],
+        names: front.iter().map(|m| m.effects.len().to_string()).collect(),
         half: true,
         samples: None,
     })
