@@ -14,7 +14,7 @@ use super::acceptance::below_null;
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
-use super::initial_fit::plain_fit;
+use super::initial_fit::{Thoroughness, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
@@ -110,9 +110,14 @@ pub(super) struct Front {
 
 impl FrontProblem<'_> {
     fn level(&self, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
-        let written =
-            written_model(&current, &split.theta, &self.first.response, (self.runs, self.options, self.goes_on));
-        Level { accepted, current, split, written, predicted: None }
+        let mut level = Level { accepted, current, split, written: Err(String::new()), predicted: None };
+        level.written = self.written(&level, Thoroughness::Quick);
+        level
+    }
+
+    fn written(&self, level: &Level, thoroughness: Thoroughness) -> Result<WrittenModel, String> {
+        let asked = (self.runs, self.options, self.goes_on);
+        written_model(&level.current, &level.split.theta, &self.first.response, asked, thoroughness)
     }
 
     /// From the model with all accepted effects down to that with one.
@@ -126,6 +131,10 @@ impl FrontProblem<'_> {
         while let Some(last) = levels.last().filter(|l| l.accepted.len() > 1 && (self.goes_on)()) {
             let Some(next) = self.smaller(last) else { break };
             levels.push(next);
+        }
+        // where no step from the joint estimates helps, whatever a fit would do
+        for level in levels.iter_mut().filter(|l| l.written.is_err()) {
+            level.written = self.written(level, Thoroughness::Whole);
         }
         let naive = self.predictions(&mut levels);
         let chosen = self.chosen(&levels, &naive.naive);
@@ -241,7 +250,7 @@ impl FrontProblem<'_> {
         let refitted = |all: &[Run], train: usize, theta: Vec<Vec<f64>>| {
             let runs = Runs { all, train, domain: self.runs.domain };
             let current = FittedModel::new(current.model.clone(), runs, theta.clone()).ok()?;
-            plain_fit(&current, &theta, runs, self.options, self.goes_on).ok()
+            plain_fit(&current, &theta, runs, (self.options, self.goes_on), Thoroughness::Quick).ok()
         };
         if let [run] = self.runs.all {
             let from = run.len() * 2 / 3;

@@ -95,6 +95,15 @@ fn first_in_time(
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
+/// How much is done for a plain fit of an extended model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Thoroughness {
+    /// From the values given, and no fallback strategy.
+    Quick,
+    /// As `fit` would.
+    Whole,
+}
+
 /// An extended model as a plain fit from these values has it.
 ///
 /// # Errors
@@ -103,8 +112,8 @@ pub(super) fn plain_fit(
     current: &FittedModel,
     theta: &[Vec<f64>],
     runs: Runs<'_>,
-    options: &DiagnosisOptions,
-    goes_on: &GoesOn<'_>,
+    (options, goes_on): (&DiagnosisOptions, &GoesOn<'_>),
+    thoroughness: Thoroughness,
 ) -> Result<FittedModel, String> {
     let mut params = current.params().to_vec();
     for (param, value) in params.iter_mut().zip(theta.iter().flatten()).filter(|(p, _)| !p.fixed && !p.per_run) {
@@ -114,6 +123,9 @@ pub(super) fn plain_fit(
     how.options.colour = false;
     // they are in the model already
     how.changes = Changes::default();
+    if thoroughness == Thoroughness::Quick {
+        how.continuation = Continuation::Never;
+    }
     let fits = plainly(&current.model.with_params(params), runs.train(), &how, goes_on).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;
     if !best.estimate.termination.is_good() {

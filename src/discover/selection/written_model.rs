@@ -5,7 +5,7 @@
 //! without the effects.
 
 use super::fitted_model::{FittedModel, shared_from};
-use super::initial_fit::plain_fit;
+use super::initial_fit::{Thoroughness, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Signals;
 use fdm_grammar::model::Origin;
@@ -53,11 +53,12 @@ pub(super) fn written_model(
     theta: &[Vec<f64>],
     naive: &[Signals],
     (runs, options, goes_on): (Runs<'_>, &DiagnosisOptions, &GoesOn<'_>),
+    thoroughness: Thoroughness,
 ) -> Result<WrittenModel, String> {
     let joint = at(current, theta, naive, runs);
     let best = match runs.domain {
         Domain::Frequency(_) => joint,
-        Domain::Time => match plain_fit(current, theta, runs, options, goes_on) {
+        Domain::Time => match plain_fit(current, theta, runs, (options, goes_on), thoroughness) {
             // a search that is stopped tells what it knows
             Err(_) if !goes_on() => joint,
             Err(why) => return Err(format!("a plain fit of the written model fails: {why}")),
