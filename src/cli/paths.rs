@@ -201,6 +201,7 @@ mod tests {
         }
         let written: Vec<&str> = found.iter().filter(|f| !f.ends_with(" Read")).map(String::as_str).collect();
         let expected = [
+            "data output File(Table)",
             "design records Folder",
             "diagnose write File(Model)",
             "diagnose out Folder",

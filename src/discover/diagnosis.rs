@@ -328,7 +328,7 @@ pub struct CorrelatedInput {
     /// The part of its variance that a linear function of the states explains.
     pub explained: f64,
     /// Whether what is new in the outputs is in the input later: a controller or a pilot closes the loop.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub feedback: bool,
 }
 

@@ -38,7 +38,7 @@ pub struct DiagnosisDocument {
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub stopped: bool,
     /// The best models by number of effects.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub front: Vec<FrontModel>,
     /// What was fitted and not accepted.
     pub rejected: Vec<Rejected>,
