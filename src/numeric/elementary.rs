@@ -24,3 +24,15 @@ pub fn exp(x: f64) -> f64 {
 pub fn log(x: f64) -> f64 {
     libm::log(x)
 }
+
+/// Arc sine, in radians.
+#[inline]
+pub fn asin(x: f64) -> f64 {
+    libm::asin(x)
+}
+
+/// The angle of a point from the first axis, in radians.
+#[inline]
+pub fn atan2(y: f64, x: f64) -> f64 {
+    libm::atan2(y, x)
+}

@@ -5,8 +5,7 @@
 //! Source: <https://ardupilot.org/dev/docs/code-overview-adding-a-new-log-message.html>.
 
 use crate::bytes::{Bytes, Number, name};
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, Topic};
+use crate::log::{Damage, Field, Log, ReadError, Reader, Topic};
 use std::collections::BTreeMap;
 
 /// The reader.

@@ -1,6 +1,6 @@
 //! Formats, recognised by their first bytes, never by the name of the file.
 
-use crate::log::{Log, ReadError};
+use crate::log::{Log, ReadError, Reader};
 
 /// A format of logs or data files that is not text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,12 +19,6 @@ pub enum Format {
     Hdf5,
     /// Apache Parquet.
     Parquet,
-}
-
-/// What reads the files of one format.
-pub(crate) trait Reader {
-    /// All that the bytes hold, with what is damaged in them.
-    fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
 }
 
 impl Format {

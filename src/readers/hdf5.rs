@@ -2,8 +2,7 @@
 //!
 //! Only what a writer asked for is protected by checksums (`fletcher32`, packed chunks); other numbers are as they stand.
 
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
 use hdf5_pure::{AttrValue, DType, Dataset, File, Group};
 
 /// The reader.

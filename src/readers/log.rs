@@ -201,3 +201,9 @@ fn time_of(fields: &[Field]) -> Option<usize> {
         .or_else(|| is(&|n| n.ends_with(".t") || n.to_ascii_lowercase().ends_with(".time")))
         .or_else(|| is(&|n| n.ends_with("/t") || n.to_ascii_lowercase().ends_with("/time")))
 }
+
+/// What reads the files of one format.
+pub(crate) trait Reader {
+    /// All that the bytes hold, with what is damaged in them.
+    fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
+}

@@ -141,6 +141,7 @@ impl RecordMap {
     ///
     /// # Errors
     /// [`MapError`] of the first thing that a map does not have.
+    #[cfg(feature = "maps")]
     pub fn parse(text: &str) -> Result<Self, MapError> {
         let map: Self = toml::from_str(text).map_err(|e| MapError::Text(e.to_string().trim_end().into()))?;
         let wrong =

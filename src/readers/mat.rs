@@ -5,8 +5,7 @@
 //! Source: MathWorks, MAT-File Format.
 
 use crate::bytes::Number;
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
 use std::io::Read;
 
 /// The reader.

@@ -4,8 +4,7 @@
 //! Sources: <https://numpy.org/doc/stable/reference/generated/numpy.lib.format.html>, PKWARE's APPNOTE.
 
 use crate::bytes::{Bytes, Number};
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
 use std::io::Read;
 
 /// The reader.

@@ -1,7 +1,6 @@
 //! Apache Parquet: flat columns of numbers, packed by Snappy, gzip or LZ4; with checksums of pages where the writer made them.
 
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, by_length};
+use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
 use parquet::basic::{LogicalType, TimeUnit};
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::Int96;

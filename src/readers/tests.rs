@@ -1,3 +1,5 @@
+//! Logs of every format are read whole, and damaged ones with what is damaged in them.
+
 use crate::samples::{ROWS, dataflash, micros, rate, ulog};
 use crate::{ChannelMap, Log, ReadError, RecordMap, TakeError, open, take, unzipped};
 

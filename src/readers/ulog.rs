@@ -6,8 +6,8 @@
 //! Source: <https://docs.px4.io/main/en/dev_log/ulog_file_format.html>.
 
 use crate::bytes::{Bytes, Number, name};
-use crate::format::Reader;
-use crate::log::{Damage, Field, Log, ReadError, Topic};
+use crate::log::{Damage, Field, Log, ReadError, Reader, Topic};
+use fdm_numeric::elementary::{asin, atan2};
 use std::collections::HashMap;
 
 /// The reader.
@@ -301,9 +301,9 @@ fn angles([w, x, y, z]: [&Vec<f64>; 4]) -> [Field; 3] {
     let of = |angle: &dyn Fn(f64, f64, f64, f64) -> f64| -> Vec<f64> {
         (0..w.len()).map(|k| angle(w[k], x[k], y[k], z[k])).collect()
     };
-    let roll = of(&|w, x, y, z| libm::atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)));
-    let pitch = of(&|w, x, y, z| libm::asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0)));
-    let yaw = of(&|w, x, y, z| libm::atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)));
+    let roll = of(&|w, x, y, z| atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)));
+    let pitch = of(&|w, x, y, z| asin((2.0 * (w * y - z * x)).clamp(-1.0, 1.0)));
+    let yaw = of(&|w, x, y, z| atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)));
     let field = |name: &str, values| Field::new(name, Some("rad"), values);
     [field("roll", roll), field("pitch", pitch), field("yaw", yaw)]
 }
