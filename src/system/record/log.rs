@@ -2,7 +2,8 @@
 
 use super::channel::Channels;
 use super::error::{Fault, Problem, RecordError};
-use super::read::{Note, ReadOptions};
+use super::note::Note;
+use super::options::ReadOptions;
 use super::samples::numbers;
 use super::table::{Heading, Numbers, Table};
 use super::text;

@@ -3,62 +3,14 @@
 
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, RecordError};
+use super::note::Note;
+use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::{Dialect, Table};
 use super::{derived, log, search, text};
 use fdm_grammar::diagnostic::nearest;
-use fdm_readers::RecordMap;
-use serde::{Deserialize, Serialize};
-use std::fmt;
 use std::path::Path;
-
-/// What the user chose beside the file.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ReadOptions {
-    /// Channel and the column that it is read from: title or name, possibly with a unit (`time [ms]`) for a column
-    /// that states none; `log(c [mol/l])` is the natural logarithm of its numbers in this unit. The time is the channel `t`.
-    pub map: Vec<(String, String)>,
-    /// First time to be used, as it stands in the file; a row number from 0 where the file has no time.
-    pub from: Option<f64>,
-    /// Last time to be used, as it stands in the file.
-    pub to: Option<f64>,
-    /// Use every n-th selected row, beginning with the first.
-    pub every: usize,
-    /// Inputs that keep their value until the next sample.
-    pub hold: Vec<String>,
-    /// Whether every output must have a column with values, in some run at least; otherwise missing ones are all NaN.
-    pub require_outputs: bool,
-    /// Outputs that are left out: all NaN, whether the file has a column for them or not.
-    #[serde(default)]
-    pub without: Vec<String>,
-    /// Whether numbers are read whose squares are none: what is only simulated needs no squares.
-    #[serde(default, skip_serializing)]
-    pub any_size: bool,
-    /// From which fields of a log, or columns of a table, the channels are read, and how their numbers become theirs.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub map_file: Option<RecordMap>,
-    /// Whether what can be read of a damaged log is used.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub salvage: bool,
-}
-
-impl Default for ReadOptions {
-    fn default() -> Self {
-        Self {
-            map: Vec::new(),
-            from: None,
-            to: None,
-            every: 1,
-            hold: Vec::new(),
-            require_outputs: true,
-            without: Vec::new(),
-            any_size: false,
-            map_file: None,
-            salvage: false,
-        }
-    }
-}
 
 /// Reads a record for a model, in the model's units, order and time, which begins at 0 with the first sample used.
 ///
@@ -413,116 +365,6 @@ impl Sampling {
     /// Whether every interval is within one percent of the median, as clocks with rounded times are.
     pub fn is_even(&self) -> bool {
         self.greatest <= 1.01 * self.median && self.least >= 0.99 * self.median
-    }
-}
-
-/// Something true and cheap to find that may explain a poor fit.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Note {
-    /// Only one of column and channel states a unit; the numbers are taken as they are.
-    UnitAssumed {
-        /// What the channel is to the model.
-        role: Role,
-        /// The channel.
-        channel: String,
-        /// Title of the column.
-        column: String,
-        /// The unit that one of them states.
-        unit: String,
-        /// Whether the column states it and the model does not.
-        stated_by_column: bool,
-    },
-    /// An output that the file does not have, or that has no value in it, where it need not.
-    NotMeasured {
-        /// The output.
-        output: String,
-    },
-    /// A channel with one value in all samples.
-    Constant {
-        /// What the channel is to the model.
-        role: Role,
-        /// The channel.
-        channel: String,
-        /// The value, in the model's unit.
-        value: f64,
-        /// Samples that have it.
-        samples: usize,
-    },
-    /// Rows that repeat the row before to the letter; they are used once.
-    Repeated {
-        /// How many.
-        rows: usize,
-        /// Line of the first.
-        line: usize,
-    },
-    /// The last line has no line end: the file may have been cut in its last number.
-    OpenEnd,
-    /// Inputs without a value in some samples: bridged in time, or the sample is not compared where time is no matter.
-    Bridged {
-        /// The input.
-        input: String,
-        /// Samples.
-        gaps: usize,
-        /// Whether the values come from the neighbours in time; otherwise these samples are not compared.
-        in_time: bool,
-    },
-    /// What was done to take a run from a log, or left out.
-    Taken(String),
-    /// Dates or clock times that were read as seconds.
-    Clock {
-        /// Title of the column.
-        column: String,
-    },
-    /// A pause much longer than the usual interval.
-    Pause {
-        /// Its length in the model's time unit.
-        length: f64,
-        /// When it begins, since the run began.
-        at: f64,
-        /// The usual interval.
-        median: f64,
-    },
-}
-
-impl fmt::Display for Note {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::UnitAssumed { role, channel, column, unit, stated_by_column: true } => {
-                write!(
-                    f,
-                    "the {role} `{channel}` has no unit in the model; column `{column}` is taken as it is, in {unit}"
-                )
-            }
-            Self::UnitAssumed { role, channel, column, unit, stated_by_column: false } => {
-                write!(
-                    f,
-                    "column `{column}` states no unit; it is taken to be in {unit}, the unit of the {role} `{channel}`"
-                )
-            }
-            Self::NotMeasured { output } => write!(f, "the output `{output}` is not measured in this run"),
-            Self::Constant { role, channel, value, samples } => {
-                write!(f, "the {role} `{channel}` never changes: {value} in all {samples} samples")
-            }
-            Self::Repeated { rows, line } => {
-                write!(f, "{rows} row(s) repeat the row before, first in line {line}; they are used once")
-            }
-            Self::OpenEnd => {
-                write!(f, "the last line has no line end; if the file was cut, its last number may be short")
-            }
-            Self::Bridged { input, gaps, in_time: true } => {
-                write!(f, "the input `{input}` has no value in {gaps} sample(s); its neighbours in time bridge them")
-            }
-            Self::Bridged { input, gaps, in_time: false } => {
-                write!(f, "the input `{input}` has no value in {gaps} sample(s), which are not compared")
-            }
-            Self::Taken(what) => f.write_str(what),
-            Self::Clock { column } => {
-                write!(f, "column `{column}` holds dates or clock times, read as seconds since the first midnight")
-            }
-            Self::Pause { length, at, median } => {
-                write!(f, "no sample for {length:.6} from {at:.6} on, where the usual interval is {median:.6}")
-            }
-        }
     }
 }
 

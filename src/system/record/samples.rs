@@ -3,7 +3,7 @@
 use super::channel::{Plan, Source};
 use super::clock::{self, Axis};
 use super::error::{Fault, Problem, excerpt};
-use super::read::ReadOptions;
+use super::options::ReadOptions;
 use super::table::{Delimiter, Mark, Numbers, Row, Table};
 use super::text::{self, Cell};
 use csv::ByteRecord;

@@ -2,7 +2,8 @@
 
 use super::channel::{Channel, Channels, Demand, Plan, Role, Source};
 use super::error::{Fault, Names, Problem, excerpt};
-use super::read::{Note, ReadOptions};
+use super::note::Note;
+use super::options::ReadOptions;
 use super::table::{Heading, Table};
 use fdm_grammar::Unit;
 use fdm_grammar::diagnostic::nearest;
