@@ -1,15 +1,16 @@
 //! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
 
 use crate::deliver::{NamedFile, Output, column, standing, write_all};
-use crate::failure::{Ending, Failure, ended};
+use crate::failure::{Ending, Failure, did_you_mean, ended};
 use crate::halt::TimeLimit;
 use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_estimate::{Noise, initial_guess};
-use fdm_lab::design::{Asked, Design, Question, Step, design_while, table};
+use fdm_grammar::model::Quantity;
+use fdm_lab::design::{Asked, Design, Question, Rivals, Separation, Step, between_while, design_while, table};
 use fdm_lab::experiment::Amount;
-use fdm_report::design_table;
+use fdm_report::{design_table, distinction_table};
 use fdm_results::store::ResultFolder;
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -17,9 +18,14 @@ use std::path::PathBuf;
 
 /// What `fdm design` takes.
 #[derive(Debug, Args)]
+#[command(mut_arg("model", |m| m.required_unless_present_any(["from_result", "between"])))]
 pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) model: ModelOrResult,
+    /// Separate two models (files or result folders, `A,B`): the manoeuvres after which the odds for the true one are highest, whichever
+    /// it is, once the other has adapted its parameters
+    #[arg(long, value_name = "A,B", value_delimiter = ',', num_args = 1.., conflicts_with_all = ["model", "from_result"], help_heading = "The next run")]
+    between: Vec<PathBuf>,
     /// Earlier run; may be given several times
     #[arg(long = "data", value_name = "RUN", help_heading = "Data")]
     data: Vec<PathBuf>,
@@ -32,6 +38,12 @@ pub(crate) struct Arguments {
     /// Value of an input at rest (trim) [default: as the first run begins, or 0]
     #[arg(long = "rest", value_name = "INPUT=VALUE", value_parser = amount, help_heading = "The next run")]
     rest: Vec<(String, Amount)>,
+    /// Fastest motion of an input, in its unit per unit of time; steps become ramps
+    #[arg(long = "rate", value_name = "INPUT=RATE", value_parser = rate, help_heading = "The next run")]
+    rates: Vec<(String, f64)>,
+    /// How far an output may move from where the run begins, by the model; manoeuvres are made smaller until it does not
+    #[arg(long = "limit", value_name = "OUTPUT=VALUE", value_parser = amount, help_heading = "The next run")]
+    limits: Vec<(String, Amount)>,
     /// Length of the next run, in the model's unit of time [default: that of the first run]
     #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, help_heading = "The next run")]
     duration: Option<f64>,
@@ -58,6 +70,9 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
+    if !arguments.between.is_empty() {
+        return between(arguments);
+    }
     let quiet = arguments.output.quiet;
     let (model, folder) = arguments.model.load()?;
     let model = arguments.model.changed(&model)?;
@@ -75,6 +90,43 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         write_all(folder, &planned(&question, &found))?;
     }
     // told in any case
+    let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
+    ended(in_time && uninterrupted && printed)
+}
+
+/// `--between A,B`
+fn between(arguments: &Arguments) -> Ending {
+    let [first, second] = &arguments.between[..] else {
+        return Err(Failure::input(["--between takes two models or results: `--between linear.fdm,extended.fdm`"]));
+    };
+    let quiet = arguments.output.quiet;
+    let mut loaded = Vec::new();
+    for path in [first, second] {
+        let own = arguments.model.of(path);
+        let (model, folder) = own.load()?;
+        loaded.push((own.changed(&model)?, folder));
+    }
+    let mut questions = Vec::new();
+    for (model, folder) in &loaded {
+        let runs = read_runs(&arguments.data, &arguments.selection.options(false), model, &[], quiet)?;
+        questions.push(arguments.question(model, folder.as_ref(), runs)?);
+    }
+    arguments.refuse_others()?;
+    let (Some(second), Some(first)) = (questions.pop(), questions.pop()) else { return ended(false) };
+    let rivals = Rivals { first, second };
+    let progress = Progress::new(quiet).within(&arguments.limit);
+    let halt = progress.halt();
+    progress.say("comparing manoeuvres");
+    let found = between_while(&rivals, &|| halt.goes_on());
+    progress.finish();
+    let found = found.map_err(Failure::Input)?;
+    let printed = arguments.output.print(|| distinction_table(&found, rivals.first.model), || &found)?;
+    if let Some(folder) = &arguments.records {
+        let one = |(k, step): (usize, &Separation)| {
+            table(&rivals.first, &step.manoeuvre, &run_name(k)).map(|table| (table.file(), table.bytes()))
+        };
+        write_all(folder, &found.steps.iter().enumerate().filter_map(one).collect::<Vec<NamedFile>>())?;
+    }
     let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
     ended(in_time && uninterrupted && printed)
 }
@@ -146,6 +198,12 @@ impl Arguments {
         for (k, value) in placed(model, "--amplitude", &self.amplitudes)? {
             amplitudes[k] = Some(value);
         }
+        let mut rates = vec![None; m];
+        for (name, rate) in &self.rates {
+            let place = model.definition().inputs.iter().position(|i| i.quantity.name == *name);
+            rates[place.ok_or_else(|| Failure::input([Asked::unknown(model, name)]))?] = Some(*rate);
+        }
+        let limits = self.limits(model)?;
         let last = |run: &Run| run.time.last().copied().filter(|t| *t > 0.0);
         let duration = self.duration.or(first.and_then(last));
         let apart = |run: &Run| Some(last(run)? / (run.len().max(2) - 1) as f64);
@@ -172,10 +230,26 @@ impl Arguments {
             known,
             rest,
             heights: amplitudes,
+            rates,
+            limits,
             duration,
             dt,
             runs: self.runs.into(),
         })
+    }
+
+    /// How far outputs may move (q), in their units.
+    fn limits(&self, model: &Model) -> Result<Vec<Option<f64>>, Failure> {
+        let outputs = &model.definition().outputs;
+        let mut limits = vec![None; outputs.len()];
+        for (name, amount) in &self.limits {
+            let place = outputs.iter().position(|o| o.quantity.name == *name).ok_or_else(|| {
+                let near = did_you_mean(name, outputs.iter().map(|o| o.quantity.name.as_str()));
+                Failure::input([format!("the model has no output `{name}`{near}")])
+            })?;
+            limits[place] = Some(within(amount, &outputs[place].quantity, "--limit")?);
+        }
+        Ok(limits)
     }
 
     /// As typed, as the result found them, as the model declares them.
@@ -211,14 +285,23 @@ fn placed(model: &Model, option: &str, given: &[(String, Amount)]) -> Result<Vec
     for (name, amount) in given {
         let place = inputs.iter().position(|i| i.quantity.name == *name);
         let k = place.ok_or_else(|| Failure::input([Asked::unknown(model, name)]))?;
-        let unit = inputs[k].quantity.unit.as_ref();
-        let value = amount.within(unit).ok_or_else(|| {
-            let unit = unit.map_or(String::from("no unit"), ToString::to_string);
-            Failure::input([format!("{option} {name}: its unit does not fit that of the input ({unit})")])
-        })?;
-        found.push((k, value));
+        found.push((k, within(amount, &inputs[k].quantity, option)?));
     }
     Ok(found)
+}
+
+/// An amount in the unit of a quantity.
+fn within(amount: &Amount, of: &Quantity, option: &str) -> Result<f64, Failure> {
+    amount.within(of.unit.as_ref()).ok_or_else(|| {
+        let unit = of.unit.as_ref().map_or(String::from("no unit"), ToString::to_string);
+        Failure::input([format!("{option} {}: its unit does not fit that of the model ({unit})", of.name)])
+    })
+}
+
+/// `INPUT=RATE`
+fn rate(text: &str) -> Result<(String, f64), String> {
+    let (name, rate) = text.split_once('=').ok_or("expected INPUT=RATE")?;
+    Ok((name.trim().to_string(), number(rate.trim())?))
 }
 
 /// `INPUT=VALUE`, possibly with a unit.

@@ -6,6 +6,7 @@ use crate::load::{load_model, number};
 use crate::ownership::Overwriting;
 use clap::Args;
 use fdm_grammar::effect::{Beginning, Catalogue, Choice, Kind, Nominal, Places, Scales, Subject};
+use fdm_grammar::syntax::Field;
 use fdm_grammar::{Diagnostic, Source};
 use fdm_results::documents::EffectsDocument;
 use fdm_system::{Model, ModelError};
@@ -31,6 +32,18 @@ pub(crate) struct Chosen {
     /// Search all effects but these; a model with many states has hundreds of places for a `product_term`
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     without: Vec<String>,
+    /// Of the effects that belong to a field, those of these: aircraft, rotorcraft, ship, mechanism, process, kinetics. Without it
+    /// all of which a model has few places
+    #[arg(long, value_name = "FIELDS", value_delimiter = ',', value_parser = field)]
+    catalogue: Vec<Field>,
+}
+
+fn field(text: &str) -> Result<Field, String> {
+    let words = Field::ALL.map(Field::word);
+    Field::ALL.into_iter().find(|f| f.word() == text).ok_or_else(|| {
+        let near = did_you_mean(text, words);
+        if near.is_empty() { format!("one of {}", words.join(", ")) } else { near }
+    })
 }
 
 impl Chosen {
@@ -50,6 +63,9 @@ impl Chosen {
             true => !self.without.iter().any(|n| n == name),
             false => self.only.iter().any(|n| n == name),
         });
+        if !self.catalogue.is_empty() {
+            catalogue.restrict(&self.catalogue);
+        }
         Ok(catalogue)
     }
 }
@@ -135,7 +151,7 @@ pub(crate) fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> S
         }
     }
     for crowded in &places.crowded {
-        let _ = writeln!(text, "`{}` fits more than {} places; only so many are tried", crowded.effect, crowded.limit);
+        let _ = writeln!(text, "{crowded}");
     }
     let _ = writeln!(text, "{} places", places.candidates.len());
     text
@@ -186,6 +202,10 @@ impl Scales for Typed {
 
     fn speed(&self, signal: &str, q: f64) -> f64 {
         Nominal.speed(signal, q)
+    }
+
+    fn level(&self, signal: &str, q: f64) -> f64 {
+        Nominal.level(signal, q)
     }
 
     fn beginning(&self, signal: &str) -> Beginning {

@@ -90,6 +90,15 @@ impl ModelOrResult {
         }
     }
 
+    /// The same with another model or result in its place.
+    pub(crate) fn of(&self, path: &Path) -> Self {
+        let (model, from_result) = match path.is_dir() {
+            true => (None, Some(path.to_path_buf())),
+            false => (Some(path.to_path_buf()), None),
+        };
+        Self { model, from_result, set: self.set.clone() }
+    }
+
     /// The model with the values that were typed.
     pub(crate) fn changed(&self, model: &Model) -> Result<Model, Failure> {
         with_changes(model, &Changes { set: self.set.clone(), ..Changes::default() })

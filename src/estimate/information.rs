@@ -124,6 +124,11 @@ impl Information {
         Self { names: self.names.clone(), matrix: &self.matrix + &other.matrix }
     }
 
+    /// J'R^-1 J itself (P by P).
+    pub fn matrix(&self) -> &DMatrix<f64> {
+        &self.matrix
+    }
+
     /// Names of the parameters.
     pub fn names(&self) -> &[String] {
         &self.names

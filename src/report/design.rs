@@ -1,10 +1,12 @@
 //! What the next runs would tell: a table of parameters, one of manoeuvres.
 
 use super::table::{aligned_right, plain, trimmed};
-use fdm_results::documents::design::{Design, Gain};
+use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Separation};
 use fdm_results::documents::digits;
 use fdm_system::model::Model;
 
+/// Logarithm of odds that are clear: 20 to 1.
+const CLEAR: f64 = 3.0;
 /// Manoeuvres that are listed.
 const LISTED: usize = 12;
 
@@ -24,15 +26,59 @@ pub fn design_table(design: &Design, model: &Model) -> String {
     for direction in &design.undetermined_then {
         text.push_str(&format!("no manoeuvre here would determine: {}\n", direction.sentence));
     }
-    if let Some((manoeuvre, reason)) = design.lost.first() {
-        let count = design.lost.len();
-        let words = manoeuvre.words(&time);
-        text.push_str(&format!(
-            "{count} manoeuvres cannot be followed; the first, {words} of `{}`: {reason}\n",
-            manoeuvre.input
-        ));
+    text.push_str(&lost(&design.lost, &time));
+    text
+}
+
+/// Planned runs with the odds after them, and the manoeuvres that separate two models best.
+pub fn distinction_table(found: &Distinction, model: &Model) -> String {
+    let time = model.definition().time.to_string();
+    let [first, second] = &found.models;
+    let odds = |s: &Separation| {
+        format!("e^{:.1} if `{first}` is true, e^{:.1} if `{second}` is", s.log_odds[0], s.log_odds[1])
+    };
+    let mut text = String::new();
+    for (k, step) in found.steps.iter().enumerate() {
+        let (m, words) = (&step.manoeuvre, step.manoeuvre.words(&time));
+        let (height, odds) = (digits(m.height, 3), odds(step));
+        text.push_str(&format!("run {}: `{}`, {words}, height {height}: odds after it {odds}\n", k + 1, m.input));
+    }
+    let mut table =
+        plain(&["as the next run", "height", "log odds, first true", "second true", "largest motion of outputs"]);
+    for s in found.separations.iter().take(LISTED) {
+        let m = &s.manoeuvre;
+        let [a, b] = s.log_odds.map(|v| format!("{v:.1}"));
+        table.add_row([
+            format!("{}: {}", m.input, m.words(&time)),
+            digits(m.height, 3),
+            a,
+            b,
+            motion(model, &s.excursions),
+        ]);
+    }
+    (1..4).for_each(|k| aligned_right(&mut table, k));
+    text.push_str(&format!("\n{}", trimmed(&table)));
+    text.push_str(&lost(&found.lost, &time));
+    if found.separations.first().is_some_and(|s| s.least() < CLEAR) {
+        text.push_str("no manoeuvre here separates them clearly: larger or longer ones would\n");
     }
     text
+}
+
+/// Manoeuvres that were left out.
+fn lost(lost: &[(Manoeuvre, String)], time: &str) -> String {
+    lost.first().map_or(String::new(), |(manoeuvre, reason)| {
+        let (count, words) = (lost.len(), manoeuvre.words(time));
+        format!("{count} manoeuvres cannot be followed; the first, {words} of `{}`: {reason}\n", manoeuvre.input)
+    })
+}
+
+fn motion(model: &Model, excursions: &[f64]) -> String {
+    let motion = model.definition().outputs.iter().zip(excursions).map(|(o, v)| {
+        let unit = o.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
+        format!("{} {}{unit}", o.quantity.name, digits(*v, 2))
+    });
+    motion.collect::<Vec<String>>().join(", ")
 }
 
 /// An error beside its value.
@@ -71,7 +117,6 @@ fn named(gain: &Gain, time: &str) -> String {
 }
 
 fn manoeuvres(design: &Design, model: &Model, time: &str) -> String {
-    let outputs = &model.definition().outputs;
     let header = ["as the next run", "bits", "worst known after it", "largest motion of outputs"];
     let mut table = plain(&header);
     for gain in design.gains.iter().take(LISTED) {
@@ -81,12 +126,7 @@ fn manoeuvres(design: &Design, model: &Model, time: &str) -> String {
         let worst = worst.map_or(String::new(), |(o, e)| {
             format!("{} {}", o.parameter, part(o.value, Some(e).filter(|e| e.is_finite())))
         });
-        let motion = outputs.iter().zip(&gain.excursions).map(|(o, v)| {
-            let unit = o.quantity.unit.as_ref().map_or(String::new(), |u| format!(" {u}"));
-            format!("{} {}{unit}", o.quantity.name, digits(*v, 2))
-        });
-        let motion: Vec<String> = motion.collect();
-        table.add_row([named(gain, time), format!("{:.1}", gain.bits), worst, motion.join(", ")]);
+        table.add_row([named(gain, time), format!("{:.1}", gain.bits), worst, motion(model, &gain.excursions)]);
     }
     aligned_right(&mut table, 1);
     trimmed(&table)

@@ -31,7 +31,7 @@ mod visible;
 
 pub use comparison::comparison_table;
 pub use confidence::{confidence, way};
-pub use design::design_table;
+pub use design::{design_table, distinction_table};
 pub use diagnosis_table::diagnosis_text;
 pub use diagnostic::render;
 pub use estimate::{estimate_table, fit_table, history_table, residual_table};

@@ -19,6 +19,7 @@ struct Signal {
     first: f64,
     /// Magnitudes about the middle, and of the rates, both rising.
     sizes: Vec<f64>,
+    levels: Vec<f64>,
     speeds: Vec<f64>,
 }
 
@@ -62,9 +63,11 @@ impl Signal {
         let mut sizes: Vec<f64> = runs.concat().iter().map(|v| (v - middle).abs()).collect();
         let mut speeds: Vec<f64> =
             runs.iter().flat_map(|r| r.windows(2).map(|w| (w[1] - w[0]).abs() / step).collect::<Vec<_>>()).collect();
+        let mut levels: Vec<f64> = runs.concat();
+        levels.sort_by(f64::total_cmp);
         sizes.sort_by(f64::total_cmp);
         speeds.sort_by(f64::total_cmp);
-        Self { first: runs[0][0], sizes, speeds }
+        Self { first: runs[0][0], sizes, levels, speeds }
     }
 }
 
@@ -78,6 +81,9 @@ impl Scales for Known {
     }
     fn speed(&self, signal: &str, q: f64) -> f64 {
         quantile(&self.signal(signal).speeds, q)
+    }
+    fn level(&self, signal: &str, q: f64) -> f64 {
+        quantile(&self.signal(signal).levels, q)
     }
     fn beginning(&self, signal: &str) -> Beginning {
         // every run begins at the same trim

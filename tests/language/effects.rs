@@ -46,6 +46,9 @@ impl Scales for Known {
     fn speed(&self, _signal: &str, q: f64) -> f64 {
         0.1 * q.max(0.01)
     }
+    fn level(&self, _signal: &str, q: f64) -> f64 {
+        0.05 * q
+    }
     fn beginning(&self, signal: &str) -> Beginning {
         if signal.len().is_multiple_of(2) { Beginning::Same(0.0125) } else { Beginning::Varies(0.01) }
     }

@@ -6,7 +6,7 @@ use super::rewrite;
 use super::scales::Scales;
 use super::subject::Subject;
 use crate::diagnostic::Diagnostic;
-use crate::syntax::{EffectLine, Place, SlotKind};
+use crate::syntax::{EffectLine, Field, Place, SlotKind};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -39,6 +39,22 @@ pub struct Crowded {
     pub effect: String,
     /// The places that are tried.
     pub limit: usize,
+    /// The places that were found until the search for them ended.
+    pub found: usize,
+    /// The fields in which it is at home; one of them chosen, all places are tried.
+    pub fields: Vec<Field>,
+}
+
+impl std::fmt::Display for Crowded {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { effect, limit, found, fields } = self;
+        match fields.first().filter(|_| *limit == 0) {
+            Some(field) => {
+                write!(f, "`{effect}` fits {found} places; only `--catalogue {}` tries them", field.word())
+            }
+            None => write!(f, "`{effect}` fits more than {limit} places; only so many are tried"),
+        }
+    }
 }
 
 /// An effect attached to names of a model. Displayed as `input_delay(stick)`.

@@ -7,7 +7,7 @@ use super::probe;
 use super::subject::{Subject, Target};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Source;
-use crate::syntax::{SlotKind, parse_effects};
+use crate::syntax::{Class, Field, SlotKind, parse_effects};
 use std::sync::Arc;
 
 /// The text of the catalogue that is always there, `models/effects.fdm`.
@@ -18,10 +18,15 @@ const MOST_PLACES: usize = 2000;
 /// Most combinations of targets that are looked at for one effect.
 const MOST_LOOKED_AT: usize = 1_000_000;
 
+/// Most places of an effect of one field, where no field was chosen: it is searched where that costs little.
+const CHEAP: usize = 60;
+
 /// Effects by the order of their texts.
 #[derive(Debug, Clone, Default)]
 pub struct Catalogue {
     effects: Vec<Arc<Effect>>,
+    /// Of which fields: of all where there are few places.
+    fields: Vec<Field>,
 }
 
 impl Catalogue {
@@ -61,6 +66,13 @@ impl Catalogue {
         self.effects.retain(|effect| pleases(effect.name()));
     }
 
+    /// Keeps what is at home in these fields or everywhere, and tries all places of it.
+    pub fn restrict(&mut self, fields: &[Field]) {
+        let at_home = |effect: &Effect| effect.fields().iter().any(|f| fields.contains(f));
+        self.effects.retain(|effect| effect.fields().is_empty() || at_home(effect));
+        self.fields = fields.to_vec();
+    }
+
     /// The effects in their order.
     pub fn effects(&self) -> impl Iterator<Item = &Effect> {
         self.effects.iter().map(|e| &**e)
@@ -81,7 +93,13 @@ impl Catalogue {
         let mut places = Places::default();
         let targets = SlotKind::ALL.map(|kind| subject.targets(kind));
         for effect in &self.effects {
-            places_of(effect, subject, &targets, &mut places);
+            let limit = match effect.class() {
+                _ if !self.fields.is_empty() || effect.fields().is_empty() => MOST_PLACES,
+                // what is flexible imitates much, and is asked for by who knows what it is
+                Class::StandIn => 0,
+                _ => CHEAP,
+            };
+            places_of(effect, subject, (&targets, limit), &mut places);
         }
         places
     }
@@ -94,7 +112,13 @@ fn same(a: &Effect, b: &Effect) -> bool {
     a.name.text == b.name.text && a.slots.len() == b.slots.len() && (0..a.slots.len()).all(overlap)
 }
 
-fn places_of(effect: &Arc<Effect>, subject: &Subject, targets: &[Vec<Target>; 4], places: &mut Places) {
+fn places_of(
+    effect: &Arc<Effect>,
+    subject: &Subject,
+    (targets, limit): (&[Vec<Target>; 4], usize),
+    places: &mut Places,
+) {
+    let before = places.candidates.len();
     let choices: Vec<Vec<&Target>> = effect
         .tree()
         .slots
@@ -115,7 +139,7 @@ fn places_of(effect: &Arc<Effect>, subject: &Subject, targets: &[Vec<Target>; 4]
         let chosen: Vec<&Target> = at.iter().zip(&choices).map(|(k, list)| list[*k]).collect();
         if fits(effect, subject, &chosen) {
             found += 1;
-            if found <= MOST_PLACES {
+            if found <= limit {
                 let names = chosen.iter().map(|t| t.name.clone()).collect();
                 places.candidates.push(Candidate::new(effect.clone(), names, chosen.iter().map(|t| t.kind).collect()));
             }
@@ -128,9 +152,12 @@ fn places_of(effect: &Arc<Effect>, subject: &Subject, targets: &[Vec<Target>; 4]
         }
         let ended = next.is_none();
         if ended || looked == MOST_LOOKED_AT {
-            if found > MOST_PLACES || !ended {
-                let effect = effect.name().to_string();
-                places.crowded.push(Crowded { effect, limit: MOST_PLACES });
+            if found > limit || !ended {
+                // none, rather than those that come first
+                let tried = if limit < MOST_PLACES { 0 } else { limit };
+                places.candidates.truncate(before + tried);
+                let (name, fields) = (effect.name().to_string(), effect.fields().to_vec());
+                places.crowded.push(Crowded { effect: name, limit: tried, found, fields });
             }
             return;
         }

@@ -2,6 +2,7 @@
 
 use super::definition::Effect;
 use super::subject::{Subject, Target};
+use super::turnover::Turnover;
 use crate::graph::Leaf;
 use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
 
@@ -75,6 +76,13 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
             },
             ("known", [a]) => match at(a) {
                 Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
+                _ => Part::Nothing,
+            },
+            ("consumes" | "produces", [p, x]) => match (at(p), at(x)) {
+                (Part::Thing(p), Part::Thing(x)) => {
+                    let sign = if name.text == "consumes" { Turnover::Consumed } else { Turnover::Produced };
+                    Part::Truth(subject.turnover(&targets[p].name, &targets[x].name) == Some(sign))
+                }
                 _ => Part::Nothing,
             },
             ("depends", [a, b]) => match (at(a), at(b)) {

@@ -2,7 +2,7 @@
 
 use super::soundness;
 use crate::diagnostic::Diagnostic;
-use crate::syntax::{Class, EffectLine, EffectTree, Expr, ExprRef, Tunable};
+use crate::syntax::{Class, EffectLine, EffectTree, Expr, ExprRef, Field, Tunable};
 
 /// What a search can do with an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +35,11 @@ impl Effect {
     /// What kind of explanation it is.
     pub fn class(&self) -> Class {
         self.tree.class
+    }
+
+    /// The fields in which it is at home; everywhere where there are none.
+    pub fn fields(&self) -> &[Field] {
+        &self.tree.fields
     }
 
     /// As it was written.

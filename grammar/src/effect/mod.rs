@@ -23,6 +23,7 @@ mod start_values;
 mod subject;
 #[cfg(test)]
 mod tests;
+mod turnover;
 
 pub use candidate::{Candidate, Choice, Crowded, Places};
 pub use catalogue::{Catalogue, STANDARD};

@@ -19,6 +19,8 @@ pub trait Scales {
     fn size(&self, signal: &str, q: f64) -> f64;
     /// The quantile `q` of the magnitude of a signal's rate of change.
     fn speed(&self, signal: &str, q: f64) -> f64;
+    /// The quantile `q` in [0, 1] of the values of a signal; 0 asks for the least, 1 for the greatest.
+    fn level(&self, signal: &str, q: f64) -> f64;
     /// Value of a signal at the first sample.
     fn beginning(&self, signal: &str) -> Beginning;
     /// Sampling interval, in the model's unit of time.
@@ -27,7 +29,7 @@ pub trait Scales {
     fn duration(&self) -> f64;
 }
 
-/// No data at all: signals of size and speed 1 that begin at 0, a hundred samples a unit of time, ten units long.
+/// No data at all: signals between 0 and 1 of speed 1 that begin at 0, a hundred samples a unit of time, ten units long.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Nominal;
 
@@ -38,6 +40,10 @@ impl Scales for Nominal {
 
     fn speed(&self, _signal: &str, q: f64) -> f64 {
         q.max(0.01)
+    }
+
+    fn level(&self, _signal: &str, q: f64) -> f64 {
+        q
     }
 
     fn beginning(&self, _signal: &str) -> Beginning {
@@ -59,11 +65,15 @@ pub(super) const REQUESTS: &[(&str, usize, &str)] = &[
     ("size", 1, "size(x)"),
     ("quantile", 2, "quantile(x, q)"),
     ("speed", 2, "speed(x, q)"),
+    ("level", 2, "level(x, q)"),
+    ("positive", 1, "positive(x)"),
     ("start", 1, "start(x)"),
     ("grid", 3, "grid(a, b, n)"),
 ];
 /// Names that ask for something.
 pub(super) const NAMED_REQUESTS: &[&str] = &["step", "duration"];
+/// A fitted response may undershoot zero by this part of its greatest value.
+const NEARLY_ZERO: f64 = 0.01;
 /// Most values of one grid.
 const MOST_VALUES: usize = 100;
 
@@ -104,6 +114,12 @@ impl Answers<'_> {
         values[root.0 as usize]
     }
 
+    /// The greatest value of a signal that is never below zero; `None` where it is.
+    fn greatest_of_positive(&self, signal: &str) -> Option<f64> {
+        let [least, greatest] = [0.0, 1.0].map(|q| self.scales.level(signal, q));
+        (greatest > 0.0 && least >= -NEARLY_ZERO * greatest).then_some(greatest)
+    }
+
     fn node(&self, e: ExprRef, values: &[Option<f64>]) -> Option<f64> {
         let at = |e: &ExprRef| values[e.0 as usize];
         Some(match self.pool.expr(e) {
@@ -139,6 +155,8 @@ impl Answers<'_> {
                     "size" => self.scales.size(signal(0)?, 1.0),
                     "quantile" => self.scales.size(signal(0)?, number(1)?.clamp(0.0, 1.0)),
                     "speed" => self.scales.speed(signal(0)?, number(1)?.clamp(0.0, 1.0)),
+                    "level" => self.scales.level(signal(0)?, number(1)?.clamp(0.0, 1.0)),
+                    "positive" => self.greatest_of_positive(signal(0)?)?,
                     "min" => number(0)?.min(number(1)?),
                     "max" => number(0)?.max(number(1)?),
                     "sqrt" => number(0)?.sqrt(),

@@ -1,5 +1,6 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
+use super::turnover::{Turnover, Turnovers};
 use crate::check::matching::Matching;
 use crate::diagnostic::Diagnostic;
 use crate::gather;
@@ -23,6 +24,8 @@ pub struct Subject {
     balances: BTreeMap<String, Balance>,
     /// By name of a state or an output: what its balance or its value depends on.
     reached: BTreeMap<String, BTreeSet<Leaf>>,
+    /// What rate constants turn over.
+    turnovers: Turnovers,
 }
 
 /// Something of the model that an effect can be attached to.
@@ -62,7 +65,14 @@ impl Subject {
             reached.insert(output.quantity.name.clone(), leaves(&model.graph, output.expr));
         }
         let balances = balances(&tree, model);
-        let mut subject = Self { source: source.clone(), tree, model: model.clone(), balances, reached };
+        let mut subject = Self {
+            source: source.clone(),
+            tree,
+            model: model.clone(),
+            balances,
+            reached,
+            turnovers: Turnovers::new(model),
+        };
         // a balance of forces is its own: through the masses every rate depends on everything
         let own: Vec<(String, BTreeSet<Leaf>)> = subject
             .balances
@@ -172,6 +182,13 @@ impl Subject {
     /// What the rate of a state or the value of an output depends on.
     pub(super) fn reached(&self, name: &str) -> Option<&BTreeSet<Leaf>> {
         self.reached.get(name)
+    }
+
+    /// What a parameter does to a state, where it is the constant of a rate.
+    pub(super) fn turnover(&self, param: &str, state: &str) -> Option<Turnover> {
+        let model = &self.model;
+        let state = model.states.iter().position(|s| s.quantity.name == state)?;
+        self.turnovers.of(model.param(param)?, state)
     }
 
     /// The leaf that a name is.

@@ -89,7 +89,7 @@ impl<'a> Reader<'a> {
         let open = open?;
         let (lines, close, sound) = self.lines(open + 1..tokens.end, &mut builder);
         let end = self.end(open, close, &tokens);
-        let EffectHeader { name, slots, conditions, class, doc } = header?;
+        let EffectHeader { name, slots, conditions, class, fields, doc } = header?;
         let pool = SyntaxTree {
             name: Name { text: String::new(), span: name.span },
             doc: None,
@@ -98,7 +98,7 @@ impl<'a> Reader<'a> {
             suspended: Vec::new(),
         };
         let span = self.tokens[tokens.start].span.to(self.tokens[end].span);
-        sound.then_some(EffectTree { name, slots, conditions, class, doc, lines, pool, span })
+        sound.then_some(EffectTree { name, slots, conditions, class, fields, doc, lines, pool, span })
     }
 
     fn header(&mut self, extent: &Extent, builder: &mut Builder) -> Option<EffectHeader> {

@@ -57,6 +57,41 @@ impl Class {
     }
 }
 
+/// A field of work whose effects a search may be restricted to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Field {
+    /// Aeroplanes.
+    Aircraft,
+    /// Helicopters and multicopters.
+    Rotorcraft,
+    /// Ships and boats.
+    Ship,
+    /// Machines, drives, robots.
+    Mechanism,
+    /// Tanks, heat, flows.
+    Process,
+    /// Chemical reactions.
+    Kinetics,
+}
+
+impl Field {
+    /// Every field.
+    pub const ALL: [Field; 6] =
+        [Self::Aircraft, Self::Rotorcraft, Self::Ship, Self::Mechanism, Self::Process, Self::Kinetics];
+
+    /// The word for it, behind `for`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Aircraft => "aircraft",
+            Self::Rotorcraft => "rotorcraft",
+            Self::Ship => "ship",
+            Self::Mechanism => "mechanism",
+            Self::Process => "process",
+            Self::Kinetics => "kinetics",
+        }
+    }
+}
+
 /// `x: state | input`: a name that stands for one of the user's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Slot {
@@ -126,6 +161,8 @@ pub struct EffectTree {
     pub conditions: Vec<Condition>,
     /// What kind of explanation it is; a mechanism where nothing is said.
     pub class: Class,
+    /// The fields in which it is at home; everywhere where nothing is said.
+    pub fields: Vec<Field>,
     /// What it is, with `{i}` for the name that the slot `i` stands for.
     pub doc: Option<Name>,
     /// The lines between the braces, each with its place.

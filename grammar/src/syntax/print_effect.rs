@@ -23,6 +23,10 @@ pub fn print_effect(effect: &EffectTree) -> String {
     if effect.class != Class::Mechanism {
         let _ = write!(out, " as {}", effect.class.word());
     }
+    if !effect.fields.is_empty() {
+        let fields: Vec<_> = effect.fields.iter().map(|f| f.word()).collect();
+        let _ = write!(out, " for {}", fields.join(", "));
+    }
     if let Some(doc) = &effect.doc {
         let _ = write!(out, " \"{}\"", doc.text);
     }

@@ -3,7 +3,7 @@
 //! Everything that the residuals of a fit say.
 
 use super::localisation::{Localisation, localise};
-use super::nonlinearity::{Nonlinearities, nonlinearities};
+use super::nonlinearity::{Curve, Nonlinearities, nonlinearities};
 use super::null_model::NullModel;
 use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceEvidence, PlaceKind, rank};
 use super::residual_analysis::{Coherence, ResidualAnalysis, residual_analysis};
@@ -65,6 +65,19 @@ pub struct Attribution {
     pub warnings: Vec<String>,
     /// Where something enters that no effect explains, the likeliest first; empty where nothing is left.
     pub sites: Vec<PlaceEvidence>,
+    /// An unmodelled nonlinearity that is a function of one state or input; none where it takes several, or there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub law: Option<Law>,
+}
+
+/// An unmodelled nonlinearity drawn over the variable that it is a function of.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Law {
+    /// Where it is added.
+    pub place: Place,
+    /// The function.
+    #[serde(flatten)]
+    pub curve: Curve,
 }
 
 /// Weighs the best effect, a random disturbance and an unknown cause against each other.
@@ -98,7 +111,18 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
         _ if !warnings.is_empty() => sites(model, base, best),
         _ => Vec::new(),
     };
-    Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites }
+    let heard = best.map_or(base, |e| e.evidence);
+    let law = matches!(verdict, Origin::UnknownCause)
+        .then(|| heard.nonlinearities.law().or_else(|| base.nonlinearities.law()));
+    Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites, law: law.flatten() }
+}
+
+impl Nonlinearities {
+    /// The likeliest, where it is there and a function of one variable.
+    fn law(&self) -> Option<Law> {
+        let first = self.list.first().filter(|n| n.evidence > NONLINEARITY)?;
+        Some(Law { place: first.place.clone(), curve: first.curve.clone()? })
+    }
 }
 
 impl ResidualAnalysis {
@@ -176,8 +200,10 @@ fn warnings(heard: &ResidualEvidence) -> Vec<String> {
     if nonlinearities.evidence() > NONLINEARITY {
         let names = or(nonlinearities.group().map(|l| l.place.to_string()).collect());
         let odds = nonlinearities.evidence();
+        let of =
+            nonlinearities.law().map_or(String::new(), |law| format!(", a function of {} alone,", law.curve.variable));
         said.push(format!(
-            "the residuals follow states and inputs alike in all runs, as an unmodelled nonlinearity in {names} would: its odds are e^{odds:.0} to 1"
+            "the residuals follow states and inputs alike in all runs, as an unmodelled nonlinearity in {names}{of} would: its odds are e^{odds:.0} to 1"
         ));
     }
     said.extend(residual_analysis.foremost().map(ToString::to_string));

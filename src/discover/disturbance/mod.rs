@@ -21,9 +21,10 @@ mod suggestions;
 #[cfg(test)]
 mod tests;
 
-pub use attribution::{Attribution, Origin};
+pub use attribution::{Attribution, Law, Origin};
 pub(crate) use attribution::{Explained, ResidualEvidence, attribute, residual_evidence};
 pub use localisation::{Localisation, Ordinate, Site};
+pub use nonlinearity::{Curve, CurvePoint};
 pub(crate) use place::FittedRun;
 pub use place::{Place, PlaceEvidence, PlaceKind};
 pub(crate) use suggestions::suggestions;

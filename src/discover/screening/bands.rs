@@ -46,6 +46,11 @@ pub(super) struct Bands {
 }
 
 impl Bands {
+    /// Bins of all bands.
+    pub(super) fn bins(&self) -> usize {
+        self.list.iter().map(|band| band.count).sum()
+    }
+
     /// Gathers bins; `shape` are spectra by which the level changes inside a band.
     pub(super) fn new(shared: &Basis, shape: &[LogSpectrum]) -> Self {
         let edges = edges(&shared.parts);

@@ -84,9 +84,12 @@ impl Frame {
     }
 
     /// The combinations of all signals that are taken out of the residual before its noise is judged: orthonormal, what is
-    /// fitted first (d by k).
-    pub(super) fn saturated(&self) -> DMatrix<f64> {
+    /// fitted first (d by k); of what is beside it at most half of what the fit leaves of so many `bins`, so that short records keep
+    /// something to judge by.
+    pub(super) fn saturated(&self, bins: usize) -> DMatrix<f64> {
         let strong = strongest(&self.directions);
+        let room = bins.saturating_sub(self.absorbed) / 2;
+        let strong = strong.columns(0, strong.ncols().min(room));
         let mut basis = DMatrix::zeros(self.axes.ncols(), self.absorbed + strong.ncols());
         basis.view_mut((0, 0), (self.absorbed, self.absorbed)).fill_with_identity();
         basis.view_mut((self.absorbed, self.absorbed), strong.shape()).copy_from(&strong);

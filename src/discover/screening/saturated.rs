@@ -68,7 +68,7 @@ impl Noise {
     fn settle(&mut self, shared: &Basis, rounds: usize) {
         for _ in 0..rounds {
             let frame = Frame::new(shared, &self.bands, &self.density);
-            let held = frame.saturated();
+            let held = frame.saturated(self.bands.bins());
             let basis = &frame.axes * &held;
             let multiples = &basis * held.tr_mul(&frame.residual(&self.bands, &self.density));
             let left: Vec<f64> = self.bands.list.par_iter().map(|band| remainder(band, &multiples)).collect();

@@ -18,7 +18,7 @@ use serde::Serialize;
 use std::ops::Range;
 
 /// Fewest samples of a run: below them no spectrum can be had.
-const LEAST: usize = 32;
+const LEAST: usize = 8;
 
 /// Why runs cannot be screened.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -322,6 +322,7 @@ impl<'a> Judge<'a> {
         trials.par_iter_mut().for_each(|t| t.freedom = freedom(t, &noise, &drawing));
         let marginals = Marginals::new(&frame.directions, &trials, candidates);
         let residual = frame.residual(&noise.bands, &noise.density);
+        let held = frame.saturated(noise.bands.bins());
         let seed = residual.iter().fold(0xcbf2_9ce4_8422_2325, |hash: u64, v| {
             (hash ^ v.to_bits()).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
         });
@@ -333,7 +334,7 @@ impl<'a> Judge<'a> {
             directions,
             candidates,
             noise,
-            held: frame.saturated(),
+            held,
             frame,
             drawing,
             residual,

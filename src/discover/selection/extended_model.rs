@@ -148,6 +148,8 @@ pub(super) struct SignalScales {
 struct Signal {
     /// Magnitudes of what is not at rest, rising.
     sizes: Vec<f64>,
+    /// Values, rising.
+    levels: Vec<f64>,
     /// Magnitudes of the rate of change where it changes, rising.
     speeds: Vec<f64>,
     /// The value at the first sample of each run.
@@ -186,14 +188,16 @@ impl SignalScales {
 
 impl Signal {
     fn new(columns: Vec<Vec<f64>>, runs: &[Run]) -> Self {
-        let (mut sizes, mut speeds) = (Vec::new(), Vec::new());
+        let (mut sizes, mut levels, mut speeds) = (Vec::new(), Vec::new(), Vec::new());
         for (values, run) in columns.iter().zip(runs) {
             let dt = interval(run);
             sizes.extend(values.iter().map(|v| v.abs()));
+            levels.extend(values.iter().copied().filter(|v| v.is_finite()));
             speeds.extend(values.windows(2).map(|w| (w[1] - w[0]).abs() / dt));
         }
         let first = columns.iter().map(|v| v.first().copied().unwrap_or(0.0)).collect();
-        Self { sizes: moving(sizes), speeds: moving(speeds), first }
+        levels.sort_by(f64::total_cmp);
+        Self { sizes: moving(sizes), levels, speeds: moving(speeds), first }
     }
 }
 
@@ -217,6 +221,10 @@ impl Scales for SignalScales {
 
     fn speed(&self, signal: &str, q: f64) -> f64 {
         self.signals.get(signal).map_or(0.0, |s| quantile(&s.speeds, q))
+    }
+
+    fn level(&self, signal: &str, q: f64) -> f64 {
+        self.signals.get(signal).map_or(f64::NAN, |s| quantile(&s.levels, q))
     }
 
     fn beginning(&self, signal: &str) -> Beginning {

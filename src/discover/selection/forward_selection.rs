@@ -17,7 +17,7 @@ use super::predictor::responses;
 use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
-use crate::diagnosis::{Cause, Diagnosis, EffectAt, Rejected, SelectionStep, Verdict};
+use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue};
@@ -129,7 +129,7 @@ pub(super) struct ForwardSelection<'a> {
 /// What is known when the search ends.
 struct End {
     family_wise: f64,
-    left_out: Vec<crate::diagnosis::LeftOut>,
+    left_out: Vec<LeftOut>,
     detectable: Vec<crate::diagnosis::Detectable>,
     noise: CommonNoise,
     knots: Vec<usize>,
@@ -291,7 +291,11 @@ impl<'a> ForwardSelection<'a> {
     /// Takes down what a search told.
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
         let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
-        let left_out = std::mem::take(&mut step.left_out);
+        let mut left_out = std::mem::take(&mut step.left_out);
+        left_out.extend(self.catalogue.places(&step.current.subject).crowded.iter().map(|c| LeftOut {
+            place: EffectAt { effect: c.effect.clone(), targets: Vec::new() },
+            reason: c.to_string(),
+        }));
         let last = end.get_or_insert_with(|| End {
             family_wise: p,
             left_out,

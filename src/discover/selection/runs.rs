@@ -12,7 +12,7 @@ use fdm_system::spectrum::Frequencies;
 use serde::Serialize;
 
 /// Fewest samples of which a spectrum can be had.
-const LEAST: usize = 32;
+const LEAST: usize = 8;
 /// Part of the interval by which times may leave the grid over a whole record before its gaps are not believed.
 const DRIFT: f64 = 0.05;
 

@@ -24,8 +24,10 @@ pub(crate) struct Sums {
     /// Whether the groups are triangles instead of products.
     pub(crate) precise: bool,
     pub(crate) groups: Vec<Group>,
-    /// Whether sums of planes come instead of rows.
+    /// Whether sums of planes come instead of rows: these replace what stands in the groups, so that nothing is cleared for them.
     planar: bool,
+    /// Whether all sums of planes are finite.
+    finite: bool,
     /// Rows waiting to be worked off.
     waiting: Vec<f64>,
     filled: usize,
@@ -85,22 +87,36 @@ impl Group {
 impl Sums {
     pub(crate) fn new(columns: usize, groups: usize) -> Self {
         let groups = vec![Group::default(); groups];
-        Self { columns, precise: false, groups, planar: false, waiting: Vec::new(), filled: 0, work: Vec::new() }
+        Self {
+            columns,
+            precise: false,
+            groups,
+            planar: false,
+            finite: true,
+            waiting: Vec::new(),
+            filled: 0,
+            work: Vec::new(),
+        }
     }
 
     /// Whether all sums are finite.
     pub(crate) fn is_finite(&self) -> bool {
-        self.groups.iter().all(|group| finite(&group.values))
+        if self.planar { self.finite } else { self.groups.iter().all(|group| finite(&group.values)) }
     }
 
     /// Begins a run.
     pub(crate) fn begin(&mut self) {
-        self.planar = false;
+        if !self.planar {
+            self.clear();
+        }
+        self.filled = 0;
+    }
+
+    fn clear(&mut self) {
         for group in &mut self.groups {
             group.values.fill(0.0);
             group.waiting.clear();
         }
-        self.filled = 0;
     }
 
     /// Adds a block; `measured` belongs to its samples (by q). `whitener` (q by q) mixes the outputs of a sample into one
@@ -108,6 +124,10 @@ impl Sums {
     pub(crate) fn add(&mut self, block: &mut Block<'_>, measured: &[f64], whitener: Option<&[f64]>) {
         let outputs = block.layout.outputs.len();
         place_residuals(block, measured);
+        if self.planar {
+            self.planar = false;
+            self.clear();
+        }
         match whitener {
             None if !self.precise => (0..outputs).for_each(|o| self.add_products(block, o)),
             None => (0..outputs).for_each(|o| self.add_rows(block, o)),
@@ -145,13 +165,21 @@ impl Sums {
     /// Ends a run.
     pub(crate) fn end(&mut self) {
         self.groups.iter_mut().filter(|group| !group.waiting.is_empty()).for_each(Group::settle);
-        for Group { columns, width, values, planes, .. } in self.groups.iter_mut().filter(|_| self.planar) {
+        if !self.planar {
+            return;
+        }
+        // zero, or no number
+        let mut rest = 0.0;
+        for Group { columns, width, values, planes, .. } in &mut self.groups {
             for i in 0..=columns.len() {
                 for j in i..=columns.len() {
-                    values[i * *width + j] = planes.sum(i, j);
+                    let sum = planes.sum(i, j);
+                    rest += 0.0 * sum;
+                    values[i * *width + j] = sum;
                 }
             }
         }
+        self.finite = rest == 0.0;
     }
 
     /// Products of one output's rows, where they stand.

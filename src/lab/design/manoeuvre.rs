@@ -20,6 +20,9 @@ const SWEEPS: [f64; 3] = [8.0, 25.0, 80.0];
 /// Highest frequency in cycles per sample.
 const HIGHEST: f64 = 0.2;
 
+/// Parts of the height that are tried where a limit is in the way.
+const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+
 /// All of them, input by input.
 pub(super) fn survey(question: &Question<'_>) -> Vec<Manoeuvre> {
     let left = question.duration - begin(question);
@@ -79,7 +82,10 @@ pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run>
     let place = definition.inputs.iter().position(|i| i.quantity.name == manoeuvre.input)?;
     // nothing here is by chance
     let mut chance = Stream::named(0, &[]);
-    let moved = signal(question, manoeuvre)?.sampled(n, question.dt, None, &definition.time, &mut chance)?;
+    let mut moved = signal(question, manoeuvre)?.sampled(n, question.dt, None, &definition.time, &mut chance)?;
+    if let Some(rate) = question.rates[place] {
+        slew(&mut moved, rate * question.dt);
+    }
     let mut inputs: Vec<f64> = (0..n).flat_map(|_| question.rest.iter().copied()).collect();
     for (k, v) in moved.iter().enumerate() {
         inputs[k * m + place] += v;
@@ -93,6 +99,41 @@ pub(super) fn run(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Option<Run>
         input_gaps: vec![0; m],
         output_gaps: vec![0; q],
     })
+}
+
+/// Follows a signal from rest by at most so much from sample to sample.
+fn slew(signal: &mut [f64], most: f64) {
+    let mut at = 0.0;
+    for value in signal {
+        at += (*value - at).clamp(-most, most);
+        *value = at;
+    }
+}
+
+/// Of a manoeuvre and its halves, quarters and eighths the first that keeps all limits, with what `tell` says of it and how far the
+/// outputs move (q); or why none does.
+pub(super) fn within_limits<T>(
+    question: &Question<'_>,
+    manoeuvre: &Manoeuvre,
+    tell: impl Fn(&Manoeuvre) -> Result<(T, Vec<f64>), String>,
+) -> Result<(Manoeuvre, T, Vec<f64>), String> {
+    let mut reason = String::new();
+    for part in SMALLER {
+        let own = Manoeuvre { height: manoeuvre.height * part, ..manoeuvre.clone() };
+        let (told, excursions) = tell(&own)?;
+        let outputs = &question.model.definition().outputs;
+        let over = outputs.iter().zip(&excursions).zip(&question.limits);
+        match over
+            .filter_map(|((o, moved), limit)| Some((o, moved, (*limit)?)))
+            .find(|(_, moved, limit)| **moved > *limit)
+        {
+            None => return Ok((own, told, excursions)),
+            Some((o, moved, limit)) => {
+                reason = format!("`{}` moves by {moved:.3}, and may by {limit}", o.quantity.name);
+            }
+        }
+    }
+    Err(reason)
 }
 
 /// The inputs of the run as columns, ready to be flown.

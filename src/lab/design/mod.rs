@@ -5,11 +5,13 @@
 //! are exact: what is promised is Fisher's information at them. **Start** at [`design`]; `manoeuvre` (which there are, and
 //! one of them as a run) -> `plan` (what they tell, and the best one after the other).
 
+mod between;
 mod manoeuvre;
 mod plan;
 mod question;
 
-pub use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
+pub use between::{Rivals, between_while};
+pub use fdm_results::documents::design::{Design, Distinction, Gain, Manoeuvre, Outlook, Separation, Step};
 pub use manoeuvre::table;
 pub use plan::{design, design_while};
 pub use question::{Asked, Question};

@@ -1,13 +1,13 @@
 //! What manoeuvres would tell, and the best of them one after the other.
 
-use super::manoeuvre::{run, survey};
+use super::manoeuvre::{run, survey, within_limits};
 use super::question::Question;
 use fdm_estimate::{Information, Silence};
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
 use rayon::prelude::*;
 
 /// Why a manoeuvre was not looked at.
-const STOPPED: &str = "the work was stopped before it was looked at";
+pub(super) const STOPPED: &str = "the work was stopped before it was looked at";
 
 /// A manoeuvre and what it tells.
 struct Told {
@@ -33,11 +33,14 @@ pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)
     let now = known(question).map_err(|e| vec![e.to_string()])?;
     let (mut told, mut lost) = (Vec::new(), Vec::new());
     let manoeuvres = survey(question);
-    let answers: Vec<Result<(Information, Vec<f64>), String>> =
-        manoeuvres.par_iter().map(|m| if goes_on() { tell(question, m) } else { Err(STOPPED.into()) }).collect();
+    let one = |m: &Manoeuvre| match goes_on() {
+        true => within_limits(question, m, |m| tell(question, m)),
+        false => Err(STOPPED.into()),
+    };
+    let answers: Vec<Result<(Manoeuvre, Information, Vec<f64>), String>> = manoeuvres.par_iter().map(one).collect();
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
-            Ok((information, excursions)) => told.push(Told { manoeuvre, information, excursions }),
+            Ok((manoeuvre, information, excursions)) => told.push(Told { manoeuvre, information, excursions }),
             Err(reason) => lost.push((manoeuvre, reason)),
         }
     }
@@ -64,7 +67,7 @@ pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)
 }
 
 /// What the runs so far tell.
-fn known(question: &Question<'_>) -> Result<Information, Silence> {
+pub(super) fn known(question: &Question<'_>) -> Result<Information, Silence> {
     let prior = Information::prior(question.model);
     if question.known.is_empty() {
         return Ok(prior);
@@ -82,7 +85,7 @@ fn tell(question: &Question<'_>, manoeuvre: &Manoeuvre) -> Result<(Information, 
     Ok((information, excursions(&responses[0], question.deviations.len())))
 }
 
-fn excursions(response: &[f64], q: usize) -> Vec<f64> {
+pub(super) fn excursions(response: &[f64], q: usize) -> Vec<f64> {
     let from = |o: usize| response.iter().skip(o).step_by(q).map(move |v| (v - response[o]).abs());
     (0..q).map(|o| from(o).fold(0.0, f64::max)).collect()
 }

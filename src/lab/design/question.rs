@@ -19,6 +19,10 @@ pub struct Question<'a> {
     pub rest: Vec<f64>,
     /// How far each input moves (m); none where it does not.
     pub heights: Vec<Option<f64>>,
+    /// How fast each input may move (m), in its unit per unit of time; none where it may jump.
+    pub rates: Vec<Option<f64>>,
+    /// How far each output may move from where it begins (q); none where that does not matter.
+    pub limits: Vec<Option<f64>>,
     /// Length of the next run.
     pub duration: f64,
     /// Time between its samples.
@@ -132,6 +136,14 @@ impl Question<'_> {
             found.push(Asked::Samples { duration: self.duration, dt: self.dt, samples: samples.round() });
         }
         let bad = |v: f64| !(v.is_finite() && v > 0.0);
+        for (input, rate) in definition.inputs.iter().zip(&self.rates) {
+            let what = format!("the fastest motion of `{}`", input.quantity.name);
+            found.extend(rate.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
+        }
+        for (output, limit) in definition.outputs.iter().zip(&self.limits) {
+            let what = format!("the limit of `{}`", output.quantity.name);
+            found.extend(limit.filter(|v| bad(*v)).map(|value| Asked::Size { what, value }));
+        }
         for (input, height) in definition.inputs.iter().zip(&self.heights) {
             let value = height.unwrap_or(1.0).abs();
             let what = format!("the height of `{}`", input.quantity.name);

@@ -15,6 +15,8 @@ fn question(model: &Model) -> Question<'_> {
         known: Vec::new(),
         rest: vec![0.0; 2],
         heights: vec![Some(1.0), Some(2.0)],
+        rates: vec![None; model.definition().inputs.len()],
+        limits: vec![None],
         duration: 10.0,
         dt: 0.05,
         runs: 2,
@@ -77,4 +79,61 @@ fn impossible_questions_are_refused_with_all_reasons() {
     assert!(
         said[0].contains("--amplitude u=VALUE") && said[1].contains("2 samples") && said[2].contains("noise of `y`")
     );
+}
+
+const LINEAR: &str =
+    "model linear { input u; state x = 0; param k = 2, g = 3; der(x) = -k*x + g*u; output y = x; noise y = 0.01; }";
+const CUBIC: &str = "model cubic { input u; state x = 0; param k = 2, g = 3, c = 0.05; der(x) = -k*x - c*x^3 + g*u;
+    output y = x; noise y = 0.01; }";
+
+fn single(model: &Model) -> Question<'_> {
+    Question { rest: vec![0.0], heights: vec![Some(1.0)], ..question(model) }
+}
+
+#[test]
+fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
+    let (linear, cubic) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("c.fdm", CUBIC).unwrap());
+    let rivals = Rivals { first: single(&linear), second: single(&cubic) };
+    let found = between_while(&rivals, &|| true).unwrap();
+    assert_eq!(found.models, ["linear", "cubic"]);
+    let best = &found.separations[0];
+    // the linear one inside the cubic one can always be followed
+    assert!(best.log_odds[0] < 1e-6 && best.log_odds[1] > 1.0, "{best:?}");
+    // what the cubic one does, without noise, fitted by the linear one
+    let mut run = super::manoeuvre::run(&rivals.first, &best.manoeuvre).unwrap();
+    let steps = fdm_system::simulate::choose_steps(cubic.dynamics(), &run, &rivals.second.theta).unwrap().steps;
+    let mut simulator = fdm_system::simulate::Simulator::new(cubic.dynamics(), &run, steps).unwrap();
+    let mut response = vec![0.0; run.measured.len()];
+    simulator.simulate(&rivals.second.theta, &mut response).unwrap();
+    run.measured = response;
+    let options = fdm_estimate::FitOptions::default().with_declared_noise(&linear);
+    let fit = fdm_estimate::fit(&linear, &[run.clone()], &options).unwrap();
+    let half: f64 = fit.runs[0].residuals.iter().map(|r| 0.5 * (r / 0.01_f64).powi(2)).sum();
+    assert!((half - best.log_odds[1]).abs() < 0.1 * half, "{half} {best:?}");
+    // later runs add to the odds
+    assert!(found.steps[1].log_odds[1] > found.steps[0].log_odds[1]);
+}
+
+#[test]
+fn limits_make_manoeuvres_smaller_and_rates_make_ramps() {
+    let (linear, cubic) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("c.fdm", CUBIC).unwrap());
+    let limited = Question { limits: vec![Some(0.8)], rates: vec![Some(0.5)], ..single(&linear) };
+    let found = between_while(&Rivals { first: limited.clone(), second: single(&cubic) }, &|| true).unwrap();
+    assert!(found.separations.iter().all(|s| s.excursions[0] <= 0.8));
+    let step = design(&limited).unwrap();
+    assert!(step.gains.iter().all(|g| g.excursions[0] <= 0.8 && g.manoeuvre.height < 1.0 || g.excursions[0] <= 0.8));
+    let run = super::manoeuvre::run(&limited, &found.separations[0].manoeuvre).unwrap();
+    let fastest = run.inputs.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
+    assert!(fastest <= 0.5 * 0.05 + 1e-12, "{fastest}");
+    let hopeless = Question { limits: vec![Some(1e-6)], ..single(&linear) };
+    let found = design(&hopeless).unwrap();
+    assert!(found.gains.is_empty() && found.lost[0].1.contains("and may by"), "{:?}", found.lost[0]);
+}
+
+#[test]
+fn models_that_show_other_things_cannot_be_told_apart() {
+    let other = "model other { input w; state x = 0; param k = 2; der(x) = w - k*x; output y = x; noise y = 0.01; }";
+    let (linear, other) = (Model::from_text("l.fdm", LINEAR).unwrap(), Model::from_text("o.fdm", other).unwrap());
+    let said = between_while(&Rivals { first: single(&linear), second: single(&other) }, &|| true).unwrap_err();
+    assert!(said[0].contains("input u") && said[0].contains("input w"), "{said:?}");
 }

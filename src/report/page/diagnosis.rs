@@ -7,7 +7,7 @@ use super::section::{Section, Trust, Verdict};
 use super::subject::{Subject, called};
 use super::table::{Column, Table};
 use super::thinning::kept;
-use fdm_discover::{FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict as Found};
+use fdm_discover::{CurvePoint, FrontModel, LackOfFit, OutputGain, PlaceKind, Verdict as Found};
 use fdm_results::documents::{CauseDocument, DiagnosisDocument};
 use maud::{Markup, html};
 use similar::{ChangeTag, DiffOp, TextDiff, capture_diff_slices};
@@ -107,8 +107,48 @@ fn wrong(subject: &Subject, found: &DiagnosisDocument) -> Option<Section> {
                 } }
             } } }
         }
+        @if let Some(law) = law_figure(found) {
+            p.note {
+                "Where the residuals follow one signal alike in all runs, what is missing there, estimated beside the parameters; \
+                 the band is two standard deviations wide on either side."
+            }
+            (law.markup())
+        }
     };
     Some(Section::new("wrong", "What is wrong", content))
+}
+
+/// An unmodelled nonlinearity over its variable.
+fn law_figure(found: &DiagnosisDocument) -> Option<Figure> {
+    let law = found.attribution.as_ref()?.law.as_ref()?;
+    let (place, variable) = (&law.place, &law.curve.variable);
+    let of = |value: fn(&CurvePoint) -> f64| law.curve.points.iter().map(value).collect::<Vec<f64>>();
+    let added = match place.kind {
+        PlaceKind::Equation => format!("added to der({})", place.name),
+        _ => format!("added to {}", place.name),
+    };
+    let marks = vec![
+        Mark::between(
+            "two standard deviations",
+            Look::Bound,
+            Shape::Band,
+            of(|p| p.value - 2.0 * p.deviation),
+            of(|p| p.value + 2.0 * p.deviation),
+        ),
+        Mark::between("estimate", Look::Residual, Shape::Line, Vec::new(), of(|p| p.value)),
+    ];
+    Some(Figure {
+        id: "law".into(),
+        group: "law".into(),
+        caption: format!("what {} lacks, over {variable}", place.name),
+        label: variable.clone(),
+        logarithmic: false,
+        at: of(|p| p.at),
+        panels: vec![Panel { label: added, height: 150, logarithmic: false, marks }],
+        names: Vec::new(),
+        half: true,
+        samples: None,
+    })
 }
 
 /// In what it enters, in one word.
@@ -123,7 +163,13 @@ fn entrance(kind: PlaceKind) -> &'static str {
 /// All of them.
 pub(super) fn figures(subject: &Subject, found: &DiagnosisDocument) -> Vec<Figure> {
     let time = subject.time();
-    let misfit = found.misfit.iter().enumerate().flat_map(|(k, m)| of_misfit(k, m, &time)).chain(front_figure(found));
+    let misfit = found
+        .misfit
+        .iter()
+        .enumerate()
+        .flat_map(|(k, m)| of_misfit(k, m, &time))
+        .chain(law_figure(found))
+        .chain(front_figure(found));
     let runs = ordered(subject, &found.outputs).into_iter().enumerate();
     misfit.chain(runs.flat_map(|(k, (_, table))| overlays(k, table))).collect()
 }

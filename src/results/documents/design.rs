@@ -60,6 +60,37 @@ pub struct Gain {
     pub excursions: Vec<f64>,
 }
 
+/// What the next runs would say for one of two models.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Distinction {
+    /// Their names.
+    pub models: [String; 2],
+    /// The planned runs in their order, with the odds after each.
+    pub steps: Vec<Separation>,
+    /// Every manoeuvre as the next run, the most telling first.
+    pub separations: Vec<Separation>,
+    /// Manoeuvres that cannot be followed, or that keep no limit.
+    pub lost: Vec<(Manoeuvre, String)>,
+}
+
+/// A manoeuvre that separates two models.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Separation {
+    /// What is flown.
+    pub manoeuvre: Manoeuvre,
+    /// Expected logarithm of the odds for the true model, if that is the first, and if it is the second.
+    pub log_odds: [f64; 2],
+    /// Largest distance of each output from its first value by either model (q).
+    pub excursions: Vec<f64>,
+}
+
+impl Separation {
+    /// The logarithm of the odds whichever model is true.
+    pub fn least(&self) -> f64 {
+        self.log_odds[0].min(self.log_odds[1])
+    }
+}
+
 /// One input, moved in one way.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Manoeuvre {

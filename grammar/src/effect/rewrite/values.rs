@@ -23,7 +23,11 @@ impl<'a> Rewrite<'a> {
                         let Some(Value::Expr(e)) = d.value else { continue };
                         let value = self.answers().value(e);
                         let Some(value) = value.filter(|v| v.is_finite()) else {
-                            return Err(self.misfit(format!("`{}` has no finite value here", d.name.text)));
+                            return Err(self.misfit(format!(
+                                "`{}` has no finite value here{}",
+                                d.name.text,
+                                self.below_zero(e)
+                            )));
                         };
                         let factor = self.factor(d)?;
                         let value = self.answer(e, value * factor);
@@ -39,6 +43,17 @@ impl<'a> Rewrite<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Why there is no value, where a signal that must not be below zero is.
+    fn below_zero(&self, root: ExprRef) -> String {
+        let Expr::Call(name, arguments) = self.pool().expr(root) else { return String::new() };
+        match arguments.first().map(|a| self.pool().expr(*a)) {
+            Some(Expr::Name(slot)) if name.text == "positive" => {
+                format!(": {} is below zero in these records", self.bound.get(slot).unwrap_or(slot))
+            }
+            _ => String::new(),
+        }
     }
 
     /// A value that came from data has few digits.

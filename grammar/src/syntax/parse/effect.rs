@@ -13,6 +13,7 @@ pub(in crate::syntax) struct EffectHeader {
     pub(in crate::syntax) slots: Vec<Slot>,
     pub(in crate::syntax) conditions: Vec<Condition>,
     pub(in crate::syntax) class: Class,
+    pub(in crate::syntax) fields: Vec<Field>,
     pub(in crate::syntax) doc: Option<Name>,
 }
 
@@ -43,7 +44,7 @@ pub(in crate::syntax) fn effect_statement(
 impl Build<'_> {
     fn effect_header(&mut self, parts: Pairs<Rule>) -> Option<EffectHeader> {
         let (mut name, mut doc, mut class) = (None, None, None);
-        let (mut slots, mut conditions) = (Vec::new(), Vec::new());
+        let (mut slots, mut conditions, mut fields) = (Vec::new(), Vec::new(), Vec::new());
         for part in parts {
             let place = span(&part, self.offset);
             match part.as_rule() {
@@ -56,6 +57,11 @@ impl Build<'_> {
                         self.once(&mut class, word(&written, self.offset, 0), (Rule::effect_class, place), &names);
                     }
                 }
+                Rule::effect_fields => {
+                    for written in part.into_inner().filter(|p| p.as_rule() == Rule::name) {
+                        fields.extend(self.field(&word(&written, self.offset, 0)));
+                    }
+                }
                 Rule::doc => {
                     let names: Vec<Name> = name.iter().cloned().collect();
                     self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names);
@@ -64,22 +70,38 @@ impl Build<'_> {
             }
         }
         let class = class.map_or(Some(Class::default()), |written| self.class(&written));
-        Some(EffectHeader { name: name?, slots, conditions, class: class?, doc })
+        Some(EffectHeader { name: name?, slots, conditions, class: class?, fields, doc })
     }
 
     /// `as stand_in`
     fn class(&mut self, written: &Name) -> Option<Class> {
         let found = Class::ALL.into_iter().find(|c| c.word() == written.text);
         if found.is_none() {
-            let message = format!("`{}` is no class of effects", written.text);
-            let hint = match nearest(&written.text, Class::ALL.map(Class::word)) {
-                Some(near) => format!("did you mean `{near}`?"),
-                None => "`mechanism`, `sensor` or `stand_in`".into(),
-            };
-            self.findings.push(Diagnostic::new(Code::WrongName, written.span, message).hint(hint));
-            self.sound = false;
+            self.no_such_word(written, "class of effects", &Class::ALL.map(Class::word));
         }
         found
+    }
+
+    /// `for ship`
+    fn field(&mut self, written: &Name) -> Option<Field> {
+        let found = Field::ALL.into_iter().find(|f| f.word() == written.text);
+        if found.is_none() {
+            self.no_such_word(written, "field", &Field::ALL.map(Field::word));
+        }
+        found
+    }
+
+    fn no_such_word(&mut self, written: &Name, what: &str, words: &[&str]) {
+        let message = format!("`{}` is no {what}", written.text);
+        let hint = match nearest(&written.text, words.iter().copied()) {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => match words.split_last() {
+                Some((last, others)) => format!("`{}` or `{last}`", others.join("`, `")),
+                None => String::new(),
+            },
+        };
+        self.findings.push(Diagnostic::new(Code::WrongName, written.span, message).hint(hint));
+        self.sound = false;
     }
 
     /// `x: state | input`

@@ -27,6 +27,8 @@ pub(super) struct Settled {
     pub(super) spectra: Vec<SmoothSpectrum>,
     /// Logarithm of the restricted likelihood less what the spectra cost.
     pub(super) score: f64,
+    /// Coefficients of the courses and their covariance, given spectra and sizes.
+    pub(super) coefficients: (DVector<f64>, DMatrix<f64>),
 }
 
 /// Products of all bands by one noise.
@@ -64,7 +66,8 @@ pub(super) fn settle(cells: &[BandProducts], p: usize, single: &DMatrix<f64>, st
         let penalty: f64 = spectra.iter().map(|s| PENALTY * s.size() as f64).sum();
         let score = sized.log_likelihood - penalty;
         if best.as_ref().is_none_or(|b| score > b.score) {
-            best = Some(Settled { spectra: spectra.clone(), score });
+            let coefficients = coefficients(&weighed, p, &sized.root);
+            best = Some(Settled { spectra: spectra.clone(), score, coefficients });
         }
         let Some(next) = weighed.spectra(cells, p, &sized.root) else { break };
         if next == spectra {
@@ -72,7 +75,22 @@ pub(super) fn settle(cells: &[BandProducts], p: usize, single: &DMatrix<f64>, st
         }
         spectra = next;
     }
-    best.unwrap_or(Settled { spectra, score: f64::NEG_INFINITY })
+    let none = (DVector::zeros(0), DMatrix::zeros(0, 0));
+    best.unwrap_or(Settled { spectra, score: f64::NEG_INFINITY, coefficients: none })
+}
+
+/// Mean and covariance of the courses' coefficients a = R b, b standard normal beforehand.
+fn coefficients(weighed: &Weighed, p: usize, root: &DMatrix<f64>) -> (DVector<f64>, DMatrix<f64>) {
+    let (k, rank) = root.shape();
+    let none = (DVector::zeros(k), DMatrix::zeros(k, k));
+    if rank == 0 {
+        return none;
+    }
+    let Some((_, beside)) = beside(&weighed.products, p) else { return none };
+    let system = root.tr_mul(&(beside.view((0, 0), (k, k)) * root)) + DMatrix::identity(rank, rank);
+    let Some(inverse) = system.cholesky().map(|c| c.inverse()) else { return none };
+    let covariance = root * inverse * root.transpose();
+    (&covariance * beside.view((0, k), (k, 1)).column(0), covariance)
 }
 
 /// The nonlinearity of the greatest likelihood: of many functions, or of one.

@@ -20,10 +20,10 @@ use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceKind, places,
 use crate::bins::Cosines;
 use crate::noise::SmoothSpectrum;
 use fdm_system::model::Model;
-use likelihood::{Settled, bands, cells, settle};
+use likelihood::{Band, BandProducts, Settled, bands, cells, settle};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
-use regressors::{Functions, functions, variables};
+use regressors::{Functions, curve, functions, variables};
 use serde::{Deserialize, Serialize};
 
 /// What a nonlinearity's size costs in log-likelihood, and that the better of many places is taken.
@@ -33,6 +33,8 @@ const MOST: usize = 48;
 const FEWEST: usize = 12;
 /// Most numbers in all responses: fewer functions where records are long.
 const ROOM: usize = 6_000_000;
+/// Courses of all curves over one variable, as a multiple of those of functions of all.
+const CURVES: usize = 5;
 /// Responses are followed to this multiple of the band of the fitted sensitivities.
 const REACH: f64 = 8.0;
 
@@ -43,6 +45,28 @@ pub(crate) struct Nonlinearity {
     pub place: Place,
     /// Logarithm of the odds of such a disturbance here, beside noise of any smooth spectrum in every output, against such noise alone.
     pub evidence: f64,
+    /// What it is a function of, where one variable is enough.
+    pub curve: Option<Curve>,
+}
+
+/// An unmodelled nonlinearity as a curve over one state or input, estimated beside the model's parameters.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Curve {
+    /// The state or input.
+    pub variable: String,
+    /// Straight lines between these points; where no run has been there is none.
+    pub points: Vec<CurvePoint>,
+}
+
+/// A point of a curve.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+pub struct CurvePoint {
+    /// Value of the variable.
+    pub at: f64,
+    /// What is to be added: to the input, to the derivative of the state, or to the output.
+    pub value: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
 }
 
 /// Unknown nonlinearities everywhere.
@@ -77,48 +101,87 @@ pub(in super::super) fn nonlinearities(
     let forced_response = ForcedResponse::new(model, &places);
     let rows: usize = binned_runs.iter().map(|s| q * s.below(low)).sum();
     let most = (ROOM / (rows * places.len().max(1)).max(1)).clamp(FEWEST, MOST);
-    let Some(Functions { courses, single }) = functions(&variables(model, &forced_response, fitted_runs)?, most) else {
+    let variables = variables(model, &forced_response, fitted_runs)?;
+    let Some(all) = functions(&variables, most) else {
         return Ok(Nonlinearities { list: Vec::new() });
     };
-    let at_places = responses(&forced_response, places.len(), fitted_runs, binned_runs, &courses, low)?;
-    let at_sensors = in_sensors(binned_runs, &courses, low);
+    let nodes = (CURVES * most / variables.len()).clamp(FEWEST, most);
+    // half of the prior probability belongs to functions of one variable
+    let alone = 2.0 * variables.len() as f64;
+    let kinds = std::iter::once((all, 2.0)).chain(variables.iter().map(|v| (curve(v, nodes), alone)));
     let outputs = model.definition().outputs.iter().enumerate();
     let sensor = |(index, o): (usize, &fdm_grammar::model::Output)| Place {
         kind: PlaceKind::Output,
         index,
         name: o.quantity.name.clone(),
     };
-    let places: Vec<Place> = places.into_iter().chain(outputs.map(sensor)).collect();
-    let mut list = weigh(binned_runs, &places, at_places.into_iter().chain(at_sensors).collect(), &single);
+    let everywhere: Vec<Place> = places.iter().cloned().chain(outputs.map(sensor)).collect();
+    let mut comparison = Weighing::new(binned_runs, everywhere.len());
+    for (functions, kinds) in kinds {
+        let at_places = responses(&forced_response, places.len(), fitted_runs, binned_runs, &functions.courses, low)?;
+        let at_sensors = in_sensors(binned_runs, &functions.courses, low);
+        comparison.add(&functions, kinds.ln(), at_places.into_iter().chain(at_sensors).collect());
+    }
+    let mut list = comparison.list(everywhere);
     rank(model, &mut list, |nonlinearity| (&nonlinearity.place, nonlinearity.evidence));
     Ok(Nonlinearities { list })
 }
 
-fn weigh(
-    binned_runs: &[BinnedRun],
-    places: &[Place],
-    responses: Vec<Vec<CourseResponses>>,
-    single: &DMatrix<f64>,
-) -> Vec<Nonlinearity> {
-    let p = binned_runs[0].fitted[0].ncols();
-    let bands = bands(binned_runs);
-    let floor: Vec<SmoothSpectrum> = Spectra::floor(binned_runs).channels;
-    let alone = cells(binned_runs, &bands, None);
-    let none = DMatrix::zeros(0, 0);
-    let null = settle(&alone, p, &none, &floor);
-    let better = |a: Settled, b: Settled| if b.score > a.score { b } else { a };
-    let found: Vec<Settled> = responses
-        .into_par_iter()
-        .map(|own| {
-            let cells = cells(binned_runs, &bands, Some(&own));
-            // noise alone may have taken for noise what a nonlinearity did, and the floor may be too low
-            better(settle(&cells, p, single, &floor), settle(&cells, p, single, &null.spectra))
+/// Noise alone, and the likeliest functions at every place.
+struct Weighing<'a> {
+    binned_runs: &'a [BinnedRun],
+    bands: Vec<Band>,
+    floor: Vec<SmoothSpectrum>,
+    alone: Vec<BandProducts>,
+    null: Settled,
+    best: Vec<Option<(f64, Option<Curve>)>>,
+}
+
+impl<'a> Weighing<'a> {
+    fn new(binned_runs: &'a [BinnedRun], places: usize) -> Self {
+        let bands = bands(binned_runs);
+        let floor: Vec<SmoothSpectrum> = Spectra::floor(binned_runs).channels;
+        let alone = cells(binned_runs, &bands, None);
+        let null = settle(&alone, binned_runs[0].fitted[0].ncols(), &DMatrix::zeros(0, 0), &floor);
+        Self { binned_runs, bands, floor, alone, null, best: vec![None; places] }
+    }
+
+    /// Weighs functions at all places, by their responses there; `penalty` is the logarithm of how many kinds of them there are.
+    fn add(&mut self, functions: &Functions, penalty: f64, responses: Vec<Vec<CourseResponses>>) {
+        let p = self.binned_runs[0].fitted[0].ncols();
+        let single = &functions.single;
+        let better = |a: Settled, b: Settled| if b.score > a.score { b } else { a };
+        let found: Vec<Settled> = responses
+            .into_par_iter()
+            .map(|own| {
+                let cells = cells(self.binned_runs, &self.bands, Some(&own));
+                // noise alone may have taken for noise what a nonlinearity did, and the floor may be too low
+                better(settle(&cells, p, single, &self.floor), settle(&cells, p, single, &self.null.spectra))
+            })
+            .collect();
+        for (best, own) in self.best.iter_mut().zip(&found) {
+            let score = own.score - penalty;
+            if best.as_ref().is_none_or(|(other, _)| score > *other) {
+                let (mean, covariance) = &own.coefficients;
+                let curve = functions.curve.as_ref().filter(|_| mean.len() == single.ncols());
+                *best = Some((score, curve.map(|hats| hats.curve(single, (mean, covariance)))));
+            }
+        }
+        // noise alone may begin where any nonlinearity has left it
+        let none = DMatrix::zeros(0, 0);
+        self.null =
+            found.iter().fold(self.null.clone(), |best, own| better(best, settle(&self.alone, p, &none, &own.spectra)));
+    }
+
+    fn list(self, places: Vec<Place>) -> Vec<Nonlinearity> {
+        let null = self.null.score;
+        let each = places.into_iter().zip(self.best);
+        each.filter_map(|(place, best)| {
+            let (score, curve) = best?;
+            Some(Nonlinearity { place, evidence: score - null - PENALTY, curve })
         })
-        .collect();
-    // noise alone may begin where any nonlinearity has left it
-    let null = found.iter().fold(null, |best, own| better(best, settle(&alone, p, &none, &own.spectra)));
-    let each = places.iter().zip(found);
-    each.map(|(place, own)| Nonlinearity { place: place.clone(), evidence: own.score - null.score - PENALTY }).collect()
+        .collect()
+    }
 }
 
 /// Responses at every place (outermost) of every run, in bins.

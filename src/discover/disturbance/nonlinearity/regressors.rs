@@ -7,8 +7,9 @@
 
 use super::super::forced_response::ForcedResponse;
 use super::super::place::{DisturbanceError, FittedRun};
+use super::{Curve, CurvePoint};
 use fdm_system::model::Model;
-use nalgebra::{DMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Most functions; products of three are left out beyond it, then those of two.
 const MOST: usize = 160;
@@ -33,6 +34,33 @@ pub(super) struct Functions {
     pub(super) courses: Vec<Vec<Vec<f64>>>,
     /// Every function by itself, as a combination of the courses (functions by courses).
     pub(super) single: DMatrix<f64>,
+    /// The variable of which all are functions, and where the functions are that make a curve over it: heights 1, straight between
+    /// neighbours. None of functions of several variables.
+    pub(super) curve: Option<Hats>,
+}
+
+/// Hat functions of one variable.
+pub(super) struct Hats {
+    pub(super) variable: String,
+    /// Where each is 1.
+    pub(super) nodes: Vec<f64>,
+    /// By what each was divided; 0 where no run comes near.
+    pub(super) sizes: Vec<f64>,
+}
+
+impl Hats {
+    /// The ordinates at the nodes that were visited, and their deviations, from coefficients of the courses and their covariance.
+    pub(super) fn curve(&self, single: &DMatrix<f64>, (mean, covariance): (&DVector<f64>, &DMatrix<f64>)) -> Curve {
+        let spread = single * covariance * single.transpose();
+        let heights = single * mean;
+        let visited = (0..self.nodes.len()).filter(|k| self.sizes[*k] > 0.0);
+        let point = |k: usize| CurvePoint {
+            at: self.nodes[k],
+            value: heights[k] / self.sizes[k],
+            deviation: spread[(k, k)].max(0.0).sqrt() / self.sizes[k],
+        };
+        Curve { variable: self.variable.clone(), points: visited.map(point).collect() }
+    }
 }
 
 /// All functions of these variables in at most so many courses; none where nothing changes.
@@ -42,7 +70,22 @@ pub(super) fn functions(variables: &[Variable], most: usize) -> Option<Functions
     let mut all: Vec<Course> = vec![first.centred.iter().map(|run| vec![1.0; run.len()]).collect()];
     all.extend(variables.iter().flat_map(|v| singles(v, longest)));
     products(variables, &mut all);
-    Some(principal(&all, most))
+    Some(principal(&all, most).0)
+}
+
+/// Any function of one variable: hats with equal distances over all that it goes through.
+pub(super) fn curve(variable: &Variable, most: usize) -> Functions {
+    let all = || variable.values.iter().flatten().copied();
+    let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let distance = (high - low) / (most - 1) as f64;
+    let nodes: Vec<f64> = (0..most).map(|k| low + distance * k as f64).collect();
+    let hat = |node: f64| -> Course {
+        let of = |run: &Vec<f64>| run.iter().map(|v| (1.0 - ((v - node) / distance).abs()).max(0.0)).collect();
+        variable.values.iter().map(of).collect()
+    };
+    let hats: Vec<Course> = nodes.iter().map(|node| hat(*node)).collect();
+    let (functions, sizes) = principal(&hats, most);
+    Functions { curve: Some(Hats { variable: variable.name.clone(), nodes, sizes }), ..functions }
 }
 
 /// Functions of one variable.
@@ -89,16 +132,18 @@ fn products(variables: &[Variable], all: &mut Vec<Course>) {
     all.extend(twice);
 }
 
-/// Principal components of functions that are brought to unit variance.
-fn principal(all: &[Course], most: usize) -> Functions {
+/// Principal components of functions that are brought to unit variance, and by what each was divided for that.
+fn principal(all: &[Course], most: usize) -> (Functions, Vec<f64>) {
     let lengths: Vec<usize> = all[0].iter().map(Vec::len).collect();
     let samples: usize = lengths.iter().sum();
     let mut table = DMatrix::zeros(samples, all.len());
-    for (mut column, course) in table.column_iter_mut().zip(all) {
+    let mut sizes = vec![0.0; all.len()];
+    for ((mut column, course), divided) in table.column_iter_mut().zip(all).zip(&mut sizes) {
         column.iter_mut().zip(course.iter().flatten()).for_each(|(cell, v)| *cell = *v);
         let size = (column.norm_squared() / samples as f64).sqrt();
         if size > 0.0 && size.is_finite() {
             column /= size;
+            *divided = size;
         } else {
             column.fill(0.0);
         }
@@ -119,11 +164,14 @@ fn principal(all: &[Course], most: usize) -> Functions {
             turned.column_iter().map(|c| c.rows(first - n, *n).iter().copied().collect()).collect()
         })
         .collect();
-    Functions { courses, single }
+    (Functions { courses, single, curve: None }, sizes)
 }
 
 /// A state or an input.
 pub(super) struct Variable {
+    pub(super) name: String,
+    /// As it is (runs by samples).
+    pub(super) values: Vec<Vec<f64>>,
     /// Runs by samples: from its middle, the largest distance 1.
     pub(super) centred: Vec<Vec<f64>>,
     /// From its zero where it has both signs, otherwise from its middle; the largest distance 1.
@@ -134,7 +182,7 @@ pub(super) struct Variable {
 
 impl Variable {
     /// None where it does not change.
-    fn new(runs: Vec<Vec<f64>>, state: bool) -> Option<Self> {
+    fn new(name: &str, runs: Vec<Vec<f64>>, state: bool) -> Option<Self> {
         let all = || runs.iter().flatten().copied();
         let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let mean = all().sum::<f64>() / all().count().max(1) as f64;
@@ -147,7 +195,8 @@ impl Variable {
             return None;
         }
         let zero = if low < 0.0 && high > 0.0 { 0.0 } else { mean };
-        Some(Self { centred: scaled(mean), signed: scaled(zero), state })
+        let (centred, signed) = (scaled(mean), scaled(zero));
+        Some(Self { name: name.to_string(), values: runs, centred, signed, state })
     }
 }
 
@@ -170,8 +219,10 @@ pub(super) fn variables(
             });
         }
     }
-    let each = courses.into_iter().enumerate();
-    Ok(each.filter_map(|(k, runs)| Variable::new(runs, k < n)).collect())
+    let states = definition.states.iter().map(|s| &s.quantity.name);
+    let names = states.chain(definition.inputs.iter().map(|i| &i.quantity.name));
+    let each = courses.into_iter().zip(names).enumerate();
+    Ok(each.filter_map(|(k, (runs, name))| Variable::new(name, runs, k < n)).collect())
 }
 
 /// First-order lag of a time constant, in samples.

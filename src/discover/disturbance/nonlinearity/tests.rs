@@ -10,7 +10,7 @@ use nalgebra::DMatrix;
 fn variable(rate: f64, phase: f64, state: bool) -> Variable {
     let run = |r: usize| (0..60).map(|k| (rate * k as f64 + phase + r as f64).sin()).collect::<Vec<f64>>();
     let runs = vec![run(0), run(2)];
-    Variable { centred: runs.clone(), signed: runs, state }
+    Variable { name: "x".into(), values: runs.clone(), centred: runs.clone(), signed: runs, state }
 }
 
 #[test]
