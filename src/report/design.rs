@@ -59,7 +59,7 @@ pub fn distinction_table(found: &Distinction, model: &Model) -> String {
     (1..4).for_each(|k| aligned_right(&mut table, k));
     text.push_str(&format!("\n{}", trimmed(&table)));
     text.push_str(&lost(&found.lost, &time));
-    if found.separations.first().is_some_and(|s| s.least() < CLEAR) {
+    if found.separations.first().is_some_and(|s| s.mean() < CLEAR) {
         text.push_str("no manoeuvre here separates them clearly: larger or longer ones would\n");
     }
     text

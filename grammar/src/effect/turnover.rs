@@ -1,13 +1,17 @@
 //! Rate constants: parameters with which states are consumed and produced, as those of reactions, flows and dampers.
 //!
 //! Found by values: at random points at which all quantities are positive, more of the parameter always takes more of the state
-//! away, and takes nothing where the state is zero.
+//! away, and takes nothing where the state is zero; or always makes more of it.
 
 use crate::graph::{Leaf, Node};
 use crate::model::Model;
 
-/// Points that are looked at.
+/// Points that are looked at, and most that are drawn for that.
 const POINTS: u64 = 6;
+const DRAWS: u64 = 400;
+/// Powers of ten between which states and inputs are drawn.
+const LOWEST: f64 = -1.0;
+const HIGHEST: f64 = 3.0;
 /// Relative difference by rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -69,18 +73,36 @@ fn turnover(model: &Model, param: usize, state: usize) -> Option<Turnover> {
         let size = with.abs() + without.abs();
         if (with - without).abs() <= ROUNDING * size { 0.0 } else { with - without }
     };
-    let changes: Vec<f64> = (0..POINTS).map(|seed| change(None, seed)).collect();
-    if changes.iter().all(|c| *c > 0.0) {
-        return Some(Turnover::Produced);
+    let (mut found, mut sign, mut vanishes) = (0, 0.0, true);
+    for seed in 0..DRAWS {
+        let own = change(None, seed);
+        // far from all that the model is made for an exponential is zero, or none
+        if !own.is_finite() || own == 0.0 {
+            continue;
+        }
+        if sign * own < 0.0 {
+            return None;
+        }
+        (found, sign) = (found + 1, own.signum());
+        vanishes &= change(Some(state), seed) == 0.0;
+        if found == POINTS {
+            break;
+        }
     }
-    let consumed = changes.iter().all(|c| *c < 0.0) && (0..POINTS).all(|seed| change(Some(state), seed) == 0.0);
-    consumed.then_some(Turnover::Consumed)
+    match (found == POINTS, sign > 0.0) {
+        (true, true) => Some(Turnover::Produced),
+        (true, false) if vanishes => Some(Turnover::Consumed),
+        _ => None,
+    }
 }
 
 impl Point<'_> {
     fn value(&self, leaf: Leaf) -> f64 {
-        // the same leaf has the same value everywhere; all positive, between 0.5 and 1.5
-        let own = |kind: u64, k: u32| 0.5 + fraction(self.seed ^ (kind << 40) ^ (u64::from(k) << 8));
+        // the same leaf has the same value everywhere; all positive, of concentrations, temperatures and speeds
+        let drawn = |kind: u64, k: u32| {
+            fraction(self.seed.wrapping_mul(0x5851_f42d_4c95_7f2d) ^ (kind << 40) ^ (u64::from(k) << 8))
+        };
+        let own = |kind: u64, k: u32| 10.0_f64.powf(drawn(kind, k) * (HIGHEST - LOWEST) + LOWEST);
         match leaf {
             Leaf::Time => own(1, 0),
             Leaf::State(k) if self.absent == Some(k as usize) => 0.0,
@@ -88,7 +110,7 @@ impl Point<'_> {
             Leaf::Input(k) => own(3, k),
             Leaf::Param(k) => {
                 let factor = if self.raised == Some(k as usize) { 1.5 } else { 1.0 };
-                factor * self.model.params[k as usize].value.abs().max(0.1) * own(4, k)
+                factor * self.model.params[k as usize].value.abs().max(0.1) * (0.5 + drawn(4, k))
             }
             Leaf::Delayed(k) => own(5, k),
         }
@@ -101,4 +123,29 @@ fn fraction(seed: u64) -> f64 {
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compile;
+    use crate::source::Source;
+
+    #[test]
+    fn rate_constants_are_found_through_arrhenius_terms_and_balances() {
+        let text = "model m { input Tj; state A = 1, B = 0, T = 330; const Cp = 3, T0 = 330;
+            param k1 = 0.04, E = 7000, k2 = 0.01, H = 40, UA = 0.4;
+            let r1 = k1*exp(E*(1/T0 - 1/T))*A; let r2 = k2*B^2;
+            der(A) = -r1; der(B) = r1 - r2; Cp*der(T) = H*r1 + UA*(Tj - T); output y = A, z = B, w = T; }";
+        let model = compile(&Source::new("m", text)).expect("a model").model;
+        let all = Turnovers::new(&model);
+        let of = |param: &str, state: usize| all.of(model.param(param).expect("a parameter"), state);
+        assert_eq!(
+            [of("k1", 0), of("k1", 1), of("k1", 2)],
+            [Some(Turnover::Consumed), Some(Turnover::Produced), Some(Turnover::Produced)]
+        );
+        assert_eq!([of("k2", 0), of("k2", 1), of("k2", 2)], [None, Some(Turnover::Consumed), None]);
+        // an exponent and a jacket act both ways
+        assert_eq!([of("E", 0), of("UA", 2), of("H", 2)], [None, None, Some(Turnover::Produced)]);
+    }
 }

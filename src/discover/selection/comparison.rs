@@ -240,8 +240,10 @@ impl ForwardStep<'_> {
     }
 }
 
+/// Of scores that differ by rounding only (|x| x where x is positive is x^2) the catalogue's order decides.
 fn sort(models: &mut [CandidateModel]) {
-    models.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.candidate.cmp(&b.candidate)));
+    let of = |c: &CandidateModel| (c.score() * 1e4).round();
+    models.sort_by(|a, b| of(b).total_cmp(&of(a)).then(a.candidate.cmp(&b.candidate)));
 }
 
 /// A model on the validation runs: its predictors to them and all parameters there.

@@ -86,13 +86,13 @@ pub fn between_while(rivals: &Rivals<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -
     let (mut steps, mut sum) = (Vec::new(), nothing);
     for _ in 0..question.runs {
         let with: Vec<Separation> = told.par_iter().map(|t| separation(t, &sum)).collect();
-        let best = (0..told.len()).rev().max_by(|a, b| with[*a].least().total_cmp(&with[*b].least()));
+        let best = (0..told.len()).rev().max_by(|a, b| with[*a].mean().total_cmp(&with[*b].mean()));
         let Some(best) = best else { break };
         sum = [0, 1].map(|k| sum[k].plus(&told[best].distances[k]));
         steps.push(with[best].clone());
     }
     // equal ones stay in the order of the survey
-    separations.sort_by(|a, b| b.least().total_cmp(&a.least()));
+    separations.sort_by(|a, b| b.mean().total_cmp(&a.mean()));
     let models = [question, &rivals.second].map(|q| q.model.definition().name.clone());
     Ok(Distinction { models, steps, separations, lost })
 }

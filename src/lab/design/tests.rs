@@ -97,18 +97,20 @@ fn expected_odds_are_those_of_the_fit_of_the_wrong_model() {
     let found = between_while(&rivals, &|| true).unwrap();
     assert_eq!(found.models, ["linear", "cubic"]);
     let best = &found.separations[0];
-    // the linear one inside the cubic one can always be followed
-    assert!(best.log_odds[0] < 1e-6 && best.log_odds[1] > 1.0, "{best:?}");
+    // the linear one, inside the cubic one, can always be followed
+    // by the cubic one, but for what is not linear about its own values
+    assert!(best.log_odds[0] < 0.02 * best.log_odds[1] && best.log_odds[1] > 1.0, "{best:?}");
     // what the cubic one does, without noise, fitted by the linear one
-    let mut run = super::manoeuvre::run(&rivals.first, &best.manoeuvre).unwrap();
+    let mut run = manoeuvre::run(&rivals.first, &best.manoeuvre).unwrap();
     let steps = fdm_system::simulate::choose_steps(cubic.dynamics(), &run, &rivals.second.theta).unwrap().steps;
     let mut simulator = fdm_system::simulate::Simulator::new(cubic.dynamics(), &run, steps).unwrap();
     let mut response = vec![0.0; run.measured.len()];
     simulator.simulate(&rivals.second.theta, &mut response).unwrap();
     run.measured = response;
     let options = fdm_estimate::FitOptions::default().with_declared_noise(&linear);
-    let fit = fdm_estimate::fit(&linear, &[run.clone()], &options).unwrap();
-    let half: f64 = fit.runs[0].residuals.iter().map(|r| 0.5 * (r / 0.01_f64).powi(2)).sum();
+    let fit = fdm_estimate::fit(&linear, &[run], &options, &mut ()).unwrap();
+    let residuals = &fit.estimate.runs[0].residuals;
+    let half: f64 = residuals.iter().map(|r| 0.5 * (r / 0.01_f64).powi(2)).sum();
     assert!((half - best.log_odds[1]).abs() < 0.1 * half, "{half} {best:?}");
     // later runs add to the odds
     assert!(found.steps[1].log_odds[1] > found.steps[0].log_odds[1]);
@@ -122,7 +124,7 @@ fn limits_make_manoeuvres_smaller_and_rates_make_ramps() {
     assert!(found.separations.iter().all(|s| s.excursions[0] <= 0.8));
     let step = design(&limited).unwrap();
     assert!(step.gains.iter().all(|g| g.excursions[0] <= 0.8 && g.manoeuvre.height < 1.0 || g.excursions[0] <= 0.8));
-    let run = super::manoeuvre::run(&limited, &found.separations[0].manoeuvre).unwrap();
+    let run = manoeuvre::run(&limited, &found.separations[0].manoeuvre).unwrap();
     let fastest = run.inputs.windows(2).map(|w| (w[1] - w[0]).abs()).fold(0.0, f64::max);
     assert!(fastest <= 0.5 * 0.05 + 1e-12, "{fastest}");
     let hopeless = Question { limits: vec![Some(1e-6)], ..single(&linear) };

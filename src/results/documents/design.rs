@@ -85,9 +85,10 @@ pub struct Separation {
 }
 
 impl Separation {
-    /// The logarithm of the odds whichever model is true.
-    pub fn least(&self) -> f64 {
-        self.log_odds[0].min(self.log_odds[1])
+    /// The logarithm of the odds, the mean over both models being true: half of Jeffreys' divergence. (The less of both would be zero
+    /// wherever one model contains the other.)
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.log_odds[0] + self.log_odds[1])
     }
 }
 

@@ -21,6 +21,13 @@ const KINDS: f64 = 3.0;
 /// Sizes that are compared first, as powers of ten of the inverse of the largest eigenvalue.
 const SIZES: Range<i32> = -2..7;
 
+/// Functions of their own, as combinations (by rows); so many neighbours are one in several phases.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Singles<'a> {
+    pub(super) combinations: &'a DMatrix<f64>,
+    pub(super) alike: usize,
+}
+
 /// Spectra with the likelihood that belongs to them.
 #[derive(Debug, Clone)]
 pub(super) struct Settled {
@@ -55,9 +62,8 @@ struct Sized {
     root: DMatrix<f64>,
 }
 
-/// Finds both from spectra to begin with; `p` is the number of fitted parameters, `single` are functions of their own as
-/// combinations (by rows).
-pub(super) fn settle(cells: &[BandProducts], p: usize, single: &DMatrix<f64>, start: &[SmoothSpectrum]) -> Settled {
+/// Finds both from spectra to begin with; `p` is the number of fitted parameters, `single` are functions of their own.
+pub(super) fn settle(cells: &[BandProducts], p: usize, single: Singles<'_>, start: &[SmoothSpectrum]) -> Settled {
     let mut spectra = start.to_vec();
     let mut best: Option<Settled> = None;
     for _ in 0..ROUNDS {
@@ -94,7 +100,7 @@ fn coefficients(weighed: &Weighed, p: usize, root: &DMatrix<f64>) -> (DVector<f6
 }
 
 /// The nonlinearity of the greatest likelihood: of many functions, or of one.
-fn sized(weighed: &Weighed, p: usize, single: &DMatrix<f64>) -> Option<Sized> {
+fn sized(weighed: &Weighed, p: usize, single: Singles<'_>) -> Option<Sized> {
     let k = weighed.products.nrows() - p - 1;
     let (fitted, beside) = beside(&weighed.products, p)?;
     let determinant = fitted.map_or(0.0, |f| 2.0 * f.l_dirty().diagonal().map(f64::ln).sum());
@@ -132,28 +138,35 @@ fn sized(weighed: &Weighed, p: usize, single: &DMatrix<f64>) -> Option<Sized> {
     Some(best)
 }
 
-/// The gain of the best nonlinearity of one function, less the logarithm of their number, and its direction times its deviation.
+/// The gain of the best nonlinearity of one function, less the logarithm of their number, and its directions times their deviations.
 fn one(
     products: &DMatrix<f64>,
     beside: &DMatrix<f64>,
     (p, k): (usize, usize),
-    single: &DMatrix<f64>,
+    single: Singles<'_>,
 ) -> (f64, DMatrix<f64>) {
     let (own, left) = (products.view((p, p), (k, k)), beside.view((0, 0), (k, k)));
     let cross = beside.view((0, k), (k, 1)).into_owned();
     let mut best = (0.0, DMatrix::zeros(k, 0));
-    for function in single.row_iter() {
-        let direction = function.transpose();
-        let (energy, left) = ((own * &direction).dot(&direction), (left * &direction).dot(&direction));
-        let a = cross.dot(&direction);
-        let twice = a * a / left;
-        if !(left > MADE_UP * energy && twice > 1.0 && twice.is_finite()) {
+    let functions = single.combinations.nrows() / single.alike;
+    for function in 0..functions {
+        let directions = single.combinations.rows(function * single.alike, single.alike).transpose();
+        let (energy, left) = (directions.tr_mul(&(own * &directions)), directions.tr_mul(&(left * &directions)));
+        if (0..single.alike).any(|i| left[(i, i)] <= MADE_UP * energy[(i, i)]) {
             continue;
         }
-        // the variance of the coefficient at which the likelihood is greatest
-        let gain = 0.5 * (twice - 1.0 - twice.ln()) - (single.nrows() as f64).ln();
+        let Some(factor) = left.cholesky() else { continue };
+        // phases of unit information each
+        let Some(root) = factor.l().transpose().try_inverse() else { continue };
+        let directions = directions * root;
+        let each = directions.tr_mul(&cross).norm_squared() / single.alike as f64;
+        if !(each > 1.0 && each.is_finite()) {
+            continue;
+        }
+        // the variance of the coefficients at which the likelihood is greatest
+        let gain = 0.5 * single.alike as f64 * (each - 1.0 - each.ln()) - (functions as f64).ln();
         if gain > best.0 {
-            best = (gain, DMatrix::from_columns(&[direction * ((twice - 1.0) / left).sqrt()]));
+            best = (gain, directions * (each - 1.0).sqrt());
         }
     }
     best

@@ -20,7 +20,7 @@ use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceKind, places,
 use crate::bins::Cosines;
 use crate::noise::SmoothSpectrum;
 use fdm_system::model::Model;
-use likelihood::{Band, BandProducts, Settled, bands, cells, settle};
+use likelihood::{Band, BandProducts, Settled, Singles, bands, cells, settle};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use regressors::{Functions, curve, functions, variables};
@@ -142,14 +142,15 @@ impl<'a> Weighing<'a> {
         let bands = bands(binned_runs);
         let floor: Vec<SmoothSpectrum> = Spectra::floor(binned_runs).channels;
         let alone = cells(binned_runs, &bands, None);
-        let null = settle(&alone, binned_runs[0].fitted[0].ncols(), &DMatrix::zeros(0, 0), &floor);
+        let none = DMatrix::zeros(0, 0);
+        let null = settle(&alone, binned_runs[0].fitted[0].ncols(), Singles { combinations: &none, alike: 1 }, &floor);
         Self { binned_runs, bands, floor, alone, null, best: vec![None; places] }
     }
 
     /// Weighs functions at all places, by their responses there; `penalty` is the logarithm of how many kinds of them there are.
     fn add(&mut self, functions: &Functions, penalty: f64, responses: Vec<Vec<CourseResponses>>) {
         let p = self.binned_runs[0].fitted[0].ncols();
-        let single = &functions.single;
+        let single = Singles { combinations: &functions.single, alike: functions.alike };
         let better = |a: Settled, b: Settled| if b.score > a.score { b } else { a };
         let found: Vec<Settled> = responses
             .into_par_iter()
@@ -163,14 +164,15 @@ impl<'a> Weighing<'a> {
             let score = own.score - penalty;
             if best.as_ref().is_none_or(|(other, _)| score > *other) {
                 let (mean, covariance) = &own.coefficients;
-                let curve = functions.curve.as_ref().filter(|_| mean.len() == single.ncols());
-                *best = Some((score, curve.map(|hats| hats.curve(single, (mean, covariance)))));
+                let curve = functions.curve.as_ref().filter(|_| mean.len() == functions.single.ncols());
+                *best = Some((score, curve.map(|range| range.curve(&functions.single, (mean, covariance)))));
             }
         }
         // noise alone may begin where any nonlinearity has left it
         let none = DMatrix::zeros(0, 0);
+        let none = Singles { combinations: &none, alike: 1 };
         self.null =
-            found.iter().fold(self.null.clone(), |best, own| better(best, settle(&self.alone, p, &none, &own.spectra)));
+            found.iter().fold(self.null.clone(), |best, own| better(best, settle(&self.alone, p, none, &own.spectra)));
     }
 
     fn list(self, places: Vec<Place>) -> Vec<Nonlinearity> {

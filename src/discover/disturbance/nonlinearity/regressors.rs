@@ -21,6 +21,8 @@ const REACHES: [f64; 3] = [0.005, 0.017, 0.06];
 const PLAY: f64 = 0.2;
 /// Steepness of what saturates.
 const STEEP: [f64; 2] = [20.0, 5.0];
+/// Points at which a curve is drawn.
+const DRAWN: usize = 97;
 /// Courses of less than this part of the largest variance are rounding.
 const ROUNDING: f64 = 1e-7;
 
@@ -34,32 +36,38 @@ pub(super) struct Functions {
     pub(super) courses: Vec<Vec<Vec<f64>>>,
     /// Every function by itself, as a combination of the courses (functions by courses).
     pub(super) single: DMatrix<f64>,
-    /// The variable of which all are functions, and where the functions are that make a curve over it: heights 1, straight between
-    /// neighbours. None of functions of several variables.
-    pub(super) curve: Option<Hats>,
+    /// So many neighbours in `single` are one function in several phases.
+    pub(super) alike: usize,
+    /// The variable of which all are functions; none of functions of several variables.
+    pub(super) curve: Option<Range>,
 }
 
-/// Hat functions of one variable.
-pub(super) struct Hats {
-    pub(super) variable: String,
-    /// Where each is 1.
-    pub(super) nodes: Vec<f64>,
-    /// By what each was divided; 0 where no run comes near.
-    pub(super) sizes: Vec<f64>,
+/// Waves over one variable.
+pub(super) struct Range {
+    variable: String,
+    low: f64,
+    high: f64,
+    /// By what each was divided.
+    sizes: Vec<f64>,
 }
 
-impl Hats {
-    /// The ordinates at the nodes that were visited, and their deviations, from coefficients of the courses and their covariance.
+impl Range {
+    /// The curve and its deviation, from coefficients of the courses and their covariance.
     pub(super) fn curve(&self, single: &DMatrix<f64>, (mean, covariance): (&DVector<f64>, &DMatrix<f64>)) -> Curve {
-        let spread = single * covariance * single.transpose();
-        let heights = single * mean;
-        let visited = (0..self.nodes.len()).filter(|k| self.sizes[*k] > 0.0);
-        let point = |k: usize| CurvePoint {
-            at: self.nodes[k],
-            value: heights[k] / self.sizes[k],
-            deviation: spread[(k, k)].max(0.0).sqrt() / self.sizes[k],
+        let point = |k: usize| {
+            let at = k as f64 / (DRAWN - 1) as f64;
+            let waves = DVector::from_fn(self.sizes.len(), |k, _| match self.sizes[k] {
+                0.0 => 0.0,
+                size => wave(k, at) / size,
+            });
+            let courses = single.tr_mul(&waves);
+            CurvePoint {
+                at: self.low + at * (self.high - self.low),
+                value: courses.dot(mean),
+                deviation: (covariance * &courses).dot(&courses).max(0.0).sqrt(),
+            }
         };
-        Curve { variable: self.variable.clone(), points: visited.map(point).collect() }
+        Curve { variable: self.variable.clone(), points: (0..DRAWN).map(point).collect() }
     }
 }
 
@@ -73,19 +81,25 @@ pub(super) fn functions(variables: &[Variable], most: usize) -> Option<Functions
     Some(principal(&all, most).0)
 }
 
-/// Any function of one variable: hats with equal distances over all that it goes through.
+/// Any function of one variable: waves over all that it goes through, of whole and half periods.
 pub(super) fn curve(variable: &Variable, most: usize) -> Functions {
     let all = || variable.values.iter().flatten().copied();
     let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
-    let distance = (high - low) / (most - 1) as f64;
-    let nodes: Vec<f64> = (0..most).map(|k| low + distance * k as f64).collect();
-    let hat = |node: f64| -> Course {
-        let of = |run: &Vec<f64>| run.iter().map(|v| (1.0 - ((v - node) / distance).abs()).max(0.0)).collect();
-        variable.values.iter().map(of).collect()
-    };
-    let hats: Vec<Course> = nodes.iter().map(|node| hat(*node)).collect();
-    let (functions, sizes) = principal(&hats, most);
-    Functions { curve: Some(Hats { variable: variable.name.clone(), nodes, sizes }), ..functions }
+    let waves: Vec<Course> = (0..most)
+        .map(|k| {
+            let of = |run: &Vec<f64>| run.iter().map(|v| wave(k, (v - low) / (high - low))).collect();
+            variable.values.iter().map(of).collect()
+        })
+        .collect();
+    let (functions, sizes) = principal(&waves, most);
+    let range = Range { variable: variable.name.clone(), low, high, sizes };
+    Functions { alike: 2, curve: Some(range), ..functions }
+}
+
+/// The cosine and the sine of half a period over [0, 1], of two, of three.
+fn wave(k: usize, at: f64) -> f64 {
+    let phase = std::f64::consts::PI * (k / 2 + 1) as f64 * at;
+    if k % 2 == 0 { fdm_grammar::math::cos(phase) } else { fdm_grammar::math::sin(phase) }
 }
 
 /// Functions of one variable.
@@ -164,7 +178,7 @@ fn principal(all: &[Course], most: usize) -> (Functions, Vec<f64>) {
             turned.column_iter().map(|c| c.rows(first - n, *n).iter().copied().collect()).collect()
         })
         .collect();
-    (Functions { courses, single, curve: None }, sizes)
+    (Functions { courses, single, alike: 1, curve: None }, sizes)
 }
 
 /// A state or an input.

@@ -1,7 +1,7 @@
 //! Functions and weighing by themselves.
 #![allow(clippy::unwrap_used)]
 
-use super::likelihood::{BandProducts, settle};
+use super::likelihood::{BandProducts, Singles, settle};
 use super::regressors::{Variable, functions};
 use crate::noise::SmoothSpectrum;
 use fdm_numeric::random::Stream;
@@ -32,6 +32,10 @@ fn principal_courses_are_not_correlated_and_hold_the_simple_functions() {
     assert!(dot(&left, &left) < 1e-3 * dot(&product, &product), "{}", dot(&left, &left) / dot(&product, &product));
 }
 
+fn singles(combinations: &DMatrix<f64>) -> Singles<'_> {
+    Singles { combinations, alike: 1 }
+}
+
 /// Cells of one output with one fitted column and so many responses, the first of them with this amount in the residual.
 fn made(amount: f64, responses: usize, seed: u64) -> Vec<BandProducts> {
     let mut normal = Stream::seeded(seed);
@@ -58,8 +62,8 @@ fn a_law_is_weighed_against_noise_that_is_found_with_it() {
             BandProducts { products, channel: 0, log_frequency: c.log_frequency, bins: c.bins }
         };
         let alone: Vec<BandProducts> = cells.iter().map(bare).collect();
-        settle(&cells, 1, &DMatrix::identity(10, 10), &start).score
-            - settle(&alone, 1, &DMatrix::zeros(0, 0), &start).score
+        settle(&cells, 1, singles(&DMatrix::identity(10, 10)), &start).score
+            - settle(&alone, 1, singles(&DMatrix::zeros(0, 0)), &start).score
     };
     // of 168 bins: a gain of 168/2 log(1 + 2^2/3^2) = 31, less (1 + log 62)/2 + log 10 + log 3 for the best of ten functions
     let found = (0..10).map(|seed| gain(2.0, seed)).sum::<f64>() / 10.0;
