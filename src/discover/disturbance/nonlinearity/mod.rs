@@ -33,6 +33,8 @@ const MOST: usize = 48;
 const FEWEST: usize = 12;
 /// Most numbers in all responses: fewer functions where records are long.
 const ROOM: usize = 6_000_000;
+/// Prior probability of a function of one variable: waves are flexible, and of 12 records without an effect one had a curve at 0.5.
+const ALONE: f64 = 0.1;
 /// Courses of all curves over one variable, as a multiple of those of functions of all.
 const CURVES: usize = 5;
 /// Responses are followed to this multiple of the band of the fitted sensitivities.
@@ -106,9 +108,8 @@ pub(in super::super) fn nonlinearities(
         return Ok(Nonlinearities { list: Vec::new() });
     };
     let nodes = (CURVES * most / variables.len()).clamp(FEWEST, most);
-    // half of the prior probability belongs to functions of one variable
-    let alone = 2.0 * variables.len() as f64;
-    let kinds = std::iter::once((all, 2.0)).chain(variables.iter().map(|v| (curve(v, nodes), alone)));
+    let alone = variables.len() as f64 / ALONE;
+    let kinds = std::iter::once((all, 1.0 / (1.0 - ALONE))).chain(variables.iter().map(|v| (curve(v, nodes), alone)));
     let outputs = model.definition().outputs.iter().enumerate();
     let sensor = |(index, o): (usize, &fdm_grammar::model::Output)| Place {
         kind: PlaceKind::Output,

@@ -104,8 +104,8 @@ fn what_cannot_be_judged_is_said() {
     let fails = |runs: &[Record], directions: &[Direction]| screen(runs, 2, directions, &options).err();
     let (mut runs, directions) = records(2, 100, 2, Colour::White, 5);
     assert_eq!(fails(&[], &directions), Some(ScreeningError::Nothing));
-    runs[1].residual[..170].fill(f64::NAN);
-    assert_eq!(fails(&runs, &directions), Some(ScreeningError::TooShort { run: 1, samples: 15, least: 32 }));
+    runs[1].residual[..190].fill(f64::NAN);
+    assert_eq!(fails(&runs, &directions), Some(ScreeningError::TooShort { run: 1, samples: 5, least: 8 }));
     let (mut runs, directions) = records(1, 100, 2, Colour::White, 5);
     runs[0].directions[3][7] = f64::INFINITY;
     assert_eq!(fails(&runs, &directions), Some(ScreeningError::NotFinite { run: 0 }));
