@@ -6,7 +6,7 @@ use crate::halt::TimeLimit;
 use crate::load::{ModelOrResult, Selection, noise, number, read_runs};
 use crate::progress::Progress;
 use clap::Args;
-use fdm_estimate::{Noise, initial_guess};
+use fdm_estimate::{Noise, Status, initial_guess};
 use fdm_grammar::model::Quantity;
 use fdm_lab::design::{Asked, Design, Question, Rivals, Separation, Step, between_while, design_while, table};
 use fdm_lab::experiment::Amount;
@@ -104,7 +104,8 @@ fn between(arguments: &Arguments) -> Ending {
     for path in [first, second] {
         let own = arguments.model.of(path);
         let (model, folder) = own.load()?;
-        loaded.push((own.changed(&model)?, folder));
+        let model = own.changed(&model)?;
+        loaded.push((folder.as_ref().map_or_else(|| model.clone(), |f| as_estimated(&model, f)), folder));
     }
     let mut questions = Vec::new();
     for (model, folder) in &loaded {
@@ -119,7 +120,13 @@ fn between(arguments: &Arguments) -> Ending {
     progress.say("comparing manoeuvres");
     let found = between_while(&rivals, &|| halt.goes_on());
     progress.finish();
-    let found = found.map_err(Failure::Input)?;
+    let mut found = found.map_err(Failure::Input)?;
+    if found.models[0] == found.models[1] {
+        found.models = [&arguments.between[0], &arguments.between[1]].map(|path| {
+            let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
+            name.map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+        });
+    }
     let printed = arguments.output.print(|| distinction_table(&found, rivals.first.model), || &found)?;
     if let Some(folder) = &arguments.records {
         let one = |(k, step): (usize, &Separation)| {
@@ -129,6 +136,15 @@ fn between(arguments: &Arguments) -> Ending {
     }
     let (in_time, uninterrupted) = (progress.in_time(), progress.halt().uninterrupted());
     ended(in_time && uninterrupted && printed)
+}
+
+/// The model with fixed what its result had fixed: that is what makes it another one.
+fn as_estimated(model: &Model, folder: &ResultFolder) -> Model {
+    let fixed: Vec<&str> =
+        folder.parameters().iter().filter(|p| p.status == Status::Fixed).map(|p| p.name.as_str()).collect();
+    let mut params = model.definition().params.clone();
+    params.iter_mut().filter(|p| fixed.contains(&p.quantity.name.as_str())).for_each(|p| p.fixed = true);
+    model.with_params(params)
 }
 
 /// The inputs of the planned runs, one table each.

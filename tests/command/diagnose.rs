@@ -153,7 +153,10 @@ fn an_input_that_follows_the_states_is_told() {
         .as_array()
         .unwrap()
         .iter()
-        .map(|p| format!("{}({})", p["effect"].as_str().unwrap(), p["targets"][0].as_str().unwrap()))
+        .map(|p| {
+            let targets: Vec<&str> = p["targets"].as_array().unwrap().iter().map(|t| t.as_str().unwrap()).collect();
+            format!("{}({})", p["effect"].as_str().unwrap(), targets.join(", "))
+        })
         .collect();
     for parameter in ["time_varying_parameter(T)", "input_scale(rudder)"] {
         assert!(hidden.iter().any(|place| place == parameter), "{hidden:?}");

@@ -204,7 +204,12 @@ impl Solver<'_> {
                 BinarySign::Divide => product(&at(a), &at(b), true),
                 BinarySign::Power => match pool.expr(*b) {
                     Expr::Number(n) if n.fract() == 0.0 && n.abs() < 100.0 => power(&at(a), *n as i32),
-                    _ => Measure::Unknown,
+                    // pure numbers, both
+                    _ => {
+                        let one = known(Unit::one());
+                        self.unify(&one, &at(b));
+                        self.unify(&one, &at(a))
+                    }
                 },
                 BinarySign::And | BinarySign::Or => Measure::Number,
                 _ => self.unify(&at(a), &at(b)),

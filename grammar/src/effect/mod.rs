@@ -25,6 +25,7 @@ mod subject;
 mod tests;
 mod turnover;
 
+pub use crate::syntax::Field;
 pub use candidate::{Candidate, Choice, Crowded, Places};
 pub use catalogue::{Catalogue, STANDARD};
 pub use definition::{Effect, Kind};

@@ -248,3 +248,41 @@ fn blocks_of_the_language_serve_in_effects() {
     let compiled = made.compile().unwrap_or_else(|f| panic!("{f:?}"));
     assert_eq!(made.null(&compiled.model), Null::Limit);
 }
+
+#[test]
+fn effects_of_a_field_are_asked_for_where_they_fit_many_places() {
+    let source = Source::new(
+        "m",
+        "model m { input u, v; state a, b, c, d, e; param k = 1;
+         der(a) = -k*a + u; der(b) = -k*b + v; der(c) = -k*c; der(d) = -k*d; der(e) = -k*e; output y = a; }",
+    );
+    let subject = Subject::new(&source, &compile(&source).expect("a model").model).expect("a text");
+    let mut catalogue = Catalogue::standard();
+    let count =
+        |c: &Catalogue, name: &str| c.places(&subject).candidates.iter().filter(|p| p.effect().name() == name).count();
+    // 5 equations, 20 pairs of different states: too many; a stand-in is never tried unasked
+    assert_eq!(
+        (count(&catalogue, "cross_flow_drag"), count(&catalogue, "hinge"), count(&catalogue, "cubic_damping")),
+        (0, 0, 5)
+    );
+    let crowded: Vec<String> = catalogue.places(&subject).crowded.iter().map(ToString::to_string).collect();
+    assert!(
+        crowded.contains(&"`cross_flow_drag` fits 100 places; only `--catalogue ship` tries them".to_string()),
+        "{crowded:?}"
+    );
+    catalogue.restrict(&[Field::Ship]);
+    assert_eq!(
+        (count(&catalogue, "cross_flow_drag"), count(&catalogue, "root_outflow"), count(&catalogue, "input_delay")),
+        (100, 0, 2)
+    );
+}
+
+#[test]
+fn a_field_that_does_not_exist_is_told_with_the_nearest() {
+    let (_, findings) = Catalogue::read(&Source::new(
+        "e",
+        "effect e(x: state) for shipp \"of a ship\" { param c = 0; add der(x) += c*x; }",
+    ));
+    assert!(findings[0].message.contains("`shipp` is no field"), "{findings:?}");
+    assert_eq!(findings[0].hint.as_deref(), Some("did you mean `ship`?"));
+}

@@ -95,8 +95,11 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
         let left = e.evidence.repeats() || e.evidence.places.evidence() > UNKNOWN;
         left && effect < PART * (effect + e.evidence.rest())
     };
-    // beside a strong disturbance that does not repeat, noise looks a little like inputs and nonlinearities as well
-    let verdict = if disturbance && by_nonlinearity.max(base.residual_analysis.evidence()) < by_disturbance {
+    // beside a strong disturbance that does not repeat, noise looks a little like inputs and nonlinearities as well; what is the same
+    // in every run is a law, unless a disturbance is clearly likelier
+    let repeated = by_nonlinearity.max(base.residual_analysis.evidence());
+    let repeated = if by_nonlinearity > NONLINEARITY { repeated + CLEAR } else { repeated };
+    let verdict = if disturbance && repeated < by_disturbance {
         Origin::Disturbance
     } else if disturbance || best.as_ref().map_or(base.repeats(), unexplained) {
         Origin::UnknownCause
@@ -112,7 +115,7 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
         _ => Vec::new(),
     };
     let heard = best.map_or(base, |e| e.evidence);
-    let law = matches!(verdict, Origin::UnknownCause)
+    let law = matches!(verdict, Origin::UnknownCause | Origin::Disturbance)
         .then(|| heard.nonlinearities.law().or_else(|| base.nonlinearities.law()));
     Attribution { verdict, by_effect, by_disturbance, by_nonlinearity, by_both, warnings, sites, law: law.flatten() }
 }

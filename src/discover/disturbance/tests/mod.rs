@@ -39,6 +39,9 @@ const SHIP: &str = "model ship {
   output pm = psi + bp;
 }";
 
+/// As cogging over an angle.
+const RIPPLE: &str = "0.35*sin(60*al)";
+
 struct Family {
     name: &'static str,
     text: &'static str,
@@ -94,6 +97,8 @@ enum Hidden {
     Wander(usize),
     Effect,
     Strange,
+    /// A moment that swings several times over the angle of attack.
+    Ripple,
     /// A narrow mode in the sensor of the second output.
     Mode,
 }
@@ -139,6 +144,7 @@ impl Case {
             Hidden::Gust(k) => Some((family.states[k], "gust")),
             Hidden::Effect => Some(family.effect),
             Hidden::Strange => Some(family.strange),
+            Hidden::Ripple => Some(("q", RIPPLE)),
             _ => None,
         };
         if let Some((state, term)) = place {

@@ -27,6 +27,24 @@ fn what_repeats_is_a_law_in_its_equation() {
 }
 
 #[test]
+fn a_law_of_one_signal_is_drawn_over_it() {
+    let case = Case::new(&FAMILIES[0], Hidden::Ripple, false, 0.02, 0.0, SHORT, 11);
+    let (_, found) = attributed(&case);
+    let law = found.law.as_ref().unwrap_or_else(|| panic!("{found:?}"));
+    assert_eq!((found.verdict, law.curve.variable.as_str()), (Origin::UnknownCause, "al"), "{found:?}");
+    assert!(found.warnings.iter().any(|w| w.contains("a function of al alone")), "{:?}", found.warnings);
+    // beside a constant and a slope, which the parameters make up for, it is the sine, in its unit
+    assert_eq!((law.place.kind, law.place.name.as_str()), (PlaceKind::Equation, "q"));
+    let points = &law.curve.points;
+    let inner = &points[points.len() / 5..points.len() * 4 / 5];
+    let columns = |k: usize| [1.0, inner[k].at, (60.0 * inner[k].at).sin()];
+    let design = nalgebra::DMatrix::from_fn(inner.len(), 3, |k, j| columns(k)[j]);
+    let values = nalgebra::DVector::from_fn(inner.len(), |k, _| inner[k].value);
+    let amplitude = design.svd(true, true).solve(&values, 1e-12).unwrap()[2];
+    assert!((0.2..0.45).contains(&amplitude), "{amplitude}");
+}
+
+#[test]
 fn what_does_not_repeat_is_a_disturbance_in_its_equation() {
     // a disturbance on de is nearly one in the equation of q: the equation is told first
     let case = Case::new(&FAMILIES[0], Hidden::Gust(1), true, 0.01, 0.1, SHORT, 7);
