@@ -40,7 +40,7 @@ const SHIP: &str = "model ship {
 }";
 
 /// As cogging over an angle.
-const RIPPLE: &str = "0.35*sin(60*al)";
+const RIPPLE: &str = "0.05*sin(150*al)";
 
 struct Family {
     name: &'static str,
