@@ -4,7 +4,7 @@
 //! front (Atkinson and Fedorov 1975; Box and Hill 1967). Half of the squared distance that is left, in units of the noise, is the
 //! logarithm of the odds that the manoeuvre is expected to give for the true one.
 
-use super::manoeuvre::{run, survey, within_limits};
+use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::plan::{STOPPED, excursions, known};
 use super::question::{Asked, Question};
 use fdm_estimate::{Changes, FitOptions, ResidualVector, changed};
@@ -32,12 +32,8 @@ struct Distance {
     information: DMatrix<f64>,
 }
 
-/// A manoeuvre with the distances if the first, and if the second model is true.
-struct Told {
-    manoeuvre: Manoeuvre,
-    distances: [Distance; 2],
-    excursions: Vec<f64>,
-}
+/// The distances if the first, and if the second model is true.
+type Told = Kept<[Distance; 2]>;
 
 /// The best manoeuvres one after the other, and all of them.
 ///
@@ -73,12 +69,12 @@ pub fn between_while(rivals: &Rivals<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -
     let (mut told, mut lost) = (Vec::new(), Vec::new());
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
-            Ok((manoeuvre, distances, excursions)) => told.push(Told { manoeuvre, distances, excursions }),
+            Ok(kept) => told.push(kept),
             Err(reason) => lost.push((manoeuvre, reason)),
         }
     }
     let separation = |t: &Told, sum: &[Distance; 2]| {
-        let odds = [0, 1].map(|k| sum[k].plus(&t.distances[k]).log_odds(&before[k]));
+        let odds = [0, 1].map(|k| sum[k].plus(&t.told[k]).log_odds(&before[k]));
         Separation { manoeuvre: t.manoeuvre.clone(), log_odds: odds, excursions: t.excursions.clone() }
     };
     let nothing = [0, 1].map(|k| Distance::none(before[k].nrows()));
@@ -88,7 +84,7 @@ pub fn between_while(rivals: &Rivals<'_>, goes_on: &(dyn Fn() -> bool + Sync)) -
         let with: Vec<Separation> = told.par_iter().map(|t| separation(t, &sum)).collect();
         let best = (0..told.len()).rev().max_by(|a, b| with[*a].mean().total_cmp(&with[*b].mean()));
         let Some(best) = best else { break };
-        sum = [0, 1].map(|k| sum[k].plus(&told[best].distances[k]));
+        sum = [0, 1].map(|k| sum[k].plus(&told[best].told[k]));
         steps.push(with[best].clone());
     }
     // equal ones stay in the order of the survey

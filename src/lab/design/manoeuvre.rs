@@ -110,13 +110,22 @@ fn slew(signal: &mut [f64], most: f64) {
     }
 }
 
-/// Of a manoeuvre and its halves, quarters and eighths the first that keeps all limits, with what `tell` says of it and how far the
-/// outputs move (q); or why none does.
+/// A manoeuvre that keeps all limits.
+pub(super) struct Kept<T> {
+    pub(super) manoeuvre: Manoeuvre,
+    /// What it tells.
+    pub(super) told: T,
+    /// How far the outputs move (q).
+    pub(super) excursions: Vec<f64>,
+}
+
+/// Of a manoeuvre and its halves, quarters and eighths the first that keeps all limits, with what `tell` says of it and of how far the
+/// outputs move; or why none does.
 pub(super) fn within_limits<T>(
     question: &Question<'_>,
     manoeuvre: &Manoeuvre,
     tell: impl Fn(&Manoeuvre) -> Result<(T, Vec<f64>), String>,
-) -> Result<(Manoeuvre, T, Vec<f64>), String> {
+) -> Result<Kept<T>, String> {
     let mut reason = String::new();
     for part in SMALLER {
         let own = Manoeuvre { height: manoeuvre.height * part, ..manoeuvre.clone() };
@@ -127,7 +136,7 @@ pub(super) fn within_limits<T>(
             .filter_map(|((o, moved), limit)| Some((o, moved, (*limit)?)))
             .find(|(_, moved, limit)| **moved > *limit)
         {
-            None => return Ok((own, told, excursions)),
+            None => return Ok(Kept { manoeuvre: own, told, excursions }),
             Some((o, moved, limit)) => {
                 reason = format!("`{}` moves by {moved:.3}, and may by {limit}", o.quantity.name);
             }

@@ -1,6 +1,6 @@
 //! What manoeuvres would tell, and the best of them one after the other.
 
-use super::manoeuvre::{run, survey, within_limits};
+use super::manoeuvre::{Kept, run, survey, within_limits};
 use super::question::Question;
 use fdm_estimate::{Information, Silence};
 use fdm_results::documents::design::{Design, Gain, Manoeuvre, Outlook, Step};
@@ -37,10 +37,12 @@ pub fn design_while(question: &Question<'_>, goes_on: &(dyn Fn() -> bool + Sync)
         true => within_limits(question, m, |m| tell(question, m)),
         false => Err(STOPPED.into()),
     };
-    let answers: Vec<Result<(Manoeuvre, Information, Vec<f64>), String>> = manoeuvres.par_iter().map(one).collect();
+    let answers: Vec<Result<Kept<Information>, String>> = manoeuvres.par_iter().map(one).collect();
     for (manoeuvre, answer) in manoeuvres.into_iter().zip(answers) {
         match answer {
-            Ok((manoeuvre, information, excursions)) => told.push(Told { manoeuvre, information, excursions }),
+            Ok(Kept { manoeuvre, told: information, excursions }) => {
+                told.push(Told { manoeuvre, information, excursions });
+            }
             Err(reason) => lost.push((manoeuvre, reason)),
         }
     }

@@ -99,7 +99,7 @@ pub(super) fn curve(variable: &Variable, most: usize) -> Functions {
 /// The cosine and the sine of half a period over [0, 1], of two, of three.
 fn wave(k: usize, at: f64) -> f64 {
     let phase = std::f64::consts::PI * (k / 2 + 1) as f64 * at;
-    if k % 2 == 0 { fdm_grammar::math::cos(phase) } else { fdm_grammar::math::sin(phase) }
+    if k.is_multiple_of(2) { fdm_grammar::math::cos(phase) } else { fdm_grammar::math::sin(phase) }
 }
 
 /// Functions of one variable.
