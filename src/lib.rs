@@ -990,6 +990,8 @@ pub use fdm_lab::study::Profile;
 ///     known: Vec::new(),
 ///     rest: vec![0.0],
 ///     heights: vec![Some(0.1)], // rad
+///     rates: vec![Some(0.2)],   // rad/s
+///     limits: vec![None, None],
 ///     duration: 20.0,
 ///     dt: 0.1,
 ///     runs: 1,
@@ -1015,6 +1017,8 @@ pub use fdm_lab::design::design;
 ///     deviations: vec![0.005; 2],
 ///     rest: vec![0.0],
 ///     heights: vec![Some(0.1)],
+///     rates: vec![None],
+///     limits: vec![None, None],
 ///     duration: 10.0,
 ///     dt: 0.1,
 ///     runs: 1,
@@ -1033,7 +1037,8 @@ pub use fdm_lab::design::Question;
 /// let (model, _) = fdm::example::roll()?;
 /// let (theta, deviations, heights) = (vec![0.4, 2.0, 0.8], vec![0.005; 2], vec![Some(0.1)]);
 /// let (duration, dt, runs, rest, known) = (20.0, 0.1, 1, vec![0.0], Vec::new());
-/// let question = Question { model: &model, theta, deviations, known, rest, heights, duration, dt, runs };
+/// let (rates, limits) = (vec![None], vec![None; 2]);
+/// let question = Question { model: &model, theta, deviations, known, rest, heights, rates, limits, duration, dt, runs };
 /// let found: Design = design(&question).map_err(|reasons| reasons.join("; "))?;
 /// let d = &found.outlook[0];
 /// assert!(d.now.is_none() && d.then[0].is_some()); // not known now; its standard error behind the run
