@@ -41,7 +41,7 @@ fn field(text: &str) -> Result<Field, String> {
     let words = Field::ALL.map(Field::word);
     Field::ALL.into_iter().find(|f| f.word() == text).ok_or_else(|| {
         let near = did_you_mean(text, words);
-        if near.is_empty() { format!("one of {}", words.join(", ")) } else { near }
+        format!("there is no such field{near}; there are {}", words.join(", "))
     })
 }
 

@@ -4,7 +4,7 @@
 //! that the model lacks, whether or not the catalogue has a name for it.
 //!
 //! **In** a fitted model with its runs. **Out** [`Nonlinearities`]: for every place the evidence for such a function. **Never** names
-//! the function. **Start** at [`nonlinearities`]; `regressors` (what the function may be made of), `likelihood` (noise and
+//! the function, but its variable where one is enough. **Start** at [`nonlinearities`]; `regressors` (what the function may be made of), `likelihood` (noise and
 //! nonlinearity found together).
 
 mod likelihood;
@@ -56,7 +56,7 @@ pub(crate) struct Nonlinearity {
 pub struct Curve {
     /// The state or input.
     pub variable: String,
-    /// Straight lines between these points; where no run has been there is none.
+    /// Points over all that it went through, rising; where runs were seldom the deviation is large.
     pub points: Vec<CurvePoint>,
 }
 
