@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
+mod campaign;
 mod check;
 mod checkpoint;
 mod codegen;

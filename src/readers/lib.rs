@@ -31,4 +31,4 @@ pub use format::{Format, open};
 pub use gzip::unzipped;
 pub use log::{Damage, Field, Log, ReadError, Topic};
 pub use map::{ChannelMap, MapError, RecordMap, TimeMap, shipped};
-pub use take::{TakeError, Taken, TakenColumn, take};
+pub use take::{TakeError, Taken, TakenColumn, take, unwrap};

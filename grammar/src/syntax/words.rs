@@ -30,6 +30,7 @@ macro_rules! words {
 words! {
     "model"  Statement;
     "input"  Statement;
+    "known"  Statement;
     "state"  Statement;
     "param"  Statement;
     "const"  Statement;

@@ -53,6 +53,7 @@ pub(super) fn param(name: impl Into<String>, value: f64) -> Param {
         upper,
         fixed: false,
         per_run: false,
+        group: None,
         logarithmic: false,
         prior: None,
     }

@@ -113,7 +113,7 @@ impl Search<'_> {
                 }
             },
         };
-        let channel = Channel { name: "t".into(), unit: Some(self.channels.time.clone()) };
+        let channel = Channel::new("t", Some(self.channels.time.clone()));
         if self.table.is_clock(found.column) {
             let column = self.table.columns[found.column].title.clone();
             self.notes.push(Note::Clock { column });
@@ -408,7 +408,7 @@ impl Search<'_> {
                         return None;
                     }
                 };
-                let channel = Channel { name, unit: Some(wanted) };
+                let channel = Channel::new(name, Some(wanted));
                 let plain = self.source(role, &channel, Found::plain(found.column))?;
                 Some(Source { logarithm: true, ..plain })
             }

@@ -12,7 +12,7 @@ fn unit(text: &str) -> Option<Unit> {
 }
 
 fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
-    let channel = |(name, u): &(&str, &str)| Channel { name: (*name).into(), unit: unit(u) };
+    let channel = |(name, u): &(&str, &str)| Channel::new(*name, unit(u));
     let list = |c: &[(&str, &str)]| c.iter().map(channel).collect();
     Channels {
         time: Unit::second(),
@@ -418,7 +418,13 @@ fn a_model_says_what_it_wants() {
         name: "m".into(),
         doc: String::new(),
         time: unit("min").unwrap(),
-        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None, computed: None, slope: None }],
+        inputs: vec![Input {
+            quantity: quantity("u", "deg"),
+            known: false,
+            measured: None,
+            computed: None,
+            slope: None,
+        }],
         states: Vec::new(),
         params: Vec::new(),
         derived: Vec::new(),
