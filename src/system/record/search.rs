@@ -306,6 +306,9 @@ impl Search<'_> {
         let drives = role == Role::Output && self.channels.drives(name);
         let hint = match role {
             Role::Output if drives => format!("`measured({name})` drives the model; {hint}"),
+            _ if channel.known => {
+                format!("say --known {name}=VALUE, or give it in a column `{name}` of --runs or of the record")
+            }
             Role::Output => format!("{hint}; if it was not measured, say --without-output {name}"),
             _ => hint,
         };
