@@ -160,8 +160,13 @@ pub(super) fn ranges(
 fn derived_attributes(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
     let d = symbol.declaration;
     let name = symbol.name();
-    let spans =
-        [(d.bounds.map(|b| b.span), "bounds"), (d.fixed, "`fixed`"), (d.per_run, "`per run`"), (d.log, "`log`")];
+    let spans = [
+        (d.bounds.map(|b| b.span), "bounds"),
+        (d.fixed, "`fixed`"),
+        (d.per_run, "`per run`"),
+        (d.group.as_ref().map(|g| g.span), "`per group`"),
+        (d.log, "`log`"),
+    ];
     for (span, what) in spans {
         if let Some(span) = span {
             let message = format!("{what} cannot be given for `{name}`, which other params define");

@@ -30,7 +30,6 @@ macro_rules! words {
 words! {
     "model"  Statement;
     "input"  Statement;
-    "known"  Statement;
     "state"  Statement;
     "param"  Statement;
     "const"  Statement;

@@ -3,6 +3,7 @@
 //! Start at [`read()`]: `text` (bytes, cells) or `log` (other formats, maps) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`]. Samples in memory
 //! become one by [`RunBuilder`].
 
+mod assumed;
 mod builder;
 mod channel;
 mod clock;
@@ -23,6 +24,7 @@ mod tests;
 mod text;
 mod write;
 
+pub use assumed::{AssumedChannel, AssumedNote, Assumptions};
 pub use builder::{RunBuilder, RunError, RunFault};
 pub use channel::{Channel, Channels, Role, channels};
 pub use derived::Incomplete;

@@ -89,6 +89,35 @@ pub enum Note {
     },
 }
 
+impl Note {
+    /// Its kind as one word, for programs.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::UnitAssumed { .. } => "unit",
+            Self::NotMeasured { .. } => "not_measured",
+            Self::Constant { .. } => "constant",
+            Self::Masked { .. } => "masked",
+            Self::Unwrapped { .. } => "unwrapped",
+            Self::Repeated { .. } => "repeated",
+            Self::OpenEnd => "open_end",
+            Self::Bridged { .. } => "bridged",
+            Self::Taken(_) => "taken",
+            Self::Clock { .. } => "clock",
+            Self::Pause { .. } => "pause",
+        }
+    }
+
+    /// The channel that it is about, where it is about one.
+    pub fn channel(&self) -> Option<&str> {
+        match self {
+            Self::UnitAssumed { channel, .. } | Self::Constant { channel, .. } => Some(channel),
+            Self::NotMeasured { output } | Self::Masked { output, .. } | Self::Unwrapped { output, .. } => Some(output),
+            Self::Bridged { input, .. } => Some(input),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
