@@ -96,7 +96,7 @@ fn value(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
         | (Role::Param | Role::Const | Role::Let | Role::Output, Some(Value::Expr(_))) => return,
         (Role::Input | Role::Known, None) => return,
         (Role::Input | Role::Known, Some(Value::Expr(_))) => {
-            let message = format!("the input `{name}` cannot have a value: it is read from the record");
+            let message = format!("{} `{name}` cannot have a value: it is read from the record", article(symbol.role));
             let finding = Diagnostic::new(Code::NeedlessValue, span, message);
             finding.hint(format!(
                 "`const {name} = ...;` for a constant, `let {name} = ...;` for a signal that is computed"
