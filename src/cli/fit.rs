@@ -131,7 +131,11 @@ impl Arguments {
             let said = "is both --data and --validation: validation data must not be fitted; give another run";
             return Err(Failure::input([format!("{} {said}", both.path.display())]));
         }
-        let mut files = self.records.of_list(Role::Validation, &options, model)?;
+        // in the time domain `fdm validate` predicts them
+        let listed = matches!(self.question()?, Question { method, domain, .. }
+            if domain == Domain::Frequency || method == Method::FrequencyResponse);
+        let mut files =
+            if listed { self.records.of_list(Role::Validation, &options, model)? } else { Vec::new() };
         files.extend(named);
         read_runs(&files, model, &measured(model, &fitted.runs), true)
     }

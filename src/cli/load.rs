@@ -308,6 +308,10 @@ impl Records {
     pub(crate) fn read(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
         let reading = self.selection.options(true);
         let files = self.files(Role::Fit, &reading, model)?;
+        let left = self.of_list(Role::Validation, &reading, model)?.len();
+        if left > 0 && !quiet {
+            remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are not fitted"));
+        }
         let runs = read_runs(&files, model, &[], quiet)?;
         Ok(Campaign { files, runs, reading })
     }

@@ -26,7 +26,10 @@ pub(crate) fn table(
     } else {
         let table = Table::new(bytes).map_err(|p| vec![p])?;
         match &options.map_file {
-            Some(map) => (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map),
+            Some(map) => {
+                notes.extend((!table.ended).then_some(Note::OpenEnd));
+                (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map)
+            }
             None => return Ok(table),
         }
     };
@@ -76,6 +79,7 @@ pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordEr
         return whole(bytes, salvage, &mut notes).map(|log| (log, notes)).map_err(told);
     }
     let table = Table::new(bytes).map_err(told)?;
+    notes.extend((!table.ended).then_some(Note::OpenEnd));
     let times = ["t", "time", "T", "Time", "TIME"];
     let time = times.iter().find_map(|n| table.columns.iter().position(|h| h.name == *n));
     let time = time.or_else(|| (0..table.columns.len()).find(|k| table.is_clock(*k)));
