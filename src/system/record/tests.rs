@@ -235,9 +235,7 @@ fn options_are_checked_together() {
         every: 0,
         hold: vec!["y".into(), "v".into()],
         require_outputs: true,
-        without: Vec::new(),
-        map_file: None,
-        salvage: false,
+        ..ReadOptions::default()
     };
     let texts: Vec<_> = bad("t,u,y\n0,1,1\n", &uy(), &options).iter().map(Problem::to_string).collect();
     let parts =
