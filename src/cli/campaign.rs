@@ -168,11 +168,8 @@ impl RunTable {
                 }
                 values.push((k, name.to_string(), unit.map(String::from)));
             } else if !groupings.contains(&name) {
-                let there: Vec<&str> = OWN
-                    .into_iter()
-                    .chain(known.iter().map(|(n, _)| n.as_str()))
-                    .chain(groupings.iter().copied())
-                    .collect();
+                let there: Vec<&str> =
+                    known.iter().map(|(n, _)| n.as_str()).chain(groupings.iter().copied()).chain(OWN).collect();
                 let hint = did_you_mean(name, there.iter().copied());
                 wrong.push(format!(
                     "--runs {shown}: column `{title}`: the model has neither `known {name}` nor params `per group {name}`{hint}; the columns may be {}",

@@ -134,8 +134,7 @@ impl Arguments {
         // in the time domain `fdm validate` predicts them
         let listed = matches!(self.question()?, Question { method, domain, .. }
             if domain == Domain::Frequency || method == Method::FrequencyResponse);
-        let mut files =
-            if listed { self.records.of_list(Role::Validation, &options, model)? } else { Vec::new() };
+        let mut files = if listed { self.records.of_list(Role::Validation, &options, model)? } else { Vec::new() };
         files.extend(named);
         read_runs(&files, model, &measured(model, &fitted.runs), true)
     }
