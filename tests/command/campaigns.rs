@@ -76,7 +76,7 @@ fn all_methods_know_what_a_run_brings() {
 #[test]
 fn mistakes_in_a_table_are_told_at_once() {
     let desk = desk();
-    let mut said = |table: &str| {
+    let said = |table: &str| {
         desk.write("runs.csv", table);
         desk.refused("fit m.fdm --runs runs.csv")
     };
@@ -105,7 +105,7 @@ fn patterns_find_files_in_the_order_of_the_alphabet() {
     let names: Vec<&str> = found["outputs"].as_array().unwrap().iter().map(|o| o["run"].as_str().unwrap()).collect();
     assert_eq!(names, ["a1", "a2", "b1"]);
     assert!(desk.refused("fit m.fdm --data c*.csv").contains("c*.csv: no file has such a name"));
-    assert!(desk.refused("fit --data a1.csv m.fdm").contains("model"));
+    assert!(desk.refused("fit --data a1.csv m.fdm").contains("MODEL"));
 }
 
 const HEADING: &str = "model heading {

@@ -2,7 +2,7 @@
 //! and its bits, and what was said. `cargo run --release -p fdm-readers --example digest --features hdf5,parquet -- FILE..`
 #![allow(clippy::print_stdout, reason = "a program for a terminal")]
 
-use fdm_readers::{Log, open};
+use fdm_readers::{Log, open_whole};
 
 /// FNV-1a of names and bits.
 fn digest(log: &Log) -> u64 {
@@ -28,7 +28,7 @@ fn main() {
             println!("{file}\tunreadable\t\t");
             continue;
         };
-        match open(&bytes) {
+        match open_whole(bytes) {
             Ok(log) => {
                 let state = if log.damage.is_empty() { "whole" } else { "damaged" };
                 let said: Vec<String> = log.damage.iter().take(1).map(ToString::to_string).collect();
