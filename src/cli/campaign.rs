@@ -227,7 +227,7 @@ impl RunTable {
             let path = if file == "-" { file.into() } else { folder.join(file) };
             let name = self.cell(row, "run").map(String::from);
             if let (Some(name), true) = (&name, files.iter().any(|f| f.name == name)) {
-                wrong.push(format!("{at}: the run `{name}` stands in the table already", name = name));
+                wrong.push(format!("{at}: the run `{name}` stands in the table already"));
             }
             files.push(RecordFile { path, name, role, options: own });
         }
