@@ -137,7 +137,8 @@ impl Asked<'_> {
         let table = self.argument("runs").is_some_and(|a| a.get_long() == Some("runs") && !a.is_required_set())
             && takes("salvage")
             && self.verb.get_name() != "design";
-        if takes("data") && !self.is_typed("data") && !(table && self.is_typed("runs")) && !of_result {
+        let named = self.is_typed("data") || table && self.is_typed("runs") || of_result;
+        if takes("data") && !named {
             let list =
                 if predicts && !project.validation.list().is_empty() { &project.validation } else { &project.data };
             if let (Some(runs), true) = (&project.runs, table) {
