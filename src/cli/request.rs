@@ -3,6 +3,7 @@
 //!
 //! Words are those of the command without model and records, such as `--method=filter-error`. **Start** at [`read`] and [`fit`].
 
+use crate::campaign::{RecordFile, Role};
 use crate::deliver::{NamedFile, Outcome};
 use crate::diagnose::{is_of_numbers, refused, search};
 use crate::effects::{as_text, difference, subject_of};
@@ -79,7 +80,14 @@ impl Record {
     fn data_file(&self) -> DataFile {
         match &self.file {
             Some(file) => DataFile::new(&self.run.name, file),
-            None => DataFile { run: self.run.name.clone(), file: String::new(), path: None, bytes: None, sha256: None },
+            None => DataFile {
+                run: self.run.name.clone(),
+                file: String::new(),
+                path: None,
+                bytes: None,
+                sha256: None,
+                reading: None,
+            },
         }
     }
 }
@@ -210,7 +218,10 @@ pub fn read(
     let records: Records = parsed(&data, words)?;
     let reading = records.selection.options(!to_simulate);
     let options = ReadOptions { any_size: to_simulate, ..reading.clone() };
-    let read = read_records(files, &options, model, elsewhere)?;
+    let each =
+        |file: &PathBuf| RecordFile { path: file.clone(), name: None, role: Role::Fit, options: options.clone() };
+    let each: Vec<RecordFile> = files.iter().map(each).collect();
+    let read = read_records(&each, model, elsewhere)?;
     let record = |((run, summary), file): ((Run, _), &PathBuf)| {
         (Record { run, file: Some(file.clone()), reading: reading.clone() }, notes(&summary))
     };
