@@ -62,7 +62,7 @@ pub(crate) struct Arguments {
 }
 
 /// A number between 0 and 1.
-fn probability(text: &str) -> Result<f64, String> {
+pub(crate) fn probability(text: &str) -> Result<f64, String> {
     let value = number(text)?;
     if value > 0.0 && value < 1.0 { Ok(value) } else { Err("a probability is between 0 and 1".into()) }
 }

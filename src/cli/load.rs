@@ -212,6 +212,16 @@ impl Records {
 }
 
 impl Selection {
+    /// Whether what can be read of damaged logs is used.
+    pub(crate) fn is_salvaged(&self) -> bool {
+        self.salvage
+    }
+
+    /// The map of the channels, where one was given.
+    pub(crate) fn map(&self) -> Option<&RecordMap> {
+        self.map_file.as_ref()
+    }
+
     /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {

@@ -41,13 +41,18 @@ pub(super) fn verdict(subject: &Subject, anchors: &[&str]) -> Markup {
             (trust, sentence, points)
         }
     };
+    judgement((trust, sentence, points), facts(subject), anchors)
+}
+
+/// A verdict as it stands on a page.
+pub(super) fn judgement((trust, sentence, points): Verdict, facts: Option<String>, anchors: &[&str]) -> Markup {
     let one = |(sentence, anchor): &(String, &'static str)| {
         html! { li { @if anchors.contains(anchor) { a href={ "#" (anchor) } { (quoted(sentence)) } } @else { (quoted(sentence)) } } }
     };
     html! {
         div class={ "verdict " (trust.word()) } role="status" {
             p.sentence { span.sign aria-hidden="true" { (trust.sign()) } (sentence) }
-            @if let Some(facts) = facts(subject) { p.facts { (facts) } }
+            @if let Some(facts) = facts { p.facts { (facts) } }
             @if !points.is_empty() {
                 ol { @for point in points.iter().take(FIRST) { (one(point)) } }
             }
