@@ -14,10 +14,10 @@ use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions
 use fdm_estimate::FitOptions;
 use fdm_grammar::effect::Catalogue;
 use fdm_report::diagnosis_text;
-use fdm_results::documents::DiagnosisDocument;
+use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
 use fdm_results::store::{DataFile, Destination, Identity, Manifest};
 use fdm_system::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Run, Summary};
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -70,7 +70,7 @@ pub(crate) fn probability(text: &str) -> Result<f64, String> {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.load()?;
-    let (runs, validation) = arguments.runs(&model)?;
+    let (runs, validation, judged) = arguments.runs(&model)?;
     // places that cannot be written are told before the work
     let destination = arguments.places.destination(&names(&model, &runs, &validation))?;
     let options = arguments.options(&model, domain);
@@ -86,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         found => found.map_err(refused)?,
     };
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
-    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
+    let ending = arguments.deliver(&model, (&found, judged), manifest, destination.as_ref())?;
     if in_time && !found.stopped { Ok(ending) } else { ended(false) }
 }
 
@@ -157,7 +157,7 @@ impl Arguments {
     }
 
     /// Runs that are fitted, and validation runs.
-    fn runs(&self, model: &Model) -> Result<(Vec<Run>, Vec<Run>), Failure> {
+    fn runs(&self, model: &Model) -> Result<(Vec<Run>, Vec<Run>, Option<JudgedRecords>), Failure> {
         let options = self.records.selection.options(true);
         let mut records = read_records(&self.records.data, &options, model, &[])?;
         let fitted = records.len();
@@ -166,6 +166,8 @@ impl Arguments {
         if !self.output.quiet {
             say_notes(&records);
         }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.records.judge(model, &records, self.output.quiet)?;
         let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
         for k in fitted..runs.len() {
             // a validation file may have the name of another
@@ -174,7 +176,7 @@ impl Arguments {
             }
         }
         let validation = runs.split_off(fitted);
-        Ok((runs, validation))
+        Ok((runs, validation, judged))
     }
 
     /// What the diagnosis was made from.
@@ -193,7 +195,7 @@ impl Arguments {
     fn deliver(
         &self,
         model: &Model,
-        found: &Diagnosis,
+        (found, judged): (&Diagnosis, Option<JudgedRecords>),
         manifest: Option<Manifest>,
         destination: Option<&Destination>,
     ) -> Ending {
@@ -209,7 +211,7 @@ impl Arguments {
                 Err(e) => failed.push(e.to_string()),
             }
         }
-        let json = as_json(&DiagnosisDocument::of(found, path.as_deref()))?;
+        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path.as_deref()) })?;
         let mut text = diagnosis_text(found);
         if !difference.is_empty() {
             text.push_str(&format!("\n{difference}"));

@@ -31,9 +31,6 @@ pub(crate) struct Arguments {
     /// Do not estimate delays, offsets, scale factors and drifts of clocks beside the model
     #[arg(long, requires = "model", help_heading = "Judgement")]
     no_estimated: bool,
-    /// End with exit code 1 where anything but remarks was found
-    #[arg(long, help_heading = "Result")]
-    strict: bool,
     /// Write a map with all repairs that a map can hold; the record is not touched
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
     fix: Option<PathBuf>,
@@ -68,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = &arguments.report {
         write(path, fdm_report::page::doctor_page(&document, &records))?;
     }
-    ended(printed && (document.is_clean() || !arguments.strict))
+    ended(printed && (document.is_clean() || !arguments.records.strict))
 }
 
 impl Arguments {

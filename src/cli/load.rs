@@ -3,9 +3,11 @@
 
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
+use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
+use fdm_results::documents::{JudgedRecords, RecordDocument};
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
 use fdm_system::record::{Note, ReadOptions, Run, Summary, channels, read_all};
@@ -158,8 +160,27 @@ pub(crate) struct Records {
     /// Recorded run (CSV with a header `name [unit], ...`, or a log with --map-file); `-` for standard input; may be given several times
     #[arg(long = "data", value_name = "RUN", required = true)]
     pub(crate) data: Vec<PathBuf>,
+    /// End with exit code 1 where anything but remarks is found in the records
+    #[arg(long)]
+    pub(crate) strict: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
+}
+
+/// What is assumed about runs, and what the quick tests of the doctor find in them; none where that is nothing.
+pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Option<JudgedRecords> {
+    let options = AloneOptions { kinematics: false, ..AloneOptions::default() };
+    let seen: Vec<Record> =
+        records.iter().map(|(run, summary)| Record::of_run(model.definition(), run, summary.as_ref())).collect();
+    let mut findings: Vec<Finding> = seen.iter().flat_map(|record| examine_alone(record, &options)).collect();
+    findings.extend(examine_repeats(&seen));
+    fdm_doctor::sort(&mut findings);
+    let assumed = records.iter().map(|(run, summary)| RecordDocument {
+        run: run.name.clone(),
+        samples: run.len(),
+        assumed: summary.as_ref().map_or(Vec::new(), notes),
+    });
+    JudgedRecords { assumed: assumed.filter(|r| !r.assumed.is_empty()).collect(), findings }.said()
 }
 
 /// What is used of the files, and as what.
@@ -196,6 +217,38 @@ impl Records {
     /// Reads all runs, with all their outputs.
     pub(crate) fn runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
         read_runs(&self.data, &self.selection.options(true), model, &[], quiet)
+    }
+
+    /// Reads all runs, and judges them by the quick tests of the doctor: three lines at most are said unless it is to be quiet.
+    pub(crate) fn judged_runs(&self, model: &Model, quiet: bool) -> Result<(Vec<Run>, Option<JudgedRecords>), Failure> {
+        let records = read_records(&self.data, &self.selection.options(true), model, &[])?;
+        if !quiet {
+            say_notes(&records);
+        }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.judge(model, &records, quiet)?;
+        Ok((records.into_iter().map(|(run, _)| run).collect(), judged))
+    }
+
+    /// What the quick tests of the doctor find in runs that were read.
+    ///
+    /// # Errors
+    /// Where something was found and `--strict` refuses to go on.
+    pub(crate) fn judge(
+        &self,
+        model: &Model,
+        records: &[(Run, Option<Summary>)],
+        quiet: bool,
+    ) -> Result<Option<JudgedRecords>, Failure> {
+        let judged = judged(model, records);
+        let lines = judged.as_ref().map_or(Vec::new(), |j| leading(&j.findings));
+        if !quiet {
+            lines.iter().for_each(|line| remark(format_args!("{line}")));
+        }
+        if self.strict && !lines.is_empty() {
+            return Err(Failure::Strict);
+        }
+        Ok(judged)
     }
 
     /// Reads runs that a result predicts: each may lack outputs.

@@ -15,7 +15,7 @@ use fdm_estimate::{BestOptions, Changes, Criterion, Noise, best_iterate, changed
 use fdm_report::{
     dependence_table, recursive_histories, recursive_table, recursive_times, regression_table, structure_table, svg,
 };
-use fdm_results::documents::{RecursiveDocument, RegressionDocument, ResultDocument, StructureDocument};
+use fdm_results::documents::{JudgedRecords, RecursiveDocument, RegressionDocument, ResultDocument, StructureDocument};
 use fdm_results::store::{Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -202,10 +202,15 @@ impl Arguments {
 }
 
 /// A model with its changes, and the runs; both are ready for a regression.
-fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) -> Result<(Model, Vec<Run>), Failure> {
+fn loaded(
+    model: &ModelFile,
+    changes: &Changes,
+    records: &Records,
+    quiet: bool,
+) -> Result<(Model, Vec<Run>, Option<JudgedRecords>), Failure> {
     let model = changed(&model.load()?, changes).or_failure()?;
-    let runs = records.runs(&model, quiet)?;
-    Ok((model, runs))
+    let (runs, judged) = records.judged_runs(&model, quiet)?;
+    Ok((model, runs, judged))
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -213,7 +218,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let halt = Halt::default().at(arguments.limit.deadline());
     let (records, output) = (&arguments.records, &arguments.output);
     let changes = arguments.model.changes(&arguments.estimated);
-    let (model, runs) = loaded(&arguments.model, &changes, records, output.quiet)?;
+    let (model, runs, judged) = loaded(&arguments.model, &changes, records, output.quiet)?;
     if arguments.recursive.is_wanted() {
         return arguments.recursive.run(&model, &runs, arguments.detrend, output);
     }
@@ -226,6 +231,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // places that cannot be written are told before the work
     let prepared = prepare(output, None, &arguments.places, (&model, &runs))?;
     let (mut text, mut document, determined) = estimates(&model, &runs, &options).or_failure()?;
+    document.records = judged;
     if arguments.dependence && halt.goes_on() {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
@@ -244,10 +250,11 @@ pub(crate) fn equation_error(
     delivery: &Delivery,
     frequencies: Option<Frequencies>,
 ) -> Ending {
-    let (model, runs) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
+    let (model, runs, judged) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
     let options = at_once(frequencies);
     let prepared = delivery.prepare(&model, &runs)?;
-    let (text, document, determined) = estimates(&model, &runs, &options).or_failure()?;
+    let (text, mut document, determined) = estimates(&model, &runs, &options).or_failure()?;
+    document.records = judged;
     deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)
 }
 

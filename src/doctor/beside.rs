@@ -190,7 +190,7 @@ fn estimated(search_in: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec
             Fault::Drift => value.abs() * span >= 2.0 * interval,
             _ => true,
         };
-        if !matters || trial.least_left(current) > 0.9 {
+        if !matters || value.abs() < 4.0 * error || trial.least_left(current) > 0.9 {
             return None;
         }
         let unit = slots.unit(slot).map_or_else(String::new, |u| format!(" {u}"));

@@ -141,6 +141,16 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
             return None;
         }
     }
+    // a signal that is quantised, or slow at its peaks, has several such runs
+    let second = all.iter().enumerate().filter(|(other, _)| *other != k).map(|(_, s)| s.length).max().unwrap_or(1);
+    if longest.length < 2 * second + 2 {
+        return None;
+    }
+    // a command that ends in one value, or waits in it for most of the record
+    let waits = longest.first == 0 || longest.first + longest.length == n || 2 * longest.length > n;
+    if channel.role == Role::Input && waits {
+        return None;
+    }
     // rest before the manoeuvre, or behind it, without noise: zero to the last digit
     let at_an_end = longest.first == 0 || longest.first + longest.length == n;
     if at_an_end && longest.value == 0.0 {
@@ -188,8 +198,11 @@ pub(crate) fn doubled_rows(record: &Record, alpha: f64) -> Option<Finding> {
         return None;
     }
     let rows: Vec<usize> = (1..n).filter(|k| changing.iter().all(|(c, _)| c.values[*k] == c.values[k - 1])).collect();
-    let isolated: Vec<usize> =
-        rows.iter().copied().filter(|k| !rows.contains(&(k + 1)) && !rows.contains(&(k.saturating_sub(1)))).collect();
+    let alone = |i: &usize| {
+        let near = |j: Option<&usize>, by: usize| j.is_some_and(|k| k.abs_diff(rows[*i]) == by);
+        !near(rows.get(i + 1), 1) && !near(i.checked_sub(1).and_then(|j| rows.get(j)), 1)
+    };
+    let isolated: Vec<usize> = (0..rows.len()).filter(alone).collect();
     if rows.is_empty() || 2 * isolated.len() < rows.len() {
         return None;
     }

@@ -14,6 +14,30 @@ pub struct RecordDocument {
     pub assumed: Vec<String>,
 }
 
+/// What a result says of the records that it was made from: what was assumed, and what the quick tests of the doctor found.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct JudgedRecords {
+    /// The records about which something was assumed.
+    pub assumed: Vec<RecordDocument>,
+    /// Findings and remarks, in their order.
+    pub findings: Vec<Finding>,
+}
+
+impl JudgedRecords {
+    /// None where nothing was assumed or found.
+    pub fn said(self) -> Option<Self> {
+        (!self.assumed.is_empty() || !self.findings.is_empty()).then_some(self)
+    }
+
+    /// What should be known before the numbers are used, each in a sentence.
+    pub fn warnings(&self) -> impl Iterator<Item = String> {
+        let findings = self.findings.iter().filter(|f| f.severity == Severity::Finding);
+        findings.map(|f| {
+            format!("record `{}`: `{}`: {}: {} ({})", f.run, f.channels.join("`, `"), f.fault, f.what, f.odds())
+        })
+    }
+}
+
 /// The result of `fdm doctor`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DoctorDocument {
