@@ -3,7 +3,7 @@
 use crate::biases::{biases_of, mask};
 use crate::finding::{Fault, Finding, Severity, in_order};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, column, discrete};
-use crate::likelihood::{Searched, Trial, search, trial, with};
+use crate::likelihood::{Searched, Trial, search, trial, trial_from, with};
 use crate::record::{Record, Role};
 use crate::repair::Repair;
 use fdm_system::Model;
@@ -111,7 +111,7 @@ struct Round {
 
 fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Round {
     /// Of the fits that sort the hypotheses.
-    const QUICK: usize = 15;
+    const QUICK: usize = 6;
     /// Kinds of estimated faults for each channel, with their shares of the prior probability.
     const SHARE: f64 = 3.0;
     let Search { model, slots, runs, stated, timed, options } = *search;
@@ -144,6 +144,9 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Round {
 /// Delays, offsets, scale factors and drifts of each channel, with their best values.
 fn estimated(search_in: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
     let Search { model, slots, runs, timed, .. } = *search_in;
+    /// Iterations of fits that begin at the estimates of one that is near.
+    const NEAR: usize = 3;
+    let begun = current.begun(model);
     let intervals: Vec<f64> = runs.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0])).collect();
     let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
     let span = runs.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
@@ -179,7 +182,7 @@ fn estimated(search_in: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec
                 what: String::new(),
                 weight: 1.0,
             };
-            trial(model, runs, &with(accepted, &hypothesis), 12)
+            trial_from(model, &begun, runs, &with(accepted, &hypothesis), NEAR)
         };
         let Searched { value, error, trial } = search(0.0, *step, current, &at)?;
         // one estimated number costs half the logarithm of the independent samples (Schwarz 1978); a delay below a sample and an offset or

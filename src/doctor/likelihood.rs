@@ -21,6 +21,17 @@ pub(crate) struct Trial {
 
 /// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated.
 pub(crate) fn trial(model: &Model, runs: &[Run], edits: &[Edit], iterations: usize) -> Option<Trial> {
+    trial_from(model, model, runs, edits, iterations)
+}
+
+/// The same with start values of `begun`: the model with the estimates of a fit that is near.
+pub(crate) fn trial_from(
+    model: &Model,
+    begun: &Model,
+    runs: &[Run],
+    edits: &[Edit],
+    iterations: usize,
+) -> Option<Trial> {
     let new = runs.iter().map(|run| edited(run, edits, model.definition())).collect::<Result<Vec<_>, _>>().ok()?;
     let options = FitOptions {
         options: Options {
@@ -36,7 +47,7 @@ pub(crate) fn trial(model: &Model, runs: &[Run], edits: &[Edit], iterations: usi
         ..FitOptions::default()
     }
     .with_declared_noise(model);
-    let found = fit(model, &new, &options, &mut ()).ok()?;
+    let found = fit(begun, &new, &options, &mut ()).ok()?;
     let estimate = found.estimate;
     let q = model.layout().outputs;
     if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
@@ -114,6 +125,18 @@ fn cost_of_values(model: &Model, estimate: &Estimate) -> f64 {
 }
 
 impl Trial {
+    /// The model with these estimates as start values; those of each run begin as the text says.
+    pub(crate) fn begun(&self, model: &Model) -> Model {
+        let Some(estimate) = &self.estimate else { return model.clone() };
+        let mut params = model.definition().params.clone();
+        for param in params.iter_mut().filter(|p| !p.fixed && !p.per_run) {
+            let found = estimate.parameter(&param.quantity.name, None).map(|p| p.value);
+            let found = found.filter(|v| v.is_finite() && *v >= param.lower && *v <= param.upper);
+            param.value = found.filter(|v| !param.logarithmic || *v > 0.0).unwrap_or(param.value);
+        }
+        model.with_params(params)
+    }
+
     /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
     pub(crate) fn unexplained(model: &Model, runs: &[Run]) -> Option<Self> {
         let q = model.layout().outputs;
