@@ -107,9 +107,9 @@ fn independent_samples(e: &[f64]) -> f64 {
 }
 
 /// What it costs in nats that parameters are away from where the text says they start. A Cauchy law over the logarithm of the factor (half of
-/// all within a factor of three), and one start in a thousand has the wrong sign.
+/// all within a factor of two), and one start in a thousand has the wrong sign.
 fn cost_of_values(model: &Model, estimate: &Estimate) -> f64 {
-    const USUAL: f64 = 1.1;
+    const USUAL: f64 = std::f64::consts::LN_2;
     let free = model.definition().params.iter().filter(|p| !p.fixed && p.value != 0.0 && !p.per_run);
     let cost = |p: &fdm_grammar::model::Param| {
         let Some(found) = estimate.parameter(&p.quantity.name, None) else { return 0.0 };

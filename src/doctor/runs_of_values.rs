@@ -156,6 +156,13 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
     if at_an_end && longest.value == 0.0 {
         return None;
     }
+    // a quantised signal at rest goes on by its step; a sensor that was stuck has to catch up
+    let digit =
+        channel.values.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+    let next = channel.values.get(longest.first + longest.length).copied().unwrap_or(f64::NAN);
+    if !at_an_end && (next - longest.value).abs() < 3.0 * digit {
+        return None;
+    }
     // another channel that moves shows that the record does not rest
     let within = longest.first..longest.first + longest.length;
     let moves = record.channels.iter().filter(|c| c.name != channel.name).any(|c| {

@@ -1,10 +1,10 @@
 //! The tail of a distribution that nobody knows, from the numbers themselves.
 
-/// An exponential tail above the 90 % quantile. It is fitted by the median of the excesses, so that up to half of them may be faults. Most
+/// An exponential tail above the 75 % quantile. It is fitted by the median of the excesses, so that up to half of them may be faults. Most
 /// signals have lighter tails, for which its probabilities are too large: the safe side.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tail {
-    /// The 90 % quantile.
+    /// The 75 % quantile.
     pub(crate) start: f64,
     /// Mean excess.
     pub(crate) scale: f64,
@@ -20,7 +20,7 @@ impl Tail {
         if n < FEWEST {
             return None;
         }
-        let at = n * 9 / 10;
+        let at = n * 3 / 4;
         let (_, start, above) = sizes.select_nth_unstable_by(at, f64::total_cmp);
         let start = *start;
         let middle = above.len() / 2;
@@ -34,6 +34,6 @@ impl Tail {
         if self.scale <= 0.0 {
             return if size > self.start { 0.0 } else { 1.0 };
         }
-        (0.1 * self.count * (-(size - self.start) / self.scale).exp()).min(1.0)
+        (0.25 * self.count * (-(size - self.start) / self.scale).exp()).min(1.0)
     }
 }

@@ -87,7 +87,7 @@ pub(crate) fn spikes(record: &Record, channel: &Channel, masked: &[bool], alpha:
     let tail = Tail::new(&mut sizes)?;
     // the last digit of the numbers is no spike
     let digit = x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
-    let limit = (tail.start + tail.scale * (0.1 * n as f64 / alpha).ln().max(0.0)).max(3.0 * digit);
+    let limit = (tail.start + tail.scale * (0.25 * n as f64 / alpha).ln().max(0.0)).max(3.0 * digit);
     let stands_out = |k: &usize| {
         let k = *k;
         if !(k - 1..=k + 1).all(usable) {

@@ -7,6 +7,7 @@ coloured noise) is run once. A fault counts as named when it is the first findin
 """
 
 import argparse
+import functools
 import csv
 import json
 import math
@@ -63,14 +64,14 @@ def deviation(values):
 # ---- what the records are: model, inputs [unit, size], outputs, length, interval
 SIMULATED = {
     1: [
-        ("hydrofoil/model.fdm", {"h_c": ("m", 0.3)}, 20.0, 0.02, 0.02),
-        ("bo105/model.fdm", {"col": ("1", 0.02), "lon": ("1", 0.02), "lat": ("1", 0.02), "ped": ("1", 0.02)}, 16.0, 0.04, 0.02),
+        ("hydrofoil/model.fdm", {"h_c": ("m", 0.3)}, 10.0, 0.04, 0.02),
+        ("manoeuvring_ship/model.fdm", {"rudder": ("rad", 0.15)}, 40.0, 0.2, 0.02),
         ("hfb320/no_delay.fdm", {"stick": ("deg", 3.0)}, 20.0, 0.05, 0.02),
     ],
     2: [
-        ("manoeuvring_ship/model.fdm", {"rudder": ("rad", 0.15)}, 400.0, 1.0, 0.03),
-        ("helicopter_benchmark/model.fdm", {"lon": ("1", 0.02), "lat": ("1", 0.02), "thr": ("1", 0.02), "dir": ("1", 0.02)}, 12.0, 0.03, 0.03),
         ("hfb320/model.fdm", {"stick": ("deg", 3.0)}, 25.0, 0.05, 0.03),
+        ("hydrofoil/model.fdm", {"h_c": ("m", 0.5)}, 12.0, 0.05, 0.03),
+        ("vstol/two_dof.fdm", None, 20.0, 0.1, 0.03),
     ],
 }
 REAL = {
@@ -79,6 +80,9 @@ REAL = {
     2: ["trex550/model.fdm trex550/second_half.csv", "tclab/model.fdm tclab/sine_2.csv",
         "water_pump/model.fdm water_pump/test.csv", "pendulum_dfki/model.fdm pendulum_dfki/energy_shaping.csv"],
 }
+
+
+print = functools.partial(print, flush=True)
 
 
 def fdm(arguments, *words):
