@@ -39,6 +39,9 @@ pub struct Examination {
     pub notes: Vec<String>,
 }
 
+/// Iterations of the fits that count.
+const THOROUGH: usize = 40;
+
 /// Judges runs beside their model. `alone` are the findings of the records by themselves: their samples are left out of the fits, and they get
 /// their biases. One record (of [`Record::of_run`]) for each run.
 pub fn examine_beside(
@@ -48,7 +51,6 @@ pub fn examine_beside(
     alone: Vec<Finding>,
     options: &BesideOptions,
 ) -> Examination {
-    const THOROUGH: usize = 40;
     let masked = mask(model, runs, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
     let slots = Channels::new(model.definition());
@@ -71,9 +73,7 @@ pub fn examine_beside(
         );
         done.fits += judged.fits;
         let Some(best) = judged.best.filter(|b| b.log_odds > options.odds.ln()) else { break };
-        let mut edits = with(&accepted, &best.hypothesis);
-        let better = trial(model, &masked, &edits, THOROUGH).filter(|t| t.gain_over(&best.trial) >= 0.0);
-        let after = better.unwrap_or(best.trial);
+        let (mut edits, after) = (with(&accepted, &best.hypothesis), best.trial);
         let mut finding = told(&slots, runs, &best.hypothesis, best.log_odds, &judged.others);
         finding.biases = biases_of(current.estimate.as_ref(), after.estimate.as_ref());
         done.findings.push(finding);
@@ -112,6 +112,8 @@ struct Round {
 fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Round {
     /// Of the fits that sort the hypotheses.
     const QUICK: usize = 6;
+    /// Hypotheses that are fitted to the end.
+    const REFINED: usize = 4;
     /// Kinds of estimated faults for each channel, with their shares of the prior probability.
     const SHARE: f64 = 3.0;
     let Search { model, slots, runs, stated, timed, options } = *search;
@@ -134,7 +136,21 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Round {
             judged
         }));
     }
-    all.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    let surest_first = |all: &mut Vec<Judged>| all.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    surest_first(&mut all);
+    // quick fits have sorted them; the first are fitted to the end
+    for judged in all.iter_mut().take(REFINED) {
+        let whole = trial(model, runs, &with(accepted, &judged.hypothesis), THOROUGH);
+        fits += 1;
+        if let Some(trial) = whole {
+            let gain = trial.gain_over(&judged.trial);
+            if gain > 0.0 {
+                judged.log_odds += trial.gain_over(current) - judged.trial.gain_over(current);
+                judged.trial = trial;
+            }
+        }
+    }
+    surest_first(&mut all);
     let best = all.first().map_or(f64::NEG_INFINITY, |b| b.log_odds);
     let near = all.iter().skip(1).filter(|j| j.log_odds > best - 10f64.ln()).take(3);
     let others = near.map(|j| (sentence(slots, &j.hypothesis), j.log_odds)).collect();

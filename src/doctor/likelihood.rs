@@ -53,7 +53,6 @@ pub(crate) fn trial_from(
     if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
         return None;
     }
-    let factor = |output: usize| factor_of(edits, output);
     let (mut squares, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
     for output in 0..q {
         let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
@@ -64,26 +63,28 @@ pub(crate) fn trial_from(
             worth += independent_samples(&e);
         }
         if count > 0 {
-            squares[output] = sum / count as f64 / factor(output).powi(2);
-            independent[output] = worth;
+            let (source, factor) = source_of(edits, output);
+            squares[source] = sum / count as f64 / factor.powi(2);
+            independent[source] = worth;
         }
     }
     let values = cost_of_values(model, &estimate);
     Some(Trial { squares, independent, values, estimate: Some(estimate) })
 }
 
-/// By how much the numbers of an output were multiplied: residuals are compared in the record's own numbers, wherever they stand in it.
-fn factor_of(edits: &[Edit], output: usize) -> f64 {
-    let mut factor = vec![(Slot::Output(output), 1.0)];
+/// From which output of the record the numbers of an output come, and by how much they were multiplied: residuals are compared in the
+/// record's own numbers, column by column.
+fn source_of(edits: &[Edit], output: usize) -> (usize, f64) {
+    let (mut at, mut factor) = (Slot::Output(output), 1.0);
     for edit in edits.iter().rev() {
-        match edit {
-            Edit::Affine(slot, f, _) if factor[0].0 == *slot => factor[0].1 *= f.abs(),
-            Edit::Swap(a, b) if factor[0].0 == *a => factor[0].0 = *b,
-            Edit::Swap(a, b) if factor[0].0 == *b => factor[0].0 = *a,
+        match *edit {
+            Edit::Affine(slot, f, _) if at == slot => factor *= f.abs(),
+            Edit::Swap(a, b) if at == a => at = b,
+            Edit::Swap(a, b) if at == b => at = a,
             _ => {}
         }
     }
-    factor[0].1
+    (if let Slot::Output(k) = at { k } else { output }, factor)
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.
