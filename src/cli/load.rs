@@ -216,7 +216,7 @@ pub(crate) struct Selection {
 impl Records {
     /// Reads all runs, with all their outputs.
     pub(crate) fn runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
-        read_runs(&self.data, &self.selection.options(true), model, &[], quiet)
+        self.judged_runs(model, quiet).map(|(runs, _)| runs)
     }
 
     /// Reads all runs, and judges them by the quick tests of the doctor: three lines at most are said unless it is to be quiet.
@@ -254,7 +254,18 @@ impl Records {
     /// Reads runs that a result predicts: each may lack outputs.
     pub(crate) fn predicted_runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
         let elsewhere = vec![true; model.layout().outputs];
-        read_runs(&self.data, &self.selection.options(true), model, &elsewhere, quiet)
+        let runs = read_runs(&self.data, &self.selection.options(true), model, &elsewhere, quiet)?;
+        self.refuse(model, &runs)?;
+        Ok(runs)
+    }
+
+    /// Refuses runs with findings where `--strict` was typed.
+    pub(crate) fn refuse(&self, model: &Model, runs: &[Run]) -> Result<(), Failure> {
+        if self.strict {
+            let records: Vec<(Run, Option<Summary>)> = runs.iter().map(|run| (run.clone(), None)).collect();
+            self.judge(model, &records, false)?;
+        }
+        Ok(())
     }
 
     /// Writes into a result what it was made from.

@@ -55,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let channels = arguments.channels(&model)?;
     let options = arguments.records.selection.options(false);
     let runs = read_runs(&arguments.records.data, &options, &model, &[], arguments.output.quiet)?;
+    arguments.records.refuse(&model, &runs)?;
     let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
     arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;
