@@ -154,6 +154,22 @@ impl RunTable {
         groups
     }
 
+    /// Where the files of the runs are.
+    pub(crate) fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
+        let of_row = |row: &Row| {
+            let empty = || format!("--runs {}: line {}: the cell `file` is empty", self.file.display(), row.line);
+            self.cell(row, "file").map(|file| self.place(file)).ok_or_else(empty)
+        };
+        let (found, wrong): (Vec<_>, Vec<_>) = self.rows.iter().map(of_row).partition(Result::is_ok);
+        let wrong: Vec<String> = wrong.into_iter().filter_map(Result::err).collect();
+        if wrong.is_empty() { Ok(found.into_iter().flatten().collect()) } else { Err(Failure::Input(wrong)) }
+    }
+
+    /// Where a file is that a row names.
+    fn place(&self, file: &str) -> PathBuf {
+        if file == "-" { file.into() } else { self.file.parent().unwrap_or(Path::new("")).join(file) }
+    }
+
     /// The files of the runs, with `options` where a row says nothing else.
     pub(crate) fn files(&self, model: &Model, options: &ReadOptions) -> Result<Vec<RecordFile>, Failure> {
         let (known, groupings) = (known(model), model.groupings());
@@ -224,7 +240,7 @@ impl RunTable {
                     Err(e) => wrong.push(format!("{at}: map `{map}`: {e}")),
                 }
             }
-            let path = if file == "-" { file.into() } else { folder.join(file) };
+            let path = self.place(file);
             let name = self.cell(row, "run").map(String::from);
             if let (Some(name), true) = (&name, files.iter().any(|f| f.name == name)) {
                 wrong.push(format!("{at}: the run `{name}` stands in the table already"));

@@ -15,10 +15,10 @@ use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions
 use fdm_estimate::FitOptions;
 use fdm_grammar::effect::Catalogue;
 use fdm_report::diagnosis_text;
-use fdm_results::documents::DiagnosisDocument;
+use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
 use fdm_results::store::{Destination, Identity, Manifest};
 use fdm_system::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Run, Summary};
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -63,7 +63,7 @@ pub(crate) struct Arguments {
 }
 
 /// A number between 0 and 1.
-fn probability(text: &str) -> Result<f64, String> {
+pub(crate) fn probability(text: &str) -> Result<f64, String> {
     let value = number(text)?;
     if value > 0.0 && value < 1.0 { Ok(value) } else { Err("a probability is between 0 and 1".into()) }
 }
@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         found => found.map_err(refused)?,
     };
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, &campaign, &validation, &options));
-    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
+    let ending = arguments.deliver(&model, (&found, campaign.judged), manifest, destination.as_ref())?;
     if in_time && !found.stopped { Ok(ending) } else { ended(false) }
 }
 
@@ -173,6 +173,8 @@ impl Arguments {
         if !self.output.quiet {
             say_notes(&records);
         }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.records.judge(model, &records, self.output.quiet)?;
         let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
         for k in fitted..runs.len() {
             // a validation file may have the name of another
@@ -181,7 +183,7 @@ impl Arguments {
             }
         }
         let validation = runs.split_off(fitted);
-        Ok((Campaign { files, runs, reading: options }, validation))
+        Ok((Campaign { files, runs, judged, reading: options }, validation))
     }
 
     /// What the diagnosis was made from.
@@ -199,7 +201,7 @@ impl Arguments {
     fn deliver(
         &self,
         model: &Model,
-        found: &Diagnosis,
+        (found, judged): (&Diagnosis, Option<JudgedRecords>),
         manifest: Option<Manifest>,
         destination: Option<&Destination>,
     ) -> Ending {
@@ -215,7 +217,7 @@ impl Arguments {
                 Err(e) => failed.push(e.to_string()),
             }
         }
-        let json = as_json(&DiagnosisDocument::of(found, path.as_deref()))?;
+        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path.as_deref()) })?;
         let mut text = diagnosis_text(found);
         if !difference.is_empty() {
             text.push_str(&format!("\n{difference}"));

@@ -20,7 +20,7 @@ use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
     history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
 };
-use fdm_results::documents::{FitDocument, TimeDomain};
+use fdm_results::documents::{FitDocument, JudgedRecords, TimeDomain};
 use fdm_results::store::{Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -161,7 +161,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
     let result = task.work(&model, runs, checkpoint.keeper(), &mut progress);
     progress.finish();
-    let made = task.made(result?, (runs, &validation), &mut progress)?;
+    let made = task.made(result?, (runs, &validation), &mut progress)?.with_records(campaign.judged.clone());
     let manifest = made.manifest(prepared.manifest(&model, made.identity.clone(), made.noise.clone(), &campaign));
     let good = made.is_good();
     let frequencies = made.found.frequencies();
@@ -246,6 +246,12 @@ pub(crate) struct Made {
 impl Made {
     pub(crate) fn is_good(&self) -> bool {
         self.found.is_good(self.starts)
+    }
+
+    /// With what was assumed about the records and found in them.
+    pub(crate) fn with_records(mut self, records: Option<JudgedRecords>) -> Self {
+        self.document.records = records;
+        self
     }
 
     /// With what the fit says of what it was made from.

@@ -12,6 +12,7 @@ mod data;
 mod deliver;
 mod design;
 mod diagnose;
+mod doctor;
 mod effects;
 mod failure;
 mod fit;
@@ -69,6 +70,8 @@ enum Verb {
     Design(design::Arguments),
     /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
     Diagnose(Box<diagnose::Arguments>),
+    /// Judge records before they are believed: faults with odds, biases and repairs, by themselves and beside a model
+    Doctor(doctor::Arguments),
     /// List candidate effects for a model: the catalogue, and where each effect fits
     Effects(effects::Arguments),
     /// Write effects into a model's own text, and print what changes
@@ -163,6 +166,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Data(a) => data::run(a),
         Verb::Design(a) => design::run(a),
         Verb::Diagnose(a) => diagnose::run(a),
+        Verb::Doctor(a) => doctor::run(a),
         Verb::Effects(a) => effects::run(a),
         Verb::Extend(a) => effects::extend(a),
         Verb::Simulate(a) => simulate::run(a),

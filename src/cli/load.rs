@@ -4,9 +4,11 @@
 use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
+use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
+use fdm_results::documents::{JudgedRecords, RecordDocument};
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
 use fdm_system::record::{Known, Note, ReadOptions, Run, SampleMask, Summary, channels, read_each};
@@ -154,6 +156,8 @@ fn another_model(path: &Path, folder: &ResultFolder, differences: &[String]) -> 
 pub(crate) struct Campaign {
     pub(crate) files: Vec<RecordFile>,
     pub(crate) runs: Vec<Run>,
+    /// What was assumed about them and found in them; none where that is nothing.
+    pub(crate) judged: Option<JudgedRecords>,
     /// How files are read of which nothing else is said.
     pub(crate) reading: ReadOptions,
 }
@@ -192,6 +196,9 @@ pub(crate) struct Records {
     data: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) list: RunList,
+    /// End with exit code 1 where anything but remarks is found in the records
+    #[arg(long)]
+    pub(crate) strict: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
 }
@@ -241,6 +248,22 @@ impl RunList {
         let one = |path| RecordFile { path, name: None, role, options: options.clone() };
         Ok(expanded(data)?.into_iter().map(one).collect())
     }
+}
+
+/// What is assumed about runs, and what the quick tests of the doctor find in them; none where that is nothing.
+pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Option<JudgedRecords> {
+    let options = AloneOptions { kinematics: false, ..AloneOptions::default() };
+    let seen: Vec<Record> =
+        records.iter().map(|(run, summary)| Record::of_run(model.definition(), run, summary.as_ref())).collect();
+    let mut findings: Vec<Finding> = seen.iter().flat_map(|record| examine_alone(record, &options)).collect();
+    findings.extend(examine_repeats(&seen));
+    fdm_doctor::sort(&mut findings);
+    let assumed = records.iter().map(|(run, summary)| RecordDocument {
+        run: run.name.clone(),
+        samples: run.len(),
+        assumed: summary.as_ref().map_or(Vec::new(), notes),
+    });
+    JudgedRecords { assumed: assumed.filter(|r| !r.assumed.is_empty()).collect(), findings }.said()
 }
 
 /// What is used of the files, and as what.
@@ -299,12 +322,23 @@ impl Records {
         Ok(files)
     }
 
+    /// The files of all runs, whatever their role.
+    pub(crate) fn every(&self, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        self.list.files((&self.data, Role::Fit), options, model)
+    }
+
+    /// The same where there is no model.
+    pub(crate) fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
+        self.list.table()?.map_or_else(|| expanded(&self.data), |table| table.paths())
+    }
+
     /// The files of a role in the table of runs; none where there is no table.
     pub(crate) fn of_list(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
         if self.list.runs.is_some() { self.files(role, options, model) } else { Ok(Vec::new()) }
     }
 
-    /// Reads all runs that are fitted, with all their outputs.
+    /// Reads all runs that are fitted, with all their outputs, and judges them by the quick tests of the doctor: three lines at most are
+    /// said unless it is to be quiet.
     pub(crate) fn read(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
         let reading = self.selection.options(true);
         let files = self.files(Role::Fit, &reading, model)?;
@@ -312,15 +346,52 @@ impl Records {
         if left > 0 && !quiet {
             remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are not fitted"));
         }
-        let runs = read_runs(&files, model, &[], quiet)?;
-        Ok(Campaign { files, runs, reading })
+        let records = read_records(&files, model, &[])?;
+        if !quiet {
+            say_notes(&records);
+        }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.judge(model, &records, quiet)?;
+        let runs = records.into_iter().map(|(run, _)| run).collect();
+        Ok(Campaign { files, runs, judged, reading })
     }
 
     /// Reads runs that a result predicts: each may lack outputs.
     pub(crate) fn read_predicted(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
         let files = self.predicted_files(model)?;
         let runs = read_runs(&files, model, &vec![true; model.layout().outputs], quiet)?;
-        Ok(Campaign { files, runs, reading: self.selection.options(true) })
+        self.refuse(model, &runs)?;
+        Ok(Campaign { files, runs, judged: None, reading: self.selection.options(true) })
+    }
+
+    /// What the quick tests of the doctor find in runs that were read.
+    ///
+    /// # Errors
+    /// Where something was found and `--strict` refuses to go on.
+    pub(crate) fn judge(
+        &self,
+        model: &Model,
+        records: &[(Run, Option<Summary>)],
+        quiet: bool,
+    ) -> Result<Option<JudgedRecords>, Failure> {
+        let judged = judged(model, records);
+        let lines = judged.as_ref().map_or(Vec::new(), |j| leading(&j.findings));
+        if !quiet {
+            lines.iter().for_each(|line| remark(format_args!("{line}")));
+        }
+        if self.strict && !lines.is_empty() {
+            return Err(Failure::Strict);
+        }
+        Ok(judged)
+    }
+
+    /// Refuses runs with findings where `--strict` was typed.
+    pub(crate) fn refuse(&self, model: &Model, runs: &[Run]) -> Result<(), Failure> {
+        if self.strict {
+            let records: Vec<(Run, Option<Summary>)> = runs.iter().map(|run| (run.clone(), None)).collect();
+            self.judge(model, &records, false)?;
+        }
+        Ok(())
     }
 
     /// The files of runs that a result predicts: those of the role `validation`, or all where there is none of it.
@@ -332,6 +403,16 @@ impl Records {
 }
 
 impl Selection {
+    /// Whether what can be read of damaged logs is used.
+    pub(crate) fn is_salvaged(&self) -> bool {
+        self.salvage
+    }
+
+    /// The map of the channels, where one was given.
+    pub(crate) fn map(&self) -> Option<&RecordMap> {
+        self.map_file.as_ref()
+    }
+
     /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {

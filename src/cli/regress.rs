@@ -227,6 +227,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // places that cannot be written are told before the work
     let prepared = prepare(output, None, &arguments.places, (&model, runs))?;
     let (mut text, mut document, determined) = estimates(&model, runs, &options).or_failure()?;
+    document.records.clone_from(&campaign.judged);
     if arguments.dependence && halt.goes_on() {
         let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
@@ -248,7 +249,8 @@ pub(crate) fn equation_error(
     let (model, campaign) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
     let options = at_once(frequencies);
     let prepared = delivery.prepare(&model, &campaign.runs)?;
-    let (text, document, determined) = estimates(&model, &campaign.runs, &options).or_failure()?;
+    let (text, mut document, determined) = estimates(&model, &campaign.runs, &options).or_failure()?;
+    document.records.clone_from(&campaign.judged);
     deliver(&prepared, &model, &campaign, &options, (text, document.into()), determined)
 }
 

@@ -24,10 +24,11 @@ use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_report::{check_text, design_table, diagnosis_text, modes_table, profile_table, response_table, study_table};
 use fdm_results::documents::{
-    DiagnosisDocument, EffectsDocument, ModelDocument, ModesDocument, RegressionDocument, SpectraDocument,
+    DiagnosisDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
+    SpectraDocument,
 };
 use fdm_results::store::{DataFile, Identity, Manifest, ResultFolder};
-use fdm_system::record::{ReadOptions, RecordError, Run};
+use fdm_system::record::{ReadOptions, RecordError, Run, Summary};
 use fdm_system::{Model, ModelError};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -60,6 +61,7 @@ impl From<Failure> for Refusal {
             Failure::Model(e) => Self::Model(e),
             Failure::Records(errors) => Self::Records(errors),
             Failure::Input(reasons) => Self::Input(reasons),
+            Failure::Strict => Self::Numbers("the records have findings, and `strict` refuses to go on".into()),
             Failure::Unwritten(file) => Self::Numbers(file.to_string()),
         }
     }
@@ -74,6 +76,8 @@ pub struct Record {
     pub file: Option<PathBuf>,
     /// How the file was read.
     pub reading: ReadOptions,
+    /// What was found while it was read; none of samples that were in memory.
+    pub summary: Option<Summary>,
 }
 
 impl Record {
@@ -190,6 +194,12 @@ fn runs(records: &mut [Record]) -> Vec<Run> {
     records.iter().map(|r| r.run.clone()).collect()
 }
 
+/// What is assumed about the records and found in them.
+fn judged(model: &Model, records: &[Record]) -> Option<JudgedRecords> {
+    let read: Vec<(Run, Option<Summary>)> = records.iter().map(|r| (r.run.clone(), r.summary.clone())).collect();
+    crate::load::judged(model, &read)
+}
+
 /// With the command that would do the same, and the records.
 fn described(verb: &str, mut manifest: Manifest, (model, records): (&Model, &[Record]), words: &[String]) -> Manifest {
     manifest.command =
@@ -222,8 +232,9 @@ pub fn read(
         |file: &PathBuf| RecordFile { path: file.clone(), name: None, role: Role::Fit, options: options.clone() };
     let each: Vec<RecordFile> = files.iter().map(each).collect();
     let read = read_records(&each, model, elsewhere)?;
-    let record = |((run, summary), file): ((Run, _), &PathBuf)| {
-        (Record { run, file: Some(file.clone()), reading: reading.clone() }, notes(&summary))
+    let record = |((run, summary), file): ((Run, Summary), &PathBuf)| {
+        let notes = notes(&summary);
+        (Record { run, file: Some(file.clone()), reading: reading.clone(), summary: Some(summary) }, notes)
     };
     Ok(read.into_iter().zip(files).map(record).collect())
 }
@@ -284,7 +295,8 @@ pub fn fit(
             fdm_estimate::changed(&model, &arguments.changes()).map_err(|e| Refusal::Input(vec![e.to_string()]))?;
         let options = regress::at_once((question.domain == Domain::Frequency).then(|| arguments.frequencies()));
         let found = regress::estimates(&changed, &runs, &options);
-        let (text, document, determined) = found.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
+        let (text, mut document, determined) = found.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
+        document.records = judged(&changed, &records);
         let manifest = Manifest::new(&changed, Identity::of(&changed, &runs, &options), Noise::Diagonal);
         let manifest = described(manifest, &records);
         let of = Of::Regressed { model: Box::new(changed), text, document: Box::new(document), determined };
@@ -295,7 +307,7 @@ pub fn fit(
     let task = Task::new(&arguments, options, &model, &runs)?;
     let checkpoint = arguments.checkpoints.open(&task.identity, true)?;
     let found = task.work(&model, &runs, checkpoint.keeper(), &mut progress)?;
-    let made = task.made(found, (&runs, validation), &mut progress)?;
+    let made = task.made(found, (&runs, validation), &mut progress)?.with_records(judged(&model, &records));
     let manifest = Manifest::new(&model, made.identity.clone(), made.noise.clone());
     let manifest = described(made.manifest(manifest), &records);
     let whole = checkpoint.close() && progress.in_time();
@@ -439,7 +451,9 @@ pub fn diagnose(
     if !changed.is_empty() {
         text.push_str(&format!("\n{changed}"));
     }
-    let json = as_json(&DiagnosisDocument::of(&found, None))?;
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
+    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
+    let json = as_json(&document)?;
     let all: Vec<Run> = runs.iter().chain(&predicted).cloned().collect();
     let noise = options.fit.options.noise.clone();
     let manifest = Manifest::of_diagnosis(&model, Identity::of(&model, &all, &options), noise);
@@ -627,7 +641,7 @@ mod tests {
         let times: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
         let y: Vec<f64> = times.iter().map(|t| (-0.5 * t).exp() + 1e-3 * (37.0 * t).sin()).collect();
         let run = model.run("a").times(times).samples("y", y).build().expect("a run");
-        Record { run, file: None, reading: ReadOptions::default() }
+        Record { run, file: None, reading: ReadOptions::default(), summary: None }
     }
 
     fn words(words: &[&str]) -> Vec<String> {

@@ -57,6 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let options = arguments.records.selection.options(false);
     let files = arguments.records.files(Role::Fit, &options, &model)?;
     let runs = read_runs(&files, &model, &[], arguments.output.quiet)?;
+    arguments.records.refuse(&model, &runs)?;
     let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
     arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;
