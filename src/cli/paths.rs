@@ -206,6 +206,8 @@ mod tests {
             "diagnose write File(Model)",
             "diagnose out Folder",
             "diagnose report File(Page)",
+            "doctor fix File(Table)",
+            "doctor report File(Page)",
             "extend write File(Model)",
             "simulate output File(Table)",
             "fit checkpoint Folder",
