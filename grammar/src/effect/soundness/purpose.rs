@@ -16,7 +16,9 @@ impl<'a> Check<'a> {
                 match pool.expr(e) {
                     Expr::Name(name) => self.slot(name, span),
                     Expr::Call(name, arguments) => match (name.text.as_str(), arguments.len()) {
-                        ("depends" | "consumes" | "produces", 2) | ("known" | "shared" | "der", 1) => open.extend(arguments),
+                        ("depends" | "consumes" | "produces", 2) | ("known" | "shared" | "der", 1) => {
+                            open.extend(arguments)
+                        }
                         (word @ ("depends" | "consumes" | "produces" | "known" | "shared" | "der"), n) => {
                             let form = match word {
                                 "depends" => "depends(der(x), z)",
@@ -30,10 +32,11 @@ impl<'a> Check<'a> {
                             self.tell(Code::ArgumentCount, span, message, format!("`{form}`"));
                         }
                         (word, _) => {
-                            let hint = match nearest(word, ["depends", "consumes", "produces", "known", "shared", "der"]) {
-                                Some(near) => format!("did you mean `{near}`?"),
-                                None => CONDITION_FORMS.into(),
-                            };
+                            let hint =
+                                match nearest(word, ["depends", "consumes", "produces", "known", "shared", "der"]) {
+                                    Some(near) => format!("did you mean `{near}`?"),
+                                    None => CONDITION_FORMS.into(),
+                                };
                             let message = format!("the test `{word}` does not exist");
                             self.tell(Code::UnknownFunction, name.span, message, hint);
                         }
