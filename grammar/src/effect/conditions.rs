@@ -78,10 +78,6 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
                 Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
                 _ => Part::Nothing,
             },
-            ("shared", [a]) => match at(a) {
-                Part::Thing(k) => Part::Truth(is_shared(subject, &targets[k].name)),
-                _ => Part::Nothing,
-            },
             ("consumes" | "produces", [p, x]) => match (at(p), at(x)) {
                 (Part::Thing(p), Part::Thing(x)) => {
                     let sign = if name.text == "consumes" { Turnover::Consumed } else { Turnover::Produced };
@@ -104,12 +100,6 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
 /// Whether no parameter stands in the rate of a state or the value of an output: nothing was left to be found there.
 fn is_known(subject: &Subject, name: &str) -> bool {
     subject.reached(name).is_some_and(|leaves| !leaves.iter().any(|l| matches!(l, Leaf::Param(_))))
-}
-
-/// Whether something stands in the equations of several states, as a torque between coupled bodies does.
-fn is_shared(subject: &Subject, name: &str) -> bool {
-    let states = subject.model.states.iter().map(|s| &s.quantity.name);
-    states.filter(|state| subject.balance(state).is_some() && depends(subject, state, name)).count() > 1
 }
 
 /// Whether the rate of a state or the value of an output depends on something, lets looked through.
