@@ -135,17 +135,20 @@ fn least_squares(rows: &[[f64; 5]]) -> Option<([f64; 4], [f64; 4], f64)> {
     }
     let left = dot(&q[4], &q[4]);
     let explained = 1.0 - left / trend_left.max(f64::MIN_POSITIVE);
-    let mut inverse = [[0.0; 4]; 4];
-    for j in 0..4 {
+    // column j of the inverse of the triangle
+    let column = |j: usize| {
+        let mut column = [0.0; 4];
         for i in (0..=j).rev() {
-            let below: f64 = (i + 1..=j).map(|k| upper[i][k] * inverse[k][j]).sum();
-            inverse[i][j] = (if i == j { 1.0 } else { 0.0 } - below) / upper[i][i];
+            let below: f64 = (i + 1..=j).map(|k| upper[i][k] * column[k]).sum();
+            column[i] = (if i == j { 1.0 } else { 0.0 } - below) / upper[i][i];
         }
-    }
-    let coefficients = std::array::from_fn(|i| (i..4).map(|j| inverse[i][j] * upper[j][4]).sum());
+        column
+    };
+    let inverse: [[f64; 4]; 4] = std::array::from_fn(column);
+    let coefficients = std::array::from_fn(|i| (i..4).map(|j| inverse[j][i] * upper[j][4]).sum());
     let lag: f64 = q[4].windows(2).map(|w| w[0] * w[1]).sum::<f64>() / left.max(f64::MIN_POSITIVE);
     let colour = ((1.0 + lag.clamp(0.0, 0.99)) / (1.0 - lag.clamp(0.0, 0.99))).sqrt();
     let noise = (left / n as f64).sqrt() * colour;
-    let deviation = std::array::from_fn(|i| noise * (i..4).map(|j| inverse[i][j].powi(2)).sum::<f64>().sqrt());
+    let deviation = std::array::from_fn(|i| noise * (i..4).map(|j| inverse[j][i].powi(2)).sum::<f64>().sqrt());
     Some((coefficients, deviation, explained))
 }

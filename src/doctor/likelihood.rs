@@ -153,7 +153,7 @@ impl Trial {
             }
         }
         let measured = squares.iter().any(|s| !s.is_nan());
-        measured.then(|| Self { squares, independent, values: 0.0, estimate: None })
+        measured.then_some(Self { squares, independent, values: 0.0, estimate: None })
     }
 
     /// Gain in log-likelihood over another trial of the same record, in nats. The sums of squares count by the independent samples of the fit
