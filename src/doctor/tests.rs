@@ -73,7 +73,8 @@ fn clean_records_have_findings_at_the_stated_rate() {
 
 #[test]
 fn faults_of_values_are_named_with_their_channel() {
-    let planted: [(Fault, fn(&mut Vec<f64>)); 6] = [
+    type Edit = fn(&mut Vec<f64>);
+    let planted: [(Fault, Edit); 6] = [
         (Fault::Sentinel, |v| [50, 180, 400].iter().for_each(|k| v[*k] = -9999.0)),
         (Fault::Spikes, |v| [90, 333].iter().for_each(|k| v[*k] += 5.0)),
         (Fault::Stuck, |v| {
