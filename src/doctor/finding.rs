@@ -48,10 +48,6 @@ pub enum Fault {
     Offset,
     /// A factor that is no unit's.
     Scale,
-    /// A channel behind a low-pass filter that others have not.
-    Filtered,
-    /// A step of the zero in the middle of the record.
-    Shift,
     /// An input that never changes.
     Constant,
     /// The same samples in two runs.
@@ -84,8 +80,6 @@ impl Fault {
             Self::Drift => "clock drift",
             Self::Offset => "offset",
             Self::Scale => "scale factor",
-            Self::Filtered => "low-pass filter",
-            Self::Shift => "shift of the zero",
             Self::Constant => "constant input",
             Self::Repeated => "same record twice",
             Self::NotDetermined => "no excitation",

@@ -76,15 +76,29 @@ impl<'a> Channels<'a> {
     /// What mends a run, as lines of a map.
     pub(crate) fn repair(&self, edits: &[Edit]) -> Repair {
         let mut time = None;
-        let mut changes = Vec::new();
+        // what each channel that is touched is made of, edit by edit: an exchange takes along what was done before it
+        let mut changes: Vec<(Slot, Change)> = Vec::new();
+        let of = |changes: &mut Vec<(Slot, Change)>, slot: Slot| {
+            changes.iter().position(|(s, _)| *s == slot).unwrap_or_else(|| {
+                changes.push((slot, Change { from: Some(self.name(slot).into()), ..Change::default() }));
+                changes.len() - 1
+            })
+        };
         for edit in edits {
-            let mut change = |slot: Slot, change: Change| changes.push((self.name(slot).to_string(), change));
             match *edit {
-                Edit::Affine(slot, factor, offset) => change(slot, Change { factor, offset, ..Change::default() }),
-                Edit::Delay(slot, delay) => change(slot, Change { delay, ..Change::default() }),
+                Edit::Affine(slot, factor, offset) => {
+                    let k = of(&mut changes, slot);
+                    let change = &mut changes[k].1;
+                    (change.factor, change.offset) = (factor * change.factor, factor * change.offset + offset);
+                }
+                Edit::Delay(slot, delay) => {
+                    let k = of(&mut changes, slot);
+                    changes[k].1.delay += delay;
+                }
                 Edit::Swap(a, b) => {
-                    change(a, Change { from: Some(self.name(b).into()), ..Change::default() });
-                    change(b, Change { from: Some(self.name(a).into()), ..Change::default() });
+                    let (a, b) = (of(&mut changes, a), of(&mut changes, b));
+                    let one = changes[a].1.clone();
+                    changes[a].1 = std::mem::replace(&mut changes[b].1, one);
                 }
                 Edit::Drift(slot, rate) => {
                     let words =
@@ -94,6 +108,11 @@ impl<'a> Channels<'a> {
                 Edit::Time(factor) => time = Some(factor),
             }
         }
+        let changes = changes.into_iter().filter_map(|(slot, mut change)| {
+            let name = self.name(slot);
+            change.from = change.from.filter(|from| from != name);
+            (change != Change::default()).then(|| (name.to_string(), change))
+        });
         match time {
             Some(factor) => {
                 let unit = [(1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"), (60.0, "min"), (3600.0, "h")]
@@ -219,14 +238,13 @@ fn axes(channels: &Channels<'_>, add: &mut impl FnMut(Fault, Vec<Slot>, Vec<Edit
             }
             let mut edits = Vec::new();
             for triad in &triads {
-                // a permutation as exchanges: what stands at `order[k]` comes to k
-                let mut place: Vec<usize> = order.to_vec();
+                // a permutation as exchanges: k gets what stood at `order[k]`, wherever it stands by now
+                let mut stands = [0, 1, 2];
                 for k in 0..3 {
-                    if let Some(from) = place.iter().position(|p| *p == k).filter(|_| place[k] != k) {
-                        let source = place[k];
-                        edits.push(Edit::Swap(triad[k], triad[source]));
-                        place.swap(k, source);
-                        let _ = from;
+                    let now = stands.iter().position(|from| *from == order[k]).unwrap_or(k);
+                    if now != k {
+                        edits.push(Edit::Swap(triad[k], triad[now]));
+                        stands.swap(k, now);
                     }
                 }
                 edits.extend((0..3).filter(|k| minus[*k]).map(|k| Edit::Affine(triad[k], -1.0, 0.0)));

@@ -3,6 +3,7 @@
 use crate::finding::{Fault, Finding};
 use crate::record::{Channel, Record};
 use crate::repair::{Change, Repair};
+use nalgebra::{DMatrix, DVector};
 use std::f64::consts::PI;
 
 /// Angle and its rate, as flight and ship logs call them.
@@ -107,48 +108,25 @@ fn least_squares(rows: &[[f64; 5]]) -> Option<([f64; 4], [f64; 4], f64)> {
     if n < 20 {
         return None;
     }
-    // Gram-Schmidt, column by column
-    let mut q: [Vec<f64>; 5] = std::array::from_fn(|j| rows.iter().map(|r| r[j]).collect());
-    let mut upper = [[0.0; 5]; 5];
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    let mut trend_left = 0.0;
-    for j in 0..5 {
-        let whole = dot(&q[j], &q[j]).sqrt();
-        for i in 0..j {
-            let part = dot(&q[i], &q[j]);
-            upper[i][j] = part;
-            let basis = q[i].clone();
-            q[j].iter_mut().zip(&basis).for_each(|(v, b)| *v -= part * b);
-            if j == 4 && i == 1 {
-                trend_left = dot(&q[4], &q[4]);
-            }
-        }
-        if j == 4 {
-            break;
-        }
-        let norm = dot(&q[j], &q[j]).sqrt();
-        if norm <= 1e-9 * whole || norm == 0.0 {
-            return None;
-        }
-        upper[j][j] = norm;
-        q[j].iter_mut().for_each(|v| *v /= norm);
+    let columns = DMatrix::from_fn(n, 4, |i, j| rows[i][j]);
+    let wanted = DVector::from_fn(n, |i, _| rows[i][4]);
+    let qr = columns.clone().qr();
+    let upper = qr.r();
+    if (0..4).any(|j| upper[(j, j)].abs() <= 1e-9 * columns.column(j).norm()) {
+        return None;
     }
-    let left = dot(&q[4], &q[4]);
+    let inverse = upper.try_inverse()?;
+    let mut turned = wanted.clone();
+    qr.q_tr_mul(&mut turned);
+    let found: DVector<f64> = &inverse * turned.rows(0, 4);
+    let residual = wanted - columns * &found;
+    let left = residual.norm_squared();
+    // mean and trend are the first two directions
+    let trend_left = turned.rows(2, n - 2).norm_squared();
     let explained = 1.0 - left / trend_left.max(f64::MIN_POSITIVE);
-    // column j of the inverse of the triangle
-    let column = |j: usize| {
-        let mut column = [0.0; 4];
-        for i in (0..=j).rev() {
-            let below: f64 = (i + 1..=j).map(|k| upper[i][k] * column[k]).sum();
-            column[i] = (if i == j { 1.0 } else { 0.0 } - below) / upper[i][i];
-        }
-        column
-    };
-    let inverse: [[f64; 4]; 4] = std::array::from_fn(column);
-    let coefficients = std::array::from_fn(|i| (i..4).map(|j| inverse[j][i] * upper[j][4]).sum());
-    let lag: f64 = q[4].windows(2).map(|w| w[0] * w[1]).sum::<f64>() / left.max(f64::MIN_POSITIVE);
+    let lag: f64 = residual.as_slice().windows(2).map(|w| w[0] * w[1]).sum::<f64>() / left.max(f64::MIN_POSITIVE);
     let colour = ((1.0 + lag.clamp(0.0, 0.99)) / (1.0 - lag.clamp(0.0, 0.99))).sqrt();
     let noise = (left / n as f64).sqrt() * colour;
-    let deviation = std::array::from_fn(|i| noise * (i..4).map(|j| inverse[j][i].powi(2)).sum::<f64>().sqrt());
-    Some((coefficients, deviation, explained))
+    let deviation = std::array::from_fn(|i| noise * inverse.row(i).norm());
+    Some((std::array::from_fn(|i| found[i]), deviation, explained))
 }

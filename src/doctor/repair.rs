@@ -98,8 +98,8 @@ pub fn repaired_map<'a>(
     for channel in &record.channels {
         map.channel.entry(channel.name.clone()).or_insert_with(|| ChannelMap::plain(&channel.column));
     }
-    let columns: BTreeMap<String, ChannelMap> = map.channel.clone();
     for repair in repairs {
+        let columns: BTreeMap<String, ChannelMap> = map.channel.clone();
         map.time.rate = repair.rate.or(map.time.rate);
         map.time.unit = repair.time_unit.clone().or(map.time.unit);
         for (name, change) in &repair.channels {

@@ -1,5 +1,6 @@
 //! Faults that are planted in records whose truth is known, and records without one.
 
+use crate::hypothesis::{Channels, discrete, edited};
 use crate::record::{Channel, Record, Role};
 use crate::{
     AloneOptions, BesideOptions, Fault, Finding, Severity, examine_alone, examine_beside, examine_repeats, leading,
@@ -127,6 +128,32 @@ fn degrees_for_radians_are_named_where_no_unit_is_stated() {
 }
 
 #[test]
+fn a_rate_beside_its_angle_tells_sign_unit_and_delay() {
+    // an angle in closed form, and its derivative `late` seconds ago
+    let made = |factor: f64, late: f64| {
+        let mut noise = Noise::new(21);
+        let angle = |t: f64| (1.3 * t).sin() + 0.4 * (0.37 * t).sin();
+        let rate = |t: f64| 1.3 * (1.3 * t).cos() + 0.4 * 0.37 * (0.37 * t).cos();
+        let times: Vec<f64> = (0..N).map(|k| k as f64 * DT).collect();
+        let phi = times.iter().map(|t| angle(*t) + 0.001 * noise.next()).collect();
+        let p = times.iter().map(|t| factor * (rate(t - late) + 0.005 * noise.next())).collect();
+        let channels = vec![
+            Channel { unit: Some("rad".into()), ..channel("phi", phi) },
+            Channel { unit: Some("rad/s".into()), ..channel("p", p) },
+        ];
+        Record { run: "r".into(), time: times, clocked: true, channels }
+    };
+    assert!(judged(&made(1.0, 0.0)).is_empty(), "{:?}", judged(&made(1.0, 0.0)));
+    assert_eq!(first(&made(-1.0, 0.0)).0, Fault::Sign);
+    let degrees = judged(&made(180.0 / std::f64::consts::PI, 0.0));
+    let factor = degrees[0].repair.as_ref().map(|r| r.channels["p"].factor);
+    assert_eq!((degrees[0].fault, factor), (Fault::Unit, Some(std::f64::consts::PI / 180.0)), "{degrees:?}");
+    let late = judged(&made(1.0, 0.2));
+    let delay = late[0].repair.as_ref().map_or(0.0, |r| r.channels["p"].delay);
+    assert!(late[0].fault == Fault::Delay && (delay - 0.2).abs() < 0.02, "{late:?}");
+}
+
+#[test]
 fn the_same_record_under_two_names_is_named_and_others_are_not() {
     let mut other = record(1);
     other.run = "again".into();
@@ -198,6 +225,41 @@ fn beside(run: &Run, model: &Model) -> Vec<Finding> {
     let runs = std::slice::from_ref(run);
     let found = examine_beside(model, runs, &records, Vec::new(), &BesideOptions::default());
     found.findings.into_iter().filter(|f| f.severity == Severity::Finding).collect()
+}
+
+#[test]
+fn turned_axes_are_repaired_as_they_are_told() {
+    let text = "model m { state s; param c = 1; der(s) = -c*s; output p = s, q = 2*s, r = 3*s; }";
+    let model = Model::from_text("m.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
+    let (names, record) = (["p", "q", "r"], [1.0, 20.0, 300.0]);
+    let run = Run {
+        name: "r".into(),
+        time: vec![0.0, 1.0],
+        inputs: Vec::new(),
+        held: Vec::new(),
+        measured: [record, record].concat(),
+        input_gaps: Vec::new(),
+        output_gaps: vec![0; 3],
+    };
+    let channels = Channels::new(model.definition());
+    let all = discrete(&channels, &[], true);
+    let axes: Vec<_> = all.iter().filter(|h| h.fault == Fault::Axes).collect();
+    assert_eq!(axes.len(), 47);
+    for hypothesis in axes {
+        let new = edited(&run, &hypothesis.edits, model.definition()).unwrap_or_else(|e| panic!("{e:?}"));
+        let told = hypothesis.what.strip_prefix("the axes x, y, z are ").unwrap_or_default();
+        let told: Vec<&str> = told.split(" (").next().unwrap_or_default().split(", ").collect();
+        let repair = channels.repair(&hypothesis.edits);
+        for (k, name) in names.iter().enumerate() {
+            let sign = if told[k].starts_with('-') { -1.0 } else { 1.0 };
+            let from = ["x", "y", "z"].iter().position(|axis| told[k].ends_with(axis));
+            assert_eq!(from.map(|j| sign * record[j]), Some(new.measured[k]), "{}", hypothesis.what);
+            let change = repair.channels.get(*name).cloned().unwrap_or_default();
+            let from = change.from.as_deref().unwrap_or(name);
+            let repaired = names.iter().position(|n| *n == from).map(|j| change.factor * record[j]);
+            assert_eq!(repaired, Some(new.measured[k]), "{}: {}", hypothesis.what, repair.line);
+        }
+    }
 }
 
 #[test]
