@@ -144,7 +144,7 @@ class Fit:
     interrupted: bool
     """Stopped by Ctrl-C or by the progress function: the values are the best so far."""
     validation: Prediction | None
-    """The prediction of the validation runs; none where none were given, or where `document.holdout` has it."""
+    """The prediction of the validation runs; none where none were given, and in the frequency domain: `document.holdout` has its quality."""
 
     # the fit of this process, or none of one that was read
     _made: _fdm.Fit | None
@@ -170,7 +170,8 @@ class Fit:
             if not remark.startswith("note:") and not fit.interrupted:
                 warnings.warn(remark, ResultWarning, stacklevel=3)
         fit.validation = None
-        if validation and "holdout" not in fit.document and not fit.interrupted and fit.converged:
+        in_frequency = "frequency_domain" in fit.document or "frequency_responses" in fit.document
+        if validation and not in_frequency and not fit.interrupted and fit.converged:
             fit.validation = fit.predict(validation, progress=False)
         return fit
 

@@ -84,8 +84,8 @@ pub(crate) fn fit(
     words: Vec<String>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Fit> {
-    let (records, validation) = (all(&records), all(&validation).into_iter().map(|r| r.run).collect::<Vec<_>>());
-    let work = |watch: &request::Watch| request::fit(&model.model, records, &validation, &words, watch);
+    let (records, validation) = (all(&records), all(&validation));
+    let work = |watch: &request::Watch| request::fit(&model.model, records, validation, &words, watch);
     let (found, interrupted) = watched(py, progress, work)?;
     Ok(Fit { fitted: found.map_err(|e| refused(py, e))?, interrupted })
 }

@@ -165,6 +165,21 @@ impl RunTable {
         if wrong.is_empty() { Ok(found.into_iter().flatten().collect()) } else { Err(Failure::Input(wrong)) }
     }
 
+    /// All files that the rows name, records and maps, whether they are there or not.
+    pub(crate) fn reads(&self) -> Vec<PathBuf> {
+        let of_row = |row: &Row| {
+            let record = self.cell(row, "file").map(|file| self.place(file));
+            record.into_iter().chain(self.cell(row, "map").map(|map| self.place_of_map(map))).collect::<Vec<_>>()
+        };
+        self.rows.iter().flat_map(of_row).collect()
+    }
+
+    /// Where a map is that a row names: beside the table, or as it is.
+    fn place_of_map(&self, map: &str) -> PathBuf {
+        let beside = self.place(map);
+        if beside.exists() { beside } else { map.into() }
+    }
+
     /// Where a file is that a row names.
     fn place(&self, file: &str) -> PathBuf {
         if file == "-" { file.into() } else { self.file.parent().unwrap_or(Path::new("")).join(file) }
@@ -193,7 +208,6 @@ impl RunTable {
                 ));
             }
         }
-        let folder = self.file.parent().unwrap_or(Path::new(""));
         for row in &self.rows {
             let at = format!("--runs {shown}: line {}", row.line);
             let mut own = options.clone();
@@ -233,9 +247,7 @@ impl RunTable {
                 }
             }
             if let Some(map) = self.cell(row, "map") {
-                let beside = folder.join(map);
-                let place = if beside.exists() { beside.display().to_string() } else { map.to_string() };
-                match map_file(&place) {
+                match map_file(&self.place_of_map(map).to_string_lossy()) {
                     Ok(map) => own.map_file = Some(map),
                     Err(e) => wrong.push(format!("{at}: map `{map}`: {e}")),
                 }

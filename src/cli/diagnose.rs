@@ -1,11 +1,10 @@
 //! `fdm diagnose`: lack of fit of a model, its cause, the extended model, and the gain.
 
-use crate::campaign::{RecordFile, Role, expanded};
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, as_json, ended, print, remark};
 use crate::halt::TimeLimit;
-use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, measured, number, read_records, say_notes};
+use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, number};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
@@ -18,7 +17,7 @@ use fdm_report::diagnosis_text;
 use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
 use fdm_results::store::{Destination, Identity, Manifest};
 use fdm_system::Model;
-use fdm_system::record::{Run, Summary};
+use fdm_system::record::Run;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -71,7 +70,8 @@ pub(crate) fn probability(text: &str) -> Result<f64, String> {
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.load_for(&arguments.records)?;
-    let (campaign, validation) = arguments.runs(&model)?;
+    let quiet = arguments.output.quiet;
+    let (campaign, validation) = arguments.records.read_with_validation(&model, &arguments.validation, quiet)?;
     let runs = &campaign.runs[..];
     // places that cannot be written are told before the work
     let destination = arguments.places.destination(&names(&model, runs, &validation))?;
@@ -156,34 +156,6 @@ impl Arguments {
                 given.join(", ")
             )])),
         }
-    }
-
-    /// Runs that are fitted, and validation runs.
-    fn runs(&self, model: &Model) -> Result<(Campaign, Vec<Run>), Failure> {
-        let options = self.records.selection.options(true);
-        let mut files = self.records.files(Role::Fit, &options, model)?;
-        let mut records = read_records(&files, model, &[])?;
-        let fitted = records.len();
-        let elsewhere = measured(model, records.iter().map(|(run, _)| run));
-        let mut validation = self.records.of_list(Role::Validation, &options, model)?;
-        let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
-        validation.extend(expanded(&self.validation)?.into_iter().map(one));
-        records.extend(read_records(&validation, model, &elsewhere)?);
-        files.append(&mut validation);
-        if !self.output.quiet {
-            say_notes(&records);
-        }
-        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
-        let judged = self.records.judge(model, &records, self.output.quiet)?;
-        let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
-        for k in fitted..runs.len() {
-            // a validation file may have the name of another
-            while runs[..k].iter().any(|r| r.name == runs[k].name) {
-                runs[k].name.push_str(" (validation)");
-            }
-        }
-        let validation = runs.split_off(fitted);
-        Ok((Campaign { files, runs, judged, reading: options }, validation))
     }
 
     /// What the diagnosis was made from.

@@ -1,11 +1,10 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
-use crate::campaign::{RecordFile, Role, expanded};
 use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::TimeLimit;
-use crate::load::{Campaign, Estimated, MeasurementNoise, ModelFile, Records, measured, read_runs};
+use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
@@ -36,6 +35,9 @@ pub(crate) struct Arguments {
     pub(crate) model: ModelFile,
     #[command(flatten)]
     records: Records,
+    /// Validation data: a run that is not fitted but predicted with the result; may be given several times
+    #[arg(long, alias = "holdout", value_name = "RUN", help_heading = "Data")]
+    validation: Vec<PathBuf>,
     #[command(flatten)]
     estimated: Estimated,
     #[command(flatten)]
@@ -82,6 +84,7 @@ impl Arguments {
             ("--noise", self.noise.is_given()),
             ("--loss", !self.loss.is_squares()),
             ("--starts", self.starts > 1),
+            ("--validation", !self.validation.is_empty()),
             ("--intervals", self.intervals),
             ("--history", self.history),
             ("--watch", self.watch),
@@ -119,25 +122,6 @@ impl Arguments {
             }
         })
     }
-
-    /// Runs that are not fitted but predicted.
-    fn validation_runs(&self, model: &Model, fitted: &Campaign) -> Result<Vec<Run>, Failure> {
-        let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-        let used: Vec<PathBuf> = fitted.files.iter().map(|f| place(&f.path)).collect();
-        let options = self.records.selection.options(true);
-        let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
-        let named: Vec<RecordFile> = expanded(&self.frequency.validation)?.into_iter().map(one).collect();
-        if let Some(both) = named.iter().find(|file| used.contains(&place(&file.path))) {
-            let said = "is both --data and --validation: validation data must not be fitted; give another run";
-            return Err(Failure::input([format!("{} {said}", both.path.display())]));
-        }
-        // in the time domain `fdm validate` predicts them
-        let listed = matches!(self.question()?, Question { method, domain, .. }
-            if domain == Domain::Frequency || method == Method::FrequencyResponse);
-        let mut files = if listed { self.records.of_list(Role::Validation, &options, model)? } else { Vec::new() };
-        files.extend(named);
-        read_runs(&files, model, &measured(model, &fitted.runs), true)
-    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -150,10 +134,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     }
     let mut progress = Progress::new(quiet).within(&arguments.limit).watching(arguments.watch);
     let model = arguments.model.load_for(&arguments.records)?;
-    let campaign = arguments.records.read(&model, quiet)?;
+    let (campaign, validation) = arguments.records.read_with_validation(&model, &arguments.validation, quiet)?;
     let runs = &campaign.runs[..];
     let options = arguments.options(question, &model)?;
-    let validation = arguments.validation_runs(&model, &campaign)?;
     let task = Task::new(arguments, options, &model, runs)?;
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, runs)?;
@@ -220,7 +203,7 @@ impl<'a> Task<'a> {
         let mut text = self.text;
         text.push_str(&found.text(self.arguments, runs));
         let mut document = found.document();
-        if let Some(predicted) = found.predicted(validation, progress)? {
+        if let Some(predicted) = found.predicted(validation, self.options.noise(), progress)? {
             text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
             document.holdout = Some(TimeDomain::of(&predicted));
         }
@@ -404,8 +387,13 @@ impl Found {
     }
 
     /// What the result predicts of runs that were not fitted.
-    fn predicted(&self, runs: &[Run], progress: &mut Progress) -> Result<Option<Fit>, Failure> {
+    fn predicted(&self, runs: &[Run], noise: Noise, progress: &mut Progress) -> Result<Option<Fit>, Failure> {
         match self {
+            Self::Output(fit) | Self::Filter(FilterFit { fit, .. })
+                if !runs.is_empty() && fit.estimate.termination.is_good() =>
+            {
+                fit.predict(runs, noise, progress).or_failure().map(Some)
+            }
             Self::Spectra(fit) if !runs.is_empty() && fit.estimate.termination.is_good() => {
                 fit.predict(runs, progress).or_failure().map(Some)
             }

@@ -340,20 +340,62 @@ impl Records {
     /// Reads all runs that are fitted, with all their outputs, and judges them by the quick tests of the doctor: three lines at most are
     /// said unless it is to be quiet.
     pub(crate) fn read(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
-        let reading = self.selection.options(true);
-        let files = self.files(Role::Fit, &reading, model)?;
-        let left = self.of_list(Role::Validation, &reading, model)?.len();
+        self.say_left(model, quiet)?;
+        self.read_files(model, Vec::new(), quiet).map(|(campaign, _)| campaign)
+    }
+
+    /// The same together with validation runs, which are not fitted: those of the role `validation` in the table of runs, and those `named`
+    /// beside it. They are judged beside the others.
+    ///
+    /// # Errors
+    /// A run of both kinds too.
+    pub(crate) fn read_with_validation(
+        &self,
+        model: &Model,
+        named: &[PathBuf],
+        quiet: bool,
+    ) -> Result<(Campaign, Vec<Run>), Failure> {
+        let options = self.selection.options(true);
+        let mut validation = self.of_list(Role::Validation, &options, model)?;
+        let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
+        validation.extend(expanded(named)?.into_iter().map(one));
+        self.read_files(model, validation, quiet)
+    }
+
+    /// Says how many runs of the table are left aside.
+    pub(crate) fn say_left(&self, model: &Model, quiet: bool) -> Result<(), Failure> {
+        let left = self.of_list(Role::Validation, &self.selection.options(true), model)?.len();
         if left > 0 && !quiet {
-            remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are not fitted"));
+            remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are left aside"));
         }
-        let records = read_records(&files, model, &[])?;
+        Ok(())
+    }
+
+    /// Reads the runs that are fitted, and judges them together with those of `validation`, whose files stand behind the others.
+    fn read_files(
+        &self,
+        model: &Model,
+        mut validation: Vec<RecordFile>,
+        quiet: bool,
+    ) -> Result<(Campaign, Vec<Run>), Failure> {
+        let reading = self.selection.options(true);
+        let mut files = self.files(Role::Fit, &reading, model)?;
+        refuse_both(&files, &validation)?;
+        let mut records = read_records(&files, model, &[])?;
+        let fitted = records.len();
+        let elsewhere = measured(model, records.iter().map(|(run, _)| run));
+        records.extend(read_records(&validation, model, &elsewhere)?);
+        files.append(&mut validation);
         if !quiet {
             say_notes(&records);
         }
-        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let mut records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let names = records.iter_mut().map(|(run, _)| &mut run.name).collect();
+        told_apart(names, fitted);
         let judged = self.judge(model, &records, quiet)?;
-        let runs = records.into_iter().map(|(run, _)| run).collect();
-        Ok(Campaign { files, runs, judged, reading })
+        let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
+        let validation = runs.split_off(fitted);
+        Ok((Campaign { files, runs, judged, reading }, validation))
     }
 
     /// Reads runs that a result predicts: each may lack outputs.
@@ -440,6 +482,33 @@ pub(crate) fn measured<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run
         measured.iter_mut().enumerate().for_each(|(k, measured)| *measured |= run.measures(k));
     }
     measured
+}
+
+/// Refuses a part of a file that is to be fitted and predicted.
+fn refuse_both(fitted: &[RecordFile], validation: &[RecordFile]) -> Result<(), Failure> {
+    let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
+    // another part of the same file is another record
+    let is = |one: &RecordFile, other: &RecordFile| {
+        let part = |file: &RecordFile| (file.options.from, file.options.to);
+        place(&one.path) == place(&other.path) && part(one) == part(other)
+    };
+    let both = validation.iter().filter(|file| fitted.iter().any(|other| is(file, other)));
+    let said: Vec<String> = both
+        .map(|file| {
+            let said = "is both fitted and validation data: validation data must not be fitted; give another run";
+            format!("{} {said}", file.path.display())
+        })
+        .collect();
+    if said.is_empty() { Ok(()) } else { Err(Failure::Input(said)) }
+}
+
+/// Names of runs, of which those behind the fitted ones are validation runs: one with the name of a run before it is marked.
+pub(crate) fn told_apart(mut names: Vec<&mut String>, fitted: usize) {
+    for k in fitted..names.len() {
+        while names[..k].iter().any(|other| **other == *names[k]) {
+            names[k].push_str(" (validation)");
+        }
+    }
 }
 
 /// Reads runs and says what a careful reader would mention about them.

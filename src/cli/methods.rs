@@ -257,7 +257,7 @@ const OPTIONS: [(&str, [bool; 6]); 36] = [
     ("--end-points", [N, Y, N, N, N, N]),
     ("--nonlinear", [N, Y, N, N, N, N]),
     ("--input-noise", [N, Y, N, N, N, N]),
-    ("--validation", [N, Y, N, N, N, Y]),
+    ("--validation", [Y, Y, Y, N, N, Y]),
     ("--segments", [N, N, N, N, N, Y]),
     ("--pair", [N, N, N, N, N, Y]),
     ("--coherence", [N, N, N, N, N, Y]),
@@ -470,14 +470,14 @@ mod tests {
             said(OutputError, Frequency, GaussNewton, "--shooting"),
             said(FilterError, Frequency, GaussNewton, "--steps"),
             said(FilterError, Time, Lbfgs, "--steps"),
-            said(OutputError, Time, GaussNewton, "--validation"),
+            said(EquationError, Time, GaussNewton, "--validation"),
         ];
         let expected = [
             "--coherence cannot be combined with --method output-error: leave it out, or use --method frequency-response",
             "--shooting cannot be combined with --domain frequency: leave it out, or use --domain time",
             "--domain frequency cannot be combined with --method filter-error: use --domain time",
             "--optimizer lbfgs cannot be combined with --method filter-error: use --optimizer gauss-newton",
-            "--validation cannot be combined with --domain time: leave it out, or use --domain frequency \
+            "--validation cannot be combined with --method equation-error: leave it out, or use --method output-error \
              (or `fdm validate` with the result that `--out` writes)",
         ];
         assert_eq!(all, expected);

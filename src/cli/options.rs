@@ -10,7 +10,6 @@ use fdm_system::frequency::EndTerms;
 use fdm_system::simulate::{Accuracy, Scheme};
 use fdm_system::spectrum::Frequencies;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
 
 /// How a run is integrated.
 #[derive(Debug, Args)]
@@ -263,9 +262,6 @@ pub(crate) struct FrequencyDomain {
     /// include it; may be given several times
     #[arg(long = "input-noise", value_name = "INPUT=DEVIATION", value_parser = deviation)]
     input_noise: Vec<(String, f64)>,
-    /// Validation data: a run that is not fitted but predicted with the result; may be given several times
-    #[arg(long, alias = "holdout", value_name = "RUN")]
-    pub(crate) validation: Vec<PathBuf>,
     /// Frequency responses: lengths of the averaged segments, in the model's time [default: two, the second half as long as the
     /// first]
     #[arg(long, value_parser = number, value_name = "L1,L2,..", value_delimiter = ',', allow_negative_numbers = true)]
@@ -283,7 +279,6 @@ impl FrequencyDomain {
     pub(crate) fn given(&self) -> Vec<&'static str> {
         let own = given(&[
             ("--input-noise", !self.input_noise.is_empty()),
-            ("--validation", !self.validation.is_empty()),
             ("--segments", !self.segments.is_empty()),
             ("--pair", !self.pairs.is_empty()),
             ("--coherence", self.coherence.is_some()),

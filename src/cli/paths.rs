@@ -1,9 +1,11 @@
 //! Files that a command reads and files that it writes: no file is written over that the same command reads, whatever the ways
 //! in which the two are named, and no two results go to one place. This is told before any work is done.
 
+use crate::campaign::{RunTable, expanded};
 use crate::failure::{Failure, at};
 use crate::ownership::{Kind, refuse_foreign};
 use clap::{Arg, ArgMatches, Command};
+use fdm_readers::RecordMap;
 use fdm_results::store::{admits, end_of_links, own_files};
 use fdm_system::{Model, read_source};
 use std::fs;
@@ -117,18 +119,24 @@ fn over(written: &Named, read: &Named, path: &Path) -> String {
 /// The paths that were typed for an argument.
 fn paths(verb: &str, argument: &Arg, matches: &ArgMatches) -> Vec<Named> {
     let id = argument.get_id().as_str();
-    let Ok(Some(values)) = matches.try_get_many::<PathBuf>(id) else { return Vec::new() };
+    let values: Vec<PathBuf> = if let Ok(Some(values)) = matches.try_get_many::<PathBuf>(id) {
+        values.cloned().collect()
+    } else if matches!(matches.try_get_many::<RecordMap>(id), Ok(Some(_))) {
+        matches.get_raw(id).into_iter().flatten().map(PathBuf::from).collect()
+    } else {
+        return Vec::new();
+    };
     let long = argument.get_long().map(|long| format!("--{long}"));
     let option = long.unwrap_or_else(|| argument.get_value_names().unwrap_or_default().join(" "));
     // standard input and output; only the result itself goes there
     let is_result = matches!((verb, id), ("codegen", "out") | (_, "output"));
     let stream = |path: &PathBuf| path.as_path() == Path::new("-");
-    let files = values.filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
-    files.map(|path| Named { option: option.clone(), path: path.clone(), role: role(verb, id) }).collect()
+    let files = values.into_iter().filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
+    files.map(|path| Named { option: option.clone(), path, role: role(verb, id) }).collect()
 }
 
 /// Further files that are read with the one that is named: those that a model uses, those of a result and the records that it was
-/// made from.
+/// made from, those that a pattern finds, and the records and maps of a table of runs.
 fn belongings(named: &Named) -> Vec<(&Named, PathBuf)> {
     let path = &named.path;
     let mut files = Vec::new();
@@ -140,6 +148,11 @@ fn belongings(named: &Named) -> Vec<(&Named, PathBuf)> {
     {
         Model::gather_files(&mut source);
         files.extend(source.texts().iter().skip(1).map(|text| PathBuf::from(text.name())));
+    } else if named.option == "--runs" {
+        // what is wrong with the table is told where it is read
+        files.extend(RunTable::read(path).map(|table| table.reads()).unwrap_or_default());
+    } else if !path.exists() {
+        files.extend(expanded(std::slice::from_ref(path)).unwrap_or_default().into_iter().filter(|file| file != path));
     }
     files.into_iter().map(|file| (named, file)).collect()
 }

@@ -147,11 +147,11 @@ impl Asked<'_> {
                 added.extend(list.list().iter().map(|file| format!("--data={}", self.at(file))));
             }
         }
-        let fit_in_time = self.verb.get_name() == "fit" && self.of("domain").as_deref() != Some("frequency");
+        let regressed = self.verb.get_name() == "fit" && self.of("method").as_deref() == Some("equation-error");
         if takes("validation")
             && !self.is_typed("validation")
             && !self.is_typed("data")
-            && !fit_in_time
+            && !regressed
             && project.runs.is_none()
         {
             added.extend(project.validation.list().iter().map(|file| format!("--validation={}", self.at(file))));

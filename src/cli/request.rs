@@ -10,7 +10,7 @@ use crate::effects::{as_text, difference, subject_of};
 use crate::failure::{Failure, as_json};
 use crate::fit::{Made, Task};
 use crate::halt::Halt;
-use crate::load::{Records, notes, number_equal_names, read_records};
+use crate::load::{Records, notes, number_equal_names, read_records, told_apart};
 use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
@@ -194,6 +194,15 @@ fn runs(records: &mut [Record]) -> Vec<Run> {
     records.iter().map(|r| r.run.clone()).collect()
 }
 
+/// Validation runs, whose names differ from those of the fitted ones.
+fn validation_runs(fitted: &[Record], validation: &mut [Record]) -> Vec<Run> {
+    number_equal_names(validation.iter_mut().map(|r| &mut r.run).collect());
+    let mut names: Vec<String> = fitted.iter().chain(&*validation).map(|r| r.run.name.clone()).collect();
+    told_apart(names.iter_mut().collect(), fitted.len());
+    validation.iter_mut().zip(names.drain(fitted.len()..)).for_each(|(r, name)| r.run.name = name);
+    validation.iter().map(|r| r.run.clone()).collect()
+}
+
 /// What is assumed about the records and found in them.
 fn judged(model: &Model, records: &[Record]) -> Option<JudgedRecords> {
     let read: Vec<(Run, Option<Summary>)> = records.iter().map(|r| (r.run.clone(), r.summary.clone())).collect();
@@ -274,20 +283,22 @@ enum Of {
     Regressed { model: Box<Model>, text: String, document: Box<RegressionDocument>, determined: bool },
 }
 
-/// `fdm fit`. The validation runs are those of the frequency domain; in the time domain [`validate`] predicts runs.
+/// `fdm fit`, and what it predicts of validation runs.
 ///
 /// # Errors
 /// [`Refusal`]
 pub fn fit(
     model: &Model,
     mut records: Vec<Record>,
-    validation: &[Run],
+    mut validation: Vec<Record>,
     words: &[String],
     watch: &Watch,
 ) -> Result<Fitted, Refusal> {
     let arguments: crate::fit::Arguments = parsed(&named(model, &records), words)?;
     let model = arguments.model.untied(model)?;
     let runs = runs(&mut records);
+    let predicted = validation_runs(&records, &mut validation);
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
     let question = arguments.question()?;
     let described = |manifest, records: &[Record]| described("fit", manifest, (&model, records), words);
     if question.method == Method::EquationError {
@@ -296,7 +307,7 @@ pub fn fit(
         let options = regress::at_once((question.domain == Domain::Frequency).then(|| arguments.frequencies()));
         let found = regress::estimates(&changed, &runs, &options);
         let (text, mut document, determined) = found.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
-        document.records = judged(&changed, &records);
+        document.records = judged(&changed, &all);
         let manifest = Manifest::new(&changed, Identity::of(&changed, &runs, &options), Noise::Diagonal);
         let manifest = described(manifest, &records);
         let of = Of::Regressed { model: Box::new(changed), text, document: Box::new(document), determined };
@@ -307,7 +318,7 @@ pub fn fit(
     let task = Task::new(&arguments, options, &model, &runs)?;
     let checkpoint = arguments.checkpoints.open(&task.identity, true)?;
     let found = task.work(&model, &runs, checkpoint.keeper(), &mut progress)?;
-    let made = task.made(found, (&runs, validation), &mut progress)?.with_records(judged(&model, &records));
+    let made = task.made(found, (&runs, &predicted), &mut progress)?.with_records(judged(&model, &all));
     let manifest = Manifest::new(&model, made.identity.clone(), made.noise.clone());
     let manifest = described(made.manifest(manifest), &records);
     let whole = checkpoint.close() && progress.in_time();
@@ -431,12 +442,7 @@ pub fn diagnose(
     let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.untied(model)?;
     let runs = runs(&mut records);
-    for record in &mut validation {
-        while runs.iter().any(|r| r.name == record.run.name) {
-            record.run.name.push_str(" (validation)");
-        }
-    }
-    let predicted = self::runs(&mut validation);
+    let predicted = validation_runs(&records, &mut validation);
     let options = arguments.options(&model, domain);
     let progress = watch.progress(&arguments.limit);
     let (found, in_time) = search(&model, (&runs, &predicted), (&catalogue, &options), progress);

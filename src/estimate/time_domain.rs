@@ -4,6 +4,7 @@
 use crate::changes::Changes;
 use crate::estimate::RunFit;
 use crate::method::{Domain, Method};
+use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
 use crate::output_error::error::FitError;
 use crate::output_error::fit::Fit;
@@ -166,17 +167,17 @@ fn held(model: &Model, only: Vec<bool>) -> Model {
 
 impl Fit {
     /// What the estimates predict of runs that took no part: what all runs share is held, initial states and biases are
-    /// each run's own.
+    /// each run's own, estimated by the noise that is given.
     ///
     /// # Errors
     /// [`FitError`], as any fit.
-    pub fn predict(&self, runs: &[Run], observer: &mut dyn Observer) -> Result<Fit, FitError> {
+    pub fn predict(&self, runs: &[Run], noise: Noise, observer: &mut dyn Observer) -> Result<Fit, FitError> {
         let params = self.model.definition().params.iter();
         let shared = params.filter(|p| !p.per_run && !p.fixed && p.origin == Origin::Declared);
         let names: Vec<String> = shared.map(|p| p.quantity.name.clone()).collect();
         let value = |name: &String| Some((name.clone(), self.estimate.parameter(name, None)?.value));
         let changes = Changes { set: names.iter().filter_map(value).collect(), fix: names, ..Changes::default() };
-        let options = Options { colour: false, ..Options::default() };
+        let options = Options { colour: false, noise, ..Options::default() };
         fit(&self.model, runs, &FitOptions { changes, options, ..FitOptions::default() }, observer)
     }
 }

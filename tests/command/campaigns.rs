@@ -74,6 +74,60 @@ fn all_methods_know_what_a_run_brings() {
 }
 
 #[test]
+fn runs_of_the_role_validation_are_predicted_in_time_too() {
+    let desk = desk();
+    let turbulent = COOLING.replace("der(T)", "param q = 0.1 in [0, 10];\n  noise der(T) = q;\n  der(T)");
+    desk.write("f.fdm", turbulent);
+    let rms = |found: &Value| found["outputs"][0]["rms"].as_f64().unwrap();
+    for words in ["fit m.fdm", "fit f.fdm --method filter-error"] {
+        let found = desk.json(&format!("{words} --runs runs.csv --out result --force --json -q"));
+        assert_eq!(found["holdout"]["outputs"][0]["run"], "four", "{words}");
+        let predicted = rms(&found["holdout"]);
+        assert!((0.04..0.07).contains(&predicted), "{words}: {predicted}");
+        // as the command that does nothing else
+        let validated = desk.json("validate --from-result result --runs runs.csv --json -q");
+        assert_eq!(rms(&validated), predicted, "{words}");
+        let page = desk.good(&format!("{words} --runs runs.csv --report page.html --force -q"));
+        assert!(page.contains("validation runs, not fitted"), "{page}");
+        assert!(desk.text("page.html").contains("Validation runs"));
+    }
+    // named by themselves, under a name that a fitted run has
+    let table = "file,run,T0 [degC],make\na1.csv,one,76.85,A\na2.csv,two,46.85,A\nb1.csv,b2,66.85,B\n";
+    desk.write("fitted.csv", table);
+    let words = "fit m.fdm --runs fitted.csv --group make=B --known T0=310 --validation b2.csv --json -q";
+    let found = desk.json(words);
+    assert_eq!(found["holdout"]["outputs"][0]["run"], "b2 (validation)");
+    let said = desk.refused("fit m.fdm --runs fitted.csv --group make=B --known T0=310 --validation b1.csv");
+    assert!(said.contains("b1.csv is both fitted and validation data"), "{said}");
+    let said = desk.refused("fit m.fdm --runs runs.csv --method equation-error --validation b1.csv");
+    assert!(said.contains("--validation cannot be combined with --method equation-error"), "{said}");
+    // what does not predict says that it leaves them aside
+    let said = desk.fdm("spectra m.fdm --runs runs.csv");
+    let said = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(said.contains("1 run(s) of --runs have the role `validation`"), "{said}");
+}
+
+#[test]
+fn nothing_is_written_over_what_a_table_or_a_pattern_names() {
+    let desk = desk();
+    desk.write("own.toml", "[channel.Tm]\nfrom = \"Tm\"\n[channel.Ta]\nfrom = \"Ta\"\n");
+    desk.write("runs.csv", "file,T0,make,map\na1.csv,350,A,own.toml\nb1.csv,340,B,\n");
+    for (words, over, by) in [
+        ("fit m.fdm --runs runs.csv --plot b1.csv --force", "b1.csv", "--runs"),
+        ("fit m.fdm --runs runs.csv --report own.toml --force", "own.toml", "--runs"),
+        ("fit m.fdm --runs runs.csv --plot runs.csv --force", "runs.csv", "--runs"),
+        ("doctor --data a*.csv --fix a2.csv --force", "a2.csv", "--data"),
+        ("doctor --data a1.csv --map-file own.toml --fix own.toml --force", "own.toml", "--map-file"),
+        ("data a1.csv --take own.toml -o own.toml --force", "own.toml", "--take"),
+    ] {
+        let before = desk.text(over);
+        let said = desk.refused(words);
+        assert!(said.contains(&format!("would be written over {over}, which {by} reads")), "{words}: {said}");
+        assert_eq!(desk.text(over), before, "{words}");
+    }
+}
+
+#[test]
 fn mistakes_in_a_table_are_told_at_once() {
     let desk = desk();
     let said = |table: &str| {

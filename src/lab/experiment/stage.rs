@@ -7,7 +7,7 @@ use super::weakest::Weakest;
 use fdm_estimate::equation_error::regress;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
-    Direction, Estimate, ParameterEstimate, Status, best_iterate, by_confidence, changed, fit, fit_filter,
+    Direction, Estimate, Noise, ParameterEstimate, Status, best_iterate, by_confidence, changed, fit, fit_filter,
     fit_responses, fit_spectra,
 };
 use fdm_system::Model;
@@ -88,7 +88,7 @@ fn in_time(stage: &Stage, setting: &Setting) -> Found {
     found.judged("", &fit.quality);
     found.order = by_confidence(&fit.by_length).into_iter().map(|s| s.name).collect();
     if !setting.others.is_empty() && found.astray.is_none() {
-        match fit.predict(&setting.others, &mut ()) {
+        match fit.predict(&setting.others, Noise::default(), &mut ()) {
             Ok(other) => found.judged("predicted ", &other.quality),
             Err(e) => found.astray = Some(e.to_string()),
         }

@@ -20,6 +20,12 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     let time = subject.time();
     let content = html! {
         (table(outputs))
+        @let predicted = subject.predicted();
+        @if !predicted.is_empty() {
+            h3 { "Validation runs" }
+            p.note { "Not fitted. What all runs share is held; initial states and biases are each run's own." }
+            (table(predicted))
+        }
         p.note {
             "Bias, size and rest are the parts of the mean square residual (Theil): a good model leaves only the rest. White residuals have a Durbin–Watson "
             "statistic near 2 and a large p. Bands are two standard deviations, of spectra 95 %: at one of twenty lags, and in one of twenty bands, chance "

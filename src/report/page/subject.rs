@@ -204,6 +204,11 @@ impl Subject {
         self.fit().map_or(&[], FitDocument::outputs_in_time)
     }
 
+    /// The same of validation runs that were predicted.
+    pub(super) fn predicted(&self) -> &[OutputDocument] {
+        self.fit().and_then(|fit| fit.holdout.as_ref()).map_or(&[], |predicted| &predicted.outputs)
+    }
+
     /// The iteration.
     pub(super) fn history(&self) -> &[Iteration] {
         match &self.content {
