@@ -1,5 +1,5 @@
 function fdm_export(x, file)
-% FDM_EXPORT  Write a timetable, an iddata object or a table as CSV with units in its titles, as fdm reads it.
+% FDM_EXPORT  Write a timetable, an iddata object, a table or a struct of columns as CSV with units in its titles, as fdm reads it.
 %   fdm_export(x, 'run.csv')
 % MATLAB saves such objects in a form that is not published, so that no other program reads them from a MAT-file.
   if isa(x, 'iddata')
@@ -8,8 +8,7 @@ function fdm_export(x, file)
     end
     names = [{'t'}; x.InputName(:); x.OutputName(:)];
     units = [{x.TimeUnit}; x.InputUnit(:); x.OutputUnit(:)];
-    units(strcmp(units, 'seconds')) = {'s'};
-    units(strcmp(units, 'minutes')) = {'min'};
+    units{1} = short(units{1});
     values = [x.SamplingInstants(:), x.InputData, x.OutputData];
   elseif isa(x, 'timetable')
     t = x.Properties.RowTimes;
@@ -22,17 +21,52 @@ function fdm_export(x, file)
     values = [seconds(t(:)), values];
   elseif isa(x, 'table')
     [names, units, values] = columns(x);
+  elseif isstruct(x) && isscalar(x)
+    [names, units, values] = of_struct(x);
   else
-    error('fdm_export:class', 'expected a timetable, an iddata object or a table, found %s', class(x));
+    error('fdm_export:class', 'expected a timetable, an iddata object, a table or a struct of columns, found %s', class(x));
   end
   f = fopen(file, 'w');
   if f < 0
     error('fdm_export:file', '%s cannot be written', file);
   end
-  titles = cellfun(@(n, u) [n, repmat([' [', u, ']'], 1, ~isempty(u))], names, units, 'UniformOutput', false);
+  titles = cellfun(@title_of, names, units, 'UniformOutput', false);
   fprintf(f, '%s\n', strjoin(titles(:)', ','));
   fprintf(f, [repmat('%.17g,', 1, numel(names) - 1), '%.17g\n'], values.');
   fclose(f);
+end
+
+function text = title_of(name, unit)
+% Name and unit, in quotes where the name would end a cell.
+  text = name;
+  if ~isempty(unit)
+    text = [name, ' [', unit, ']'];
+  end
+  if any(ismember(text, [',', '"', char(10)]))
+    text = ['"', strrep(text, '"', '""'), '"'];
+  end
+end
+
+function unit = short(unit)
+% A unit of time of MATLAB as fdm writes it.
+  long = {'seconds', 'minutes', 'hours', 'milliseconds', 'microseconds', 'nanoseconds'};
+  brief = {'s', 'min', 'h', 'ms', 'us', 'ns'};
+  k = find(strcmp(unit, long), 1);
+  if ~isempty(k)
+    unit = brief{k};
+  end
+end
+
+function [names, units, values] = of_struct(x)
+% The numbers of a struct; its fields are columns of one length.
+  names = fieldnames(x);
+  columns = cellfun(@(name) double(x.(name)(:)), names, 'UniformOutput', false);
+  lengths = cellfun(@numel, columns);
+  if isempty(names) || any(lengths ~= lengths(1))
+    error('fdm_export:lengths', 'the fields of the struct are no columns of one length');
+  end
+  units = repmat({''}, numel(names), 1);
+  values = [columns{:}];
 end
 
 function [names, units, values] = columns(x)

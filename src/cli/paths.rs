@@ -131,7 +131,8 @@ fn paths(verb: &str, argument: &Arg, matches: &ArgMatches) -> Vec<Named> {
     // standard input and output; only the result itself goes there
     let is_result = matches!((verb, id), ("codegen", "out") | (_, "output"));
     let stream = |path: &PathBuf| path.as_path() == Path::new("-");
-    let files = values.into_iter().filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
+    let files =
+        values.into_iter().filter(|path| !stream(path) || matches!(role(verb, id), Role::File(_)) && !is_result);
     files.map(|path| Named { option: option.clone(), path, role: role(verb, id) }).collect()
 }
 

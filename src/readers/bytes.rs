@@ -94,9 +94,21 @@ impl Number {
         })
     }
 
+    /// Adds all numbers of bytes that hold nothing else.
+    pub(crate) fn append(self, bytes: &[u8], big_endian: bool, to: &mut Vec<f64>) {
+        if self == Self::F64 && !big_endian {
+            // the usual case, without a look at each number
+            to.extend(bytes.as_chunks().0.iter().map(|number| f64::from_le_bytes(*number)));
+        } else {
+            to.extend(bytes.chunks_exact(self.size()).filter_map(|number| self.read(number, big_endian)));
+        }
+    }
+
     /// All numbers of bytes that hold nothing else.
     pub(crate) fn read_all(self, bytes: &[u8], big_endian: bool) -> Vec<f64> {
-        bytes.chunks_exact(self.size()).filter_map(|chunk| self.read(chunk, big_endian)).collect()
+        let mut values = Vec::with_capacity(bytes.len() / self.size());
+        self.append(bytes, big_endian, &mut values);
+        values
     }
 }
 

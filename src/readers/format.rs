@@ -1,6 +1,10 @@
 //! Formats, recognised by their first bytes, never by the name of the file.
 
 use crate::log::{Log, ReadError, Reader};
+use std::io::{Read, Seek};
+
+/// As many of the first bytes as tell every format.
+const FIRST: u64 = 1024;
 
 /// A format of logs or data files that is not text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,12 +23,14 @@ pub enum Format {
     Hdf5,
     /// Apache Parquet.
     Parquet,
+    /// A workbook of Excel.
+    Xlsx,
 }
 
 impl Format {
     /// All formats.
-    pub const ALL: [Self; 7] =
-        [Self::Npz, Self::Npy, Self::Mat, Self::ULog, Self::DataFlash, Self::Hdf5, Self::Parquet];
+    pub const ALL: [Self; 8] =
+        [Self::Npz, Self::Npy, Self::Mat, Self::ULog, Self::DataFlash, Self::Hdf5, Self::Parquet, Self::Xlsx];
 
     /// The name that people use.
     pub fn name(self) -> &'static str {
@@ -36,6 +42,7 @@ impl Format {
             Self::DataFlash => "DataFlash",
             Self::Hdf5 => "HDF5",
             Self::Parquet => "Parquet",
+            Self::Xlsx => "XLSX",
         }
     }
 
@@ -48,6 +55,7 @@ impl Format {
             Self::DataFlash => "dataflash",
             Self::Hdf5 => "hdf5",
             Self::Parquet => "parquet",
+            Self::Xlsx => "xlsx",
         }
     }
 
@@ -56,7 +64,11 @@ impl Format {
         let begins = |magic: &[u8]| bytes.starts_with(magic);
         // a MAT-file of version 7.3 is HDF5 behind 512 bytes of MATLAB's own
         let hdf5 = |at: usize| bytes.get(at..).is_some_and(|b| b.starts_with(b"\x89HDF\r\n\x1a\n"));
+        // the first part of a zip says whose it is; its name stands behind thirty bytes
+        let workbook = |name: &[u8]| bytes.get(30..).is_some_and(|b| b.starts_with(name));
+        let workbook = [&b"[Content_Types].xml"[..], b"_rels/", b"docProps/", b"xl/"].into_iter().any(workbook);
         match () {
+            () if begins(b"PK\x03\x04") && workbook => Some(Self::Xlsx),
             () if begins(b"PK\x03\x04") || begins(b"PK\x05\x06") => Some(Self::Npz),
             () if begins(b"\x93NUMPY") => Some(Self::Npy),
             () if begins(b"ULog\x01\x12\x35") => Some(Self::ULog),
@@ -83,6 +95,8 @@ impl Format {
             Self::Hdf5 => Some(&crate::hdf5::Hdf5),
             #[cfg(feature = "parquet")]
             Self::Parquet => Some(&crate::parquet::Parquet),
+            #[cfg(feature = "xlsx")]
+            Self::Xlsx => Some(&crate::xlsx::Xlsx),
             #[allow(unreachable_patterns, reason = "a build with all readers leaves none over")]
             _ => None,
         }
@@ -105,13 +119,19 @@ pub fn open(bytes: &[u8]) -> Result<Log, ReadError> {
     Ok(Log { format: format.name(), ..reader.read(bytes)? })
 }
 
-/// As [`open`], of bytes that nobody else needs: large arrays then do not stand in memory twice.
+/// As [`open`], of a file: numbers of large archives go from it into their columns and do not stand in memory twice. None for a file of
+/// no format that is known, such as text.
 ///
 /// # Errors
 /// As [`open`].
-pub fn open_whole(bytes: Vec<u8>) -> Result<Log, ReadError> {
-    let (format, reader) = reader_of(&bytes)?;
-    Ok(Log { format: format.name(), ..reader.read_whole(bytes)? })
+pub fn open_from(source: &mut (impl Read + Seek)) -> Option<Result<Log, ReadError>> {
+    let mut first = Vec::new();
+    let read = source.rewind().and_then(|()| source.by_ref().take(FIRST).read_to_end(&mut first));
+    if let Err(e) = read {
+        return Some(Err(ReadError::Unread(e.to_string())));
+    }
+    Format::of(&first)?;
+    Some(reader_of(&first).and_then(|(format, reader)| Ok(Log { format: format.name(), ..reader.read_from(source)? })))
 }
 
 fn reader_of(bytes: &[u8]) -> Result<(Format, &'static dyn Reader), ReadError> {

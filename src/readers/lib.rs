@@ -26,8 +26,12 @@ mod take;
 mod tests;
 #[cfg(feature = "ulog")]
 mod ulog;
+#[cfg(feature = "xlsx")]
+mod xlsx;
+#[cfg(any(feature = "npz", feature = "xlsx"))]
+mod zip;
 
-pub use format::{Format, open, open_whole};
+pub use format::{Format, open, open_from};
 pub use gzip::unzipped;
 pub use log::{Damage, Field, Log, ReadError, Topic};
 pub use map::{ChannelMap, MapError, RecordMap, TimeMap, shipped};

@@ -1,6 +1,7 @@
 //! What a file holds: topics, each a table of fields over one clock; and what of it is damaged.
 
 use std::fmt;
+use std::io::{Read, Seek};
 
 /// Everything that was read from a file.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -60,6 +61,9 @@ pub enum ReadError {
     /// It is of no format that is known.
     #[error("the file is none of the formats that are read ({0})")]
     Unknown(String),
+    /// The operating system does not give its bytes.
+    #[error("the file cannot be read: {0}")]
+    Unread(String),
     /// The bytes are not what the format prescribes.
     #[error("the {format} file cannot be read: {what}, at byte {at}")]
     Broken {
@@ -192,8 +196,8 @@ fn name_of(length: usize, several: bool) -> String {
 }
 
 /// The field that is the time by its name.
-#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet"))]
-fn time_of(fields: &[Field]) -> Option<usize> {
+#[cfg(any(feature = "npz", feature = "mat", feature = "hdf5", feature = "parquet", feature = "xlsx"))]
+pub(crate) fn time_of(fields: &[Field]) -> Option<usize> {
     let is = |wanted: &dyn Fn(&str) -> bool| fields.iter().position(|f| wanted(&f.name));
     is(&|n| n == "t")
         .or_else(|| is(&|n| n.eq_ignore_ascii_case("time")))
@@ -207,8 +211,16 @@ pub(crate) trait Reader {
     /// All that the bytes hold, with what is damaged in them.
     fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
 
-    /// The same of bytes that nobody else needs: a reader that is done with a part may give its memory back.
-    fn read_whole(&self, bytes: Vec<u8>) -> Result<Log, ReadError> {
+    /// The same of a file that is open; most formats are read into memory first.
+    fn read_from(&self, source: &mut dyn Source) -> Result<Log, ReadError> {
+        let mut bytes = Vec::new();
+        let read = source.rewind().and_then(|()| source.read_to_end(&mut bytes));
+        read.map_err(|e| ReadError::Unread(e.to_string()))?;
         self.read(&bytes)
     }
 }
+
+/// What can be read from any place.
+pub(crate) trait Source: Read + Seek {}
+
+impl<T: Read + Seek> Source for T {}

@@ -84,12 +84,14 @@ fn columns_of_parquet_are_read_to_the_bit() {
     assert_eq!(values(&log, "u"), expected(|k| k % 3.0));
 }
 
-#[cfg(not(all(feature = "hdf5", feature = "parquet")))]
+#[cfg(not(all(feature = "hdf5", feature = "parquet", feature = "xlsx")))]
 #[test]
 fn a_reader_that_is_off_says_its_feature() {
     let off = |name: &str| open(&file(name)).unwrap_err().to_string();
     #[cfg(not(feature = "hdf5"))]
     assert!(off("matlab73.mat").contains("--features hdf5"), "{}", off("matlab73.mat"));
+    #[cfg(not(feature = "xlsx"))]
+    assert!(off("table.xlsx").contains("--features xlsx"), "{}", off("table.xlsx"));
     #[cfg(not(feature = "parquet"))]
     assert!(off("table.parquet").contains("--features parquet"), "{}", off("table.parquet"));
 }
@@ -310,15 +312,47 @@ fn shipped_maps_are_maps_and_say_what_was_not_logged() {
 }
 
 #[test]
-#[cfg(feature = "npz")]
-fn an_archive_that_is_given_away_is_read_as_one_that_is_lent() {
-    for name in ["plain.npz", "packed.npz", "array.npy"] {
+#[cfg(all(feature = "npz", feature = "mat"))]
+fn a_file_is_read_as_its_bytes_are() {
+    let from = |bytes: &[u8]| crate::open_from(&mut std::io::Cursor::new(bytes)).unwrap();
+    for name in ["plain.npz", "packed.npz", "array.npy", "packed.mat"] {
         let bytes = file(name);
-        assert_eq!(crate::open_whole(bytes.clone()), open(&bytes), "{name}");
+        assert!(from(&bytes).unwrap().damage.is_empty() && from(&bytes) == open(&bytes), "{name}");
         let cut = &bytes[..bytes.len() / 2];
-        assert_eq!(crate::open_whole(cut.to_vec()), open(cut), "{name}");
+        assert_eq!(from(cut), open(cut), "{name}");
         let mut flipped = bytes.clone();
         flipped[bytes.len() / 3] ^= 4;
-        assert_eq!(crate::open_whole(flipped.clone()), open(&flipped), "{name}");
+        assert_eq!(from(&flipped), open(&flipped), "{name}");
     }
+    assert!(crate::open_from(&mut std::io::Cursor::new(b"t,y\n0,1\n")).is_none());
+}
+
+/// An archive that says that it holds more than a file of its size can is refused without asking for the memory.
+#[test]
+#[cfg(feature = "npz")]
+fn sizes_that_an_archive_only_claims_cost_no_memory() {
+    let mut bytes = file("packed.npz");
+    let directory = bytes.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
+    bytes[directory + 24..directory + 28].copy_from_slice(&0x7fff_ffff_u32.to_le_bytes());
+    let log = open(&bytes).unwrap();
+    assert!(log.damage.len() == 1 && log.damage[0].what.contains("is lost"), "{:?}", log.damage);
+}
+
+#[cfg(feature = "xlsx")]
+#[test]
+fn sheets_of_excel_are_read_to_the_bit() {
+    let log = open(&file("table.xlsx")).unwrap();
+    is_read(&log, ["flight.t [s]", "flight.p [rad/s]", "flight.y", "flight.u"]);
+    assert_eq!(values(&log, "clock.when"), expected(|k| (45_000.0 + k / 128.0) * 86_400.0));
+    assert!(log.remarks.iter().any(|r| r.contains("`note` of the sheet `flight` holds no numbers")), "{log:?}");
+    assert_eq!(accepted(&file("table.xlsx")), (0, 0));
+    // a day and a number in one column, an error, and a text among numbers: none is passed over
+    let log = open(&file("wrong.xlsx")).unwrap();
+    let said: Vec<&str> = log.damage.iter().map(|d| d.what.as_str()).collect();
+    let expected = [
+        "the cell B3 holds the error #DIV/0!",
+        "the cell C4 holds `n/a`, and no number",
+        "`when` holds dates and plain numbers",
+    ];
+    assert_eq!(said, expected);
 }

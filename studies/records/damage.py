@@ -1,10 +1,12 @@
 """Files of every format, each by the software of its own ecosystem: read to the bit, then 200 times truncated and 200 times with one bit flipped.
 
-    pip install numpy scipy h5py pyarrow pyulog pymavlink
-    cargo build --release -p fdm-readers --example digest --features hdf5,parquet
-    python studies/records/damage.py target/release/examples/digest target/damage
+    pip install numpy scipy h5py pyarrow openpyxl pyulog pymavlink
+    cargo build --release -p fdm-readers --example digest --features hdf5,parquet,xlsx
+    cargo build --release
+    python studies/records/damage.py target/release/examples/digest target/release/fdm target/damage
 
-A changed file counts as accepted silently if it is read as whole and holds other numbers than the file it was made from.
+A changed file counts as accepted silently if it is read as whole and holds other numbers than the file it was made from. Texts are taken by
+`fdm data --take` with a map of all columns; those accepted silently are told apart by what was changed in them.
 """
 
 import gzip
@@ -12,18 +14,20 @@ import random
 import struct
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
 from pymavlink import DFReader
 from pyulog import ULog
 
-digest, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
-TIMES = int(sys.argv[3]) if len(sys.argv) > 3 else 200
+digest, fdm, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve(), Path(sys.argv[3])
+TIMES = int(sys.argv[4]) if len(sys.argv) > 4 else 200
 out.mkdir(parents=True, exist_ok=True)
 rng = np.random.default_rng(1)
 N = 400
@@ -89,6 +93,20 @@ def parquet(path, checksum):
     pq.write_table(table, path, row_group_size=128, write_page_checksum=checksum)
 
 
+def xlsx(path):
+    book = openpyxl.Workbook()
+    for row in [["t [s]", "p", "u"], *np.column_stack([t, p, u]).tolist()]:
+        book.active.append(row)
+    book.save(path)
+
+
+def text(delimiter, mark):
+    number = lambda v: repr(float(v)).replace(".", mark)
+    lines = [delimiter.join(["t [s]", "p [rad/s]", "u"])]
+    lines += [delimiter.join(map(number, row)) for row in zip(t, p, u)]
+    return ("\n".join(lines) + "\n").encode()
+
+
 MAKE = {
     "stored.npz": lambda f: np.savez(f, t=t, p=p, q=q, u=u),
     "packed.npz": lambda f: np.savez_compressed(f, t=t, p=p, q=q, u=u),
@@ -102,10 +120,36 @@ MAKE = {
     "matlab73.mat": matlab73,
     "plain.parquet": lambda f: parquet(f, False),
     "checked.parquet": lambda f: parquet(f, True),
+    "book.xlsx": xlsx,
+    "plain.csv": lambda f: f.write_bytes(text(",", ".")),
+    "comma.csv": lambda f: f.write_bytes(text(";", ",")),
+    "packed.csv.gz": lambda f: f.write_bytes(gzip.compress(text(",", "."))),
 }
+(out / "map.toml").write_text("".join(f'[channel.{name}]\nfrom = "{name}"\n' for name in "pu"))
+
+
+def taken(file):
+    """As `digest` prints it: state, the numbers, what was said."""
+    done = subprocess.run([fdm, "data", file, "--take", out / "map.toml"], capture_output=True, text=True)
+    if done.returncode == 2:
+        return "refused", "", done.stderr
+    assert done.returncode == 0, (file, done)
+    rows = [line for line in done.stdout.splitlines() if not line.startswith("#")]
+    return ("damaged" if "note:" in done.stderr else "whole"), "\n".join(rows), done.stderr
+
+
+def changed_in(whole, changed):
+    """What of a text was changed, in words."""
+    if len(changed) < len(whole):
+        return "cut behind a line" if changed.endswith(b"\n") else "cut inside a line"
+    at = next(k for k in range(len(whole)) if whole[k] != changed[k])
+    kind = lambda c: "digit" if 48 <= c < 58 else repr(chr(c)) if chr(c) in "+-.,;e \n" else "other byte"
+    return f"{kind(whole[at])} -> {kind(changed[at])}"
 
 
 def read(files):
+    if "csv" in files[0].name:
+        return {str(f): taken(f) for f in files}
     found = {}
     for k in range(0, len(files), 500):
         text = subprocess.run([digest, *map(str, files[k:k + 500])], capture_output=True, text=True, check=True).stdout
@@ -140,6 +184,9 @@ for name, make in MAKE.items():
         same = sum(s == "whole" and v == value for s, v, _ in states)
         refused, damaged = (sum(s == w for s, _, _ in states) for w in ("refused", "damaged"))
         print(f"{name:16} {what:10} {refused:8} {damaged:8} {same:6} {len(silent):7}")
+        if name in ("plain.csv", "comma.csv"):
+            kinds = Counter(changed_in(whole, f.read_bytes()) for f in silent)
+            print(" ".join(f"  {kind}: {count}" for kind, count in sorted(kinds.items())))
         for f in files:
             if f not in silent[:3]:
                 f.unlink()

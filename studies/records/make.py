@@ -1,6 +1,6 @@
 """Writes the files of src/readers/samples, each by the software of its own ecosystem.
 
-    pip install numpy scipy h5py pyarrow
+    pip install numpy scipy h5py pyarrow openpyxl
     python studies/records/make.py src/readers/samples
 
 Every number is a multiple of 1/128, so that the tests compute the same bits.
@@ -11,6 +11,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
@@ -45,3 +46,19 @@ with open(out / "matlab73.mat", "r+b") as f:
     f.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM")
 table = pa.table({"t [s]": t, "p [rad/s]": pa.array([None if i == 5 else v for i, v in enumerate(p)]), "u": u})
 pq.write_table(table, out / "table.parquet", row_group_size=64, write_page_checksum=True)
+book = openpyxl.Workbook()
+sheet, clock = book.active, book.create_sheet("clock")
+sheet.title = "flight"
+sheet.append(["t [s]", "p [rad/s]", "y", "u", "note"])
+for row in zip(t, p, -k / 8, u):
+    sheet.append([float(v) for v in row] + ["steady"])
+clock.append(["when"])
+for v in t:
+    clock.append([45000 + float(v)])
+    clock.cell(clock.max_row, 1).number_format = "yyyy-mm-dd hh:mm:ss.000"
+book.save(out / "table.xlsx")
+book = openpyxl.Workbook()
+for row in [["t", "p", "q", "when"], [0, 1, 1, 5], [1, "#DIV/0!", 2, 6], [2, 3, "n/a", 7]]:
+    book.active.append(row)
+book.active.cell(2, 4).number_format = "yyyy-mm-dd"
+book.save(out / "wrong.xlsx")

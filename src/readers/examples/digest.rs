@@ -2,7 +2,7 @@
 //! and its bits, and what was said. `cargo run --release -p fdm-readers --example digest --features hdf5,parquet -- FILE..`
 #![allow(clippy::print_stdout, reason = "a program for a terminal")]
 
-use fdm_readers::{Log, open_whole};
+use fdm_readers::{Log, ReadError, open_from};
 
 /// FNV-1a of names and bits.
 fn digest(log: &Log) -> u64 {
@@ -24,11 +24,11 @@ fn digest(log: &Log) -> u64 {
 
 fn main() {
     for file in std::env::args().skip(1) {
-        let Ok(bytes) = std::fs::read(&file) else {
+        let Ok(mut source) = std::fs::File::open(&file) else {
             println!("{file}\tunreadable\t\t");
             continue;
         };
-        match open_whole(bytes) {
+        match open_from(&mut source).unwrap_or_else(|| Err(ReadError::Unknown(String::new()))) {
             Ok(log) => {
                 let state = if log.damage.is_empty() { "whole" } else { "damaged" };
                 let said: Vec<String> = log.damage.iter().take(1).map(ToString::to_string).collect();

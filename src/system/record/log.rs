@@ -7,30 +7,51 @@ use super::options::ReadOptions;
 use super::samples::numbers;
 use super::table::{Heading, Numbers, Table};
 use super::text;
-use fdm_readers::{Field, Format, Log, RecordMap, Taken, Topic, open_whole, take};
+use fdm_readers::{Field, Format, Log, ReadError, RecordMap, Taken, Topic, open, open_from, take};
 use std::path::Path;
+
+/// What a file holds.
+pub(crate) enum Content {
+    /// The bytes of a text.
+    Text(Vec<u8>),
+    /// A log or data file.
+    Log(Result<Log, ReadError>),
+}
+
+/// Reads a file or pipe.
+pub(crate) fn content(path: &Path) -> Result<Content, Problem> {
+    // large arrays go from the file into their columns
+    if let Some(log) = text::regular(path).and_then(|mut file| open_from(&mut file)) {
+        return Ok(Content::Log(log));
+    }
+    let bytes = text::load(path)?;
+    Ok(if Format::of(&bytes).is_some() { Content::Log(open(&bytes)) } else { Content::Text(bytes) })
+}
 
 /// A file of any format as a table.
 pub(crate) fn table(
-    bytes: Vec<u8>,
+    content: Content,
     channels: &Channels,
     options: &ReadOptions,
     notes: &mut Vec<Note>,
 ) -> Result<Table, Vec<Problem>> {
-    let log = if Format::of(&bytes).is_some() {
-        let log = whole(bytes, options.salvage, notes).map_err(|p| vec![p])?;
-        match &options.map_file {
-            Some(map) => (log, map),
-            None => return only(log, notes).map_err(|p| vec![p]),
-        }
-    } else {
-        let table = Table::new(bytes).map_err(|p| vec![p])?;
-        match &options.map_file {
-            Some(map) => {
-                notes.extend((!table.ended).then_some(Note::OpenEnd));
-                (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map)
+    let log = match content {
+        Content::Log(log) => {
+            let log = whole(log, options.salvage, notes).map_err(|p| vec![p])?;
+            match &options.map_file {
+                Some(map) => (log, map),
+                None => return only(log, notes).map_err(|p| vec![p]),
             }
-            None => return Ok(table),
+        }
+        Content::Text(bytes) => {
+            let table = Table::new(bytes).map_err(|p| vec![p])?;
+            match &options.map_file {
+                Some(map) => {
+                    notes.extend((!table.ended).then_some(Note::OpenEnd));
+                    (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map)
+                }
+                None => return Ok(table),
+            }
         }
     };
     let drives = |k: usize| channels.driving.contains(&k);
@@ -46,11 +67,11 @@ pub(crate) fn table(
     Ok(Table::of_numbers(log.format, of_taken(taken)))
 }
 
-/// Reads a log and says, or refuses, what is damaged in it.
-pub(crate) fn whole(bytes: Vec<u8>, salvage: bool, notes: &mut Vec<Note>) -> Result<Log, Problem> {
+/// A log that was read; what is damaged in it is said or refused.
+fn whole(log: Result<Log, ReadError>, salvage: bool, notes: &mut Vec<Note>) -> Result<Log, Problem> {
     /// Places that are named one by one.
     const SHOWN: usize = 3;
-    let log = open_whole(bytes).map_err(|e| Fault::Unopened(e.to_string()).anywhere())?;
+    let log = log.map_err(|e| Fault::Unopened(e.to_string()).anywhere())?;
     let rows: usize = log.topics.iter().map(Topic::rows).sum();
     if !log.damage.is_empty() {
         let mut told: Vec<String> = log.damage.iter().take(SHOWN).map(ToString::to_string).collect();
@@ -73,11 +94,11 @@ pub(crate) fn whole(bytes: Vec<u8>, salvage: bool, notes: &mut Vec<Note>) -> Res
 /// [`RecordError`] of a file that cannot be read, or is damaged while `salvage` is not wanted.
 pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordError> {
     let told = |problem| RecordError { file: path.display().to_string(), problems: vec![problem] };
-    let bytes = text::load(path).map_err(told)?;
     let mut notes = Vec::new();
-    if Format::of(&bytes).is_some() {
-        return whole(bytes, salvage, &mut notes).map(|log| (log, notes)).map_err(told);
-    }
+    let bytes = match content(path).map_err(told)? {
+        Content::Log(log) => return whole(log, salvage, &mut notes).map(|log| (log, notes)).map_err(told),
+        Content::Text(bytes) => bytes,
+    };
     let table = Table::new(bytes).map_err(told)?;
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let times = ["t", "time", "T", "Time", "TIME"];

@@ -94,10 +94,10 @@ fn demanding(
     let demands: Vec<Demand> = channels.outputs.iter().enumerate().map(of).collect();
     let told = |problems| RecordError { file: path.display().to_string(), problems };
     let mut notes = Vec::new();
-    let bytes = text::load(path).map_err(|p| told(vec![p]))?;
+    let content = log::content(path).map_err(|p| told(vec![p]))?;
     let asked = known::asked(channels, options).map_err(told)?;
     let (columns, demands) = (&asked.channels, asked.demands(demands));
-    let table = log::table(bytes, columns, options, &mut notes).map_err(told)?;
+    let table = log::table(content, columns, options, &mut notes).map_err(told)?;
     let (run, mut summary) = assemble(name_of(path), &table, columns, options, &demands, notes).map_err(told)?;
     Ok((asked.completed(channels, options, run, &mut summary), summary))
 }

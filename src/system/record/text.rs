@@ -36,6 +36,12 @@ pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { unpacked(bytes) }
 }
 
+/// A file on a disk, of a size that is read; none for pipes, and for what cannot be opened.
+pub(crate) fn regular(path: &Path) -> Option<File> {
+    let about = std::fs::metadata(path).ok()?;
+    if about.is_file() && about.len() <= LIMIT { File::open(path).ok() } else { None }
+}
+
 /// The bytes of a text, also of a compressed one.
 fn unpacked(bytes: Vec<u8>) -> Result<Vec<u8>, Problem> {
     match unzipped(&bytes, LIMIT) {

@@ -1,0 +1,3 @@
+function is = isduration(x)
+  is = isa(x, 'duration');
+end
