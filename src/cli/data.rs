@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// What `fdm data` takes.
 #[derive(Debug, Args)]
 pub(crate) struct Arguments {
-    /// Log or data file: text, NPZ, MAT, ULog, DataFlash; HDF5, MAT 7.3 and Parquet in a build with their features
+    /// Log or data file: text, NPZ, MAT, ULog, DataFlash; HDF5, MAT 7.3, Parquet and XLSX in a build with their features
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// List every field with unit and range, behind the topics

@@ -9,6 +9,7 @@ mod checkpoint;
 mod codegen;
 mod compare;
 mod data;
+mod delays;
 mod deliver;
 mod design;
 mod diagnose;

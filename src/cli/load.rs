@@ -2,6 +2,7 @@
 //! written before.
 
 use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
+use crate::delays::with_free_delays;
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
@@ -49,9 +50,10 @@ impl ModelFile {
         self.untied(&load_model(&self.model)?)
     }
 
-    /// The same for the groups of the runs.
+    /// The same for the groups of the runs, and with the delays that their maps leave free.
     pub(crate) fn load_for(&self, records: &Records) -> Result<Model, Failure> {
-        self.untied(&records.grouped(&load_model(&self.model)?)?)
+        let model = records.grouped(&load_model(&self.model)?)?;
+        self.untied(&records.with_free_delays(&model)?)
     }
 
     /// A model with the ties switched off that were named.
@@ -309,6 +311,21 @@ impl Records {
     /// The model for the groups of the runs.
     pub(crate) fn grouped(&self, model: &Model) -> Result<Model, Failure> {
         self.list.grouped(model, &self.selection)
+    }
+
+    /// The model with the delays that the maps of the fitted runs leave free.
+    fn with_free_delays(&self, model: &Model) -> Result<Model, Failure> {
+        let files = self.files(Role::Fit, &self.selection.options(true), model)?;
+        let maps: Vec<&RecordMap> = files.iter().filter_map(|f| f.options.map_file.as_ref()).collect();
+        let free = |map: &&RecordMap| map.channel.values().any(|c| c.free_delay.is_some());
+        if !maps.iter().any(free) {
+            return Ok(model.clone());
+        }
+        if maps.len() < files.len() {
+            let said = "a map leaves a delay free, and some run has no map: give each run one";
+            return Err(Failure::input([said]));
+        }
+        with_free_delays(model, &maps)
     }
 
     /// The files of the runs of a role; of those that `--data` names all are.

@@ -34,5 +34,5 @@ mod zip;
 pub use format::{Format, open, open_from};
 pub use gzip::unzipped;
 pub use log::{Damage, Field, Log, ReadError, Topic};
-pub use map::{ChannelMap, MapError, RecordMap, TimeMap, shipped};
+pub use map::{ChannelMap, ClockMap, FreeDelay, MapError, RecordMap, TimeMap, shipped};
 pub use take::{TakeError, Taken, TakenColumn, take, unwrap};

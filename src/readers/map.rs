@@ -16,6 +16,42 @@ pub struct RecordMap {
     /// The channels by name.
     #[serde(default)]
     pub channel: BTreeMap<String, ChannelMap>,
+    /// Clocks that are off, by the topics whose times are theirs.
+    #[serde(default)]
+    pub clock: BTreeMap<String, ClockMap>,
+}
+
+/// A clock that is off: a sample that it stamps with `s` was taken at `s - offset - drift*(s - s0)`, where `s0` is its first stamp.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClockMap {
+    /// How much later than the motion its first sample is stamped, in seconds.
+    #[serde(default)]
+    pub offset: f64,
+    /// How much later the stamps become with each second.
+    #[serde(default)]
+    pub drift: f64,
+}
+
+impl ClockMap {
+    /// Sets stamps (N) right, in seconds.
+    pub(crate) fn correct(&self, stamps: &mut [f64]) {
+        let first = stamps.first().copied().unwrap_or_default();
+        stamps.iter_mut().for_each(|s| *s -= self.offset + self.drift * (*s - first));
+    }
+}
+
+/// A delay that is estimated, beside the one that is known.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FreeDelay {
+    /// Lower bound in seconds; 0 or below.
+    pub lower: f64,
+    /// Upper bound in seconds; 0 or above.
+    pub upper: f64,
+    /// Whether each run has its own.
+    #[serde(default)]
+    pub per_run: bool,
 }
 
 /// Which times the samples have.
@@ -63,6 +99,9 @@ pub struct ChannelMap {
     /// How much later than the motion the samples are stamped, in seconds.
     #[serde(default)]
     pub delay: f64,
+    /// What of the delay is estimated: an amount in seconds beyond `delay`.
+    #[serde(default)]
+    pub free_delay: Option<FreeDelay>,
     /// Period at which the numbers of the field jump back, such as 360 for a heading in degrees: the jumps are taken out.
     #[serde(default)]
     pub wrap: Option<f64>,
@@ -89,6 +128,7 @@ impl ChannelMap {
             offset: 0.0,
             hold: false,
             delay: 0.0,
+            free_delay: None,
             wrap: None,
             optional: false,
             missing: None,
@@ -178,8 +218,27 @@ impl RecordMap {
             if !channel.offset.is_finite() || !channel.delay.is_finite() {
                 return wrong(key("offset or delay"), f64::NAN, "numbers");
             }
+            if let Some(free) = channel.free_delay {
+                let FreeDelay { lower, upper, .. } = free;
+                if !(lower.is_finite() && upper.is_finite() && lower <= 0.0 && 0.0 <= upper && lower < upper) {
+                    return Err(MapError::Value {
+                        key: key("free_delay"),
+                        found: format!("{lower} to {upper}"),
+                        expected: "bounds around 0 in seconds, such as { lower = 0, upper = 0.2 }",
+                    });
+                }
+            }
             if let Some(wrap) = channel.wrap.filter(|w| !positive(*w)) {
                 return wrong(key("wrap"), wrap, "a number above zero, such as 360");
+            }
+        }
+        for (name, clock) in &map.clock {
+            if !clock.offset.is_finite() || !clock.drift.is_finite() || clock.drift >= 1.0 {
+                return Err(MapError::Value {
+                    key: format!("clock.{name}"),
+                    found: format!("offset {}, drift {}", clock.offset, clock.drift),
+                    expected: "seconds, and a drift below one second a second",
+                });
             }
         }
         Ok(map)
@@ -211,9 +270,16 @@ fn toml_text(map: &RecordMap) -> String {
         }
         line(String::new());
     }
-    for (name, channel) in &map.channel {
+    let key = |table: &str, name: &str| {
         let plain = name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'-');
-        line(if plain { format!("[channel.{name}]") } else { format!("[channel.{name:?}]") });
+        if plain { format!("[{table}.{name}]") } else { format!("[{table}.{name:?}]") }
+    };
+    for (name, clock) in &map.clock {
+        line(key("clock", name));
+        line(format!("offset = {:?}\ndrift = {:?}\n", clock.offset, clock.drift));
+    }
+    for (name, channel) in &map.channel {
+        line(key("channel", name));
         line(format!("from = {:?}", channel.from));
         channel.unit.iter().for_each(|u| line(format!("unit = {u:?}")));
         for (key, value, default) in [
@@ -225,6 +291,10 @@ fn toml_text(map: &RecordMap) -> String {
             if value != default {
                 line(format!("{key} = {value:?}"));
             }
+        }
+        if let Some(FreeDelay { lower, upper, per_run }) = channel.free_delay {
+            let own = if per_run { ", per_run = true" } else { "" };
+            line(format!("free_delay = {{ lower = {lower:?}, upper = {upper:?}{own} }}"));
         }
         channel.wrap.iter().for_each(|w| line(format!("wrap = {w:?}")));
         for (key, value) in [("hold", channel.hold), ("optional", channel.optional)] {

@@ -51,6 +51,9 @@ pub enum TakeError {
     /// A topic named for its times that is not there.
     #[error("time.samples = \"{0}\": the log has no such topic among those of the channels")]
     NoTopic(String),
+    /// A clock of a topic that is not there.
+    #[error("clock.{0}: the log has no such topic")]
+    NoClock(String),
     /// The topics do not overlap in time.
     #[error("the topics of the channels have no time in common")]
     Apart,
@@ -84,6 +87,11 @@ struct Sampled<'a> {
 /// Every channel whose field is not there, or what is wrong with the times.
 pub fn take(log: &Log, map: &RecordMap, wanted: &dyn Fn(&str) -> Option<bool>) -> Result<Taken, Vec<TakeError>> {
     let (mut sampled, mut errors, mut absent, mut notes) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for name in map.clock.keys() {
+        if !log.names().any(|topic| is_topic(topic, name)) {
+            errors.push(TakeError::NoClock(name.clone()));
+        }
+    }
     for (name, channel) in &map.channel {
         let Some(drives) = wanted(name) else { continue };
         let Some((topic, field)) = log.find(&channel.from) else {
@@ -156,9 +164,20 @@ pub fn unwrap(values: &mut [f64], period: f64) -> usize {
     jumps
 }
 
+/// Whether a topic is meant by a name: the first instance needs no number.
+fn is_topic(topic: &str, name: &str) -> bool {
+    topic == name || topic.strip_suffix("[0]") == Some(name)
+}
+
 /// The times of a topic in seconds; none for the only table of a file without times.
 fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>>, TakeError> {
     let unknown = || TakeError::NoTime(log.topics[topic].name.clone());
+    let own = &log.topics[topic].name;
+    let clock = map.clock.iter().find(|(name, _)| is_topic(own, name));
+    let correct = |mut stamps: Vec<f64>| {
+        clock.iter().for_each(|(_, clock)| clock.correct(&mut stamps));
+        stamps
+    };
     let named = map.time.from.as_ref().and_then(|from| log.find(from)).filter(|(t, _)| *t == topic);
     let mut table = crate::Topic { time: named.map(|(_, f)| f).or(log.topics[topic].time), ..crate::Topic::default() };
     let Some(k) = table.time else {
@@ -171,7 +190,7 @@ fn own_times(log: &Log, map: &RecordMap, topic: usize) -> Result<Option<Vec<f64>
         return Err(unknown());
     }
     (table.fields, table.time) = (vec![field], Some(0));
-    table.seconds().map(Some).ok_or_else(unknown)
+    table.seconds().map(|stamps| Some(correct(stamps))).ok_or_else(unknown)
 }
 
 /// What may be done about a field that is not there.
@@ -239,10 +258,7 @@ fn base(log: &Log, map: &RecordMap, sampled: &[Sampled<'_>], notes: &mut Vec<Str
             shown.flat_map(|s| s.time.iter().flatten().copied()).collect()
         }
         Some(topic) => {
-            let is = |s: &&Sampled<'_>| {
-                let name = &log.topics[s.topic].name;
-                name == topic || name.strip_suffix("[0]") == Some(topic)
-            };
+            let is = |s: &&Sampled<'_>| is_topic(&log.topics[s.topic].name, topic);
             let found = sampled.iter().find(is).ok_or_else(|| TakeError::NoTopic(topic.into()))?;
             notes.push(format!("the samples are at the times of `{topic}`"));
             found.time.iter().flatten().map(|t| t + found.map.delay).collect()

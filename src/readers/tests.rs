@@ -1,7 +1,7 @@
 //! Logs of every format are read whole, and damaged ones with what is damaged in them.
 
 use crate::samples::{ROWS, dataflash, micros, rate, ulog};
-use crate::{ChannelMap, Log, ReadError, RecordMap, TakeError, open, take, unzipped};
+use crate::{ChannelMap, ClockMap, FreeDelay, Log, ReadError, RecordMap, TakeError, open, take, unzipped};
 
 /// The files that the software of each format wrote, by `studies/records/make.py`.
 fn file(name: &str) -> Vec<u8> {
@@ -277,6 +277,22 @@ fn delays_wraps_and_gaps_are_as_the_map_says() {
     assert!(short.notes.iter().any(|n| n.contains("no sample of `u` for 39")), "{:?}", short.notes);
 }
 
+/// A clock that runs fast by 1/1024: its samples are back where they were taken, to the rounding of one product.
+#[cfg(feature = "dataflash")]
+#[test]
+fn a_clock_that_drifts_is_set_right() {
+    let log = open(&dataflash()).unwrap();
+    let text = |clock: &str| format!("{clock}[time]\nsamples = \"ATT\"\n[channel.roll]\nfrom = \"ATT.Roll\"\n");
+    let taken = |clock: &str| take(&log, &map(&text(clock)), &|_| Some(false)).unwrap().time.unwrap();
+    let (off, right) = (taken(""), taken("[clock.ATT]\noffset = 0.5\ndrift = 0.0009765625\n"));
+    for (own, set) in off.iter().zip(&right) {
+        assert!((own - 0.5 - (own - off[0]) / 1024.0 - set).abs() < 1e-12, "{own} {set}");
+    }
+    assert!(right.len() == off.len() && right.windows(2).all(|w| w[0] < w[1]));
+    let none = take(&log, &map(&text("[clock.BARO]\noffset = 1\n")), &|_| Some(false)).unwrap_err();
+    assert_eq!(none[0].to_string(), "clock.BARO: the log has no such topic");
+}
+
 #[test]
 fn maps_that_make_no_sense_are_refused_with_their_key() {
     let wrong = |text: &str| RecordMap::parse(text).unwrap_err().to_string();
@@ -285,8 +301,14 @@ fn maps_that_make_no_sense_are_refused_with_their_key() {
     assert!(wrong("[channel.p]\nfrom = \"a\"\nsign = 2\n").contains("channel.p.sign = 2: expected 1 or -1"));
     assert!(wrong("[channel.p]\nfrom = \"a\"\nwrap = 0\n").contains("channel.p.wrap"));
     assert!(wrong("[time]\nunit = \"week\"\n").contains("time.unit = week"));
+    let late = "[channel.p]\nfrom = \"a\"\nfree_delay = { lower = 0.1, upper = 1 }\n";
+    assert!(wrong(late).contains("channel.p.free_delay = 0.1 to 1: expected bounds around 0"), "{}", wrong(late));
+    let runaway = "[clock.IMU]\ndrift = 1\n[channel.p]\nfrom = \"a\"\n";
+    assert!(wrong(runaway).contains("clock.IMU = offset 0, drift 1"), "{}", wrong(runaway));
+    let free_delay = Some(FreeDelay { lower: -0.1, upper: 0.2, per_run: true });
     let plain = RecordMap {
-        channel: [("p".to_string(), ChannelMap { sign: -1.0, ..ChannelMap::plain("P") })].into(),
+        channel: [("p".to_string(), ChannelMap { sign: -1.0, free_delay, ..ChannelMap::plain("P") })].into(),
+        clock: [("IMU".to_string(), ClockMap { offset: 0.25, drift: -4.95e-4 })].into(),
         ..RecordMap::default()
     };
     assert_eq!(RecordMap::parse(&plain.text()).unwrap(), plain);

@@ -127,6 +127,46 @@ fn nothing_is_written_over_what_a_table_or_a_pattern_names() {
     }
 }
 
+/// A gyro that is stamped 30 ms late and a command that is stamped 20 ms late: both delays are estimated.
+#[test]
+fn delays_that_a_map_leaves_free_are_estimated() {
+    const TEXT: &str = "model roll {
+  input  u [deg];
+  state  p [deg/s];
+  param  L = -4 in [-20, 0] [1/s], K = 30 in [0, 100] [1/s^2];
+  der(p) = L*p + K*u;
+  output p_m [deg/s] = p;
+}";
+    let truth = TEXT.replace("= p;", "= delay(p, 0.03);").replace("K*u", "K*delay(u, skew)");
+    let truth = truth.replace("  der", "  param skew = -0.02 in [-1, 1] fixed [s];\n  der");
+    let desk = Desk::with([("m.fdm", TEXT.to_string()), ("truth.fdm", truth)]);
+    let mut text = String::from("t [s],u [deg],p_m [deg/s]\n");
+    for k in 0..600 {
+        let t = 0.02 * f64::from(k);
+        text.push_str(&format!("{t},{},0\n", (1.7 * t).sin() + (3.1 * t * t / 12.0).sin()));
+    }
+    desk.write("in.csv", text);
+    desk.good("simulate truth.fdm --data in.csv -o one.csv -q");
+    let free = "[channel.u]\nfrom = \"u\"\nfree_delay = { lower = -0.1, upper = 0.1 }\n[channel.p_m]\nfrom = \"p_m\"\n";
+    desk.write("map.toml", format!("{free}free_delay = {{ lower = 0, upper = 0.2, per_run = true }}\n"));
+    let found = desk.json("fit m.fdm --data one.csv --map-file map.toml --set L=-3 --set K=20 --out result --json -q");
+    let params = found["parameters"].as_array().unwrap();
+    let of = |part: &str| params.iter().find(|p| p["name"].as_str().unwrap().contains(part)).unwrap();
+    let near = |part: &str, value: f64| {
+        let found = of(part)["value"].as_f64().unwrap();
+        assert!((found - value).abs() < 2e-4, "{part}: {found} {found:?}");
+    };
+    near("delay_p_m", 0.03);
+    near("delay_u", -0.02);
+    assert_eq!((of("delay_p_m")["unit"].as_str(), of("delay_p_m")["run"].as_str()), (Some("s"), Some("one")));
+    // the result holds the model that was fitted
+    assert!(desk.text("result/model.fdm").contains("delay("), "{}", desk.text("result/model.fdm"));
+    desk.good("validate --from-result result --data one.csv -q");
+    desk.write("runs.csv", "file,run,map\none.csv,a,map.toml\none.csv,b,\n");
+    let said = desk.refused("fit m.fdm --runs runs.csv");
+    assert!(said.contains("some run has no map"), "{said}");
+}
+
 #[test]
 fn mistakes_in_a_table_are_told_at_once() {
     let desk = desk();

@@ -8,7 +8,7 @@ use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::{Dialect, Table};
-use super::{derived, known, log, search, text};
+use super::{derived, known, log, search};
 use fdm_grammar::diagnostic::nearest;
 use std::path::Path;
 
