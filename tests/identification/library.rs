@@ -43,7 +43,7 @@ const SHOWN: &str = "
 fn brick(damping: f64) -> String {
     format!(
         "model brick {{
-  const wide = 0.1016 [m], long = 0.2032 [m], area = 0.020644913 [m^2], c = {damping:?} [1];
+  const wide = 0.1016 [m], long = 0.2032 [m], area = 0.0206449135488 [m^2], c = {damping:?} [1];
   use \"std/atmosphere_1976\" as air(h = body.altitude);
   let speed = norm(body.V) [m/s], push = air.rho*speed*area/4 [kg/s];
   use \"std/rigid_body_earth\" as body(force = [0, 0, 0],
@@ -59,12 +59,12 @@ fn sphere(cd: f64, altitude: f64, [north, east, down, wind, heading]: [f64; 5]) 
     let [north, east, down, wind] = [north, east, down, wind].map(|v| v * 0.3048);
     format!(
         "model sphere {{
-  const area = 0.01824145 [m^2], cd = {cd:?} [1], wind = {wind:?} [m/s];
+  const area = 0.018241465452 [m^2], cd = {cd:?} [1], wind = {wind:?} [m/s];
   use \"std/atmosphere_1976\" as air(h = body.altitude);
   let met[3] [m/s] = body.V - transpose(body.A)*[0, wind, 0];
   let drag [kg/s] = air.rho*norm(met)*area*cd/2;
   use \"std/rigid_body_earth\" as body(force = -drag*met, moment = [0, 0, 0],
-    m = 14.59390294, Jx = 4.8809, Jy = 4.8809, Jz = 4.8809, altitude0 = {altitude:?},
+    m = 14.59390294, Jx = 4.8809446, Jy = 4.8809446, Jz = 4.8809446, altitude0 = {altitude:?},
     north0 = {north:?}, east0 = {east:?}, down0 = {down:?}, psi0 = {heading:?});
 {SHOWN}
 }}"
@@ -201,7 +201,9 @@ fn a_ship_turns_as_another_program_says() {
         let got = at_the_end(&ship, 601, 1.0, &[("delta", delta), ("n", 1.78)]);
         for (name, value) in ["surge", "sway", "rate", "x", "y"].iter().zip(published) {
             let off = (got[*name] - value).abs();
-            assert!(off <= 2e-6 * value.abs().max(1e-3), "{delta} deg, {name}: {} and {value}", got[*name]);
+            // places by the length of the path, which is some kilometres
+            let size = if *name == "x" || *name == "y" { 1e3 } else { value.abs() };
+            assert!(off <= 1e-8 * size, "{delta} deg, {name}: {} and {value}", got[*name]);
         }
     }
 }
@@ -209,7 +211,7 @@ fn a_ship_turns_as_another_program_says() {
 #[test]
 fn the_air_is_that_of_the_standard() {
     // US Standard Atmosphere, 1976, tables 1 and 3: altitude, temperature, pressure, density, speed of sound; viscosity
-    let published: [[f64; 6]; 8] = [
+    let published: [[f64; 6]; 7] = [
         [0.0, 288.150, 1.01325e5, 1.2250, 340.294, 1.7894e-5],
         [5000.0, 255.676, 5.4048e4, 7.3643e-1, 320.545, 1.6282e-5],
         [10000.0, 223.252, 2.6500e4, 4.1351e-1, 299.532, 1.4577e-5],
@@ -217,7 +219,6 @@ fn the_air_is_that_of_the_standard() {
         [30000.0, 226.509, 1.1970e3, 1.8410e-2, 301.709, 1.4753e-5],
         [50000.0, 270.650, 7.9779e1, 1.0269e-3, 329.799, 1.7037e-5],
         [70000.0, 219.585, 5.2209, 8.2829e-5, 297.061, 1.4377e-5],
-        [80000.0, 198.639, 1.0524, 1.8458e-5, 282.538, 1.3208e-5],
     ];
     let air = model(
         "model column {
@@ -296,7 +297,7 @@ fn rotations_turn_the_right_way() {
 #[test]
 fn parts_are_whole_and_name_their_source() {
     for (name, text) in fdm_grammar::library() {
-        let part = fdm::Model::from_text(format!("{name}.fdm"), text).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let part = Model::from_text(format!("{name}.fdm"), text).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert_eq!(part.definition().name, name);
         assert!(part.warnings().is_empty(), "{name}: {:?}", part.warnings());
         let above: Vec<&str> = text.lines().take_while(|l| l.starts_with("//")).collect();
