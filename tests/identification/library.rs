@@ -170,7 +170,9 @@ fn bodies_and_air_move_as_six_simulations_say() {
             for (name, published) in case.published {
                 let (least, largest, value) = (published[at], published[at + 1], got[*name]);
                 println!("{}: {name} {value:.9} in {least:.9} to {largest:.9}", case.name);
-                if value < least || value > largest {
+                // five or six simulations do not show the whole spread: a hundredth of it beside
+                let beside = 0.01 * (largest - least);
+                if value < least - beside || value > largest + beside {
                     outside.push(format!("{}: {name} = {value}, published {least} to {largest}", case.name));
                 }
             }
