@@ -207,7 +207,13 @@ impl Kind {
             },
             Self::HelicopterHover => Recipe {
                 template: include_str!("templates/helicopter_hover.fdm"),
-                truth: &[("heli.tau", 0.14), ("heli.Lb", 240.0), ("heli.Ma", 110.0), ("heli.Blat", 0.9), ("heli.Alon", 0.85)],
+                truth: &[
+                    ("heli.tau", 0.14),
+                    ("heli.Lb", 240.0),
+                    ("heli.Ma", 110.0),
+                    ("heli.Blat", 0.9),
+                    ("heli.Alon", 0.85),
+                ],
                 drives: vec![moved(0.0, 0.01, Shape::Doublet(0.5, 0.4)), moved(0.0, 0.01, Shape::Doublet(2.5, 0.5))],
                 samples: 251,
                 interval: 0.02,
@@ -270,7 +276,14 @@ impl Kind {
             },
             Self::Cstr => Recipe {
                 template: include_str!("templates/cstr.fdm"),
-                truth: &[("A(0)", 0.75), ("T(0)", 335.0), ("k350", 1.1), ("E", 7.1e4), ("rise", 72.0), ("cooling", 1.7)],
+                truth: &[
+                    ("A(0)", 0.75),
+                    ("T(0)", 335.0),
+                    ("k350", 1.1),
+                    ("E", 7.1e4),
+                    ("rise", 72.0),
+                    ("cooling", 1.7),
+                ],
                 drives: vec![moved(0.8, 0.2, Shape::Square(4.0, 6.0)), moved(330.0, 6.0, Shape::Steps(2.0, 3.0))],
                 samples: 201,
                 interval: 0.15,
@@ -366,18 +379,23 @@ impl Recipe {
         let (text, model) = named(&text, folder, &folder.join("model.fdm"))?;
         let definition = model.definition();
         let about = if definition.doc.is_empty() { &definition.name } else { &definition.doc };
-        let mut map = format!("# Which column holds which channel, and its unit: change it to your records.\nabout = {about:?}\n");
-        for quantity in definition.inputs.iter().map(|i| &i.quantity).chain(definition.outputs.iter().map(|o| &o.quantity)) {
+        let mut map = format!(
+            "# Which column holds which channel, and its unit: change it to your records.\nabout = {about:?}\n"
+        );
+        for quantity in
+            definition.inputs.iter().map(|i| &i.quantity).chain(definition.outputs.iter().map(|o| &o.quantity))
+        {
             let unit = quantity.unit.as_ref().map(|u| format!("unit = \"{u}\"\n")).unwrap_or_default();
             map += &format!("\n[channel.{0}]\nfrom = \"{0}\"\n{unit}", quantity.name);
         }
-        let project = "model = \"model.fdm\"\ndata = [\"run.csv\"]\nvalidation = [\"validation.csv\"]\nmap = \"map.toml\"\n";
+        let project =
+            "model = \"model.fdm\"\ndata = [\"run.csv\"]\nvalidation = [\"validation.csv\"]\nmap = \"map.toml\"\n";
         let kind = kind.to_possible_value().map(|v| v.get_name().to_string()).unwrap_or_default();
         let steps = "\
 fdm check                  # every mistake of the model, every derivative
 fdm doctor                 # what is wrong with the records
 fdm fit --out result       # the estimates; `fdm report result` writes the page
-fdm validate result        # how it predicts validation.csv
+fdm validate --from-result result  # how it predicts validation.csv
 fdm diagnose               # what the model gets wrong
 ";
         let readme = format!(
@@ -451,7 +469,8 @@ impl Recipe {
         let mut columns =
             vec![("t".to_string(), Some(definition.time.to_string()), run.time.iter().map(|t| rounded(*t)).collect())];
         let unit = |q: &fdm_grammar::model::Quantity| q.unit.as_ref().map(ToString::to_string);
-        columns.extend(definition.inputs.iter().zip(driven).map(|(i, u)| (i.quantity.name.clone(), unit(&i.quantity), u)));
+        columns
+            .extend(definition.inputs.iter().zip(driven).map(|(i, u)| (i.quantity.name.clone(), unit(&i.quantity), u)));
         let channel = |(o, out): (usize, &fdm_grammar::model::Output)| {
             (out.quantity.name.clone(), unit(&out.quantity), column(&y, o, q))
         };

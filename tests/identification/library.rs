@@ -8,9 +8,9 @@ use support::model;
 /// Outputs at the last of `samples` samples, `interval` seconds apart, by name.
 fn at_the_end(model: &Model, samples: u32, interval: f64, inputs: &[(&str, f64)]) -> BTreeMap<String, f64> {
     let time: Vec<f64> = (0..samples).map(|k| interval * f64::from(k)).collect();
-    let held = inputs.iter().fold(model.run("r").times(time.clone()), |run, (name, value)| {
-        run.samples(name, vec![*value; time.len()])
-    });
+    let held = inputs
+        .iter()
+        .fold(model.run("r").times(time.clone()), |run, (name, value)| run.samples(name, vec![*value; time.len()]));
     let run = held.without_outputs().build().expect("a run");
     let outputs = model.layout().outputs;
     let mut y = vec![0.0; run.len() * outputs];

@@ -43,10 +43,13 @@ impl Evaluator<'_, '_> {
                 let form = if function == "dcm" { "`dcm(q)` or `dcm(phi, theta, psi)`" } else { "`rotate(q, v)`" };
                 let given: Vec<String> = shapes.iter().map(|n| format!("[{n}]").replace("[1]", "a number")).collect();
                 let given = if given.is_empty() { "nothing".into() } else { given.join(", ") };
-                let message = format!("`{function}` takes a quaternion [4]{}, given: {given}", match function {
-                    "dcm" => ", or three angles",
-                    _ => " and a vector [3]",
-                });
+                let message = format!(
+                    "`{function}` takes a quaternion [4]{}, given: {given}",
+                    match function {
+                        "dcm" => ", or three angles",
+                        _ => " and a vector [3]",
+                    }
+                );
                 self.wrong(Code::WrongShape, span, message, form)
             }
         }

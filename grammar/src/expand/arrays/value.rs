@@ -19,8 +19,7 @@ pub(super) enum Val {
 const LONGEST_SHOWN: usize = 60;
 
 /// Functions of whole vectors and matrices.
-pub(super) const FUNCTIONS: [&str; 9] =
-    ["dot", "cross", "transpose", "sum", "norm", "inverse", "det", "dcm", "rotate"];
+pub(super) const FUNCTIONS: [&str; 9] = ["dot", "cross", "transpose", "sum", "norm", "inverse", "det", "dcm", "rotate"];
 
 /// Finds the values of all expressions of a tree.
 pub(super) struct Evaluator<'a, 'w> {
