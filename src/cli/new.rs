@@ -6,11 +6,10 @@ use crate::project;
 use clap::{Args, ValueEnum};
 use fdm_grammar::format::format;
 use fdm_numeric::random::SplitMix;
-use fdm_results::store::{admits, write_new_file};
+use fdm_results::store::{admits, make_folder, write_new_file};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::{Simulator, choose_steps};
-use std::fs::create_dir_all;
 use std::path::{Path, PathBuf};
 
 /// What `fdm new` takes.
@@ -338,7 +337,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return Err(Failure::Input(said.collect()));
     }
     if path.extension().is_none() {
-        create_dir_all(path).map_err(|e| Unwritten(at(path, &e)))?;
+        make_folder(path).map_err(|e| Unwritten(at(path, &e)))?;
     }
     for file in &files {
         admits(&file.path).map_err(|e| Failure::at(&file.path, &e))?;
