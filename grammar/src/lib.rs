@@ -28,7 +28,7 @@ pub mod unit;
 
 pub use derive::Pattern;
 pub use diagnostic::{Code, Diagnostic, Severity};
-pub use expand::gather;
+pub use expand::{gather, gather_kept, library};
 pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};

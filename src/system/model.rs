@@ -100,12 +100,14 @@ impl Model {
         });
     }
 
-    /// Compiles the text of a model that uses no files; `name` is what messages call it.
+    /// Compiles the text of a model that uses no files but parts of the library; `name` is what messages call it.
     ///
     /// # Errors
     /// [`ModelError::Invalid`] with every mistake of the text.
     pub fn from_text(name: impl Into<String>, text: impl Into<String>) -> Result<Self, ModelError> {
-        Self::from_source(Source::new(name, text))
+        let mut source = Source::new(name, text);
+        fdm_grammar::gather(&mut source, &mut |_| Err("no files are read here".into()));
+        Self::from_source(source)
     }
 
     /// Compiles the text of a model with the texts of the files that it uses, in the order in which
@@ -351,7 +353,7 @@ pub fn read_source(path: &Path) -> Result<Source, ModelError> {
 /// Adds texts in the order in which they are asked for, which is always the same.
 fn with_used(mut source: Source, used: &[impl AsRef<str>]) -> Source {
     let mut used = used.iter();
-    fdm_grammar::gather(&mut source, &mut |_| {
+    fdm_grammar::gather_kept(&mut source, &mut |_| {
         used.next().map(|text| text.as_ref().to_string()).ok_or_else(|| "its text was not kept".into())
     });
     source

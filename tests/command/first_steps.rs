@@ -26,7 +26,8 @@ fn desk() -> Desk {
 #[test]
 fn a_new_model_checks_simulates_and_fits() {
     let at = Desk::new();
-    let kinds = [("second-order", "gain", 1.3), ("kinetics", "k1", 0.31), ("linear", "Ma", -6.1)];
+    let kinds =
+        [("second-order", "gain", 1.3), ("kinetics", "k1", 0.31), ("linear", "Ma", -6.1), ("servo", "drive.c", 0.11)];
     for (kind, name, truth) in kinds {
         let said = at.good(&format!("new my-{kind}.fdm --kind {kind}"));
         assert!(said.contains(&format!("fdm fit my-{kind}.fdm --data my-{kind}.csv")), "{said}");
@@ -53,6 +54,47 @@ fn a_new_model_checks_simulates_and_fits() {
         at.good(&format!("new {file}"));
         at.good(&format!("check {file}"));
     }
+}
+
+#[test]
+fn a_new_project_of_every_kind_fits_and_predicts() {
+    let kinds = [
+        ("short-period", "Ma", -6.1),
+        ("lateral", "Lp", -2.6),
+        ("aircraft-6dof", "aero.Cma", -0.38),
+        ("helicopter-hover", "heli.tau", 0.14),
+        ("quadrotor-axis", "K", 75.0),
+        ("ship-mmg", "ship.Nr", -0.052),
+        ("nomoto", "ship.T", 34.0),
+        ("roll-decay", "ship.d2", 0.08),
+        ("servo", "drive.k", 0.042),
+        ("cstr", "E", 7.1e4),
+        ("batch", "tank.E", 6.4e4),
+        ("thermal", "body.C", 14.0),
+    ];
+    let at = Desk::new();
+    for (kind, name, truth) in kinds {
+        at.good(&format!("new {kind} --kind {kind}"));
+        let model = format!("{kind}/model.fdm");
+        at.good(&format!("fmt --check {model}"));
+        let checked = at.fdm(&format!("check {model}"));
+        assert_eq!((checked.status.code(), checked.stderr.len()), (Some(0), 0), "{kind}: {checked:?}");
+        let fitted = at.good(&format!(
+            "fit {model} --data {kind}/run.csv --map-file {kind}/map.toml --out {kind}/result --json -q"
+        ));
+        let fitted: Value = serde_json::from_str(&fitted).unwrap();
+        let parameter = fitted["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+        let (value, error) = (parameter["value"].as_f64().unwrap(), parameter["standard_error"].as_f64().unwrap());
+        assert!(
+            (value - truth).abs() < 4.0 * error && error < 0.1 * truth.abs(),
+            "{kind}: {name} is {value} ({error}), made up with {truth}"
+        );
+        at.good(&format!(
+            "validate {model} --from-result {kind}/result --data {kind}/validation.csv --map-file {kind}/map.toml -q"
+        ));
+        assert!(fs::read_to_string(at.path(&format!("{kind}/README.md"))).unwrap().lines().count() <= 14);
+    }
+    assert!(at.refused("new servo --kind servo").contains("exists already"));
 }
 
 #[test]

@@ -14,6 +14,7 @@ mod filter_error;
 mod flight_path;
 mod identified_delays;
 mod kinetics;
+mod library;
 mod linear_models;
 mod measured_inputs;
 mod modes;

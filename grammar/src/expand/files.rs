@@ -1,5 +1,6 @@
 //! Which files a model uses: names relative to the file that says `use`, and texts gathered before anything is compiled.
 
+use super::library;
 use crate::source::{Source, Text};
 use crate::syntax::{Name, StatementKind, parse_used};
 use std::path::{Component, Path, PathBuf};
@@ -8,9 +9,14 @@ use std::path::{Component, Path, PathBuf};
 pub const MOST_FILES: usize = 256;
 
 /// Adds every file that the model uses, and those that these use, to its source. `read` is given the name of a file, which
-/// is relative where that of the model is, and returns its text or the reason why there is none. What is wrong is told
-/// when the source is compiled.
+/// is relative where that of the model is, and returns its text or the reason why there is none; parts of the library come
+/// from the program. What is wrong is told when the source is compiled.
 pub fn gather(source: &mut Source, read: &mut dyn FnMut(&str) -> Result<String, String>) {
+    gather_kept(source, &mut |name| library::of(name).map_or_else(|| read(name), |part| part.map(str::to_string)));
+}
+
+/// The same for texts that were kept: `read` is asked for parts of the library too, which may have been others then.
+pub fn gather_kept(source: &mut Source, read: &mut dyn FnMut(&str) -> Result<String, String>) {
     let mut next = 0;
     while let Some(text) = source.texts().get(next) {
         next += 1;
@@ -51,8 +57,11 @@ fn used(text: &Text) -> Vec<(String, Name)> {
 }
 
 /// The name of a used file: its path as written, from the folder of the file that uses it. `use actuator` is the file
-/// `actuator.fdm`.
+/// `actuator.fdm`. A part of the library has one name everywhere.
 pub(super) fn name_of(from: &str, path: &Name) -> String {
+    if library::is_named(&path.text) {
+        return path.text.clone();
+    }
     let folder = Path::new(from).parent().unwrap_or(Path::new(""));
     // a path in quotes is longer in the text than between them
     let bare = path.span.range().len() == path.text.len();

@@ -19,7 +19,7 @@ pub(super) enum Val {
 const LONGEST_SHOWN: usize = 60;
 
 /// Functions of whole vectors and matrices.
-pub(super) const FUNCTIONS: [&str; 7] = ["dot", "cross", "transpose", "sum", "norm", "inverse", "det"];
+pub(super) const FUNCTIONS: [&str; 9] = ["dot", "cross", "transpose", "sum", "norm", "inverse", "det", "dcm", "rotate"];
 
 /// Finds the values of all expressions of a tree.
 pub(super) struct Evaluator<'a, 'w> {
@@ -209,6 +209,9 @@ impl<'a, 'w> Evaluator<'a, 'w> {
 
     /// A function of numbers is one of each element.
     pub(super) fn call(&mut self, name: &Name, arguments: &[ExprRef], span: Span) -> Val {
+        if matches!(name.text.as_str(), "dcm" | "rotate") {
+            return self.rotation(name, arguments, span);
+        }
         if FUNCTIONS.contains(&name.text.as_str()) {
             return self.function(name, arguments, span);
         }

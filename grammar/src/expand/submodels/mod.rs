@@ -8,7 +8,7 @@ mod connections;
 mod part;
 
 use super::budget::Budget;
-use super::files;
+use super::{files, library};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::{Source, Span};
 use crate::syntax::{Expr, Name, Role, StatementKind, SyntaxTree, Use, parse_used};
@@ -104,7 +104,9 @@ impl<'a> Submodels<'a> {
             let missing = self.source.missing().iter().find(|m| m.name == name);
             let reason = missing.map_or("no files are read here", |m| m.reason.as_str());
             let message = format!("the submodel `{name}` cannot be read: {reason}");
-            self.tell(Code::NoFile, span, message, "paths are relative to the file that says `use`");
+            let relative = || "paths are relative to the file that says `use`".to_string();
+            let hint = if library::is_named(&name) { library::hint() } else { relative() };
+            self.tell(Code::NoFile, span, message, hint);
             return None;
         };
         if let Some(known) = self.known.get(&text) {
