@@ -376,8 +376,10 @@ def main():
     given.add_argument("--fdm", default=str(ROOT / "target" / "release" / "fdm"))
     given.add_argument("--apart", action="store_true", help="the four records kept apart, and only these")
     given.add_argument("--only", default="")
+    given.add_argument("--options", default="", help="further options of the command, for all records")
     asked = given.parse_args()
-    kept = asked.answers / build_of(asked.fdm) / "real"
+    further = tuple(asked.options.split())
+    kept = asked.answers / build_of(asked.fdm) / ("real" + "".join(c if c.isalnum() else "_" for c in asked.options))
     print(f"build {build_of(asked.fdm)}\n\n| record | form | said | fitted runs | validation run | wrong | s |\n|---|---|---|---|---|---|---|")
     right = total = 0
     for record in RECORDS:
@@ -393,7 +395,7 @@ def main():
                 tables[name] = {h.split("[")[0].strip(): rows[:, j] for j, h in enumerate(head.split(","))}
             files, checks = written(folder, runs), written(folder, validation)
             (folder / "model.fdm").write_text(form(record.text, newton))
-            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options)
+            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options + further)
             answered, wrong, errors = judged(record, found, tables)
             d = found["diagnosis"]
             names.append(d and [(c["effect"], c["targets"]) for c in d["causes"]])
