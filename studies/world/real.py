@@ -423,7 +423,7 @@ def main():
             if newton and names[0] != names[1]:
                 wrong.append("otherwise than as der(x) =")
             right, total = right + (not wrong), total + 1
-            tables_by_size.append((record.name, "Newton" if newton else "der", sizes(d["front"]) if d else []))
+            tables_by_size.append((record.name, "Newton" if newton else "der", sizes(d.get("front", [])) if d else []))
             print(f"| {record.name} | {'Newton' if newton else 'der'} | {answered} | {errors[0]} | {errors[1]} | {'; '.join(wrong) or '-'} | {found['seconds']:.0f} |", flush=True)
     print(f"\n{right} of {total} with nothing wrong\n\n| record | form | model | RMS fitted / validation | cross-validated, naive 1 | |\n|---|---|---|---|---|---|")
     for name, how, rows in tables_by_size:

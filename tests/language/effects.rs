@@ -101,7 +101,9 @@ fn the_standard_catalogue_is_sound_and_has_every_name() {
     for name in "input_delay output_delay actuator_lag sensor_lag input_dead_zone input_saturation rate_limit backlash \
         input_scale_asymmetry input_curvature output_scale output_bias_drift sensor_position missing_coupling missing_control \
         quadratic_damping cubic_stiffness quadratic_term coulomb_friction product_term unmodelled_mode state_saturation \
-        constant_force lag_in_coupling time_varying_parameter slow_mode process_noise"
+        constant_force lag_in_coupling time_varying_parameter slow_mode process_noise joint_friction joint_damping lugre_friction \
+        play_hysteresis slipstream added_mass wave_memory downwash_lag inflow_lag dynamic_stall gate coefficient_curve \
+        input_curve dead_volume"
         .split_whitespace()
     {
         assert!(catalogue.effects().any(|e| e.name() == name), "{name}");
@@ -111,11 +113,8 @@ fn the_standard_catalogue_is_sound_and_has_every_name() {
 
 #[test]
 fn every_effect_compiles_vanishes_and_has_exact_derivatives_on_every_model() {
-    let text = std::fs::read_to_string(support::repository().join("models/effects.fdm")).unwrap();
-    let (mut catalogue, findings) = Catalogue::read(&fdm_grammar::Source::new("e", text));
-    assert!(findings.is_empty(), "{findings:?}");
+    let mut catalogue = Catalogue::standard();
     catalogue.restrict(&Field::ALL);
-    let mut bad = 0;
     for name in MODELS {
         let base = model(name);
         let subject = Subject::new(base.source(), base.definition()).expect("a text that compiles");
@@ -124,7 +123,6 @@ fn every_effect_compiles_vanishes_and_has_exact_derivatives_on_every_model() {
         let places = catalogue.places(&subject);
         assert!(places.crowded.is_empty() && places.candidates.len() > 8, "{name}: {}", places.candidates.len());
         for candidate in chosen(places.candidates).iter().filter(|c| c.kind() != Kind::Variance) {
-            let r = std::panic::catch_unwind(|| {
             let made = extension(candidate, &subject);
             let what = format!("{name}, {candidate}:\n{}\n", made.text());
             let extended = base.extended(&made).unwrap_or_else(|e| panic!("{what}{e}"));
@@ -138,11 +136,8 @@ fn every_effect_compiles_vanishes_and_has_exact_derivatives_on_every_model() {
             if null == Null::Identity {
                 vanishes_in_a_simulation(&run, &extended, &made, &at_start, &what);
             }
-            });
-            if r.is_err() { eprintln!("FAILED {name} {candidate}"); bad += 1; }
         }
     }
-    assert_eq!(bad, 0);
 }
 
 /// Parameters of the base model keep their numbers, the new ones stand behind.
