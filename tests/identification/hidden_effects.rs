@@ -92,7 +92,7 @@ fn friction_of_both_joints_of_a_double_pendulum() {
         der(w2) = (m11*f2 - m12*f1)/(m11*a2 - m12^2);
         output q1_m [rad] = q1, q2_m [rad] = q2, w1_m [rad/s] = w1, w2_m [rad/s] = w2;
     }";
-    let (dt, samples) = (0.02, 400);
+    let (dt, samples) = (0.025, 160);
     let torques = |run: f64| {
         move |t: f64| {
             let wave = |k: f64, phase: f64| ((1.1 + 0.83 * k) * t + phase * run).sin();
@@ -116,17 +116,8 @@ fn friction_of_both_joints_of_a_double_pendulum() {
         });
         record(name, dt, (&states, [0.003, 0.003, 0.03, 0.03]), torques)
     };
-    let names = [
-        "joint_friction",
-        "joint_damping",
-        "coulomb_friction",
-        "quadratic_damping",
-        "constant_force",
-        "input_bias",
-        "input_scale",
-        "input_delay",
-    ];
-    let found = found(TEXT, &[run(1.0, "one"), run(2.0, "two")], &[run(3.0, "three")], Field::Mechanism, &names);
+    let names = ["joint_friction", "joint_damping", "coulomb_friction", "constant_force", "input_delay"];
+    let found = found(TEXT, &[run(1.0, "one")], &[run(2.0, "two")], Field::Mechanism, &names);
     let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
     named.sort();
     assert_eq!(named, ["joint_friction(T1, w1)", "joint_friction(T2, w2)"], "{found:#?}");
