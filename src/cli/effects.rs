@@ -152,6 +152,9 @@ pub(crate) fn as_text(catalogue: &Catalogue, places: &Places, colour: bool) -> S
     for crowded in &places.crowded {
         let _ = writeln!(text, "{crowded}");
     }
+    for untried in &places.untried {
+        let _ = writeln!(text, "{untried}");
+    }
     let _ = writeln!(text, "{} places", places.candidates.len());
     text
 }

@@ -415,6 +415,7 @@ def main():
     ask.add_argument("--apart", action="store_true")
     for kind, count in (("single", 14), ("nothing", 4), ("pair", 2), ("outside", 3)):
         ask.add_argument(f"--{kind}", type=int, default=count)
+    ask.add_argument("--first", type=int, default=0, help="number of the first case: others than before")
     ask.add_argument("--rename", action="store_true", help="write the right names of cases that are there anew")
     given = ask.parse_args()
     if given.rename:
@@ -426,7 +427,7 @@ def main():
         chosen = family.name in given.families.split(",") if given.families else True
         if family.apart == given.apart and chosen:
             for kind in ("single", "nothing", "pair", "outside"):
-                work += [(family.name, kind, n, given.folder) for n in range(getattr(given, kind))]
+                work += [(family.name, kind, n, given.folder) for n in range(given.first, given.first + getattr(given, kind))]
     # by number, so that a part of the set has all families
     work.sort(key=lambda w: w[2])
     with ProcessPoolExecutor(int(os.environ.get("FDM_PROCESSES", "1"))) as pool:

@@ -12,6 +12,7 @@ mod examples;
 mod few_frequencies;
 mod filter_error;
 mod flight_path;
+mod hidden_effects;
 mod identified_delays;
 mod kinetics;
 mod library;

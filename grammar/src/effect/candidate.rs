@@ -21,6 +21,8 @@ pub struct Places {
     pub candidates: Vec<Candidate>,
     /// Effects that fit more places than are tried.
     pub crowded: Vec<Crowded>,
+    /// Names of the model to which no effect can be attached.
+    pub untried: Vec<Untried>,
 }
 
 impl Places {
@@ -29,6 +31,21 @@ impl Places {
         let plain = |s: &str| s.chars().filter(|c| !c.is_whitespace()).collect::<String>();
         let wanted = plain(written);
         self.candidates.iter().find(|c| plain(&c.to_string()) == wanted)
+    }
+}
+
+/// A name of the model to which no effect can be attached.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Untried {
+    /// The name.
+    pub name: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+impl std::fmt::Display for Untried {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "nothing is tried on `{}`: {}", self.name, self.reason)
     }
 }
 

@@ -90,7 +90,7 @@ impl Catalogue {
 
     /// Every place where an effect fits, in the order of the catalogue and of the model's text.
     pub fn places(&self, subject: &Subject) -> Places {
-        let mut places = Places::default();
+        let mut places = Places { untried: subject.untried(), ..Places::default() };
         let targets = SlotKind::ALL.map(|kind| subject.targets(kind));
         for effect in &self.effects {
             let limit = match effect.class() {

@@ -5,6 +5,7 @@ use super::subject::{Subject, Target};
 use super::turnover::Turnover;
 use crate::graph::Leaf;
 use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, SlotKind, UnarySign};
+use crate::unit::Unit;
 
 /// What a node of a test is.
 #[derive(Debug, Clone, Copy)]
@@ -78,6 +79,14 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
                 Part::Rate(k) | Part::Thing(k) => Part::Truth(is_known(subject, &targets[k].name)),
                 _ => Part::Nothing,
             },
+            ("shared", [a]) => match at(a) {
+                Part::Thing(k) => Part::Truth(is_shared(subject, &targets[k].name)),
+                _ => Part::Nothing,
+            },
+            ("power", [i, x]) => match (at(i), at(x)) {
+                (Part::Thing(i), Part::Thing(x)) => Part::Truth(is_power(subject, &targets[i].name, &targets[x].name)),
+                _ => Part::Nothing,
+            },
             ("consumes" | "produces", [p, x]) => match (at(p), at(x)) {
                 (Part::Thing(p), Part::Thing(x)) => {
                     let sign = if name.text == "consumes" { Turnover::Consumed } else { Turnover::Produced };
@@ -100,6 +109,20 @@ fn node(effect: &Effect, subject: &Subject, targets: &[&Target], e: ExprRef, par
 /// Whether no parameter stands in the rate of a state or the value of an output: nothing was left to be found there.
 fn is_known(subject: &Subject, name: &str) -> bool {
     subject.reached(name).is_some_and(|leaves| !leaves.iter().any(|l| matches!(l, Leaf::Param(_))))
+}
+
+/// Whether something stands in the equations of several states, as a torque between coupled bodies does.
+fn is_shared(subject: &Subject, name: &str) -> bool {
+    let states = subject.model.states.iter().map(|s| &s.quantity.name);
+    states.filter(|state| subject.balance(state).is_some() && depends(subject, state, name)).count() > 1
+}
+
+/// Whether a force acts on a speed, or a torque on an angular rate: their product is a power. Nothing is said where a unit is
+/// missing.
+fn is_power(subject: &Subject, force: &str, speed: &str) -> bool {
+    let (Some(force), Some(speed)) = (subject.unit(force), subject.unit(speed)) else { return true };
+    let watt = Unit::parse("W");
+    watt.is_ok_and(|watt| force.product(&speed).is_some_and(|product| product.same_dimension(&watt)))
 }
 
 /// Whether the rate of a state or the value of an output depends on something, lets looked through.

@@ -26,7 +26,7 @@ mod tests;
 mod turnover;
 
 pub use crate::syntax::Field;
-pub use candidate::{Candidate, Choice, Crowded, Places};
+pub use candidate::{Candidate, Choice, Crowded, Places, Untried};
 pub use catalogue::{Catalogue, STANDARD};
 pub use definition::{Effect, Kind};
 pub use extension::{Extension, NewParam};

@@ -1,5 +1,6 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
+use super::candidate::Untried;
 use super::turnover::{Turnover, Turnovers};
 use crate::check::matching::Matching;
 use crate::diagnostic::Diagnostic;
@@ -9,7 +10,7 @@ use crate::model::{Model, Origin};
 use crate::op::ExprId;
 use crate::source::{Source, Span};
 use crate::syntax::{
-    BinarySign, Declaration, Expr, ExprRef, Role, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, parse,
+    BinarySign, Declaration, Expr, ExprRef, Role, Shape, SlotKind, StatementKind, SyntaxTree, UnarySign, Value, parse,
 };
 use crate::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
@@ -35,6 +36,25 @@ pub(super) struct Target {
     pub(super) kind: SlotKind,
     /// Place among all declared names.
     pub(super) order: usize,
+}
+
+/// An element of a vector that this text declares.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Element<'n> {
+    /// The vector.
+    pub(super) vector: &'n str,
+    /// Which element, from 0.
+    pub(super) index: usize,
+    /// The length of the vector.
+    pub(super) length: usize,
+}
+
+impl Element<'_> {
+    /// A vector with this text in the element's place and another in the others'.
+    pub(super) fn in_vector(&self, own: &str, other: impl Fn(usize) -> String) -> String {
+        let text = |k| if k == self.index { own.to_string() } else { other(k) };
+        format!("[{}]", (0..self.length).map(text).collect::<Vec<_>>().join(", "))
+    }
 }
 
 /// What a state's derivative belongs to: `der(x) = ...`, or in Newton's form a balance of forces.
@@ -99,6 +119,7 @@ impl Subject {
                     _ => return None,
                 },
                 Expr::Call(call, _) if call.text == "der" => {}
+                Expr::Element(..) => return None,
                 expr => expr.each_operand(|o| open.push(o)),
             }
         }
@@ -131,7 +152,7 @@ impl Subject {
         &self.model
     }
 
-    /// Everything of one kind, in the order of the text: what is declared with its own name in this text, no vectors, and states
+    /// Everything of one kind, in the order of the text: what is declared in this text, vectors element by element, and states
     /// whose derivative an equation of this text determines.
     pub(super) fn targets(&self, kind: SlotKind) -> Vec<Target> {
         let mut found = Vec::new();
@@ -139,19 +160,75 @@ impl Subject {
         for statement in &self.tree.statements {
             let StatementKind::Declare(role, list) = &statement.kind else { continue };
             for d in list {
-                order += 1;
-                let fits = match kind {
-                    SlotKind::Input => *role == Role::Input,
-                    SlotKind::State => *role == Role::State && self.balance(&d.name.text).is_some(),
-                    SlotKind::Output => *role == Role::Output,
-                    SlotKind::Param => *role == Role::Param && self.is_shared_param(&d.name.text),
+                let is_param = kind == SlotKind::Param;
+                let names = match d.shape {
+                    None => vec![d.name.text.clone()],
+                    Some(Shape { rows, columns: None, .. }) if !is_param => {
+                        (1..=rows).map(|k| format!("{}[{k}]", d.name.text)).collect()
+                    }
+                    Some(_) => Vec::new(),
                 };
-                if fits && d.shape.is_none() {
-                    found.push(Target { name: d.name.text.clone(), kind, order });
+                for name in names {
+                    order += 1;
+                    let fits = match kind {
+                        SlotKind::Input => *role == Role::Input,
+                        SlotKind::State => *role == Role::State && self.balance(&name).is_some(),
+                        SlotKind::Output => *role == Role::Output,
+                        SlotKind::Param => *role == Role::Param && self.is_shared_param(&name),
+                    };
+                    if fits {
+                        found.push(Target { name, kind, order });
+                    }
                 }
             }
         }
         found
+    }
+
+    /// What no effect can be attached to, with the reason.
+    pub(super) fn untried(&self) -> Vec<Untried> {
+        let model = &self.model;
+        let mut found = Vec::new();
+        let mut tell = |name: &str, reason: &str| found.push(Untried { name: name.into(), reason: reason.into() });
+        let submodel =
+            "it belongs to a submodel: write its equations into this text, or diagnose the submodel by itself";
+        for state in model.states.iter().map(|s| s.quantity.name.as_str()) {
+            let declared = self.declaration(vector_of(state)).map(|(_, declaration, _)| declaration);
+            match declared.map(|d| d.shape) {
+                _ if self.balance(state).is_some() => {}
+                None if state.contains('.') => tell(state, submodel),
+                // of a block that was written out
+                None => {}
+                Some(Some(Shape { columns: Some(_), .. })) => tell(state, "it is part of a matrix"),
+                Some(_) => tell(state, "no equation of this text is that of its derivative"),
+            }
+        }
+        let inputs = model.inputs.iter().filter(|i| i.is_declared()).map(|i| &i.quantity.name);
+        for name in inputs.chain(model.outputs.iter().map(|o| &o.quantity.name)) {
+            if self.declaration(vector_of(name)).is_some_and(|(_, d, _)| d.shape.is_some_and(|s| s.columns.is_some())) {
+                tell(name, "it is part of a matrix");
+            }
+        }
+        for param in model.params.iter().filter(|p| p.origin == Origin::Declared && !p.fixed && !p.per_run) {
+            let name = param.quantity.name.as_str();
+            match self.declaration(vector_of(name)) {
+                None if name.contains('.') => tell(name, submodel),
+                Some((_, declaration, _)) if declaration.shape.is_some() => {
+                    tell(name, "no effect replaces a param that is part of a vector or matrix")
+                }
+                Some(_) if self.delays(name) => tell(name, "a delay depends on it, which cannot change during a run"),
+                _ => {}
+            }
+        }
+        found
+    }
+
+    /// The element of a vector that a name is, such as `x[2]`.
+    pub(super) fn element<'n>(&self, name: &'n str) -> Option<Element<'n>> {
+        let (vector, index) = name.strip_suffix(']')?.split_once('[')?;
+        let shape = self.declaration(vector)?.1.shape.filter(|shape| shape.columns.is_none())?;
+        let index: usize = index.parse().ok()?;
+        Some(Element { vector, index: index.checked_sub(1)?, length: shape.rows as usize })
     }
 
     /// A declared param with one value for all runs, on which a rate or an output depends, and no delay: a delay cannot
@@ -160,10 +237,15 @@ impl Subject {
         let Some(k) = self.model.param(name) else { return false };
         let param = &self.model.params[k];
         let used = self.reached.values().any(|leaves| leaves.contains(&Leaf::Param(k as u32)));
+        used && !self.delays(name) && param.origin == Origin::Declared && !param.per_run
+    }
+
+    /// Whether a delay depends on a param.
+    fn delays(&self, name: &str) -> bool {
+        let Some(k) = self.model.param(name) else { return false };
         let graph = &self.model.graph;
         let delays = graph.reachable(graph.delayed().iter().map(|d| d.tau));
-        let delays = delays.into_iter().any(|e| graph.node(e) == Node::Leaf(Leaf::Param(k as u32)));
-        used && !delays && param.origin == Origin::Declared && !param.per_run
+        delays.into_iter().any(|e| graph.node(e) == Node::Leaf(Leaf::Param(k as u32)))
     }
 
     /// Where the derivative of a state is determined.
@@ -221,9 +303,10 @@ impl Subject {
     }
 
     /// Every use of a name: in right sides of equations, in values of lets and outputs, in what a submodel is connected
-    /// to; the whole equation of `besides` is left out.
+    /// to; the whole equation of `besides` is left out. Of an element of a vector, every use of the vector.
     pub(super) fn uses(&self, name: &str, besides: Option<&str>) -> Vec<(Span, Span)> {
         let tree = &self.tree;
+        let name = vector_of(name);
         let besides = besides.and_then(|state| self.balance(state)).map(|balance| balance.statement);
         let mut found = Vec::new();
         for statement in &tree.statements {
@@ -243,6 +326,7 @@ impl Subject {
             while let Some(e) = roots.pop() {
                 match tree.expr(e) {
                     Expr::Name(n) if n == name => found.push((tree.span(e), statement.span)),
+                    Expr::Element(n, _) if n.text == name => found.push((n.span, statement.span)),
                     // the record is not changed, and a derivative of a state is no use of it
                     Expr::Call(call, _) if call.text == "measured" => {}
                     Expr::Call(call, _) if call.text == "der" && self.is_state(name) => {}
@@ -256,8 +340,13 @@ impl Subject {
     }
 
     fn is_state(&self, name: &str) -> bool {
-        self.model.states.iter().any(|s| s.quantity.name == name)
+        self.model.states.iter().any(|s| vector_of(&s.quantity.name) == name)
     }
+}
+
+/// `x` for `x[2]`, and a name itself where it is no element.
+pub(super) fn vector_of(name: &str) -> &str {
+    name.split_once('[').map_or(name, |(vector, _)| vector)
 }
 
 /// The name of the state in `der(state)`.
@@ -272,10 +361,17 @@ pub(super) fn derived(tree: &SyntaxTree, left: ExprRef) -> Option<&str> {
 }
 
 /// The balance of every state of the text that has one: its own equation, or else one of those in which derivatives stand, in the
-/// order of the text as far as that leaves one for each.
+/// order of the text as far as that leaves one for each. The equation of a vector is that of each of its elements.
 fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
-    let places: BTreeMap<&str, usize> =
-        model.states.iter().enumerate().map(|(k, s)| (s.quantity.name.as_str(), k)).collect();
+    let mut places: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut names: Vec<Vec<&str>> = Vec::new();
+    for name in model.states.iter().map(|s| s.quantity.name.as_str()) {
+        let place = *places.entry(vector_of(name)).or_insert(names.len());
+        if place == names.len() {
+            names.push(Vec::new());
+        }
+        names[place].push(name);
+    }
     let (mut incidence, mut preferred, mut found) = (Vec::new(), Vec::new(), Vec::new());
     for statement in &tree.statements {
         let StatementKind::Equation(left, right) = statement.kind else { continue };
@@ -299,7 +395,7 @@ fn balances(tree: &SyntaxTree, model: &Model) -> BTreeMap<String, Balance> {
             is_plain: own.is_some(),
             is_turned: first.is_turned,
         };
-        balances.insert(model.states[first.place].quantity.name.clone(), balance);
+        balances.extend(names[first.place].iter().map(|name| ((*name).to_string(), balance)));
     }
     balances
 }

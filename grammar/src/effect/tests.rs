@@ -286,3 +286,81 @@ fn a_field_that_does_not_exist_is_told_with_the_nearest() {
     assert!(findings[0].message.contains("`shipp` is no field"), "{findings:?}");
     assert_eq!(findings[0].hint.as_deref(), Some("did you mean `ship`?"));
 }
+
+const VECTORS: &str = "model a {
+  input u[2]; state x[2] = [0.5, 0]; param A[2, 2] = [[-1, 0], [0.5, -2]], b = 1;
+  der(x) = A*x + b*u;
+  output y[2] = x, sum_x = sum(x);
+}";
+
+#[test]
+fn elements_of_vectors_take_effects_in_their_own_place() {
+    let at = |effect: &str, lines: &[&str]| {
+        let made = extended(VECTORS, effect);
+        for line in lines {
+            assert!(made.text().contains(line), "{effect}: no `{line}`\n{}", made.text());
+        }
+    };
+    at("quadratic_damping(x[2])", &["der(x) = A*x + b*u + [0, -drag_x2*x[2]*abs(x[2])];"]);
+    at("output_bias(y[1])", &["output y[2] = x + [bias_y1, 0], sum_x = sum(x);"]);
+    at("input_delay(u[2])", &["let u_input_delay[2] = [u[1], u2_delayed];", "b*u_input_delay;", "delay(u[2], tau_u2)"]);
+    at("sensor_lag(y[2])", &["let y_true[2] = x;", "output y[2] = [y_true[1], y2_lagged]"]);
+    at("lag_in_coupling(x[2], x[1])", &["state x1_late = 0.5", "der(x) = A*x + b*u + [0, c_x2_x1*(x1_late - x[1])];"]);
+    at("unmodelled_mode(x[1])", &["let x_rate[2] = A*x + b*u;", "der(x) = x_rate + [", "*(x_rate[1] - "]);
+}
+
+#[test]
+fn the_zeros_of_a_matrix_are_couplings_that_may_be_missing() {
+    let places = Catalogue::standard().places(&subject(VECTORS));
+    let names = |effect: &str| -> Vec<String> {
+        let of = places.candidates.iter().filter(|c| c.effect().name() == effect);
+        of.map(|c| c.targets().join(" ")).collect()
+    };
+    assert_eq!(names("missing_coupling"), ["x[1] x[2]"]);
+    assert_eq!(names("missing_control"), ["x[1] u[2]", "x[2] u[1]"]);
+    assert_eq!(names("sensor_position"), ["y[1] x[2]", "y[2] x[1]"]);
+    let untried: Vec<&str> = places.untried.iter().map(|u| u.name.as_str()).collect();
+    assert_eq!(untried, ["A[1,1]", "A[2,1]", "A[2,2]"]);
+}
+
+/// Two bodies on a line, masses as a matrix: a force on the second stands in the second row.
+#[test]
+fn balances_of_vectors_take_forces_row_by_row() {
+    let text = "model a { input f; state s[2], v[2]; param k = 1, d = 0.1; const m = 2; \
+                der(s) = v; [[m + 1, 1], [1, 1]]*der(v) = [f, 0] - k*s - d*v; output y = s[1]; }";
+    let made = extended(text, "coulomb_friction(v[2])");
+    assert!(made.text().contains("= [f, 0] - k*s - d*v + [0, -friction_v2*tanh(v[2]/v0_v2)];"), "{}", made.text());
+}
+
+#[test]
+fn what_nothing_can_be_attached_to_is_told() {
+    let text = "model a { input u; use \"lag.fdm\" as act(x = u, T = T_act); state z; param T_act = 0.3, tau = 0.1 in [0, 1]; \
+                der(z) = act.y - z + delay(u, tau); output z_m = z; }";
+    let lag = "model lag { input x; param T = 0.1, k = 1; state y; der(y) = (k*x - y)/T; output y_m = y; }";
+    let mut source = Source::new("a.fdm", text);
+    crate::gather(&mut source, &mut |_| Ok(lag.to_string()));
+    let base = compile(&source).unwrap_or_else(|f| panic!("{f:?}"));
+    let subject = Subject::new(&source, &base.model).unwrap();
+    let told: Vec<String> = Catalogue::standard().places(&subject).untried.iter().map(ToString::to_string).collect();
+    assert_eq!(told.len(), 3, "{told:?}");
+    for (name, reason) in [("act.y", "submodel"), ("act.k", "submodel"), ("tau", "delay")] {
+        assert!(told.iter().any(|t| t.contains(&format!("`{name}`")) && t.contains(reason)), "{name}: {told:?}");
+    }
+}
+
+#[test]
+fn friction_of_a_joint_is_tried_where_a_force_acts_on_a_speed() {
+    let text = |force: &str| {
+        format!(
+            "model a {{ input T [{force}]; state a [rad/s], b [rad/s]; const J = 1 [kg*m^2]; param k = 1 [1/s]; \
+             der(a) = -{acts} - k*a; der(b) = {acts} - k*b; output y [rad/s] = a; }}",
+            acts = if force == "rad" { "k^2*T" } else { "T/J" }
+        )
+    };
+    let count = |force: &str| {
+        let places = Catalogue::standard().places(&subject(&text(force)));
+        places.candidates.iter().filter(|c| c.effect().name() == "joint_friction").count()
+    };
+    // a torque on either rate and between both, either way round; an angle of a flap is no torque
+    assert_eq!((count("N*m"), count("rad")), (4, 0));
+}

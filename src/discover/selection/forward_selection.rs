@@ -292,10 +292,12 @@ impl<'a> ForwardSelection<'a> {
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
         let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
         let mut left_out = std::mem::take(&mut step.left_out);
-        left_out.extend(self.catalogue.places(&step.current.subject).crowded.iter().map(|c| LeftOut {
-            place: EffectAt { effect: c.effect.clone(), targets: Vec::new() },
-            reason: c.to_string(),
-        }));
+        let places = self.catalogue.places(&step.current.subject);
+        let crowded =
+            places.crowded.iter().map(|c| (EffectAt { effect: c.effect.clone(), targets: Vec::new() }, c.to_string()));
+        let any = |name: &String| EffectAt { effect: "any effect".into(), targets: vec![name.clone()] };
+        let untried = places.untried.iter().map(|u| (any(&u.name), u.reason.clone()));
+        left_out.extend(crowded.chain(untried).map(|(place, reason)| LeftOut { place, reason }));
         let last = end.get_or_insert_with(|| End {
             family_wise: p,
             left_out,

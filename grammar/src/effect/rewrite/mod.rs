@@ -92,7 +92,9 @@ impl<'a> Rewrite<'a> {
     /// Telling names: `tau_stick` for a param, `stick_delayed` for what follows the stick.
     fn name(&mut self) {
         let effect = self.effect;
-        let targets = self.candidate.targets().to_vec();
+        // no brackets in names: drag_x2 of x[2]
+        let plain = |name: &str| name.replace(['[', ']'], "");
+        let targets: Vec<String> = self.candidate.targets().iter().map(|t| plain(t)).collect();
         for (line, _) in &effect.tree().lines {
             match line {
                 EffectLine::Tunable(t) => {
@@ -102,7 +104,7 @@ impl<'a> Rewrite<'a> {
                 }
                 EffectLine::Own(role, list) => {
                     for d in list {
-                        let (local, of) = (&d.name.text, self.followed(d));
+                        let (local, of) = (&d.name.text, plain(&self.followed(d)));
                         let const_ = *role == Role::Const;
                         let name =
                             self.taken.give(&if const_ { format!("{local}_{of}") } else { format!("{of}_{local}") });

@@ -5,6 +5,7 @@ use super::values::number;
 use crate::effect::edit::Line;
 use crate::effect::extension::NewParam;
 use crate::effect::scales::{Beginning, rounded};
+use crate::effect::subject::vector_of;
 use crate::syntax::{Declaration, EffectLine, Expr, Role, Value};
 
 impl<'a> Rewrite<'a> {
@@ -53,10 +54,15 @@ impl<'a> Rewrite<'a> {
     /// Where a state begins that follows a signal: as a state of the model does, or with what was recorded first.
     pub(super) fn beginning(&mut self, slot: &str, local: &str) -> String {
         let Some(target) = self.bound.get(slot).cloned() else { return String::new() };
-        if let Some((Role::State, declaration, statement)) = self.subject.declaration(&target) {
+        if let Some((Role::State, declaration, statement)) = self.subject.declaration(vector_of(&target)) {
             return match declaration.value {
                 Some(Value::Expr(e)) => {
-                    let range = self.editor.value(statement, e);
+                    let range = match (self.subject.element(&target), self.subject.tree.expr(e)) {
+                        (Some(element), Expr::Vector(list)) if list.len() == element.length => {
+                            self.subject.tree.span(list[element.index]).range()
+                        }
+                        _ => self.editor.value(statement, e),
+                    };
                     format!(" = {}", &self.subject.source.text()[range])
                 }
                 Some(Value::Free(_)) => self.free_beginning(&target, local),

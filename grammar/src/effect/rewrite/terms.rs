@@ -3,7 +3,7 @@
 use super::Rewrite;
 use crate::diagnostic::Diagnostic;
 use crate::effect::edit::Line;
-use crate::effect::subject::Balance;
+use crate::effect::subject::{Balance, Element, vector_of};
 use crate::syntax::{BinarySign, EffectLine, Expr, ExprRef, Role, SlotKind, SyntaxTree, Value};
 
 impl<'a> Rewrite<'a> {
@@ -84,6 +84,15 @@ impl<'a> Rewrite<'a> {
             return Err(self.misfit(format!("nothing uses `{target}`")));
         }
         let text = self.print(with);
+        if let Some(element) = self.subject.element(&target) {
+            let Element { vector, length, .. } = element;
+            let name = self.taken.give(&format!("{vector}_{}", self.effect.name()));
+            let value = element.in_vector(&text, |k| format!("{vector}[{}]", k + 1));
+            self.declared.push(name.clone());
+            self.lines.push((Line::Declare(Role::Let), format!("let {name}[{length}] = {value};")));
+            uses.into_iter().for_each(|(span, _)| self.editor.replace(span.range(), name.clone()));
+            return Ok(());
+        }
         let short = matches!(self.pool().expr(with), Expr::Name(_) | Expr::Number(_) | Expr::Call(..));
         let name = match self.pool().expr(with) {
             Expr::Name(_) => text,
@@ -112,23 +121,35 @@ impl<'a> Rewrite<'a> {
         // a derivative in a balance of forces keeps its name
         if self.mentions(slot, true) == 0 || !is_plain {
             if let Some(added) = added {
-                self.append(side, value, added, is_turned);
+                self.append(slot, (side, value), added, is_turned);
             }
             return Ok(());
         }
-        let name = self.taken.give(&format!("{target}_rate"));
+        let element = self.subject.element(&target);
+        let of = vector_of(&target);
+        let name = self.taken.give(&format!("{of}_rate"));
         self.declared.push(name.clone());
-        self.names.insert(format!("der({slot})"), name.clone());
+        let (size, own) = match element {
+            Some(Element { length, index, .. }) => (format!("[{length}]"), format!("{name}[{}]", index + 1)),
+            None => (String::new(), name.clone()),
+        };
+        self.names.insert(format!("der({slot})"), own);
         let start = statement.start as usize;
-        self.editor.replace(start..value.start, format!("let {name} = "));
-        let term = added.map_or(String::new(), |e| self.term(e, false));
-        self.editor.insert_behind(statement, &format!("der({target}) = {name}{term};"));
+        self.editor.replace(start..value.start, format!("let {name}{size} = "));
+        let term = added.map_or(String::new(), |e| self.term(slot, e, false));
+        self.editor.insert_behind(statement, &format!("der({of}) = {name}{term};"));
         Ok(())
     }
 
-    /// ` + c*x` or ` - c*x` behind a value.
-    pub(super) fn append(&mut self, root: ExprRef, value: std::ops::Range<usize>, added: ExprRef, is_turned: bool) {
-        let term = self.term(added, is_turned);
+    /// ` + c*x` or ` - c*x` behind a value of what a slot stands for.
+    pub(super) fn append(
+        &mut self,
+        slot: &str,
+        (root, value): (ExprRef, std::ops::Range<usize>),
+        added: ExprRef,
+        is_turned: bool,
+    ) {
+        let term = self.term(slot, added, is_turned);
         // an `if` without brackets would take the term into its last branch
         if matches!(self.subject.tree.expr(root), Expr::If(..)) {
             self.editor.replace(value.start..value.start, "(");
@@ -138,9 +159,13 @@ impl<'a> Rewrite<'a> {
         }
     }
 
-    /// What is added, with its sign, or subtracted.
-    pub(super) fn term(&self, added: ExprRef, is_turned: bool) -> String {
+    /// What is added, with its sign, or subtracted; for an element of a vector, a vector that is zero beside it.
+    pub(super) fn term(&self, slot: &str, added: ExprRef, is_turned: bool) -> String {
         let text = self.print(added);
+        if let Some(element) = self.subject.element(&self.bound[slot]) {
+            let vector = element.in_vector(&text, |_| "0".into());
+            return format!(" {} {vector}", if is_turned { '-' } else { '+' });
+        }
         let (choice, sum) = match self.pool().expr(added) {
             Expr::If(..) => (true, false),
             Expr::Binary(sign, ..) => (false, matches!(sign, BinarySign::Add | BinarySign::Subtract)),
@@ -162,7 +187,8 @@ impl<'a> Rewrite<'a> {
         replaced: Option<ExprRef>,
     ) -> Result<(), Diagnostic> {
         let target = self.bound[slot].clone();
-        let Some((_, declaration, statement)) = self.subject.declaration(&target) else {
+        let of = vector_of(&target);
+        let Some((_, declaration, statement)) = self.subject.declaration(of) else {
             return Err(self.misfit(format!("`{target}` is not declared in this text")));
         };
         let Some(Value::Expr(root)) = declaration.value else {
@@ -171,7 +197,21 @@ impl<'a> Rewrite<'a> {
         let value = self.editor.value(statement, root);
         let mentions = self.mentions(slot, false);
         if let (Some(added), 0) = (added, mentions) {
-            self.append(root, value, added, false);
+            self.append(slot, (root, value), added, false);
+            return Ok(());
+        }
+        if let Some(element) = self.subject.element(&target) {
+            let name = self.taken.give(&format!("{of}_true"));
+            self.declared.push(name.clone());
+            let old = self.editor.take(&value);
+            self.lines.push((Line::Declare(Role::Let), format!("let {name}[{}] = {old};", element.length)));
+            self.names.insert(slot.into(), format!("{name}[{}]", element.index + 1));
+            let new = match (replaced, added) {
+                (Some(e), _) => element.in_vector(&self.print(e), |k| format!("{name}[{}]", k + 1)),
+                (None, Some(e)) => format!("{name}{}", self.term(slot, e, false)),
+                (None, None) => return Ok(()),
+            };
+            self.editor.replace(value, new);
             return Ok(());
         }
         let alone = replaced.is_some_and(|e| mentions == 1 && within(self.pool(), e, slot));
@@ -193,7 +233,7 @@ impl<'a> Rewrite<'a> {
         }
         let new = match (replaced, added) {
             (Some(e), _) => self.print(e),
-            (None, Some(e)) => format!("{}{}", self.names[slot], self.term(e, false)),
+            (None, Some(e)) => format!("{}{}", self.names[slot], self.term(slot, e, false)),
             (None, None) => return Ok(()),
         };
         self.editor.replace(value, new);

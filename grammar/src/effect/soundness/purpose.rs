@@ -6,7 +6,7 @@ use crate::source::Span;
 use crate::syntax::{EffectLine, Expr, ExprRef, Name, Tunable, Value};
 
 impl<'a> Check<'a> {
-    /// Tests are made of `depends`, `known`, `consumes`, `produces`, comparisons of slots, `and`, `or` and `not`.
+    /// Tests are made of `depends`, `known`, `shared`, `power`, `consumes`, `produces`, comparisons of slots, `and`, `or` and `not`.
     pub(super) fn conditions(&mut self) {
         let pool = &self.tree.pool;
         for condition in &self.tree.conditions {
@@ -16,12 +16,16 @@ impl<'a> Check<'a> {
                 match pool.expr(e) {
                     Expr::Name(name) => self.slot(name, span),
                     Expr::Call(name, arguments) => match (name.text.as_str(), arguments.len()) {
-                        ("depends" | "consumes" | "produces", 2) | ("known" | "der", 1) => open.extend(arguments),
-                        (word @ ("depends" | "consumes" | "produces" | "known" | "der"), n) => {
+                        ("depends" | "consumes" | "produces" | "power", 2) | ("known" | "shared" | "der", 1) => {
+                            open.extend(arguments)
+                        }
+                        (word @ ("depends" | "consumes" | "produces" | "power" | "known" | "shared" | "der"), n) => {
                             let form = match word {
                                 "depends" => "depends(der(x), z)",
                                 "consumes" => "consumes(p, x)",
                                 "produces" => "produces(p, x)",
+                                "shared" => "shared(i)",
+                                "power" => "power(i, x)",
                                 _ => "known(der(x))",
                             };
                             let plural = if n == 1 { "" } else { "s" };
@@ -29,7 +33,10 @@ impl<'a> Check<'a> {
                             self.tell(Code::ArgumentCount, span, message, format!("`{form}`"));
                         }
                         (word, _) => {
-                            let hint = match nearest(word, ["depends", "consumes", "produces", "known", "der"]) {
+                            let hint = match nearest(
+                                word,
+                                ["depends", "consumes", "produces", "power", "known", "shared", "der"],
+                            ) {
                                 Some(near) => format!("did you mean `{near}`?"),
                                 None => CONDITION_FORMS.into(),
                             };
@@ -116,7 +123,7 @@ impl<'a> Check<'a> {
     }
 }
 
-const CONDITION_FORMS: &str = "tests are `depends(der(x), z)`, `known(der(x))`, `consumes(p, x)`, `produces(p, x)`, `x == z`, `x < z` (x stands before z), `and`, `or`, `not`";
+const CONDITION_FORMS: &str = "tests are `depends(der(x), z)`, `known(der(x))`, `shared(i)`, `power(i, x)`, `consumes(p, x)`, `produces(p, x)`, `x == z`, `x < z` (x stands before z), `and`, `or`, `not`";
 
 fn is_test(sign: crate::syntax::BinarySign) -> bool {
     use crate::syntax::BinarySign::*;

@@ -1,0 +1,192 @@
+//! Effects of coupled bodies, stops and propellers: hidden by an integrator of the test's own, found by the catalogue of their field.
+
+use fdm::Model;
+use fdm::diagnose::{Diagnosis, DiagnosisOptions, Verdict, diagnose};
+use fdm::effect::{Catalogue, Field};
+use fdm::record::Run;
+use support::Normal;
+
+/// Steps of the truth's integrator in a sample.
+const STEPS: usize = 25;
+
+/// States at every sample by fourth-order Runge-Kutta.
+fn motion<const N: usize>(
+    begin: [f64; N],
+    (samples, dt): (usize, f64),
+    rates: impl Fn(f64, &[f64; N]) -> [f64; N],
+) -> Vec<[f64; N]> {
+    let h = dt / STEPS as f64;
+    let moved = |x: &[f64; N], k: &[f64; N], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);
+    let mut x = begin;
+    let mut all = Vec::with_capacity(samples);
+    for sample in 0..samples {
+        all.push(x);
+        for step in 0..STEPS {
+            let t = sample as f64 * dt + step as f64 * h;
+            let a = rates(t, &x);
+            let b = rates(t + h / 2.0, &moved(&x, &a, h / 2.0));
+            let c = rates(t + h / 2.0, &moved(&x, &b, h / 2.0));
+            let d = rates(t + h, &moved(&x, &c, h));
+            x = std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+        }
+    }
+    all
+}
+
+/// A record with white noise of these deviations.
+fn record<const N: usize, const M: usize>(
+    name: &str,
+    dt: f64,
+    (states, noise): (&[[f64; N]], [f64; N]),
+    input: impl Fn(f64) -> [f64; M],
+) -> Run {
+    let time: Vec<f64> = (0..states.len()).map(|k| k as f64 * dt).collect();
+    let mut normal = Normal(name.bytes().map(u64::from).sum());
+    Run {
+        name: name.into(),
+        inputs: time.iter().flat_map(|t| input(*t)).collect(),
+        held: vec![false; M],
+        measured: states
+            .iter()
+            .flat_map(|x| std::array::from_fn::<f64, N, _>(|i| x[i] + noise[i] * normal.next()))
+            .collect(),
+        input_gaps: vec![0; M],
+        output_gaps: vec![0; N],
+        time,
+    }
+}
+
+/// What is named with the effects of a field, of those with these names.
+fn found(text: &str, runs: &[Run], validation: &[Run], field: Field, names: &[&str]) -> Diagnosis {
+    let mut catalogue = Catalogue::standard();
+    catalogue.restrict(&[field]);
+    catalogue.retain(|name| names.contains(&name));
+    let model = Model::from_text("model.fdm", text).unwrap();
+    let found = diagnose(&model, runs, validation, &catalogue, &DiagnosisOptions::default(), &|_| ()).unwrap();
+    assert_eq!(found.verdict, Verdict::EffectFound, "{found:#?}");
+    found
+}
+
+/// The first parameter of a cause with its standard error.
+fn size(found: &Diagnosis, place: &str) -> (f64, f64) {
+    let cause = found.causes.iter().find(|c| c.place.to_string() == place);
+    let cause = cause.unwrap_or_else(|| panic!("no {place}: {:#?}", found.causes));
+    (cause.parameters[0].value, cause.parameters[0].standard_error.unwrap())
+}
+
+/// Two links with a motor each. Solved for the accelerations, each torque stands in both equations, and so does friction.
+#[test]
+fn friction_of_both_joints_of_a_double_pendulum() {
+    const TEXT: &str = "model arm {
+        input T1 [N*m], T2 [N*m];
+        state q1 [rad] = 0, q2 [rad] = 0, w1 [rad/s] = 0, w2 [rad/s] = 0;
+        param a1 = 0.12 in [0.01, 1] [kg*m^2], a2 = 0.022 in [0.002, 0.5] [kg*m^2], a3 = 0.03 in [0, 0.5] [kg*m^2];
+        param g1 = 3 in [0, 20] [N*m], g2 = 1 in [0, 10] [N*m], d1 = 0.05 [N*m*s], d2 = 0.02 [N*m*s];
+        let m11 = a1 + a2 + 2*a3*cos(q2);
+        let m12 = a2 + a3*cos(q2);
+        let f1 = T1 + a3*sin(q2)*(2*w1*w2 + w2^2) - g1*sin(q1) - g2*sin(q1 + q2) - d1*w1;
+        let f2 = T2 - a3*sin(q2)*w1^2 - g2*sin(q1 + q2) - d2*w2;
+        der(q1) = w1;
+        der(q2) = w2;
+        der(w1) = (a2*f1 - m12*f2)/(m11*a2 - m12^2);
+        der(w2) = (m11*f2 - m12*f1)/(m11*a2 - m12^2);
+        output q1_m [rad] = q1, q2_m [rad] = q2, w1_m [rad/s] = w1, w2_m [rad/s] = w2;
+    }";
+    let (dt, samples) = (0.025, 160);
+    let torques = |run: f64| {
+        move |t: f64| {
+            let wave = |k: f64, phase: f64| ((1.1 + 0.83 * k) * t + phase * run).sin();
+            [1.1 * wave(0.0, 1.0) + 0.8 * wave(2.3, 2.0), 0.35 * wave(1.2, 0.7) + 0.3 * wave(4.1, 1.9)]
+        }
+    };
+    let run = |number: f64, name: &str| {
+        let torques = torques(number);
+        let states = motion([0.0; 4], (samples, dt), |t, [q1, q2, w1, w2]| {
+            let (a1, a2, a3, g1, g2) = (0.11, 0.024, 0.033, 3.4, 1.1);
+            let [t1, t2] = torques(t);
+            let rubbed = |w: f64, coulomb: f64, viscous: f64| coulomb * (w / 0.02).tanh() + viscous * w;
+            let f1 = t1 + a3 * q2.sin() * (2.0 * w1 * w2 + w2 * w2)
+                - g1 * q1.sin()
+                - g2 * (q1 + q2).sin()
+                - rubbed(*w1, 0.12, 0.06);
+            let f2 = t2 - a3 * q2.sin() * w1 * w1 - g2 * (q1 + q2).sin() - rubbed(*w2, 0.05, 0.015);
+            let (m11, m12) = (a1 + a2 + 2.0 * a3 * q2.cos(), a2 + a3 * q2.cos());
+            let determinant = m11 * a2 - m12 * m12;
+            [*w1, *w2, (a2 * f1 - m12 * f2) / determinant, (m11 * f2 - m12 * f1) / determinant]
+        });
+        record(name, dt, (&states, [0.003, 0.003, 0.03, 0.03]), torques)
+    };
+    let names = ["joint_friction", "joint_damping", "coulomb_friction", "constant_force", "input_delay"];
+    let found = found(TEXT, &[run(1.0, "one")], &[run(2.0, "two")], Field::Mechanism, &names);
+    let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
+    named.sort();
+    assert_eq!(named, ["joint_friction(T1, w1)", "joint_friction(T2, w2)"], "{found:#?}");
+    for (place, truth) in [(&named[0], 0.12), (&named[1], 0.05)] {
+        let (value, error) = size(&found, place);
+        // the truth creeps at another speed than the effect
+        assert!((value - truth).abs() < 4.0 * error + 0.06 * truth, "{place}: {value} +- {error}");
+    }
+}
+
+/// A spring with a stop on one side that stiffens: a polynomial from a travel on.
+#[test]
+fn a_stop_that_stiffens_is_a_gate() {
+    const TEXT: &str = "model leg { input F; state s = 0, v = 0; param k = 8, d = 0.8, b = 5;
+        der(s) = v; der(v) = b*F - k*s - d*v; output s_m = s, v_m = v; }";
+    let (dt, samples) = (0.03, 400);
+    let run = |number: f64, name: &str| {
+        let force = move |t: f64| [1.6 * (1.3 * t + number).sin() + 1.3 * (2.9 * t + 2.0 * number).sin()];
+        let states = motion([0.0; 2], (samples, dt), |t, [s, v]| {
+            let beyond = (s - 0.4).max(0.0);
+            [*v, 5.0 * force(t)[0] - 8.0 * s - 0.8 * v - 6.0 * beyond - 40.0 * beyond.powi(2)]
+        });
+        record(name, dt, (&states, [0.01, 0.03]), force)
+    };
+    let names = [
+        "gate",
+        "hinge",
+        "cubic_stiffness",
+        "quadratic_term",
+        "quadratic_damping",
+        "coulomb_friction",
+        "product_term",
+        "input_curvature",
+    ];
+    let found = found(TEXT, &[run(1.0, "one"), run(2.0, "two")], &[run(3.0, "three")], Field::Mechanism, &names);
+    assert_eq!(found.causes[0].place.to_string(), "gate(v, s)", "{found:#?}");
+    let edge = found.causes[0].parameters.iter().find(|p| p.name.starts_with("edge")).unwrap();
+    assert!((edge.value - 0.4).abs() < 0.1, "{edge:?}");
+}
+
+/// A rudder behind a propeller acts with the square of the speed of rotation.
+#[test]
+fn a_rudder_in_the_stream_of_a_propeller() {
+    const TEXT: &str =
+        "model yaw { input rudder, n; state r = 0; param T = 0.4, K = 0.5; der(r) = K*rudder - T*r; output r_m = r; }";
+    let (dt, samples) = (0.1, 300);
+    let run = |number: f64, name: &str| {
+        let inputs = move |t: f64| {
+            let wave = |pace: f64| (pace * t + number).sin();
+            [0.5 * wave(0.9) + 0.4 * wave(2.1), 1.0 + 0.6 * wave(0.4)]
+        };
+        let states = motion([0.0], (samples, dt), |t, [r]| {
+            let [rudder, n] = inputs(t);
+            [0.5 * rudder + 0.4 * rudder * n * n - 0.4 * r]
+        });
+        record(name, dt, (&states, [0.01]), inputs)
+    };
+    let names = [
+        "slipstream",
+        "product_term",
+        "input_curvature",
+        "input_scale_asymmetry",
+        "quadratic_damping",
+        "missing_control",
+        "signed_square",
+        "actuator_lag",
+    ];
+    let found = found(TEXT, &[run(1.0, "one"), run(2.0, "two")], &[run(3.0, "three")], Field::Ship, &names);
+    assert_eq!(found.causes.len(), 1, "{found:#?}");
+    let (value, error) = size(&found, "slipstream(r, rudder, n)");
+    assert!((value - 0.4).abs() < 4.0 * error, "{value} +- {error}");
+}
