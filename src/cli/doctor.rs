@@ -1,5 +1,6 @@
 //! `fdm doctor`: records judged before they are believed, by themselves and beside a model.
 
+use crate::campaign::RecordFile;
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended};
 use crate::load::{Records, load_model, notes, read_records};
@@ -11,7 +12,7 @@ use fdm_doctor::{
 };
 use fdm_report::doctor_text;
 use fdm_results::documents::{DoctorDocument, RecordDocument};
-use fdm_system::record::{Run, open_log};
+use fdm_system::record::{Run, Summary, open_log};
 use std::path::PathBuf;
 
 /// What `fdm doctor` takes.
@@ -78,6 +79,7 @@ impl Arguments {
         let read = read_records(&files, &model, &[])?;
         let records: Vec<Record> =
             read.iter().map(|(run, summary)| Record::of_run(model.definition(), run, Some(summary))).collect();
+        let records = self.with_other_columns(records, &files, &read);
         let told = read.iter().map(|(run, summary)| RecordDocument {
             run: run.name.clone(),
             samples: run.len(),
@@ -90,6 +92,26 @@ impl Arguments {
         let found = examine_beside(&model, &runs, &records, found, &options);
         let document = DoctorDocument::of(Some(model.name()), told, &found);
         Ok((records, document))
+    }
+
+    /// With the columns that the model does not read, where a file is one table and all files have the same ones.
+    fn with_other_columns(
+        &self,
+        records: Vec<Record>,
+        files: &[RecordFile],
+        read: &[(Run, Summary)],
+    ) -> Vec<Record> {
+        if files.len() != records.len() {
+            return records;
+        }
+        let wider = records.iter().zip(files).zip(read).map(|((record, file), (_, summary))| {
+            let (log, _) = open_log(&file.path, self.records.selection.is_salvaged()).ok()?;
+            let [topic] = &log.topics[..] else { return None };
+            Some(record.clone().with_other_columns(topic, summary))
+        });
+        let Some(wider) = wider.collect::<Option<Vec<Record>>>() else { return records };
+        let names = |r: &Record| r.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+        if wider.windows(2).all(|w| names(&w[0]) == names(&w[1])) { wider } else { records }
     }
 
     /// Without a model: every table of every file.

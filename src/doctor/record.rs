@@ -82,6 +82,46 @@ impl Record {
         Self { run: run.name.clone(), time: run.time.clone(), clocked: !counted, channels }
     }
 
+    /// With the columns of its file that no channel is read from: kinematics and the tests of values look at them too. Samples are found by
+    /// their times.
+    #[must_use]
+    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary) -> Self {
+        let Some(clock) = topic.time.and_then(|k| topic.fields.get(k)) else { return self };
+        let time = summary.sources.iter().find(|s| s.channel == "t");
+        let (scale, offset) = time.map_or((1.0, 0.0), |s| (s.scale, s.offset));
+        let near = 1e-9 * self.time.last().map_or(1.0, |t| t.abs().max(1.0));
+        // the file's row of each sample
+        let mut row = 0;
+        let rows: Vec<Option<usize>> = self
+            .time
+            .iter()
+            .map(|t| {
+                while clock.values.get(row).is_some_and(|v| scale * v + offset < t - near) {
+                    row += 1;
+                }
+                clock.values.get(row).filter(|v| (scale * **v + offset - t).abs() <= near).map(|_| row)
+            })
+            .collect();
+        let read = |name: &str| summary.sources.iter().any(|s| s.column.as_deref().is_some_and(|c| c == name));
+        let others = topic.fields.iter().enumerate().filter(|(k, f)| topic.time != Some(*k) && !read(&f.name));
+        for (_, field) in others {
+            if self.channels.iter().any(|c| c.name == field.name) {
+                continue;
+            }
+            let value = |row: &Option<usize>| row.and_then(|k| field.values.get(k).copied()).unwrap_or(f64::NAN);
+            self.channels.push(Channel {
+                name: field.name.clone(),
+                column: field.name.clone(),
+                unit: field.unit.clone(),
+                stated: field.unit.is_some(),
+                role: Role::Unknown,
+                scale: 1.0,
+                values: rows.iter().map(value).collect(),
+            });
+        }
+        self
+    }
+
     /// A table of a file, without a model.
     pub fn of_topic(run: &str, topic: &Topic) -> Self {
         let rows = topic.fields.iter().map(|f| f.values.len()).min().unwrap_or(0);

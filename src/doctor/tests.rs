@@ -241,12 +241,14 @@ fn turned_axes_are_repaired_as_they_are_told() {
         input_gaps: Vec::new(),
         output_gaps: vec![0; 3],
     };
-    let channels = Channels::new(model.definition());
-    let all = discrete(&channels, &[], true);
+    let seen = Record::of_run(model.definition(), &run, None);
+    let channels = Channels::of(std::slice::from_ref(&seen));
+    let all = discrete(&channels, &channels.slots().collect::<Vec<_>>(), true);
     let axes: Vec<_> = all.iter().filter(|h| h.fault == Fault::Axes).collect();
     assert_eq!(axes.len(), 47);
     for hypothesis in axes {
-        let new = edited(&run, &hypothesis.edits, model.definition()).unwrap_or_else(|e| panic!("{e:?}"));
+        let new = edited(&run, &seen, &channels, &hypothesis.edits, model.definition());
+        let new = new.unwrap_or_else(|e| panic!("{e:?}"));
         let told = hypothesis.what.strip_prefix("the axes x, y, z are ").unwrap_or_default();
         let told: Vec<&str> = told.split(" (").next().unwrap_or_default().split(", ").collect();
         let repair = channels.repair(&hypothesis.edits);

@@ -1,0 +1,301 @@
+//! Which faults make a record likeliest together: forward selection, after each step of which every accepted fault is examined again beside
+//! what stood near it, so that one does not hide another.
+
+use crate::beside::BesideOptions;
+use crate::biases::biases_of;
+use crate::finding::{Fault, Finding, Severity};
+use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
+use crate::likelihood::{Evidence, Searched, THOROUGH, Trial, search, variance};
+use fdm_system::Model;
+use rayon::prelude::*;
+
+/// What every round of the search has in common.
+pub(crate) struct Search<'a> {
+    pub(crate) evidence: &'a Evidence<'a>,
+    /// Whether the model knows the time.
+    pub(crate) timed: bool,
+    pub(crate) options: &'a BesideOptions,
+}
+
+/// A hypothesis that was tried.
+#[derive(Clone)]
+struct Judged {
+    hypothesis: Hypothesis,
+    /// Logarithm of its share of the prior probability and, where a number was estimated, its penalty.
+    prior: f64,
+    log_odds: f64,
+    trial: Trial,
+}
+
+/// An accepted fault, with those that were nearly as likely.
+struct Accepted {
+    judged: Judged,
+    near: Vec<Judged>,
+}
+
+/// Hypotheses that are fitted to the end, and that an accepted one is compared with later.
+const REFINED: usize = 4;
+
+/// The faults that make the records likeliest, each with its odds and biases given all the others; the last trial; and the fits that were made.
+pub(crate) fn faults(search: &Search<'_>, start: Trial) -> (Vec<Finding>, Trial, usize) {
+    let mut accepted: Vec<Accepted> = Vec::new();
+    let (mut current, mut fits) = (start.clone(), 0);
+    let needed = search.options.odds.ln();
+    while accepted.len() < search.options.most {
+        let (mut all, tried) = round(search, &edits(&accepted, None), &current);
+        fits += tried;
+        if all.first().is_none_or(|b| b.log_odds <= needed) {
+            break;
+        }
+        let best = all.remove(0);
+        all.truncate(REFINED);
+        current = best.trial.clone();
+        accepted.push(Accepted { judged: best, near: all });
+        if accepted.len() > 1 {
+            fits += examine_again(search, &mut accepted, &mut current);
+        }
+    }
+    let mut found = Vec::new();
+    for k in 0..accepted.len() {
+        let without = if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
+        fits += 1;
+        let own = &accepted[k];
+        let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
+        let mut finding = search.told(own, log_odds);
+        finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
+        found.push(finding);
+    }
+    (found, current, fits)
+}
+
+/// The edits of all accepted hypotheses but one.
+fn edits(accepted: &[Accepted], without: Option<usize>) -> Vec<Edit> {
+    let others = accepted.iter().enumerate().filter(|(k, _)| Some(*k) != without);
+    others.flat_map(|(_, a)| a.judged.hypothesis.edits.iter().copied()).collect()
+}
+
+/// Each accepted fault but the last beside what stood near it, given all others: the likelier one takes its place, and one that the others have made
+/// unlikely is dropped.
+fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mut Trial) -> usize {
+    let mut fits = 0;
+    let mut k = 0;
+    while k + 1 < accepted.len() {
+        let others = edits(accepted, Some(k));
+        let Some(without) = search.trial(&others, current) else {
+            k += 1;
+            continue;
+        };
+        fits += 1 + accepted[k].near.len();
+        accepted[k].judged.log_odds = current.gain_over(&without) + accepted[k].judged.prior;
+        let again = |near: &Judged| {
+            let trial = search.trial(&with(&others, &near.hypothesis), &without)?;
+            Some(Judged { log_odds: trial.gain_over(&without) + near.prior, trial, ..near.clone() })
+        };
+        let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
+        if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
+            *current = better.trial.clone();
+            let before = std::mem::replace(&mut accepted[k].judged, better);
+            let own = accepted[k].judged.hypothesis.clone();
+            accepted[k].near.retain(|j| j.hypothesis != own);
+            accepted[k].near.push(before);
+        }
+        if accepted[k].judged.log_odds <= search.options.odds.ln() {
+            accepted.remove(k);
+            *current = without;
+        } else {
+            k += 1;
+        }
+    }
+    fits
+}
+
+/// One round: every hypothesis beside what was accepted, the likeliest first, and the number of fits.
+fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
+    /// Of the fits that sort the hypotheses.
+    const QUICK: usize = 6;
+    /// Kinds of estimated faults for each channel, with their shares of the prior probability.
+    const SHARE: f64 = 3.0;
+    let channels = search.evidence.channels;
+    let slots = search.slots();
+    let fresh = |h: &Hypothesis| !h.edits.iter().all(|e| accepted.contains(e));
+    let tried: Vec<Hypothesis> = discrete(channels, &slots, search.timed).into_iter().filter(fresh).collect();
+    let kinds = if search.options.estimated { SHARE * slots.len() as f64 } else { 0.0 };
+    let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
+    let mut fits = tried.len();
+    let judge = |hypothesis: Hypothesis| {
+        let edits = with(accepted, &hypothesis);
+        let trial = if search.evidence.touches_model(&hypothesis.edits) {
+            search.evidence.trial(None, &edits, QUICK)?
+        } else {
+            search.evidence.unfitted(current, &edits)
+        };
+        let prior = hypothesis.weight.ln() - whole;
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    let mut all: Vec<Judged> = tried.into_par_iter().filter_map(judge).collect();
+    if search.options.estimated {
+        let (found, tried) = estimated(search, &slots, accepted, current);
+        fits += tried;
+        all.extend(found.into_iter().map(|judged| Judged {
+            log_odds: judged.log_odds - whole,
+            prior: judged.prior - whole,
+            ..judged
+        }));
+    }
+    let surest_first = |all: &mut Vec<Judged>| all.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    surest_first(&mut all);
+    // quick fits have sorted them; the first are fitted to the end
+    for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
+        let fitted = search.evidence.trial(None, &with(accepted, &judged.hypothesis), THOROUGH);
+        fits += 1;
+        if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
+            judged.log_odds = trial.gain_over(current) + judged.prior;
+            judged.trial = trial;
+        }
+    }
+    surest_first(&mut all);
+    (all, fits)
+}
+
+/// Delays, offsets, scale factors and drifts of each channel, with their best values.
+fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
+    /// Iterations of fits that begin at the estimates of one that is near.
+    const NEAR: usize = 3;
+    let evidence = search_in.evidence;
+    let channels = evidence.channels;
+    let begun = evidence.model.map(|model| current.begun(model));
+    let (records, timed) = (evidence.records, search_in.timed);
+    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0])).collect();
+    let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
+    let span = records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
+    let mut wanted: Vec<(Slot, Fault, f64)> = Vec::new();
+    for slot in slots.iter().copied() {
+        let place = channels.place(slot);
+        let deviation = variance(records.iter().flat_map(|r| r.channels[place].values.iter().copied())).sqrt();
+        if deviation <= 0.0 || !deviation.is_finite() {
+            continue;
+        }
+        if timed && interval > 0.0 {
+            wanted.push((slot, Fault::Delay, 2.0 * interval));
+            // what the clock of a channel has gained in the end, in intervals
+            wanted.push((slot, Fault::Drift, 4.0 * interval / span));
+        }
+        wanted.push((slot, Fault::Offset, 0.2 * deviation));
+        wanted.push((slot, Fault::Scale, 0.1));
+    }
+    let edit = |slot: Slot, fault: Fault, value: f64| match fault {
+        Fault::Delay => Edit::Delay(slot, value),
+        Fault::Drift => Edit::Drift(slot, value),
+        Fault::Offset => Edit::Affine(slot, 1.0, value),
+        _ => Edit::Affine(slot, value.exp(), 0.0),
+    };
+    // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
+    let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
+    let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
+        let (slot, fault) = (*slot, *fault);
+        let at = |value: f64| {
+            let edit = edit(slot, fault, value);
+            let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
+            match evidence.touches_model(&[edit]) {
+                true => evidence.trial(begun.as_ref(), &all, NEAR),
+                false => Some(evidence.unfitted(current, &all)),
+            }
+        };
+        let Searched { value, error, trial } = search(*step, current, needed, &at)?;
+        let penalty = 0.5 * trial.worth().max(1.0).ln();
+        // a delay below a sample and an offset or factor that leave more than nine tenths of every output's error are no faults of a record
+        let matters = match fault {
+            Fault::Delay => value.abs() >= interval,
+            Fault::Drift => value.abs() * span >= 2.0 * interval,
+            _ => true,
+        };
+        if !matters || value.abs() < 4.0 * error || trial.least_left(current) > 0.9 {
+            return None;
+        }
+        let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
+        let error = if error.is_finite() { format!(" +- {error:.2e}") } else { String::new() };
+        let what = match fault {
+            Fault::Delay if value > 0.0 => format!("comes {value:.4} too late{error}"),
+            Fault::Delay => format!("comes {:.4} too early{error}", -value),
+            Fault::Drift => format!("its clock gains {value:.3e} of every unit of time{error}"),
+            Fault::Offset => format!("is {:.4}{unit} too large{error}", -value),
+            _ => format!("is {:.4} times too large{error}", (-value).exp()),
+        };
+        // drifts and scale factors are rarer than delays and offsets; a sensor is late, and no sensor is early
+        let weight = match fault {
+            Fault::Delay if value < 0.0 => 0.2,
+            Fault::Delay | Fault::Offset => 1.0,
+            _ => 0.5,
+        };
+        let prior = f64::ln(weight) - penalty;
+        let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
+    // two fits at least for each
+    (found, 2 * wanted.len())
+}
+
+/// Hypotheses beside the edits that were accepted before.
+fn with(accepted: &[Edit], hypothesis: &Hypothesis) -> Vec<Edit> {
+    accepted.iter().chain(&hypothesis.edits).copied().collect()
+}
+
+impl Search<'_> {
+    /// The channels about which there is evidence.
+    fn slots(&self) -> Vec<Slot> {
+        let (evidence, channels) = (self.evidence, self.evidence.channels);
+        let known = |s: &Slot| match s {
+            Slot::Other(_) => evidence.kinematics.reads(channels.place(*s)),
+            _ => evidence.model.is_some(),
+        };
+        channels.slots().filter(known).collect()
+    }
+
+    /// A fit to the end, or one from the estimates of another that is near, whichever is likelier.
+    fn trial(&self, edits: &[Edit], near: &Trial) -> Option<Trial> {
+        let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
+        let (one, other) = (self.evidence.trial(None, edits, THOROUGH), self.evidence.trial(begun.as_ref(), edits, THOROUGH));
+        match (one, other) {
+            (Some(one), Some(other)) => Some(if other.gain_over(&one) > 0.0 { other } else { one }),
+            (one, other) => one.or(other).or_else(|| self.evidence.unexplained(edits)),
+        }
+    }
+
+    fn told(&self, accepted: &Accepted, log_odds: f64) -> Finding {
+        let channels = self.evidence.channels;
+        let hypothesis = &accepted.judged.hypothesis;
+        let mut names: Vec<String> = hypothesis.slots.iter().map(|s| channels.name(*s).to_string()).collect();
+        if names.is_empty() {
+            names.push("t".into());
+        }
+        let mut what = hypothesis.what.clone();
+        let near = accepted.near.iter().filter(|j| j.log_odds > accepted.judged.log_odds - 10f64.ln()).take(3);
+        let list: Vec<String> = near.map(|j| sentence(channels, &j.hypothesis)).collect();
+        if !list.is_empty() {
+            what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
+        }
+        let records = self.evidence.records;
+        let run = if let [record] = records { record.run.clone() } else { "all".into() };
+        Finding {
+            run,
+            channels: names,
+            fault: hypothesis.fault,
+            severity: Severity::Finding,
+            place: None,
+            what,
+            log_odds,
+            biases: Vec::new(),
+            repair: Some(channels.repair(&hypothesis.edits)),
+            samples: Vec::new(),
+        }
+    }
+}
+
+fn sentence(channels: &Channels, hypothesis: &Hypothesis) -> String {
+    let names: Vec<&str> = hypothesis.slots.iter().map(|s| channels.name(*s)).collect();
+    match names[..] {
+        [] => hypothesis.what.clone(),
+        [first, ..] => format!("`{first}` {}", hypothesis.what),
+    }
+}
