@@ -318,6 +318,23 @@ pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: 
     Edited { time, columns }
 }
 
+/// How far between samples a channel is read by delays and drifts: the mean of `f (1 - f)` over the parts `f` of intervals.
+pub(crate) fn between_samples(record: &Record, edits: &[Edit], slot: Slot) -> f64 {
+    let time = &record.time;
+    let mut cursor = fdm_system::record::Cursor::default();
+    let mut part = |at: f64| {
+        let place = cursor.at(time, at);
+        place.part * (1.0 - place.part)
+    };
+    let of = |edit: &Edit| match *edit {
+        Edit::Delay(s, tau) if s == slot => Some((tau, 0.0)),
+        Edit::Drift(s, rate) if s == slot => Some((0.0, rate)),
+        _ => None,
+    };
+    let moved = edits.iter().filter_map(of);
+    moved.map(|(tau, rate)| time.iter().map(|t| part(t + tau + rate * t)).sum::<f64>() / time.len() as f64).sum()
+}
+
 /// A run as the edits of its record make it, with the inputs that the model computes from its records.
 ///
 /// # Errors

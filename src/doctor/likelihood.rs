@@ -1,7 +1,7 @@
 //! How likely a record is beside a model and beside kinematics: the concentrated likelihood of Gaussian noise, less what the values of
 //! parameters would have to be.
 
-use crate::hypothesis::{Channels, Edit, Slot, edited, edited_record};
+use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
 use crate::kinematics::Kinematics;
 use crate::record::Record;
 use fdm_estimate::{Continuation, Estimate, FitOptions, Options, fit};
@@ -123,10 +123,12 @@ impl Evidence<'_> {
         let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
         for output in 0..q {
             let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
-            for run in &estimate.runs {
+            for (run, record) in estimate.runs.iter().zip(self.records) {
                 let e: Vec<f64> =
                     run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
-                sum += e.iter().map(|v| v * v).sum::<f64>();
+                let squares: f64 = e.iter().map(|v| v * v).sum();
+                let next: f64 = e.windows(2).map(|w| w[0] * w[1]).sum();
+                sum += squares / averaged(between_samples(record, edits, Slot::Output(output)), next / squares);
                 count += e.len();
                 worth += independent_samples(&e);
             }
@@ -176,6 +178,22 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
         squares += d * (v - mean);
     }
     squares / f64::max(n, 1.0)
+}
+
+/// Part of the variance of noise that is left where values are read between samples: linear interpolation averages noise, which is no merit of a
+/// delay. First-order noise of the correlation that, averaged, has the `correlation` of the residuals; `between` is the mean of `f (1 - f)`.
+fn averaged(between: f64, correlation: f64) -> f64 {
+    let variance = |rho: f64| 1.0 - 2.0 * between * (1.0 - rho);
+    let excess = |rho: f64| ((1.0 - 2.0 * between) * rho + between * (1.0 + rho * rho)) / variance(rho) - correlation;
+    if between <= 0.0 || correlation.is_nan() {
+        return 1.0;
+    }
+    let (mut low, mut high) = (-0.9, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if excess(middle) > 0.0 { high = middle } else { low = middle }
+    }
+    variance(0.5 * (low + high))
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.

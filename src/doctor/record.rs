@@ -83,12 +83,13 @@ impl Record {
     }
 
     /// With the columns of its file that no channel is read from: kinematics and the tests of values look at them too. Samples are found by
-    /// their times.
+    /// their times; the run begins with the first row of the file that is not before `from`.
     #[must_use]
-    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary) -> Self {
+    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary, from: Option<f64>) -> Self {
         let Some(clock) = topic.time.and_then(|k| topic.fields.get(k)) else { return self };
-        let time = summary.sources.iter().find(|s| s.channel == "t");
-        let (scale, offset) = time.map_or((1.0, 0.0), |s| (s.scale, s.offset));
+        let scale = summary.sources.iter().find(|s| s.channel == "t").map_or(1.0, |s| s.scale);
+        let Some(first) = clock.values.iter().find(|v| from.is_none_or(|f| **v >= f)) else { return self };
+        let offset = -scale * first;
         let near = 1e-9 * self.time.last().map_or(1.0, |t| t.abs().max(1.0));
         // the file's row of each sample
         let mut row = 0;

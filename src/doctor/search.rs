@@ -275,13 +275,22 @@ impl Search<'_> {
         if !list.is_empty() {
             what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }
+        // a constant that the balances lack moves inputs and outputs alike: a fault of the record is what no zero of an input explains as well
+        let constant = |j: &Judged| {
+            j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)])
+        };
+        let doubted = accepted.near.iter().any(|j| constant(j) && j.log_odds > accepted.judged.log_odds - 20f64.ln());
+        let lacking = hypothesis.fault == Fault::Offset && (constant(&accepted.judged) || doubted);
+        if lacking {
+            what.push_str("; a constant that the model lacks, a trim, would do the same");
+        }
         let records = self.evidence.records;
         let run = if let [record] = records { record.run.clone() } else { "all".into() };
         Finding {
             run,
             channels: names,
             fault: hypothesis.fault,
-            severity: Severity::Finding,
+            severity: if lacking { Severity::Remark } else { Severity::Finding },
             place: None,
             what,
             log_odds,
