@@ -31,20 +31,17 @@ const TESTS: usize = 8;
 /// All that a record says by itself, findings first, the surest first. One pass of about ten comparisons a sample; the tests share the rate of
 /// false alarms by Bonferroni's inequality.
 pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
-    let n = record.time.len();
     let alpha = options.false_alarms / (TESTS * (record.channels.len() + 1)) as f64;
     let by_channel: Vec<Vec<Finding>> = record
         .channels
         .par_iter()
         .map(|channel| {
             let mut found = Vec::new();
-            let mut masked = vec![false; n];
             found.extend(values::sentinel(record, channel, alpha));
-            found.iter().flat_map(|f| &f.samples).for_each(|k| masked[*k] = true);
             let clean = channel.without(&found);
             found.extend(values::missing(record, channel));
             found.extend(values::wrapped(record, &clean));
-            found.extend(values::spikes(record, &clean, &masked, alpha));
+            found.extend(values::spikes(record, &clean, alpha));
             let clean = clean.without(&found);
             let quantised = values::quantised(record, &clean);
             found.extend(runs_of_values::examine(record, &clean, alpha));
@@ -68,7 +65,7 @@ pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
 fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     let mut record = record.clone();
     for channel in &mut record.channels {
-        *channel = channel.without(found);
+        *channel = channel.without(found).into_owned();
     }
     let records = std::slice::from_ref(&record);
     let channels = Channels::of(records);

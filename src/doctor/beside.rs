@@ -1,12 +1,12 @@
 //! A record beside a model: which faults make it likeliest together, and what each does to the parameters.
 
 use crate::biases::{biases_of, mask};
-use crate::finding::{Fault, Finding, in_order};
+use crate::finding::{Finding, in_order};
 use crate::hypothesis::Channels;
+use crate::information;
 use crate::kinematics::Kinematics;
 use crate::likelihood::{Evidence, THOROUGH, Trial};
-use crate::record::{Record, Role};
-use crate::repair::Repair;
+use crate::record::Record;
 use crate::search::{Search, faults};
 use fdm_system::Model;
 use fdm_system::record::{Run, channels};
@@ -65,7 +65,7 @@ pub fn examine_beside(
     let (found, last, fits) = faults(&Search { evidence: &evidence, timed, options }, current);
     done.fits += fits;
     done.findings.extend(found);
-    done.findings.extend(not_determined(runs, records, &last));
+    done.findings.extend(information::of(model, runs, records, &last));
     in_order(&mut done.findings);
     done
 }
@@ -81,37 +81,4 @@ fn add_biases(masked: &Evidence<'_>, runs: &[Run], records: &[Record], clean: &T
         let biases = biases_of(dirty.estimate.as_ref(), clean.estimate.as_ref());
         done.findings.iter_mut().filter(|f| !f.samples.is_empty()).for_each(|f| f.biases = biases.clone());
     }
-}
-
-/// What the record does not determine, and the inputs that never change.
-fn not_determined(runs: &[Run], records: &[Record], current: &Trial) -> Option<Finding> {
-    let estimate = current.estimate.as_ref()?;
-    let directions = &estimate.undetermined;
-    let first = directions.first()?;
-    let still = |name: &str| {
-        records.iter().all(|r| {
-            let channel = r.channels.iter().find(|c| c.name == name && c.role == Role::Input);
-            channel.is_some_and(|c| c.values.windows(2).all(|w| w[0] == w[1]))
-        })
-    };
-    let inputs = records.first().into_iter().flat_map(|r| &r.channels).filter(|c| c.role == Role::Input);
-    let mut names: Vec<String> = inputs.filter(|c| still(&c.name)).map(|c| c.name.clone()).collect();
-    let because = if names.is_empty() { String::new() } else { format!("; never moved: `{}`", names.join("`, `")) };
-    if names.is_empty() {
-        names.push("t".into());
-    }
-    let run = if let [run] = runs { run.name.as_str() } else { "all" };
-    let what = format!(
-        "{} of {} combinations are not determined: {}{because}",
-        directions.len(),
-        estimate.covered.len(),
-        first.sentence
-    );
-    let mut finding = Finding::by_chance(run, &names[0], Fault::NotDetermined, 1e-6, what);
-    finding.channels = names;
-    Some(
-        finding
-            .remark()
-            .repaired_by(Repair::words("add a run that moves them: `fdm design` proposes one; or --fix the parameter")),
-    )
 }

@@ -27,6 +27,8 @@ pub(crate) enum Edit {
     Delay(Slot, f64),
     /// The clock of the channel gains so much of every unit of time.
     Drift(Slot, f64),
+    /// Constant that is added from a time on.
+    Step(Slot, f64, f64),
     /// All times are multiplied.
     Time(f64),
 }
@@ -122,8 +124,14 @@ impl Channels {
                 }
                 Edit::Drift(slot, rate) => {
                     let words =
-                        format!("stamp `{}` by another clock: it gains {rate:.3e} of every unit", self.name(slot));
+                        format!("multiply the times of `{}` by {:.6}: its clock is another one", self.name(slot), 1.0 - rate);
                     return Repair::words(&words);
+                }
+                Edit::Step(slot, at, by) => {
+                    return Repair::words(&format!(
+                        "add {by:.4} to `{}` from {at:.4} on, or fit the parts before and behind as runs of their own: --from, --to",
+                        self.name(slot)
+                    ));
                 }
                 Edit::Time(factor) => time = Some(factor),
             }
@@ -311,6 +319,10 @@ pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: 
             Edit::Drift(slot, rate) => {
                 let column = &mut columns[channels.place(slot)];
                 *column = Cow::Owned(shifted(&time, column, slot, held, |t| rate * t));
+            }
+            Edit::Step(slot, at, by) => {
+                let column = columns[channels.place(slot)].to_mut();
+                column.iter_mut().zip(time.iter()).filter(|(_, t)| **t >= at).for_each(|(v, _)| *v += by);
             }
             Edit::Time(factor) => time.to_mut().iter_mut().for_each(|t| *t *= factor),
         }

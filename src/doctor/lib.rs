@@ -9,6 +9,7 @@ mod beside;
 mod biases;
 mod finding;
 mod hypothesis;
+mod information;
 mod kinematics;
 mod likelihood;
 mod record;

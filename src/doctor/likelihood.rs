@@ -59,7 +59,7 @@ impl Evidence<'_> {
         let other = |s: Slot| matches!(s, Slot::Other(_));
         self.model.is_some()
             && !edits.iter().all(|edit| match *edit {
-                Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) => other(s),
+                Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) => other(s),
                 Edit::Swap(a, b) => other(a) && other(b),
                 Edit::Time(_) => false,
             })
@@ -182,7 +182,7 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
 
 /// Part of the variance of noise that is left where values are read between samples: linear interpolation averages noise, which is no merit of a
 /// delay. First-order noise of the correlation that, averaged, has the `correlation` of the residuals; `between` is the mean of `f (1 - f)`.
-fn averaged(between: f64, correlation: f64) -> f64 {
+pub(crate) fn averaged(between: f64, correlation: f64) -> f64 {
     let variance = |rho: f64| 1.0 - 2.0 * between * (1.0 - rho);
     let excess = |rho: f64| ((1.0 - 2.0 * between) * rho + between * (1.0 + rho * rho)) / variance(rho) - correlation;
     if between <= 0.0 || correlation.is_nan() {

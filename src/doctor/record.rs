@@ -4,6 +4,7 @@ use crate::finding::Finding;
 use fdm_grammar::Model;
 use fdm_readers::Topic;
 use fdm_system::record::{Run, Summary};
+use std::borrow::Cow;
 
 /// What a channel is to a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,10 +38,10 @@ pub struct Channel {
 
 impl Channel {
     /// Without the samples that are not to be believed.
-    pub(crate) fn without(&self, findings: &[Finding]) -> Self {
-        let mut clean = self.clone();
+    pub(crate) fn without(&self, findings: &[Finding]) -> Cow<'_, Self> {
+        let mut clean = Cow::Borrowed(self);
         let own = findings.iter().filter(|f| f.channels.first() == Some(&self.name));
-        own.flat_map(|f| &f.samples).for_each(|k| clean.values[*k] = f64::NAN);
+        own.flat_map(|f| &f.samples).for_each(|k| clean.to_mut().values[*k] = f64::NAN);
         clean
     }
 }

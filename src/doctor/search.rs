@@ -3,7 +3,7 @@
 
 use crate::beside::BesideOptions;
 use crate::biases::biases_of;
-use crate::finding::{Fault, Finding, Severity};
+use crate::finding::{Fault, Finding, Place, Severity};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
 use crate::likelihood::{Evidence, Searched, THOROUGH, Trial, search, variance};
 use fdm_system::Model;
@@ -136,7 +136,9 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     if search.options.estimated {
         let (found, tried) = estimated(search, &slots, accepted, current);
         fits += tried;
-        all.extend(found.into_iter().map(|judged| Judged {
+        let shifts = shifts_of_zero(search, accepted, current);
+        fits += shifts.len();
+        all.extend(found.into_iter().chain(shifts).map(|judged| Judged {
             log_odds: judged.log_odds - whole,
             prior: judged.prior - whole,
             ..judged
@@ -187,14 +189,14 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         Fault::Delay => Edit::Delay(slot, value),
         Fault::Drift => Edit::Drift(slot, value),
         Fault::Offset => Edit::Affine(slot, 1.0, value),
-        _ => Edit::Affine(slot, value.exp(), 0.0),
+        _ => Edit::Affine(slot, value, 0.0),
     };
     // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
         let at = |value: f64| {
-            let edit = edit(slot, fault, value);
+            let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
             let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
             match evidence.touches_model(&[edit]) {
                 true => evidence.trial(begun.as_ref(), &all, NEAR),
@@ -213,13 +215,19 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             return None;
         }
         let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
-        let error = if error.is_finite() { format!(" +- {error:.2e}") } else { String::new() };
+        let (value, error) = if fault == Fault::Scale { (value.exp(), value.exp() * error) } else { (value, error) };
+        let places = places(value, error);
+        let value: f64 = format!("{value:.places$}").parse().unwrap_or(value);
+        let (size, error) = match error.is_finite() {
+            true => (format!("{:.places$}", value.abs()), format!(" +- {error:.places$}")),
+            false => (format!("{:.places$}", value.abs()), String::new()),
+        };
         let what = match fault {
-            Fault::Delay if value > 0.0 => format!("comes {value:.4} too late{error}"),
-            Fault::Delay => format!("comes {:.4} too early{error}", -value),
-            Fault::Drift => format!("its clock gains {value:.3e} of every unit of time{error}"),
-            Fault::Offset => format!("is {:.4}{unit} too large{error}", -value),
-            _ => format!("is {:.4} times too large{error}", (-value).exp()),
+            Fault::Delay => format!("comes {size} too {}{error}", if value > 0.0 { "late" } else { "early" }),
+            Fault::Drift if value > 0.0 => format!("its clock gains {size} of every unit of time{error}"),
+            Fault::Drift => format!("its clock loses {size} of every unit of time{error}"),
+            Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
+            _ => format!("its numbers have to be multiplied by {size}{error}"),
         };
         // drifts and scale factors are rarer than delays and offsets; a sensor is late, and no sensor is early
         let weight = match fault {
@@ -234,6 +242,73 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
     // two fits at least for each
     (found, 2 * wanted.len())
+}
+
+/// Decimal places that leave a fifth of an error, or four digits where there is none.
+fn places(value: f64, error: f64) -> usize {
+    const MOST: f64 = 12.0;
+    let least = if error.is_finite() && error > 0.0 { error / 5.0 } else { 1e-4 * value.abs() };
+    (-least.log10().floor()).clamp(0.0, MOST) as usize
+}
+
+/// Outputs whose zero moves once, in one run: where the residuals before and behind differ most, and at once.
+fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Vec<Judged> {
+    /// Iterations of the fit that begins at the estimates.
+    const NEAR: usize = 4;
+    const FEWEST: usize = 20;
+    let evidence = search.evidence;
+    let [record] = evidence.records else { return Vec::new() };
+    let (Some(model), Some(estimate)) = (evidence.model, &current.estimate) else { return Vec::new() };
+    let q = model.layout().outputs;
+    let Some(fit) = estimate.runs.first() else { return Vec::new() };
+    let begun = current.begun(model);
+    let judge = |output: usize| {
+        let all = (0..record.time.len()).map(|k| (k, fit.residuals.get(k * q + output).copied().unwrap_or(f64::NAN)));
+        let e: Vec<(usize, f64)> = all.filter(|(_, v)| v.is_finite()).collect();
+        let n = e.len();
+        if n < 4 * FEWEST {
+            return None;
+        }
+        let total: f64 = e.iter().map(|(_, v)| v).sum();
+        let (mut before, mut best) = (0.0, (0.0, 0, 0.0));
+        for k in 1..=n - FEWEST {
+            before += e[k - 1].1;
+            let (left, right) = (k as f64, (n - k) as f64);
+            let jump = (total - before) / right - before / left;
+            let statistic = jump * jump * left * right;
+            if k >= FEWEST && statistic > best.0 {
+                best = (statistic, k, jump);
+            }
+        }
+        let (_, k, jump) = best;
+        // a drift or a slow motion differs before and behind as well, but not from one sample to the next
+        let near = (n / 50).clamp(5, k.min(n - k));
+        let mean = |part: &[(usize, f64)]| part.iter().map(|(_, v)| v).sum::<f64>() / part.len() as f64;
+        if (mean(&e[k..k + near]) - mean(&e[k - near..k])) / jump < 0.5 {
+            return None;
+        }
+        let (slot, at) = (Slot::Output(output), record.time[e[k].0]);
+        let tried = |by: f64| {
+            let all: Vec<Edit> = accepted.iter().copied().chain([Edit::Step(slot, at, by)]).collect();
+            evidence.trial(Some(&begun), &all, NEAR)
+        };
+        // fitted parameters have taken some of the shift up: the size is searched from that of the residuals
+        let sizes = [-jump, -1.5 * jump, -2.5 * jump];
+        let trials = sizes.iter().filter_map(|by| Some((*by, tried(*by)?)));
+        let (by, trial) = trials.max_by(|a, b| a.1.gain_over(current).total_cmp(&b.1.gain_over(current)))?;
+        let worth = trial.worth().max(1.0).ln();
+        // a size (Schwarz 1978), and a place among the independent samples
+        let prior = 0.5f64.ln() - 1.5 * worth;
+        if trial.least_left(current) > 0.9 {
+            return None;
+        }
+        let unit = evidence.channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
+        let what = format!("its zero moves by {:.4}{unit} at {at:.4}", -by);
+        let edits = vec![Edit::Step(slot, at, by)];
+        let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    (0..q).into_par_iter().filter_map(judge).collect()
 }
 
 /// Hypotheses beside the edits that were accepted before.
@@ -286,12 +361,18 @@ impl Search<'_> {
         }
         let records = self.evidence.records;
         let run = if let [record] = records { record.run.clone() } else { "all".into() };
+        let behind = hypothesis.edits.iter().find_map(|e| if let Edit::Step(_, at, _) = e { Some(*at) } else { None });
+        let place = behind.zip(records.first()).map(|(from, record)| Place {
+            from,
+            to: record.time.last().copied().unwrap_or(from),
+            samples: record.time.iter().filter(|t| **t >= from).count(),
+        });
         Finding {
             run,
             channels: names,
             fault: hypothesis.fault,
             severity: if lacking { Severity::Remark } else { Severity::Finding },
-            place: None,
+            place,
             what,
             log_odds,
             biases: Vec::new(),
