@@ -4,7 +4,7 @@ use crate::finding::{Finding, Severity, in_order};
 use crate::beside::BesideOptions;
 use crate::hypothesis::Channels;
 use crate::kinematics::Kinematics;
-use crate::likelihood::Evidence;
+use crate::likelihood::{Begin, Evidence};
 use crate::record::Record;
 use crate::search::{Search, faults};
 use crate::{runs_of_values, time, values};
@@ -73,8 +73,8 @@ fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     if kinematics.is_empty() {
         return Vec::new();
     }
-    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics };
-    let Some(start) = evidence.trial(None, &[], 0) else { return Vec::new() };
+    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace: None };
+    let Some(start) = evidence.trial(Begin::TEXT, &[], 0) else { return Vec::new() };
     let options = BesideOptions::default();
     faults(&Search { evidence: &evidence, timed: true, options: &options }, start).0
 }

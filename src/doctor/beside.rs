@@ -5,7 +5,7 @@ use crate::finding::{Finding, in_order};
 use crate::hypothesis::Channels;
 use crate::information;
 use crate::kinematics::Kinematics;
-use crate::likelihood::{Evidence, THOROUGH, Trial};
+use crate::likelihood::{Begin, Evidence, THOROUGH, Trial};
 use crate::record::Record;
 use crate::search::{Search, faults};
 use fdm_system::Model;
@@ -53,8 +53,10 @@ pub fn examine_beside(
     let (masked, clean) = mask(&names, runs, records, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
     let kinematics = Kinematics::of(&clean, &names);
-    let mut evidence = Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics };
-    let Some(current) = evidence.trial(None, &[], THOROUGH).or_else(|| evidence.unexplained(&[])) else {
+    let pace = information::pace(model, runs).map(|p| p.magnitude * p.interval);
+    let mut evidence =
+        Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace };
+    let Some(current) = evidence.trial(Begin::TEXT, &[], THOROUGH).or_else(|| evidence.unexplained(&[])) else {
         done.notes.push("nothing was compared beside the model: no output has samples".into());
         return done;
     };
@@ -76,7 +78,7 @@ fn add_biases(masked: &Evidence<'_>, runs: &[Run], records: &[Record], clean: &T
         return;
     }
     let whole = Evidence { runs, records, kinematics: Kinematics::default(), ..*masked };
-    if let Some(dirty) = whole.trial(None, &[], THOROUGH) {
+    if let Some(dirty) = whole.trial(Begin::TEXT, &[], THOROUGH) {
         done.fits += 1;
         let biases = biases_of(dirty.estimate.as_ref(), clean.estimate.as_ref());
         done.findings.iter_mut().filter(|f| !f.samples.is_empty()).for_each(|f| f.biases = biases.clone());

@@ -189,7 +189,9 @@ fn factors(unit: Option<&str>) -> Vec<(f64, f64, &'static str)> {
             (1e-3, "thousandths"),
             (1e3, "thousands"),
         ]),
-        Some(_) => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (60.0, "per minute"), (1.0 / 60.0, "minutes")]),
+        Some(u) if u.contains("/s") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (1.0 / 60.0, "units per minute")]),
+        Some(u) if u.contains("/min") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (60.0, "units per second")]),
+        Some(_) => of(&[(1e-3, "thousandths"), (1e3, "thousands")]),
     }
 }
 

@@ -55,38 +55,46 @@ fn correlated_inputs(runs: &[Run], records: &[Record]) -> Vec<Finding> {
     remarks
 }
 
-/// Samples that are further apart than the fastest mode lasts that an input moves and an output shows: beyond half a turn its motion is aliased.
-fn slow_sampling(model: &Model, runs: &[Run], current: &Trial) -> Option<Finding> {
+/// The fastest mode that an input moves and an output shows, beside the usual interval of the samples.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pace {
+    /// Magnitude of the mode's root, and its imaginary part.
+    pub(crate) magnitude: f64,
+    turning: f64,
+    pub(crate) interval: f64,
+}
+
+/// At the model's start values; none where it has no such mode, or too many.
+pub(crate) fn pace(model: &Model, runs: &[Run]) -> Option<Pace> {
     const MOST_STATES: usize = 40;
     let states = model.layout().states;
-    if states == 0 || states > MOST_STATES {
-        return None;
-    }
     let steps = runs.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0]));
     let mut steps: Vec<f64> = steps.filter(|d| *d > 0.0).collect();
+    if states == 0 || states > MOST_STATES || steps.is_empty() {
+        return None;
+    }
     let middle = steps.len() / 2;
-    if steps.is_empty() {
-        return None;
-    }
     let interval = steps.select_nth_unstable_by(middle, f64::total_cmp).1.to_owned();
-    let fitted = current.begun(model);
-    let mut linear = LinearModel::near(&fitted, &Recorded::of(model.definition(), runs)).ok()?;
+    let mut linear = LinearModel::near(model, &Recorded::of(model.definition(), runs)).ok()?;
     let mut values = Values::default();
-    linear.evaluate(&fitted.definition().start(), &mut values).ok()?;
+    linear.evaluate(&model.definition().start(), &mut values).ok()?;
     let modes = Modes::new(linear.structure(), &values).ok()?;
-    let seen = modes.modes.iter().filter(|m| m.shown && m.moved);
-    let fastest = seen.max_by(|a, b| a.s.norm().total_cmp(&b.s.norm()))?;
-    if fastest.s.norm() * interval <= 1.0 {
+    let seen = modes.modes.iter().filter(|m| m.shown && m.moved).map(|m| (m.s.norm(), m.s.im));
+    let (magnitude, turning) = seen.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(Pace { magnitude, turning, interval })
+}
+
+/// Samples that are further apart than the fastest mode lasts: beyond half a turn its motion is aliased.
+fn slow_sampling(model: &Model, runs: &[Run], current: &Trial) -> Option<Finding> {
+    let Pace { magnitude, turning, interval } = pace(&current.begun(model), runs)?;
+    if magnitude * interval <= 1.0 {
         return None;
     }
-    let word = match fastest.s.im.abs() * interval > std::f64::consts::PI {
+    let word = match turning.abs() * interval > std::f64::consts::PI {
         true => "it is aliased",
         false => "it is over between two samples",
     };
-    let what = format!(
-        "an interval of {interval:.4}, where the model's fastest mode has |s| = {:.4}: {word}",
-        fastest.s.norm()
-    );
+    let what = format!("an interval of {interval:.4}, where the model's fastest mode has |s| = {magnitude:.4}: {word}");
     let finding = Finding::by_chance(name_of(runs), "t", Fault::SlowSampling, 1.0, what);
     let repair = Repair::words("record it faster, or leave the mode out of the model (a steady state in its place)");
     Some(finding.remark().repaired_by(repair))

@@ -4,7 +4,7 @@
 use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
 use crate::kinematics::Kinematics;
 use crate::record::Record;
-use fdm_estimate::{Continuation, Estimate, FitOptions, Options, fit};
+use fdm_estimate::{Continuation, Estimate, FitOptions, Options, SharedSteps, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
 
@@ -15,6 +15,8 @@ pub(crate) struct Evidence<'a> {
     pub(crate) records: &'a [Record],
     pub(crate) channels: &'a Channels,
     pub(crate) kinematics: Kinematics,
+    /// Magnitude of the model's fastest mode times the usual interval, where that is known.
+    pub(crate) pace: Option<f64>,
 }
 
 /// Iterations of the fits that count.
@@ -32,6 +34,22 @@ pub(crate) struct Trial {
     values: [f64; 2],
     /// None where nothing could be simulated.
     pub(crate) estimate: Option<Estimate>,
+    /// The steps of the simulation, which fits that are near share.
+    steps: SharedSteps,
+}
+
+/// Where a fit begins.
+#[derive(Clone, Copy)]
+pub(crate) struct Begin<'a> {
+    /// Start values other than those of the text.
+    pub(crate) model: Option<&'a Model>,
+    /// A fit whose steps are fine enough for this one too; without one they are chosen anew.
+    pub(crate) steps: Option<&'a Trial>,
+}
+
+impl Begin<'_> {
+    /// At the values of the text, with steps of its own.
+    pub(crate) const TEXT: Self = Self { model: None, steps: None };
 }
 
 impl Evidence<'_> {
@@ -40,11 +58,17 @@ impl Evidence<'_> {
         self.model.map_or(0, |m| m.layout().outputs)
     }
 
-    /// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated. Start values are those of `begun`.
-    pub(crate) fn trial(&self, begun: Option<&Model>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+    /// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated.
+    pub(crate) fn trial(&self, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
         let beside = match self.model {
-            Some(model) => self.beside(model, begun.unwrap_or(model), edits, iterations)?,
-            None => Trial { parts: Vec::new(), independent: Vec::new(), values: [0.0; 2], estimate: None },
+            Some(model) => self.beside(model, begin, edits, iterations)?,
+            None => Trial {
+                parts: Vec::new(),
+                independent: Vec::new(),
+                values: [0.0; 2],
+                estimate: None,
+                steps: SharedSteps::default(),
+            },
         };
         Some(self.with_kinematics(beside, edits))
     }
@@ -97,7 +121,7 @@ impl Evidence<'_> {
         self.with_kinematics(current, &[])
     }
 
-    fn beside(&self, model: &Model, begun: &Model, edits: &[Edit], iterations: usize) -> Option<Trial> {
+    fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
         let pairs = self.runs.iter().zip(self.records);
         let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
         let new = new.collect::<Result<Vec<_>, _>>().ok()?;
@@ -110,12 +134,14 @@ impl Evidence<'_> {
                 ..Options::default()
             },
             accuracy: Some(1e-5),
+            shared_steps: begin.steps.map_or_else(SharedSteps::default, |t| t.steps.clone()),
             continuation: Continuation::Never,
             bare: true,
             ..FitOptions::default()
         }
         .with_declared_noise(model);
-        let estimate = fit(begun, &new, &options, &mut ()).ok()?.estimate;
+        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut ()).ok()?;
+        let (estimate, steps) = (found.estimate, SharedSteps::of(found.integration));
         let q = self.outputs();
         if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
             return None;
@@ -140,7 +166,7 @@ impl Evidence<'_> {
             }
         }
         let values = [cost_of_values(model, &estimate), 0.0];
-        Some(Trial { parts, independent, values, estimate: Some(estimate) })
+        Some(Trial { parts, independent, values, estimate: Some(estimate), steps })
     }
 
     /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
@@ -163,7 +189,7 @@ impl Evidence<'_> {
             }
         }
         let measured = parts.iter().any(|s| !s.is_nan());
-        let trial = Trial { parts, independent, values: [0.0; 2], estimate: None };
+        let trial = Trial { parts, independent, values: [0.0; 2], estimate: None, steps: SharedSteps::default() };
         measured.then(|| self.with_kinematics(trial, edits))
     }
 }

@@ -5,7 +5,7 @@ use crate::beside::BesideOptions;
 use crate::biases::biases_of;
 use crate::finding::{Fault, Finding, Place, Severity};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
-use crate::likelihood::{Evidence, Searched, THOROUGH, Trial, search, variance};
+use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search, variance};
 use fdm_system::Model;
 use rayon::prelude::*;
 
@@ -117,7 +117,13 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     const SHARE: f64 = 3.0;
     let channels = search.evidence.channels;
     let slots = search.slots();
-    let fresh = |h: &Hypothesis| !h.edits.iter().all(|e| accepted.contains(e));
+    /// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
+    const FASTEST: f64 = 30.0;
+    let fresh = |h: &Hypothesis| {
+        let known = h.edits.iter().all(|e| accepted.contains(e));
+        let wild = |e: &Edit| matches!(*e, Edit::Time(f) if search.evidence.pace.is_some_and(|p| f * p > FASTEST));
+        !known && !h.edits.iter().any(wild)
+    };
     let tried: Vec<Hypothesis> = discrete(channels, &slots, search.timed).into_iter().filter(fresh).collect();
     let kinds = if search.options.estimated { SHARE * slots.len() as f64 } else { 0.0 };
     let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
@@ -125,7 +131,9 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     let judge = |hypothesis: Hypothesis| {
         let edits = with(accepted, &hypothesis);
         let trial = if search.evidence.touches_model(&hypothesis.edits) {
-            search.evidence.trial(None, &edits, QUICK)?
+            // another unit of time needs other steps
+            let steps = Some(current).filter(|_| hypothesis.fault != Fault::TimeUnit);
+            search.evidence.trial(Begin { model: None, steps }, &edits, QUICK)?
         } else {
             search.evidence.unfitted(current, &edits)
         };
@@ -148,7 +156,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     surest_first(&mut all);
     // quick fits have sorted them; the first are fitted to the end
     for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
-        let fitted = search.evidence.trial(None, &with(accepted, &judged.hypothesis), THOROUGH);
+        let fitted = search.evidence.trial(Begin::TEXT, &with(accepted, &judged.hypothesis), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
             judged.log_odds = trial.gain_over(current) + judged.prior;
@@ -199,7 +207,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
             let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
             match evidence.touches_model(&[edit]) {
-                true => evidence.trial(begun.as_ref(), &all, NEAR),
+                true => evidence.trial(Begin { model: begun.as_ref(), steps: Some(current) }, &all, NEAR),
                 false => Some(evidence.unfitted(current, &all)),
             }
         };
@@ -290,7 +298,7 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         let (slot, at) = (Slot::Output(output), record.time[e[k].0]);
         let tried = |by: f64| {
             let all: Vec<Edit> = accepted.iter().copied().chain([Edit::Step(slot, at, by)]).collect();
-            evidence.trial(Some(&begun), &all, NEAR)
+            evidence.trial(Begin { model: Some(&begun), steps: Some(current) }, &all, NEAR)
         };
         // fitted parameters have taken some of the shift up: the size is searched from that of the residuals
         let sizes = [-jump, -1.5 * jump, -2.5 * jump];
@@ -330,7 +338,8 @@ impl Search<'_> {
     /// A fit to the end, or one from the estimates of another that is near, whichever is likelier.
     fn trial(&self, edits: &[Edit], near: &Trial) -> Option<Trial> {
         let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
-        let (one, other) = (self.evidence.trial(None, edits, THOROUGH), self.evidence.trial(begun.as_ref(), edits, THOROUGH));
+        let one = self.evidence.trial(Begin::TEXT, edits, THOROUGH);
+        let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: None }, edits, THOROUGH);
         match (one, other) {
             (Some(one), Some(other)) => Some(if other.gain_over(&one) > 0.0 { other } else { one }),
             (one, other) => one.or(other).or_else(|| self.evidence.unexplained(edits)),
