@@ -1,8 +1,9 @@
 //! `fdm doctor`: records judged before they are believed, by themselves and beside a model.
 
+use crate::campaign::RecordFile;
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended};
-use crate::load::{Records, load_model, notes, read_records};
+use crate::load::{Records, load_model, read_records};
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_doctor::{
@@ -10,8 +11,8 @@ use fdm_doctor::{
     repaired_map,
 };
 use fdm_report::doctor_text;
-use fdm_results::documents::{DoctorDocument, RecordDocument};
-use fdm_system::record::{Run, open_log};
+use fdm_results::documents::DoctorDocument;
+use fdm_system::record::{Assumptions, Run, Summary, open_log};
 use std::path::PathBuf;
 
 /// What `fdm doctor` takes.
@@ -78,12 +79,8 @@ impl Arguments {
         let read = read_records(&files, &model, &[])?;
         let records: Vec<Record> =
             read.iter().map(|(run, summary)| Record::of_run(model.definition(), run, Some(summary))).collect();
-        let told = read.iter().map(|(run, summary)| RecordDocument {
-            run: run.name.clone(),
-            samples: run.len(),
-            assumed: notes(summary),
-        });
-        let told: Vec<RecordDocument> = told.collect();
+        let records = self.with_other_columns(records, &files, &read);
+        let told: Vec<Assumptions> = read.iter().map(|(run, summary)| Assumptions::of(&run.name, summary)).collect();
         let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
         let found = by_records(&records, &alone);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
@@ -92,19 +89,42 @@ impl Arguments {
         Ok((records, document))
     }
 
+    /// With the columns that the model does not read, where a file is one table and all files have the same ones.
+    fn with_other_columns(
+        &self,
+        records: Vec<Record>,
+        files: &[RecordFile],
+        read: &[(Run, Summary)],
+    ) -> Vec<Record> {
+        if files.len() != records.len() {
+            return records;
+        }
+        let wider = records.iter().zip(files).zip(read).map(|((record, file), (_, summary))| {
+            let (log, _) = open_log(&file.path, self.records.selection.is_salvaged()).ok()?;
+            let [topic] = &log.topics[..] else { return None };
+            Some(record.clone().with_other_columns(topic, summary, file.options.from))
+        });
+        let Some(wider) = wider.collect::<Option<Vec<Record>>>() else { return records };
+        let names = |r: &Record| r.channels.iter().map(|c| c.name.clone()).collect::<Vec<_>>();
+        if wider.windows(2).all(|w| names(&w[0]) == names(&w[1])) { wider } else { records }
+    }
+
     /// Without a model: every table of every file.
     fn by_themselves(&self, options: &AloneOptions) -> Result<(Vec<Record>, DoctorDocument), Failure> {
         let (mut records, mut told) = (Vec::new(), Vec::new());
         for path in &self.records.paths()? {
             let (log, notes) =
                 open_log(path, self.records.selection.is_salvaged()).map_err(|e| Failure::Records(vec![e]))?;
+            let mut first = true;
             let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
             for topic in log.topics.iter().filter(|t| t.rows() > 2) {
                 let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
                 records.push(Record::of_topic(&name, topic));
-                let assumed =
-                    if told.is_empty() { notes.iter().map(ToString::to_string).collect() } else { Vec::new() };
-                told.push(RecordDocument { run: name, samples: topic.rows(), assumed });
+                let mut assumed = Assumptions::of_samples(&name, "table", topic.rows());
+                if std::mem::take(&mut first) {
+                    assumed = notes.iter().fold(assumed, |a, note| a.noted("reading", note.to_string()));
+                }
+                told.push(assumed);
             }
         }
         let findings = by_records(&records, options);

@@ -9,10 +9,10 @@ use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, 
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
-use fdm_results::documents::{JudgedRecords, RecordDocument};
+use fdm_results::documents::JudgedRecords;
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
-use fdm_system::record::{Known, Note, ReadOptions, Run, SampleMask, Summary, channels, read_each};
+use fdm_system::record::{Assumptions, Known, ReadOptions, Run, SampleMask, Summary, channels, read_each};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -260,12 +260,8 @@ pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Optio
     let mut findings: Vec<Finding> = seen.iter().flat_map(|record| examine_alone(record, &options)).collect();
     findings.extend(examine_repeats(&seen));
     fdm_doctor::sort(&mut findings);
-    let assumed = records.iter().map(|(run, summary)| RecordDocument {
-        run: run.name.clone(),
-        samples: run.len(),
-        assumed: summary.as_ref().map_or(Vec::new(), notes),
-    });
-    JudgedRecords { assumed: assumed.filter(|r| !r.assumed.is_empty()).collect(), findings }.said()
+    let assumed = records.iter().filter_map(|(run, summary)| Some(Assumptions::of(&run.name, summary.as_ref()?)));
+    JudgedRecords { assumed: assumed.filter(|a| !a.sentences().is_empty()).collect(), findings }.said()
 }
 
 /// What is used of the files, and as what.
@@ -598,19 +594,7 @@ pub(crate) fn say_notes(records: &[(Run, Summary)]) {
 
 /// What a careful reader would mention about a record.
 pub(crate) fn notes(summary: &Summary) -> Vec<String> {
-    let not_measured =
-        |name: &str| summary.notes.iter().any(|n| matches!(n, Note::NotMeasured { output } if output == name));
-    let mut notes: Vec<String> = summary.notes.iter().map(ToString::to_string).collect();
-    let missing: Vec<String> = summary
-        .sources
-        .iter()
-        .filter(|s| s.gaps > 0 && s.column.is_some() && !not_measured(&s.channel))
-        .map(|s| format!("{} of `{}`", s.gaps, s.channel))
-        .collect();
-    if !missing.is_empty() {
-        notes.push(format!("missing values: {}", missing.join(", ")));
-    }
-    notes
+    Assumptions::of("", summary).sentences()
 }
 
 /// Measurement noise as it is typed.

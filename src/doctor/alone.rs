@@ -1,8 +1,13 @@
 //! A record by itself: every channel, the time, rows, and rates beside angles.
 
 use crate::finding::{Finding, Severity, in_order};
+use crate::beside::BesideOptions;
+use crate::hypothesis::Channels;
+use crate::kinematics::Kinematics;
+use crate::likelihood::{Begin, Evidence};
 use crate::record::Record;
-use crate::{kinematics, runs_of_values, time, values};
+use crate::search::{Search, faults};
+use crate::{runs_of_values, time, values};
 use rayon::prelude::*;
 
 /// How sure a finding has to be.
@@ -10,7 +15,7 @@ use rayon::prelude::*;
 pub struct AloneOptions {
     /// Probability of a finding in a record without a fault, over all tests and channels of it.
     pub false_alarms: f64,
-    /// Whether rates are compared with angles by the names of the channels; a model says it better.
+    /// Whether channels are compared by kinematics; beside a model it is done there.
     pub kinematics: bool,
 }
 
@@ -26,20 +31,17 @@ const TESTS: usize = 8;
 /// All that a record says by itself, findings first, the surest first. One pass of about ten comparisons a sample; the tests share the rate of
 /// false alarms by Bonferroni's inequality.
 pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
-    let n = record.time.len();
     let alpha = options.false_alarms / (TESTS * (record.channels.len() + 1)) as f64;
     let by_channel: Vec<Vec<Finding>> = record
         .channels
         .par_iter()
         .map(|channel| {
             let mut found = Vec::new();
-            let mut masked = vec![false; n];
             found.extend(values::sentinel(record, channel, alpha));
-            found.iter().flat_map(|f| &f.samples).for_each(|k| masked[*k] = true);
             let clean = channel.without(&found);
             found.extend(values::missing(record, channel));
             found.extend(values::wrapped(record, &clean));
-            found.extend(values::spikes(record, &clean, &masked, alpha));
+            found.extend(values::spikes(record, &clean, alpha));
             let clean = clean.without(&found);
             let quantised = values::quantised(record, &clean);
             found.extend(runs_of_values::examine(record, &clean, alpha));
@@ -53,10 +55,28 @@ pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
     findings.extend(doubled);
     findings.extend(by_channel.into_iter().flatten());
     if options.kinematics {
-        findings.extend(kinematics::examine(record, alpha));
+        findings.extend(beside_kinematics(record, &findings));
     }
     in_order(&mut findings);
     findings
+}
+
+/// Signs, units, axes, delays, zeros and the unit of time as kinematics tells them, where no model does. As likely as beside a model.
+fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
+    let mut record = record.clone();
+    for channel in &mut record.channels {
+        *channel = channel.without(found).into_owned();
+    }
+    let records = std::slice::from_ref(&record);
+    let channels = Channels::of(records);
+    let kinematics = Kinematics::of(records, &channels);
+    if kinematics.is_empty() {
+        return Vec::new();
+    }
+    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace: None };
+    let Some(start) = evidence.trial(Begin::TEXT, &[], 0) else { return Vec::new() };
+    let options = BesideOptions::default();
+    faults(&Search { evidence: &evidence, timed: true, options: &options }, start).0
 }
 
 /// The first lines of what is found, for a command that does something else: at most three, the last of which counts the rest. Remarks are

@@ -1,10 +1,9 @@
 //! What a fault does to the parameters: a fit without its repair beside one with it.
 
 use crate::finding::{Bias, Finding};
-use crate::hypothesis::Slot;
-use crate::hypothesis::{Channels, column, put};
+use crate::hypothesis::{Channels, Slot, put};
+use crate::record::Record;
 use fdm_estimate::Estimate;
-use fdm_system::Model;
 use fdm_system::record::{Run, bridge};
 
 /// Values of the first fit minus those of the second, in standard errors of the second; the largest first, those above a tenth.
@@ -23,27 +22,31 @@ pub(crate) fn biases_of(without: Option<&Estimate>, with: Option<&Estimate>) -> 
     all
 }
 
-/// The runs without the samples that findings do not believe: gaps of outputs, bridged inputs.
-pub(crate) fn mask(model: &Model, runs: &[Run], findings: &[Finding]) -> Vec<Run> {
-    let channels = Channels::new(model.definition());
-    let mut masked: Vec<Run> = runs.to_vec();
+/// The runs and their records without the samples that findings do not believe: gaps of outputs, bridged inputs.
+pub(crate) fn mask(
+    channels: &Channels,
+    runs: &[Run],
+    records: &[Record],
+    findings: &[Finding],
+) -> (Vec<Run>, Vec<Record>) {
+    let (mut masked, mut clean) = (runs.to_vec(), records.to_vec());
     for finding in findings.iter().filter(|f| !f.samples.is_empty()) {
-        let (Some(run), Some(slot)) = (
-            masked.iter_mut().find(|r| r.name == finding.run),
-            channels.slots().find(|s| finding.channels.first().is_some_and(|c| c == channels.name(*s))),
-        ) else {
+        let Some(slot) = channels.slots().find(|s| finding.channels.first().is_some_and(|c| c == channels.name(*s)))
+        else {
             continue;
         };
-        let mut values = column(run, slot);
+        let Some((run, record)) = masked.iter_mut().zip(&mut clean).find(|(run, _)| run.name == finding.run) else {
+            continue;
+        };
+        let values = &mut record.channels[channels.place(slot)].values;
         finding.samples.iter().for_each(|k| values[*k] = f64::NAN);
         if values.iter().all(|v| v.is_nan()) {
             continue;
         }
         if matches!(slot, Slot::Input(_)) {
-            let time = run.time.clone();
-            bridge(&time, &mut values, 1, 0, false);
+            bridge(&run.time, values, 1, 0, false);
         }
-        put(run, slot, &values);
+        put(run, slot, values);
     }
-    masked
+    (masked, clean)
 }

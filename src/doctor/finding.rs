@@ -46,12 +46,18 @@ pub enum Fault {
     Drift,
     /// A constant that is added.
     Offset,
+    /// A constant that is added from some time on.
+    ZeroShift,
     /// A factor that is no unit's.
     Scale,
     /// An input that never changes.
     Constant,
     /// The same samples in two runs.
     Repeated,
+    /// Inputs that move together.
+    CorrelatedInputs,
+    /// Samples that are too far apart for the model.
+    SlowSampling,
     /// Parameters that the record does not determine.
     NotDetermined,
 }
@@ -79,9 +85,12 @@ impl Fault {
             Self::Delay => "delay",
             Self::Drift => "clock drift",
             Self::Offset => "offset",
+            Self::ZeroShift => "shift of zero",
             Self::Scale => "scale factor",
             Self::Constant => "constant input",
             Self::Repeated => "same record twice",
+            Self::CorrelatedInputs => "correlated inputs",
+            Self::SlowSampling => "sampling interval",
             Self::NotDetermined => "no excitation",
         }
     }

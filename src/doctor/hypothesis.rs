@@ -1,16 +1,19 @@
 //! What may be wrong with the channels of a model's record, each as the edit of the run that would mend it.
 
 use crate::finding::Fault;
+use crate::record::{Record, Role};
 use crate::repair::{Change, Repair};
 use fdm_grammar::Model;
 use fdm_system::record::{Incomplete, Run};
+use std::borrow::Cow;
 use std::f64::consts::PI;
 
-/// A channel of a model.
+/// A channel of a record: what it is to the model, or a column that the model does not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Slot {
     Input(usize),
     Output(usize),
+    Other(usize),
 }
 
 /// One change of a run.
@@ -24,6 +27,8 @@ pub(crate) enum Edit {
     Delay(Slot, f64),
     /// The clock of the channel gains so much of every unit of time.
     Drift(Slot, f64),
+    /// Constant that is added from a time on.
+    Step(Slot, f64, f64),
     /// All times are multiplied.
     Time(f64),
 }
@@ -40,37 +45,54 @@ pub(crate) struct Hypothesis {
     pub(crate) weight: f64,
 }
 
-/// Names and units of the channels of a model.
-pub(crate) struct Channels<'a> {
-    model: &'a Model,
+/// Names and units of the channels of a record: inputs, outputs, then the columns that no model reads.
+pub(crate) struct Channels {
+    names: Vec<String>,
+    units: Vec<Option<String>>,
+    stated: Vec<bool>,
     pub(crate) inputs: usize,
     pub(crate) outputs: usize,
 }
 
-impl<'a> Channels<'a> {
-    pub(crate) fn new(model: &'a Model) -> Self {
-        let inputs = model.inputs.iter().filter(|i| i.is_declared()).count();
-        Self { model, inputs, outputs: model.outputs.len() }
+impl Channels {
+    /// Of records with the same channels; a unit counts as stated where all files state it.
+    pub(crate) fn of(records: &[Record]) -> Self {
+        let first = records.first().map_or(&[][..], |r| &r.channels[..]);
+        let count = |role| first.iter().filter(|c| c.role == role).count();
+        let stated = |k: usize| records.iter().all(|r| r.channels.get(k).is_none_or(|c| c.stated));
+        Self {
+            names: first.iter().map(|c| c.name.clone()).collect(),
+            units: first.iter().map(|c| c.unit.clone().filter(|u| u != "1")).collect(),
+            stated: (0..first.len()).map(stated).collect(),
+            inputs: count(Role::Input),
+            outputs: count(Role::Output),
+        }
     }
 
     pub(crate) fn slots(&self) -> impl Iterator<Item = Slot> + use<> {
         let (inputs, outputs) = (self.inputs, self.outputs);
-        (0..inputs).map(Slot::Input).chain((0..outputs).map(Slot::Output))
+        (0..self.names.len()).map(move |k| match k {
+            k if k < inputs => Slot::Input(k),
+            k if k < inputs + outputs => Slot::Output(k - inputs),
+            k => Slot::Other(k - inputs - outputs),
+        })
     }
 
-    pub(crate) fn name(&self, slot: Slot) -> &'a str {
+    /// Place of a slot among the channels of a record.
+    pub(crate) fn place(&self, slot: Slot) -> usize {
         match slot {
-            Slot::Input(k) => &self.model.inputs[k].quantity.name,
-            Slot::Output(k) => &self.model.outputs[k].quantity.name,
+            Slot::Input(k) => k,
+            Slot::Output(k) => self.inputs + k,
+            Slot::Other(k) => self.inputs + self.outputs + k,
         }
     }
 
-    pub(crate) fn unit(&self, slot: Slot) -> Option<String> {
-        let quantity = match slot {
-            Slot::Input(k) => &self.model.inputs[k].quantity,
-            Slot::Output(k) => &self.model.outputs[k].quantity,
-        };
-        quantity.unit.as_ref().map(ToString::to_string).filter(|u| u != "1")
+    pub(crate) fn name(&self, slot: Slot) -> &str {
+        &self.names[self.place(slot)]
+    }
+
+    pub(crate) fn unit(&self, slot: Slot) -> Option<&str> {
+        self.units[self.place(slot)].as_deref()
     }
 
     /// What mends a run, as lines of a map.
@@ -102,8 +124,14 @@ impl<'a> Channels<'a> {
                 }
                 Edit::Drift(slot, rate) => {
                     let words =
-                        format!("stamp `{}` by another clock: it gains {rate:.3e} of every unit", self.name(slot));
+                        format!("multiply the times of `{}` by {:.6}: its clock is another one", self.name(slot), 1.0 - rate);
                     return Repair::words(&words);
+                }
+                Edit::Step(slot, at, by) => {
+                    return Repair::words(&format!(
+                        "add {by:.4} to `{}` from {at:.4} on, or fit the parts before and behind as runs of their own: --from, --to",
+                        self.name(slot)
+                    ));
                 }
                 Edit::Time(factor) => time = Some(factor),
             }
@@ -161,24 +189,25 @@ fn factors(unit: Option<&str>) -> Vec<(f64, f64, &'static str)> {
             (1e-3, "thousandths"),
             (1e3, "thousands"),
         ]),
-        Some(_) => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (60.0, "per minute"), (1.0 / 60.0, "minutes")]),
+        Some(u) if u.contains("/s") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (1.0 / 60.0, "units per minute")]),
+        Some(u) if u.contains("/min") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (60.0, "units per second")]),
+        Some(_) => of(&[(1e-3, "thousandths"), (1e3, "thousands")]),
     }
 }
 
-/// Hypotheses with nothing to be estimated: units, signs, places, axes, unit of time. `stated` says which channels state their unit (by slot
-/// order, inputs first): those have a tenth of the prior probability of another unit.
-pub(crate) fn discrete(channels: &Channels<'_>, stated: &[bool], timed: bool) -> Vec<Hypothesis> {
-    let slots: Vec<Slot> = channels.slots().collect();
+/// Hypotheses about these slots with nothing to be estimated: units, signs, places, axes, unit of time. Channels that state their unit have a
+/// tenth of the prior probability of another one.
+pub(crate) fn discrete(channels: &Channels, slots: &[Slot], timed: bool) -> Vec<Hypothesis> {
     let mut all = Vec::new();
     let mut add = |fault, slots: Vec<Slot>, edits: Vec<Edit>, what: String, weight| {
         all.push(Hypothesis { fault, slots, edits, what, weight });
     };
-    for (k, slot) in slots.iter().copied().enumerate() {
+    for slot in slots.iter().copied() {
         let unit = channels.unit(slot);
         add(Fault::Sign, vec![slot], vec![Edit::Affine(slot, -1.0, 0.0)], "runs against the model".into(), 1.0);
-        let weight = if stated.get(k).copied().unwrap_or(true) { 0.1 } else { 1.0 };
-        for (factor, offset, name) in factors(unit.as_deref()) {
-            let what = match unit.as_deref() {
+        let weight = if channels.stated[channels.place(slot)] { 0.1 } else { 1.0 };
+        for (factor, offset, name) in factors(unit) {
+            let what = match unit {
                 Some(unit) => format!("in {name} for a model in {unit}"),
                 None => format!("in {name}"),
             };
@@ -188,7 +217,7 @@ pub(crate) fn discrete(channels: &Channels<'_>, stated: &[bool], timed: bool) ->
     for (k, a) in slots.iter().enumerate() {
         for b in &slots[k + 1..] {
             let alike = channels.unit(*a) == channels.unit(*b);
-            let same_role = matches!((a, b), (Slot::Input(_), Slot::Input(_)) | (Slot::Output(_), Slot::Output(_)));
+            let same_role = matches!(a, Slot::Input(_)) == matches!(b, Slot::Input(_));
             if same_role {
                 let weight = if alike { 0.3 } else { 0.03 };
                 let what = format!("stands in the place of `{}`, and the other way round", channels.name(*b));
@@ -196,7 +225,7 @@ pub(crate) fn discrete(channels: &Channels<'_>, stated: &[bool], timed: bool) ->
             }
         }
     }
-    axes(channels, &mut add);
+    axes(channels, slots, &mut add);
     if timed {
         let units = [
             (1e-3, "milliseconds"),
@@ -212,15 +241,11 @@ pub(crate) fn discrete(channels: &Channels<'_>, stated: &[bool], timed: bool) ->
     all
 }
 
-/// The 48 signed permutations of triads of outputs, all triads of the model turned alike; single signs and exchanges are hypotheses of
-/// their own.
-fn axes(channels: &Channels<'_>, add: &mut impl FnMut(Fault, Vec<Slot>, Vec<Edit>, String, f64)) {
-    let plain = |k: usize| {
-        let name = channels.name(Slot::Output(k)).to_ascii_lowercase();
-        ["_m", "_meas", "_measured"].iter().find_map(|e| name.strip_suffix(e).map(str::to_string)).unwrap_or(name)
-    };
-    let names: Vec<String> = (0..channels.outputs).map(plain).collect();
-    let find = |name: &str| names.iter().position(|n| n == name).map(Slot::Output);
+/// The 48 signed permutations of triads of measured channels, all triads turned alike; single signs and exchanges are hypotheses of their
+/// own.
+fn axes(channels: &Channels, slots: &[Slot], add: &mut impl FnMut(Fault, Vec<Slot>, Vec<Edit>, String, f64)) {
+    let measured: Vec<Slot> = slots.iter().copied().filter(|s| !matches!(s, Slot::Input(_))).collect();
+    let find = |name: &str| measured.iter().copied().find(|s| plain(channels.name(*s)) == name);
     let triads: Vec<[Slot; 3]> =
         [["ax", "ay", "az"], ["p", "q", "r"], ["u", "v", "w"], ["x", "y", "z"], ["vx", "vy", "vz"]]
             .iter()
@@ -262,71 +287,121 @@ fn axes(channels: &Channels<'_>, add: &mut impl FnMut(Fault, Vec<Slot>, Vec<Edit
     }
 }
 
-/// A run as the edits make it, with the inputs that the model computes from its records.
-///
-/// # Errors
-/// As [`Run::with_measured`].
-pub(crate) fn edited(run: &Run, edits: &[Edit], model: &Model) -> Result<Run, Incomplete> {
-    let declared = model.inputs.iter().filter(|i| i.is_declared()).count();
-    let mut new = run.clone();
+/// A name as the field writes it: small letters, without what says that it was measured or in which unit.
+pub(crate) fn plain(name: &str) -> String {
+    let mut name = name.to_ascii_lowercase();
+    const ENDINGS: [&str; 10] =
+        ["_measured", "_meas", "_m", "_deg", "_rad", "_degs", "_rads", "_dps", "_mps", "_ft"];
+    while let Some(short) = ENDINGS.iter().find_map(|e| name.strip_suffix(e)).filter(|s| !s.is_empty()) {
+        name = short.to_string();
+    }
+    name
+}
+
+/// A record as edits make it. Only what changes is copied.
+pub(crate) struct Edited<'a> {
+    pub(crate) time: Cow<'a, [f64]>,
+    pub(crate) columns: Vec<Cow<'a, [f64]>>,
+}
+
+/// A record as the edits make it; `held` says which inputs keep their value between samples.
+pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: &[Edit], held: &[bool]) -> Edited<'a> {
+    let mut columns: Vec<Cow<'a, [f64]>> = record.channels.iter().map(|c| Cow::Borrowed(&c.values[..])).collect();
+    let mut time = Cow::Borrowed(&record.time[..]);
     for edit in edits {
         match *edit {
             Edit::Affine(slot, factor, offset) => {
-                let (mut values, k) = (column(&new, slot), slot);
-                values.iter_mut().for_each(|v| *v = factor * *v + offset);
-                put(&mut new, k, &values);
+                columns[channels.place(slot)].to_mut().iter_mut().for_each(|v| *v = factor * *v + offset);
             }
-            Edit::Swap(a, b) => {
-                let (one, other) = (column(&new, a), column(&new, b));
-                put(&mut new, a, &other);
-                put(&mut new, b, &one);
+            Edit::Swap(a, b) => columns.swap(channels.place(a), channels.place(b)),
+            Edit::Delay(slot, tau) => {
+                let column = &mut columns[channels.place(slot)];
+                *column = Cow::Owned(shifted(&time, column, slot, held, |_| tau));
             }
-            Edit::Delay(slot, tau) => shifted(&mut new, slot, |_| tau),
-            Edit::Drift(slot, rate) => shifted(&mut new, slot, |t| rate * t),
-            Edit::Time(factor) => new.time.iter_mut().for_each(|t| *t *= factor),
+            Edit::Drift(slot, rate) => {
+                let column = &mut columns[channels.place(slot)];
+                *column = Cow::Owned(shifted(&time, column, slot, held, |t| rate * t));
+            }
+            Edit::Step(slot, at, by) => {
+                let column = columns[channels.place(slot)].to_mut();
+                column.iter_mut().zip(time.iter()).filter(|(_, t)| **t >= at).for_each(|(v, _)| *v += by);
+            }
+            Edit::Time(factor) => time.to_mut().iter_mut().for_each(|t| *t *= factor),
         }
     }
-    if model.inputs.len() > declared { new.with_measured(model) } else { Ok(new) }
+    Edited { time, columns }
 }
 
-fn layout(run: &Run, slot: Slot) -> (usize, usize) {
-    match slot {
-        Slot::Input(k) => (k, run.held.len()),
-        Slot::Output(k) => (k, run.output_gaps.len()),
+/// How far between samples a channel is read by delays and drifts: the mean of `f (1 - f)` over the parts `f` of intervals.
+pub(crate) fn between_samples(record: &Record, edits: &[Edit], slot: Slot) -> f64 {
+    let time = &record.time;
+    let mut cursor = fdm_system::record::Cursor::default();
+    let mut part = |at: f64| {
+        let place = cursor.at(time, at);
+        place.part * (1.0 - place.part)
+    };
+    let of = |edit: &Edit| match *edit {
+        Edit::Delay(s, tau) if s == slot => Some((tau, 0.0)),
+        Edit::Drift(s, rate) if s == slot => Some((0.0, rate)),
+        _ => None,
+    };
+    let moved = edits.iter().filter_map(of);
+    moved.map(|(tau, rate)| time.iter().map(|t| part(t + tau + rate * t)).sum::<f64>() / time.len() as f64).sum()
+}
+
+/// A run as the edits of its record make it, with the inputs that the model computes from its records.
+///
+/// # Errors
+/// As [`Run::with_measured`].
+pub(crate) fn edited(
+    run: &Run,
+    record: &Record,
+    channels: &Channels,
+    edits: &[Edit],
+    model: &Model,
+) -> Result<Run, Incomplete> {
+    let mut new = run.clone();
+    let edited = edited_record(record, channels, edits, &run.held);
+    for slot in channels.slots().take(channels.inputs + channels.outputs) {
+        if let Cow::Owned(values) = &edited.columns[channels.place(slot)] {
+            put(&mut new, slot, values);
+        }
     }
-}
-
-/// The samples of a channel.
-pub(crate) fn column(run: &Run, slot: Slot) -> Vec<f64> {
-    let (k, width) = layout(run, slot);
-    let rows = if matches!(slot, Slot::Input(_)) { &run.inputs } else { &run.measured };
-    rows.iter().skip(k).step_by(width.max(1)).copied().collect()
+    for edit in edits {
+        if let Edit::Swap(a, b) = *edit {
+            // exchanged columns may both be borrowed
+            for slot in [a, b] {
+                put(&mut new, slot, &edited.columns[channels.place(slot)]);
+            }
+        }
+    }
+    new.time = edited.time.into_owned();
+    if model.inputs.len() > channels.inputs { new.with_measured(model) } else { Ok(new) }
 }
 
 /// Puts samples in the place of a channel's.
 pub(crate) fn put(run: &mut Run, slot: Slot, values: &[f64]) {
-    let (k, width) = layout(run, slot);
-    let rows = if matches!(slot, Slot::Input(_)) { &mut run.inputs } else { &mut run.measured };
+    let (rows, k, width) = match slot {
+        Slot::Input(k) => (&mut run.inputs, k, run.held.len()),
+        Slot::Output(k) => (&mut run.measured, k, run.output_gaps.len()),
+        Slot::Other(_) => return,
+    };
     rows.iter_mut().skip(k).step_by(width.max(1)).zip(values).for_each(|(v, new)| *v = *new);
 }
 
 /// The value at `t + delay(t)` in place of that at `t`: linear, or held as the input is. Outputs beyond the record are gaps, inputs stay.
-fn shifted(run: &mut Run, slot: Slot, delay: impl Fn(f64) -> f64) {
-    let values = column(run, slot);
-    let held = matches!(slot, Slot::Input(k) if run.held[k]);
-    let time = &run.time;
+fn shifted(time: &[f64], values: &[f64], slot: Slot, held: &[bool], delay: impl Fn(f64) -> f64) -> Vec<f64> {
+    let held = matches!(slot, Slot::Input(k) if held.get(k).copied().unwrap_or(false));
     let (first, last) = (time[0], time[time.len() - 1]);
     let mut cursor = fdm_system::record::Cursor::default();
-    let mut new = Vec::with_capacity(values.len());
-    for t in time {
+    let value = |t: &f64| {
         let at = t + delay(*t);
-        if matches!(slot, Slot::Output(_)) && (at < first || at > last) {
-            new.push(f64::NAN);
-            continue;
+        if !matches!(slot, Slot::Input(_)) && (at < first || at > last) {
+            return f64::NAN;
         }
         let place = cursor.at(time, at);
         let left = values[place.left];
-        new.push(if place.rate == 0.0 || held { left } else { left + place.part * (values[place.left + 1] - left) });
-    }
-    put(run, slot, &new);
+        if place.rate == 0.0 || held { left } else { left + place.part * (values[place.left + 1] - left) }
+    };
+    time.iter().map(value).collect()
 }

@@ -1,132 +1,504 @@
-//! Rates beside the derivatives of angles, by their names, where no model says how they hang together.
+//! Kinematics between the channels of a record: attitude and rates, velocities and accelerations, positions and their derivatives, by the names
+//! of the field. No parameter of a model stands in them, so that they tell signs, units, axes, delays and zeros where a model cannot.
+//!
+//! An equation `y' = f` is compared in its weak form: with windows that vanish at both ends, `-integral of w' y = integral of w f` (Shinbrot
+//! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
-use crate::finding::{Fault, Finding};
+use crate::hypothesis::{Channels, Edit, edited_record, plain};
+use crate::likelihood::{independent_samples, variance};
 use crate::record::{Channel, Record};
-use crate::repair::{Change, Repair};
-use nalgebra::{DMatrix, DVector};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
-/// Angle and its rate, as flight and ship logs call them.
-const PAIRS: [(&[&str], &[&str]); 4] = [
-    (&["phi", "roll", "bank"], &["p", "phi_dot", "phidot", "roll_rate", "rollrate", "dphi"]),
-    (&["theta", "pitch"], &["q", "theta_dot", "thetadot", "pitch_rate", "pitchrate", "dtheta"]),
-    (&["psi", "yaw", "heading"], &["r", "psi_dot", "psidot", "yaw_rate", "yawrate", "dpsi"]),
-    (&["q1", "angle"], &["qd1", "q1_dot", "angle_dot", "omega"]),
+/// What a channel measures, in radians, metres and seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Quantity {
+    Phi,
+    Theta,
+    Psi,
+    P,
+    Q,
+    R,
+    Ax,
+    Ay,
+    Az,
+    U,
+    V,
+    W,
+    Speed,
+    Alpha,
+    Beta,
+    Height,
+    Climb,
+    X,
+    Y,
+}
+
+const QUANTITIES: usize = 19;
+
+use Quantity as K;
+
+/// Names of each quantity, and what its unit measures: an angle, a rate, an acceleration, a speed or a length.
+const NAMES: [(K, Unit, &[&str]); QUANTITIES] = [
+    (K::Phi, Unit::Angle, &["phi", "roll", "bank", "roll_angle", "bank_angle"]),
+    (K::Theta, Unit::Angle, &["theta", "pitch", "pitch_angle"]),
+    (K::Psi, Unit::Angle, &["psi", "yaw", "heading", "yaw_angle", "compass"]),
+    (K::P, Unit::Rate, &["p", "phi_dot", "phidot", "roll_rate", "rollrate", "dphi", "gyro_x", "gyrx", "wx"]),
+    (K::Q, Unit::Rate, &["q", "theta_dot", "thetadot", "pitch_rate", "pitchrate", "dtheta", "gyro_y", "gyry", "wy"]),
+    (K::R, Unit::Rate, &["r", "psi_dot", "psidot", "yaw_rate", "yawrate", "dpsi", "gyro_z", "gyrz", "wz", "gyro"]),
+    (K::Ax, Unit::Acceleration, &["ax", "acc_x", "accx", "nx", "accel_x"]),
+    (K::Ay, Unit::Acceleration, &["ay", "acc_y", "accy", "ny", "accel_y"]),
+    (K::Az, Unit::Acceleration, &["az", "acc_z", "accz", "accel_z"]),
+    (K::U, Unit::Speed, &["u"]),
+    (K::V, Unit::Speed, &["v"]),
+    (K::W, Unit::Speed, &["w"]),
+    (K::Speed, Unit::Speed, &["v", "tas", "vtas", "v_tas", "airspeed", "speed"]),
+    (K::Alpha, Unit::Angle, &["alpha", "aoa", "incidence"]),
+    (K::Beta, Unit::Angle, &["beta", "aos", "sideslip"]),
+    (K::Height, Unit::Length, &["h", "alt", "altitude", "height"]),
+    (K::Climb, Unit::Speed, &["hdot", "h_dot", "climb", "climb_rate", "vs", "roc"]),
+    (K::X, Unit::Length, &["x", "north", "pos_n", "x_e"]),
+    (K::Y, Unit::Length, &["y", "east", "pos_e", "y_e"]),
 ];
 
-fn named<'a>(record: &'a Record, names: &[&str]) -> Option<&'a Channel> {
-    let plain = |name: &str| {
-        let name = name.to_ascii_lowercase();
-        let short =
-            ["_m", "_meas", "_measured", "_deg", "_rad", "_degs", "_rads"].iter().find_map(|e| name.strip_suffix(e));
-        short.map_or_else(|| name.clone(), str::to_string)
-    };
-    record.channels.iter().find(|c| names.contains(&plain(&c.name).as_str()))
+/// What a unit measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unit {
+    Angle,
+    Rate,
+    Acceleration,
+    Speed,
+    Length,
 }
 
-/// Factor and sign of each rate beside its angle, and their delay. Stated units are taken into account.
-pub(crate) fn examine(record: &Record, alpha: f64) -> Vec<Finding> {
-    let pairs = PAIRS.iter().filter_map(|(angles, rates)| Some((named(record, angles)?, named(record, rates)?)));
-    pairs.flat_map(|(angle, rate)| pair(record, angle, rate, alpha)).collect()
-}
-
-fn in_radians(channel: &Channel) -> f64 {
-    match channel.unit.as_deref() {
-        Some(u) if u.starts_with("deg") => PI / 180.0,
-        _ => 1.0,
+impl Unit {
+    /// Factor to radians, metres and seconds; none where the unit measures something else.
+    fn factor(self, unit: &str) -> Option<f64> {
+        const FOOT: f64 = 0.3048;
+        const KNOT: f64 = 1852.0 / 3600.0;
+        Some(match (self, unit) {
+            (Self::Angle, "rad") | (Self::Rate, "rad/s") | (Self::Length, "m") | (Self::Speed, "m/s") => 1.0,
+            (Self::Acceleration, "m/s^2" | "m/s2" | "m/s²") => 1.0,
+            (Self::Angle, "deg" | "°") | (Self::Rate, "deg/s" | "°/s" | "dps") => PI / 180.0,
+            (Self::Acceleration, "g" | "g0") => 9.806_65,
+            (Self::Acceleration, "ft/s^2") | (Self::Speed, "ft/s") | (Self::Length, "ft") => FOOT,
+            (Self::Speed, "kt" | "kn" | "kts" | "knot" | "knots") => KNOT,
+            (Self::Speed, "km/h") => 1.0 / 3.6,
+            (Self::Length, "km") => 1e3,
+            _ => return None,
+        })
     }
 }
 
-/// `angle = a + b t + k * integral of rate - k tau rate`, by least squares.
-fn pair(record: &Record, angle: &Channel, rate: &Channel, alpha: f64) -> Vec<Finding> {
-    let (time, n) = (&record.time, record.time.len());
-    if !record.clocked || n < 50 {
-        return Vec::new();
+/// `y' = f(..)`, with what has to be measured. Of what else stands in it and was not measured, 0 is taken.
+struct Form {
+    left: K,
+    needs: &'static [K],
+    right: fn(&Instant) -> f64,
+    /// Accelerometers have zeros, and a trim may have been taken off: a constant is free.
+    constant: bool,
+}
+
+/// The quantities at one instant; 0 where nothing was measured.
+struct Instant([f64; QUANTITIES]);
+
+impl Instant {
+    fn of(&self, quantity: K) -> f64 {
+        self.0[quantity as usize]
     }
-    let (to_angle, to_rate) = (in_radians(angle), in_radians(rate));
-    let mut integral = 0.0;
-    let mut rows: Vec<[f64; 5]> = Vec::with_capacity(n);
-    for k in 0..n {
-        if k > 0 {
-            let mean = 0.5 * (rate.values[k] + rate.values[k - 1]) * to_rate;
-            if mean.is_finite() {
-                integral += mean * (time[k] - time[k - 1]);
+
+    /// Yaw rate in the horizontal plane, without the cosine of pitch.
+    fn turning(&self) -> f64 {
+        self.of(K::Q) * self.of(K::Phi).sin() + self.of(K::R) * self.of(K::Phi).cos()
+    }
+}
+
+const GRAVITY: f64 = 9.806_65;
+
+/// Rigid-body kinematics over a flat earth (Stevens, Lewis and Johnson 2016, table 2.5-1).
+const FORMS: [Form; 9] = [
+    Form { left: K::Phi, needs: &[K::P], right: |t| t.of(K::P) + t.of(K::Theta).tan() * t.turning(), constant: false },
+    Form {
+        left: K::Theta,
+        needs: &[K::Q],
+        right: |t| t.of(K::Q) * t.of(K::Phi).cos() - t.of(K::R) * t.of(K::Phi).sin(),
+        constant: false,
+    },
+    Form { left: K::Psi, needs: &[K::R], right: |t| t.turning() / t.of(K::Theta).cos(), constant: false },
+    Form {
+        left: K::U,
+        needs: &[K::Ax, K::Theta],
+        right: |t| t.of(K::Ax) - GRAVITY * t.of(K::Theta).sin() + t.of(K::R) * t.of(K::V) - t.of(K::Q) * t.of(K::W),
+        constant: true,
+    },
+    Form {
+        left: K::V,
+        needs: &[K::Ay, K::Phi, K::R, K::U],
+        right: |t| {
+            t.of(K::Ay) + GRAVITY * t.of(K::Phi).sin() * t.of(K::Theta).cos() - t.of(K::R) * t.of(K::U)
+                + t.of(K::P) * t.of(K::W)
+        },
+        constant: true,
+    },
+    Form {
+        left: K::W,
+        needs: &[K::Az, K::Theta, K::Q, K::U],
+        right: |t| {
+            t.of(K::Az) + GRAVITY * t.of(K::Phi).cos() * t.of(K::Theta).cos() + t.of(K::Q) * t.of(K::U)
+                - t.of(K::P) * t.of(K::V)
+        },
+        constant: true,
+    },
+    Form { left: K::Height, needs: &[K::Climb], right: |t| t.of(K::Climb), constant: false },
+    Form {
+        left: K::X,
+        needs: &[K::U, K::Psi],
+        right: |t| t.of(K::U) * t.of(K::Psi).cos() - t.of(K::V) * t.of(K::Psi).sin(),
+        constant: true,
+    },
+    Form {
+        left: K::Y,
+        needs: &[K::U, K::Psi],
+        right: |t| t.of(K::U) * t.of(K::Psi).sin() + t.of(K::V) * t.of(K::Psi).cos(),
+        constant: true,
+    },
+];
+
+/// One equation of the records: its form, or a channel and the one that is called its derivative.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Equation {
+    Form(usize),
+    /// Places of the channel and of its derivative.
+    Derivative(usize, usize),
+}
+
+/// What an equation leaves of a record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Balance {
+    /// Sum of squares of what is left over that of the left side; NaN where there is nothing to compare.
+    pub(crate) unexplained: f64,
+    /// Independent windows.
+    pub(crate) independent: f64,
+    /// What the gain costs, in nats.
+    pub(crate) cost: f64,
+    /// The factor by which the right side is multiplied.
+    pub(crate) gain: f64,
+}
+
+/// The equations that hold between the channels of records.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Kinematics {
+    /// Place of each quantity among the channels, and the factor to radians, metres and seconds.
+    places: [Option<(usize, f64)>; QUANTITIES],
+    equations: Vec<Equation>,
+    /// Intervals of a window.
+    window: usize,
+}
+
+/// Deviation of the logarithm of a gain: sensors are calibrated to a fifth, and attitude filters lag.
+const GAIN: f64 = 0.2;
+
+impl Kinematics {
+    /// Of records with the same channels. Channels of angles that state no unit are all in radians or all in degrees, rates likewise: as the
+    /// equations hold best.
+    pub(crate) fn of(records: &[Record], channels: &Channels) -> Self {
+        let Some(first) = records.first().filter(|_| records.iter().all(|r| r.clocked)) else { return Self::default() };
+        let mut places = [None; QUANTITIES];
+        for (quantity, kind, names) in NAMES {
+            // a state estimate and its sensor may both be there; the measured one stands first in the list of names
+            let found = names.iter().find_map(|name| {
+                let called = |c: &Channel| plain(&c.name) == *name;
+                let factor = |c: &Channel| c.unit.as_deref().map_or(Some(1.0), |u| kind.factor(u));
+                first.channels.iter().enumerate().find_map(|(k, c)| Some((k, factor(c).filter(|_| called(c))?)))
+            });
+            // `v` is a speed where `u` is not measured
+            let taken = quantity == K::Speed && places[K::V as usize].is_some();
+            let lone = quantity == K::V && !first.channels.iter().any(|c| plain(&c.name) == "u");
+            places[quantity as usize] = found.filter(|_| !taken && !lone);
+        }
+        let mut own = Self { places, equations: Vec::new(), window: 0 };
+        let has = |q: K| own.places[q as usize].is_some() || own.derived(q);
+        let fits = |f: &Form| has(f.left) && f.needs.iter().all(|q| has(*q));
+        let forms = (0..FORMS.len()).filter(|k| fits(&FORMS[*k])).map(Equation::Form).collect();
+        own.equations = forms;
+        own.add_derivatives(&first.channels);
+        if own.equations.is_empty() {
+            return own;
+        }
+        own.window = own.best_window(records, channels);
+        own.interpret(records, channels)
+    }
+
+    /// Whether there is anything to compare.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.equations.is_empty()
+    }
+
+    /// Whether a channel (by its place) stands in one of the equations.
+    pub(crate) fn reads(&self, place: usize) -> bool {
+        let needed = |form: &Form| {
+            let read = |q: K| self.places[q as usize].is_some_and(|(k, _)| k == place);
+            let aerodynamic = [K::Speed, K::Alpha, K::Beta].iter().any(|q| read(*q));
+            read(form.left) || form.needs.iter().any(|q| read(*q)) || aerodynamic && form.constant
+        };
+        self.equations.iter().any(|e| match *e {
+            Equation::Form(k) => needed(&FORMS[k]),
+            Equation::Derivative(y, x) => y == place || x == place,
+        })
+    }
+
+    /// Velocities along body axes from speed and flow angles, where they were not measured themselves.
+    fn derived(&self, quantity: K) -> bool {
+        let has = |q: K| self.places[q as usize].is_some();
+        match quantity {
+            K::U => has(K::Speed),
+            K::V => has(K::Speed) && has(K::Beta),
+            K::W => has(K::Speed) && has(K::Alpha),
+            _ => false,
+        }
+    }
+
+    /// Channels that are called the derivative of another one: `x_dot`, `xdot`, `dx`, `xd`, `x_rate`.
+    fn add_derivatives(&mut self, all: &[Channel]) {
+        let known: Vec<usize> = self.equations.iter().filter_map(|e| self.left_place(*e)).collect();
+        for (y, channel) in all.iter().enumerate().filter(|(k, _)| !known.contains(k)) {
+            let name = plain(&channel.name);
+            let called = [format!("{name}_dot"), format!("{name}dot"), format!("d{name}"), format!("{name}d")];
+            let rate = format!("{name}_rate");
+            let is = |c: &Channel| {
+                let own = plain(&c.name);
+                called.contains(&own) || own == rate
+            };
+            if let Some(x) = all.iter().position(|c| is(c) && fits_derivative(channel, c)) {
+                self.equations.push(Equation::Derivative(y, x));
             }
         }
-        let (a, r) = (angle.values[k] * to_angle, rate.values[k] * to_rate);
-        if a.is_finite() && r.is_finite() {
-            rows.push([1.0, time[k] - time[0], integral, r, a]);
+    }
+
+    fn left_place(&self, equation: Equation) -> Option<usize> {
+        match equation {
+            Equation::Form(k) => self.places[FORMS[k].left as usize].map(|(place, _)| place),
+            Equation::Derivative(y, _) => Some(y),
         }
     }
-    let Some((c, deviation, explained)) = least_squares(&rows) else { return Vec::new() };
-    let mut findings = Vec::new();
-    let k = c[2];
-    // most of the angle has to follow the rate, or the names mean something else
-    if explained < 0.9 {
-        return findings;
-    }
-    let candidates =
-        [(PI / 180.0, "deg"), (180.0 / PI, "rad"), (-1.0, "-"), (-PI / 180.0, "-deg"), (-180.0 / PI, "-rad")];
-    if let Some((factor, word)) = candidates.iter().find(|(f, _)| k / f > 0.8 && k / f < 1.25) {
-        let what = match *word {
-            "-" => format!("`{}` runs against `{}`: one of them has the wrong sign", rate.name, angle.name),
-            _ => format!(
-                "the integral of `{}` is {:.4} times `{}`: degrees and radians are mixed{}",
-                rate.name,
-                1.0 / k,
-                angle.name,
-                if *factor < 0.0 { ", and the sign differs" } else { "" }
-            ),
+
+    /// The window in which left and right sides are likest: shorter ones differentiate noise, longer ones forget what moves.
+    fn best_window(&self, records: &[Record], channels: &Channels) -> usize {
+        let shortest = records.iter().map(|r| r.time.len()).min().unwrap_or(0);
+        let windows = (3..9).map(|k| 1usize << k).filter(|w| *w == 8 || 30 * w <= shortest);
+        let likeness = |window: usize| {
+            let own = Self { window, ..self.clone() };
+            let sides = own.sides(records, channels, &[]);
+            sides.iter().map(|s| -(1.0 - s.correlation().powi(2)).max(1e-9).ln()).sum::<f64>()
         };
-        let fault = if *word == "-" { Fault::Sign } else { Fault::Unit };
-        let p = (1.0 - explained).powf(10.0).max(1e-40);
-        let change = Change { factor: *factor, ..Change::default() };
-        let mut finding = Finding::by_chance(&record.run, &rate.name, fault, p, what);
-        finding.channels.push(angle.name.clone());
-        findings.push(finding.repaired_by(Repair::map([(rate.name.clone(), change)])));
-        return findings;
+        windows.map(|w| (w, likeness(w))).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(8, |(w, _)| w)
     }
-    let delay = -c[3] / k;
-    let step = (time[n - 1] - time[0]) / (n as f64 - 1.0);
-    let z = (delay / (deviation[3] / k)).abs();
-    let p = 2.0 * fdm_numeric::statistics::normal_tail(z);
-    if delay.abs() > 1.5 * step && p < alpha && k > 0.8 && k < 1.25 && explained > 0.98 {
-        let (late, early) = if delay > 0.0 { (angle, rate) } else { (rate, angle) };
-        let what =
-            format!("`{}` comes {:.4} later than `{}`, +- {:.4}", late.name, delay.abs(), early.name, deviation[3]);
-        let change = Change { delay: delay.abs(), ..Change::default() };
-        let finding = Finding::by_chance(&record.run, &late.name, Fault::Delay, p, what);
-        findings.push(finding.repaired_by(Repair::map([(late.name.clone(), change)])));
+
+    /// Radians or degrees of what states no unit.
+    fn interpret(self, records: &[Record], channels: &Channels) -> Self {
+        let first = &records[0].channels;
+        let silent = |q: K| self.places[q as usize].is_some_and(|(k, _)| first[k].unit.is_none());
+        let angles = [K::Phi, K::Theta, K::Psi, K::Alpha, K::Beta].map(|q| (q, silent(q)));
+        let rates = [K::P, K::Q, K::R].map(|q| (q, silent(q)));
+        let all: Vec<K> = angles.iter().chain(&rates).filter(|(_, s)| *s).map(|(q, _)| *q).collect();
+        if all.is_empty() {
+            return self;
+        }
+        let mut degrees = self.clone();
+        for q in all {
+            if let Some(place) = &mut degrees.places[q as usize] {
+                place.1 = PI / 180.0;
+            }
+        }
+        let worth = |k: &Self| -> f64 {
+            let balances = k.balances(records, channels, &[]);
+            balances.iter().filter(|b| b.unexplained.is_finite()).map(|b| -0.5 * b.independent * b.unexplained.ln() - b.cost).sum()
+        };
+        if worth(&degrees) > worth(&self) { degrees } else { self }
     }
-    findings
+
+    /// What each equation leaves of the records as the edits make them.
+    pub(crate) fn balances(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Balance> {
+        self.sides(records, channels, edits).iter().map(Sides::balance).collect()
+    }
+
+    /// Without the equations that these columns break: those of a model's own response, whose delays and scale factors are meant.
+    pub(crate) fn held_by(mut self, response: &[Record], measured: &[bool], channels: &Channels) -> Self {
+        const BROKEN: f64 = 0.1;
+        let balances = self.balances(response, channels, &[]);
+        let whole = |e: &Equation| match *e {
+            Equation::Form(k) => {
+                let form = &FORMS[k];
+                let answered = |q: &K| self.places[*q as usize].is_none_or(|(place, _)| !measured[place]);
+                answered(&form.left) && form.needs.iter().all(answered)
+            }
+            Equation::Derivative(y, x) => !measured[y] && !measured[x],
+        };
+        let kept = self.equations.iter().zip(&balances).filter(|(e, b)| !whole(e) || b.unexplained <= BROKEN);
+        self.equations = kept.map(|(e, _)| *e).collect();
+        self
+    }
+
+    fn sides(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Sides> {
+        let mut all: Vec<Sides> = self.equations.iter().map(|e| Sides::new(*e)).collect();
+        for record in records.iter().filter(|r| r.time.len() > self.window) {
+            let edited = edited_record(record, channels, edits, &[]);
+            let columns = self.quantities(&edited.columns);
+            for (sides, equation) in all.iter_mut().zip(&self.equations) {
+                let n = edited.time.len();
+                let (left, right): (Vec<f64>, Vec<f64>) = match *equation {
+                    Equation::Form(k) => {
+                        let form = &FORMS[k];
+                        let left = unwrapped(&columns[form.left as usize]);
+                        let instant = |s: usize| {
+                            Instant(std::array::from_fn(|q| columns[q].get(s).copied().unwrap_or(0.0)))
+                        };
+                        (left, (0..n).map(|s| (form.right)(&instant(s))).collect())
+                    }
+                    Equation::Derivative(y, x) => {
+                        let factor = ratio(&records[0].channels[y], &records[0].channels[x]);
+                        (edited.columns[y].to_vec(), edited.columns[x].iter().map(|v| factor * v).collect())
+                    }
+                };
+                sides.add(&edited.time, &left, &right, self.window);
+            }
+        }
+        all
+    }
+
+    /// Each quantity as a column in radians, metres and seconds; empty where it is not measured.
+    fn quantities(&self, columns: &[std::borrow::Cow<'_, [f64]>]) -> Vec<Vec<f64>> {
+        let column = |place: &Option<(usize, f64)>| match place {
+            Some((k, factor)) => columns[*k].iter().map(|v| factor * v).collect(),
+            None => Vec::new(),
+        };
+        let mut all: Vec<Vec<f64>> = self.places.iter().map(column).collect();
+        for (q, part) in [K::U, K::V, K::W].into_iter().zip(0..3) {
+            if self.places[q as usize].is_some() || !self.derived(q) {
+                continue;
+            }
+            let at = |q: K, s: usize| all[q as usize].get(s).copied().unwrap_or(0.0);
+            let n = all[K::Speed as usize].len();
+            let values = (0..n).map(|s| {
+                let (speed, alpha, beta) = (at(K::Speed, s), at(K::Alpha, s), at(K::Beta, s));
+                speed * [alpha.cos() * beta.cos(), beta.sin(), alpha.sin() * beta.cos()][part]
+            });
+            let values: Vec<f64> = values.collect();
+            all[q as usize] = values;
+        }
+        all
+    }
 }
 
-/// Coefficients of the first four columns for the fifth, their deviations for errors as coloured as the residuals are, and the part of the
-/// fifth (beyond mean and trend) that is explained.
-fn least_squares(rows: &[[f64; 5]]) -> Option<([f64; 4], [f64; 4], f64)> {
-    let n = rows.len();
-    if n < 20 {
-        return None;
+/// Whether the units allow that one channel is the derivative of the other by time in seconds.
+fn fits_derivative(channel: &Channel, rate: &Channel) -> bool {
+    match (channel.unit.as_deref(), rate.unit.as_deref()) {
+        (Some(unit), Some(derived)) => {
+            let kinds = [(Unit::Angle, Unit::Rate), (Unit::Length, Unit::Speed), (Unit::Speed, Unit::Acceleration)];
+            derived == format!("{unit}/s")
+                || kinds.iter().any(|(a, b)| a.factor(unit).is_some() && b.factor(derived).is_some())
+        }
+        _ => true,
     }
-    let columns = DMatrix::from_fn(n, 4, |i, j| rows[i][j]);
-    let wanted = DVector::from_fn(n, |i, _| rows[i][4]);
-    let qr = columns.clone().qr();
-    let upper = qr.r();
-    if (0..4).any(|j| upper[(j, j)].abs() <= 1e-9 * columns.column(j).norm()) {
-        return None;
+}
+
+/// Factor that turns the derivative into units of the channel.
+fn ratio(channel: &Channel, rate: &Channel) -> f64 {
+    let (Some(unit), Some(derived)) = (channel.unit.as_deref(), rate.unit.as_deref()) else { return 1.0 };
+    let kinds = [(Unit::Angle, Unit::Rate), (Unit::Length, Unit::Speed), (Unit::Speed, Unit::Acceleration)];
+    kinds.iter().find_map(|(a, b)| Some(b.factor(derived)? / a.factor(unit)?)).unwrap_or(1.0)
+}
+
+/// Without jumps by a whole turn.
+fn unwrapped(values: &[f64]) -> Vec<f64> {
+    let mut turns = 0.0;
+    let mut before = f64::NAN;
+    let step = |v: &f64| {
+        if (v - before).abs() > 0.8 * TAU && (v - before).abs() < 1.2 * TAU {
+            turns -= TAU * (v - before).signum();
+        }
+        if v.is_finite() {
+            before = *v;
+        }
+        v + turns
+    };
+    values.iter().map(step).collect()
+}
+
+/// Both sides of an equation in each window.
+struct Sides {
+    constant: bool,
+    left: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl Sides {
+    fn new(equation: Equation) -> Self {
+        let constant = matches!(equation, Equation::Form(k) if FORMS[k].constant);
+        Self { constant, left: Vec::new(), right: Vec::new() }
     }
-    let inverse = upper.try_inverse()?;
-    let mut turned = wanted.clone();
-    qr.q_tr_mul(&mut turned);
-    let found: DVector<f64> = &inverse * turned.rows(0, 4);
-    let residual = wanted - columns * &found;
-    let left = residual.norm_squared();
-    // mean and trend are the first two directions
-    let trend_left = turned.rows(2, n - 2).norm_squared();
-    let explained = 1.0 - left / trend_left.max(f64::MIN_POSITIVE);
-    let lag: f64 = residual.as_slice().windows(2).map(|w| w[0] * w[1]).sum::<f64>() / left.max(f64::MIN_POSITIVE);
-    let colour = ((1.0 + lag.clamp(0.0, 0.99)) / (1.0 - lag.clamp(0.0, 0.99))).sqrt();
-    let noise = (left / n as f64).sqrt() * colour;
-    let deviation = std::array::from_fn(|i| noise * inverse.row(i).norm());
-    Some((std::array::from_fn(|i| found[i]), deviation, explained))
+
+    /// Windows of a record that overlap by half. Those with gaps in them, or a pause, are left out.
+    fn add(&mut self, time: &[f64], left: &[f64], right: &[f64], window: usize) {
+        let usual = (time[time.len() - 1] - time[0]) / (time.len() - 1) as f64 * window as f64;
+        for begin in (0..time.len() - window).step_by(window / 2) {
+            let end = begin + window;
+            let span = time[end] - time[begin];
+            if !(span > 0.0 && span < 2.0 * usual) {
+                continue;
+            }
+            let (mut y, mut x) = (0.0, 0.0);
+            for k in begin..=end {
+                // the trapezoidal rule on times as they are; the window vanishes at both ends
+                let weight = 0.5 * (time[(k + 1).min(end)] - time[k.saturating_sub(1).max(begin)]);
+                let s = (time[k] - time[begin]) / span;
+                y -= weight * (PI / span) * (TAU * s).sin() * left[k];
+                x += weight * (PI * s).sin().powi(2) * right[k];
+            }
+            if y.is_finite() && x.is_finite() {
+                self.left.push(2.0 * y / span);
+                self.right.push(2.0 * x / span);
+            }
+        }
+    }
+
+    /// Sums of squares and products of left and right sides, about the means where a constant is free.
+    fn sums(&self) -> (f64, f64, f64, [f64; 2]) {
+        let n = self.left.len().max(1) as f64;
+        let mean = |v: &[f64]| if self.constant { v.iter().sum::<f64>() / n } else { 0.0 };
+        let (my, mx) = (mean(&self.left), mean(&self.right));
+        let pairs = self.left.iter().zip(&self.right).map(|(y, x)| (y - my, x - mx));
+        let sums = pairs.fold((0.0, 0.0, 0.0), |(yy, xy, xx), (y, x)| (yy + y * y, xy + x * y, xx + x * x));
+        (sums.0, sums.1, sums.2, [my, mx])
+    }
+
+    fn correlation(&self) -> f64 {
+        let (yy, xy, xx, _) = self.sums();
+        if yy > 0.0 && xx > 0.0 { xy / (yy * xx).sqrt() } else { 0.0 }
+    }
+
+    fn balance(&self) -> Balance {
+        /// Of a deviation, beyond which a gain is another unit.
+        const WIDEST: f64 = 4.0;
+        const FEWEST: usize = 8;
+        let (yy, xy, xx, means) = self.sums();
+        let nothing = Balance { unexplained: f64::NAN, independent: 0.0, cost: 0.0, gain: 1.0 };
+        if self.left.len() < FEWEST || yy <= 0.0 || variance(self.left.iter().copied()) <= 0.0 {
+            return nothing;
+        }
+        let left = |gain: f64| (yy - 2.0 * gain * xy + gain * gain * xx).max(1e-12 * yy);
+        let residuals = |gain: f64| -> Vec<f64> {
+            let pairs = self.left.iter().zip(&self.right);
+            pairs.map(|(y, x)| (y - means[0]) - gain * (x - means[1])).collect()
+        };
+        // least squares within the widest gain; the cost of the gain moves it towards 1, by the independent windows
+        let bound = (GAIN * WIDEST).exp();
+        let free = if xx > 0.0 { (xy / xx).clamp(1.0 / bound, bound) } else { 1.0 };
+        let independent = independent_samples(&residuals(free));
+        let cost = |gain: f64| 0.5 * (gain.ln() / GAIN).powi(2);
+        let value = |gain: f64| 0.5 * independent * left(gain).ln() + cost(gain);
+        let steps = 64;
+        let at = |k: i32| bound.powf(f64::from(k) / f64::from(steps));
+        let gain = (-steps..=steps).map(at).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(1.0);
+        Balance { unexplained: left(gain) / yy, independent, cost: cost(gain), gain }
+    }
 }

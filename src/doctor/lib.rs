@@ -2,19 +2,21 @@
 //! **out** [`Finding`]s: channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
 //!
 //! **Never** changes a record, reads files or prints. **Start** at [`examine_alone`] (one pass over the samples: `time`, `values`,
-//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model: `hypothesis`, `likelihood`, `beside`).
+//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `search`, `beside`).
 
 mod alone;
 mod beside;
 mod biases;
 mod finding;
 mod hypothesis;
+mod information;
 mod kinematics;
 mod likelihood;
 mod record;
 mod repair;
 mod repeats;
 mod runs_of_values;
+mod search;
 mod tail;
 #[cfg(test)]
 mod tests;

@@ -1,94 +1,229 @@
-//! How likely a record is beside a model: the concentrated likelihood of independent Gaussian noise, less what the values of parameters
-//! would have to be.
+//! How likely a record is beside a model and beside kinematics: the concentrated likelihood of Gaussian noise, less what the values of
+//! parameters would have to be.
 
-use crate::hypothesis::{Edit, Hypothesis, Slot, column, edited};
-use fdm_estimate::{Continuation, Estimate, FitOptions, Options, fit};
+use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
+use crate::kinematics::Kinematics;
+use crate::record::Record;
+use fdm_estimate::{Continuation, Estimate, FitOptions, Options, SharedSteps, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
+
+/// What hypotheses are judged by: the runs beside their model, where there is one, and the records beside kinematics.
+pub(crate) struct Evidence<'a> {
+    pub(crate) model: Option<&'a Model>,
+    pub(crate) runs: &'a [Run],
+    pub(crate) records: &'a [Record],
+    pub(crate) channels: &'a Channels,
+    pub(crate) kinematics: Kinematics,
+    /// Magnitude of the model's fastest mode times the usual interval, where that is known.
+    pub(crate) pace: Option<f64>,
+}
+
+/// Iterations of the fits that count.
+pub(crate) const THOROUGH: usize = 40;
 
 /// A fit of the edited record.
 #[derive(Debug, Clone)]
 pub(crate) struct Trial {
-    /// Sum of squares of each output (q), in the record's own numbers, over its count; NaN where nothing was measured.
-    squares: Vec<f64>,
-    /// Independent samples that the residuals are worth (q).
+    /// Sum of squares over that of the measured values about their mean: one for each output, then one for each equation of kinematics. NaN
+    /// where nothing was measured. Exchanged and rescaled columns compare by these parts, as the factor drops out.
+    parts: Vec<f64>,
+    /// Independent samples that the residuals are worth, for each part.
     independent: Vec<f64>,
-    /// What the values of parameters cost, in nats.
-    values: f64,
+    /// What the values of parameters cost, and the gains of kinematics, in nats.
+    values: [f64; 2],
     /// None where nothing could be simulated.
     pub(crate) estimate: Option<Estimate>,
+    /// The steps of the simulation, which fits that are near share.
+    steps: SharedSteps,
 }
 
-/// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated.
-pub(crate) fn trial(model: &Model, runs: &[Run], edits: &[Edit], iterations: usize) -> Option<Trial> {
-    trial_from(model, model, runs, edits, iterations)
+/// Where a fit begins.
+#[derive(Clone, Copy)]
+pub(crate) struct Begin<'a> {
+    /// Start values other than those of the text.
+    pub(crate) model: Option<&'a Model>,
+    /// A fit whose steps are fine enough for this one too; without one they are chosen anew.
+    pub(crate) steps: Option<&'a Trial>,
 }
 
-/// The same with start values of `begun`: the model with the estimates of a fit that is near.
-pub(crate) fn trial_from(
-    model: &Model,
-    begun: &Model,
-    runs: &[Run],
-    edits: &[Edit],
-    iterations: usize,
-) -> Option<Trial> {
-    let new = runs.iter().map(|run| edited(run, edits, model.definition())).collect::<Result<Vec<_>, _>>().ok()?;
-    let options = FitOptions {
-        options: Options {
-            iterations,
-            total: Some(2 * iterations),
-            colour: false,
-            tolerance: 1e-5,
-            ..Options::default()
-        },
-        accuracy: Some(1e-5),
-        continuation: Continuation::Never,
-        bare: true,
-        ..FitOptions::default()
-    }
-    .with_declared_noise(model);
-    let found = fit(begun, &new, &options, &mut ()).ok()?;
-    let estimate = found.estimate;
-    let q = model.layout().outputs;
-    if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
-        return None;
-    }
-    let (mut squares, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
-    for output in 0..q {
-        let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
-        for run in &estimate.runs {
-            let e: Vec<f64> = run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
-            sum += e.iter().map(|v| v * v).sum::<f64>();
-            count += e.len();
-            worth += independent_samples(&e);
-        }
-        if count > 0 {
-            let (source, factor) = source_of(edits, output);
-            squares[source] = sum / count as f64 / factor.powi(2);
-            independent[source] = worth;
-        }
-    }
-    let values = cost_of_values(model, &estimate);
-    Some(Trial { squares, independent, values, estimate: Some(estimate) })
+impl Begin<'_> {
+    /// At the values of the text, with steps of its own.
+    pub(crate) const TEXT: Self = Self { model: None, steps: None };
 }
 
-/// From which output of the record the numbers of an output come, and by how much they were multiplied: residuals are compared in the
-/// record's own numbers, column by column.
-fn source_of(edits: &[Edit], output: usize) -> (usize, f64) {
-    let (mut at, mut factor) = (Slot::Output(output), 1.0);
-    for edit in edits.iter().rev() {
-        match *edit {
-            Edit::Affine(slot, f, _) if at == slot => factor *= f.abs(),
-            Edit::Swap(a, b) if at == a => at = b,
-            Edit::Swap(a, b) if at == b => at = a,
-            _ => {}
-        }
+impl Evidence<'_> {
+    /// Outputs of the model.
+    fn outputs(&self) -> usize {
+        self.model.map_or(0, |m| m.layout().outputs)
     }
-    (if let Slot::Output(k) = at { k } else { output }, factor)
+
+    /// Gaussian-noise fit of the runs with some edits; none where nothing can be simulated.
+    pub(crate) fn trial(&self, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+        let beside = match self.model {
+            Some(model) => self.beside(model, begin, edits, iterations)?,
+            None => Trial {
+                parts: Vec::new(),
+                independent: Vec::new(),
+                values: [0.0; 2],
+                estimate: None,
+                steps: SharedSteps::default(),
+            },
+        };
+        Some(self.with_kinematics(beside, edits))
+    }
+
+    /// The same where the edits behind `current` leave the runs of the model as they are: nothing is fitted.
+    pub(crate) fn unfitted(&self, current: &Trial, edits: &[Edit]) -> Trial {
+        self.with_kinematics(current.clone(), edits)
+    }
+
+    /// Whether these edits change what the model is compared with.
+    pub(crate) fn touches_model(&self, edits: &[Edit]) -> bool {
+        let other = |s: Slot| matches!(s, Slot::Other(_));
+        self.model.is_some()
+            && !edits.iter().all(|edit| match *edit {
+                Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) => other(s),
+                Edit::Swap(a, b) => other(a) && other(b),
+                Edit::Time(_) => false,
+            })
+    }
+
+    /// With the part of kinematics anew.
+    fn with_kinematics(&self, mut trial: Trial, edits: &[Edit]) -> Trial {
+        let q = self.outputs();
+        trial.parts.truncate(q);
+        trial.independent.truncate(q);
+        trial.values[1] = 0.0;
+        for balance in self.kinematics.balances(self.records, self.channels, edits) {
+            trial.parts.push(balance.unexplained);
+            trial.independent.push(balance.independent);
+            trial.values[1] += balance.cost;
+        }
+        trial
+    }
+
+    /// Leaves out the equations of kinematics that the model itself breaks, as its outputs are late or scaled by intent.
+    pub(crate) fn without_broken_equations(&mut self, current: Trial) -> Trial {
+        if let Some(estimate) = &current.estimate {
+            let mut response: Vec<Record> = self.records.to_vec();
+            let q = self.outputs();
+            let mut foreign = vec![true; self.channels.slots().count()];
+            for (record, fit) in response.iter_mut().zip(&estimate.runs) {
+                for output in 0..q {
+                    let place = self.channels.place(Slot::Output(output));
+                    foreign[place] = false;
+                    record.channels[place].values = fit.response.iter().skip(output).step_by(q).copied().collect();
+                }
+            }
+            self.kinematics = std::mem::take(&mut self.kinematics).held_by(&response, &foreign, self.channels);
+        }
+        self.with_kinematics(current, &[])
+    }
+
+    fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+        let pairs = self.runs.iter().zip(self.records);
+        let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
+        let new = new.collect::<Result<Vec<_>, _>>().ok()?;
+        let options = FitOptions {
+            options: Options {
+                iterations,
+                total: Some(2 * iterations),
+                colour: false,
+                tolerance: 1e-5,
+                ..Options::default()
+            },
+            accuracy: Some(1e-5),
+            shared_steps: begin.steps.map_or_else(SharedSteps::default, |t| t.steps.clone()),
+            continuation: Continuation::Never,
+            bare: true,
+            ..FitOptions::default()
+        }
+        .with_declared_noise(model);
+        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut ()).ok()?;
+        let (estimate, steps) = (found.estimate, SharedSteps::of(found.integration));
+        let q = self.outputs();
+        if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
+            return None;
+        }
+        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        for output in 0..q {
+            let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
+            for (run, record) in estimate.runs.iter().zip(self.records) {
+                let e: Vec<f64> =
+                    run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
+                let squares: f64 = e.iter().map(|v| v * v).sum();
+                let next: f64 = e.windows(2).map(|w| w[0] * w[1]).sum();
+                sum += squares / averaged(between_samples(record, edits, Slot::Output(output)), next / squares);
+                count += e.len();
+                worth += independent_samples(&e);
+            }
+            let measured = new.iter().flat_map(|r| r.measured.iter().skip(output).step_by(q).copied());
+            let variance = variance(measured);
+            if count > 0 && variance > 0.0 {
+                parts[output] = sum / count as f64 / variance;
+                independent[output] = worth;
+            }
+        }
+        let values = [cost_of_values(model, &estimate), 0.0];
+        Some(Trial { parts, independent, values, estimate: Some(estimate), steps })
+    }
+
+    /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
+    pub(crate) fn unexplained(&self, edits: &[Edit]) -> Option<Trial> {
+        let q = self.outputs();
+        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        for output in 0..q {
+            let slot = Slot::Output(output);
+            let place = self.channels.place(slot);
+            let columns = self.records.iter().flat_map(|r| {
+                let edited = edited_record(r, self.channels, edits, &[]);
+                edited.columns[place].iter().copied().filter(|v| v.is_finite()).collect::<Vec<f64>>()
+            });
+            let values: Vec<f64> = columns.collect();
+            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            let e: Vec<f64> = values.iter().map(|v| v - mean).collect();
+            if variance(values.iter().copied()) > 0.0 {
+                parts[output] = 1.0;
+                independent[output] = independent_samples(&e);
+            }
+        }
+        let measured = parts.iter().any(|s| !s.is_nan());
+        let trial = Trial { parts, independent, values: [0.0; 2], estimate: None, steps: SharedSteps::default() };
+        measured.then(|| self.with_kinematics(trial, edits))
+    }
+}
+
+/// About the mean, of finite numbers.
+pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut n, mut mean, mut squares) = (0.0, 0.0, 0.0);
+    for v in values.filter(|v| v.is_finite()) {
+        n += 1.0;
+        let d = v - mean;
+        mean += d / n;
+        squares += d * (v - mean);
+    }
+    squares / f64::max(n, 1.0)
+}
+
+/// Part of the variance of noise that is left where values are read between samples: linear interpolation averages noise, which is no merit of a
+/// delay. First-order noise of the correlation that, averaged, has the `correlation` of the residuals; `between` is the mean of `f (1 - f)`.
+pub(crate) fn averaged(between: f64, correlation: f64) -> f64 {
+    let variance = |rho: f64| 1.0 - 2.0 * between * (1.0 - rho);
+    let excess = |rho: f64| ((1.0 - 2.0 * between) * rho + between * (1.0 + rho * rho)) / variance(rho) - correlation;
+    if between <= 0.0 || correlation.is_nan() {
+        return 1.0;
+    }
+    let (mut low, mut high) = (-0.9, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if excess(middle) > 0.0 { high = middle } else { low = middle }
+    }
+    variance(0.5 * (low + high))
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.
-fn independent_samples(e: &[f64]) -> f64 {
+pub(crate) fn independent_samples(e: &[f64]) -> f64 {
     const LONGEST: usize = 400;
     let n = e.len();
     let power: f64 = e.iter().map(|v| v * v).sum();
@@ -138,29 +273,11 @@ impl Trial {
         model.with_params(params)
     }
 
-    /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
-    pub(crate) fn unexplained(model: &Model, runs: &[Run]) -> Option<Self> {
-        let q = model.layout().outputs;
-        let (mut squares, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
-        for output in 0..q {
-            let values: Vec<f64> =
-                runs.iter().flat_map(|r| column(r, Slot::Output(output))).filter(|v| v.is_finite()).collect();
-            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-            let e: Vec<f64> = values.iter().map(|v| v - mean).collect();
-            if !e.is_empty() {
-                squares[output] = e.iter().map(|v| v * v).sum::<f64>() / e.len() as f64;
-                independent[output] = independent_samples(&e);
-            }
-        }
-        let measured = squares.iter().any(|s| !s.is_nan());
-        measured.then_some(Self { squares, independent, values: 0.0, estimate: None })
-    }
-
     /// Gain in log-likelihood over another trial of the same record, in nats. The sums of squares count by the independent samples of the fit
     /// with the smaller one: what the other leaves is its own error.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        let outputs = (0..self.squares.len()).map(|k| {
-            let (own, others) = (self.squares[k], other.squares[k]);
+        let parts = (0..self.parts.len()).map(|k| {
+            let (own, others) = (self.parts[k], other.parts[k]);
             if own.is_nan() || others.is_nan() {
                 return 0.0;
             }
@@ -168,39 +285,41 @@ impl Trial {
             let floor = f64::MIN_POSITIVE;
             0.5 * worth * (others.max(floor) / own.max(floor)).ln()
         });
-        outputs.sum::<f64>() + other.values - self.values
+        let values = |t: &Self| t.values[0] + t.values[1];
+        parts.sum::<f64>() + values(other) - values(self)
     }
 
-    /// Part of the sums of squares that is left of another's, the least over the outputs.
+    /// Part of the sums of squares that is left of another's, the least over outputs and equations.
     pub(crate) fn least_left(&self, other: &Self) -> f64 {
-        let parts = self.squares.iter().zip(&other.squares).map(|(own, other)| own / other);
+        let parts = self.parts.iter().zip(&other.parts).map(|(own, other)| own / other);
         parts.filter(|p| p.is_finite()).fold(1.0, f64::min)
     }
 
-    /// Independent samples of all outputs.
+    /// Independent samples of all outputs and equations.
     pub(crate) fn worth(&self) -> f64 {
         self.independent.iter().sum()
     }
 }
 
-/// The best value of one number by fits at three places, then at the vertex of the parabola through their likelihoods, from where it goes on
-/// while it gains: the edits that it makes, the value, its error and the trial.
+/// The best value of one number.
 pub(crate) struct Searched {
     pub(crate) value: f64,
     pub(crate) error: f64,
     pub(crate) trial: Trial,
 }
 
+/// By fits at three places about 0, then at the vertex of the parabola through their likelihoods, from where it goes on while it gains. It ends at
+/// once where the parabola promises less than half of the gain that is `needed`.
 pub(crate) fn search(
-    start: f64,
     step: f64,
     base: &Trial,
+    needed: f64,
     at: &(dyn Fn(f64) -> Option<Trial> + Sync),
 ) -> Option<Searched> {
     const ROUNDS: usize = 6;
-    let (mut middle, mut width) = ((start, base.clone()), step);
+    let (mut middle, mut width) = ((0.0, base.clone()), step);
     let mut error = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
         let (left, right) = (at(middle.0 - width), at(middle.0 + width));
         let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.gain_over(&middle.1));
         let (l, r) = (gain(&left), gain(&right));
@@ -210,7 +329,7 @@ pub(crate) fn search(
                 break;
             }
             let curvature = -(l + r) / (width * width);
-            if curvature <= 0.0 {
+            if curvature <= 0.0 || round == 0 && (r - l).powi(2) < -8.0 * (l + r) * 0.5 * needed {
                 break;
             }
             error = 1.0 / curvature.sqrt();
@@ -223,7 +342,7 @@ pub(crate) fn search(
             }
             width = (0.25 * width).max(error);
         } else {
-            // downhill, with longer steps
+            // uphill, with longer steps
             let side = if l > r { -width } else { width };
             if let Some(better) = if l > r { left } else { right } {
                 middle = (middle.0 + side, better);
@@ -231,10 +350,5 @@ pub(crate) fn search(
             width *= 1.7;
         }
     }
-    (middle.0 != start).then_some(Searched { value: middle.0, error, trial: middle.1 })
-}
-
-/// Hypotheses beside the edits that were accepted before.
-pub(crate) fn with<'a>(accepted: &'a [Edit], hypothesis: &'a Hypothesis) -> Vec<Edit> {
-    accepted.iter().chain(&hypothesis.edits).copied().collect()
+    (middle.0 != 0.0).then_some(Searched { value: middle.0, error, trial: middle.1 })
 }

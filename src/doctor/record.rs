@@ -4,6 +4,7 @@ use crate::finding::Finding;
 use fdm_grammar::Model;
 use fdm_readers::Topic;
 use fdm_system::record::{Run, Summary};
+use std::borrow::Cow;
 
 /// What a channel is to a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,10 +38,10 @@ pub struct Channel {
 
 impl Channel {
     /// Without the samples that are not to be believed.
-    pub(crate) fn without(&self, findings: &[Finding]) -> Self {
-        let mut clean = self.clone();
+    pub(crate) fn without(&self, findings: &[Finding]) -> Cow<'_, Self> {
+        let mut clean = Cow::Borrowed(self);
         let own = findings.iter().filter(|f| f.channels.first() == Some(&self.name));
-        own.flat_map(|f| &f.samples).for_each(|k| clean.values[*k] = f64::NAN);
+        own.flat_map(|f| &f.samples).for_each(|k| clean.to_mut().values[*k] = f64::NAN);
         clean
     }
 }
@@ -80,6 +81,47 @@ impl Record {
         let channels: Vec<Channel> = inputs.chain(outputs).map(channel).collect();
         let counted = run.time.iter().enumerate().all(|(k, t)| *t == k as f64);
         Self { run: run.name.clone(), time: run.time.clone(), clocked: !counted, channels }
+    }
+
+    /// With the columns of its file that no channel is read from: kinematics and the tests of values look at them too. Samples are found by
+    /// their times; the run begins with the first row of the file that is not before `from`.
+    #[must_use]
+    pub fn with_other_columns(mut self, topic: &Topic, summary: &Summary, from: Option<f64>) -> Self {
+        let Some(clock) = topic.time.and_then(|k| topic.fields.get(k)) else { return self };
+        let scale = summary.sources.iter().find(|s| s.channel == "t").map_or(1.0, |s| s.scale);
+        let Some(first) = clock.values.iter().find(|v| from.is_none_or(|f| **v >= f)) else { return self };
+        let offset = -scale * first;
+        let near = 1e-9 * self.time.last().map_or(1.0, |t| t.abs().max(1.0));
+        // the file's row of each sample
+        let mut row = 0;
+        let rows: Vec<Option<usize>> = self
+            .time
+            .iter()
+            .map(|t| {
+                while clock.values.get(row).is_some_and(|v| scale * v + offset < t - near) {
+                    row += 1;
+                }
+                clock.values.get(row).filter(|v| (scale * **v + offset - t).abs() <= near).map(|_| row)
+            })
+            .collect();
+        let read = |name: &str| summary.sources.iter().any(|s| s.column.as_deref().is_some_and(|c| c == name));
+        let others = topic.fields.iter().enumerate().filter(|(k, f)| topic.time != Some(*k) && !read(&f.name));
+        for (_, field) in others {
+            if self.channels.iter().any(|c| c.name == field.name) {
+                continue;
+            }
+            let value = |row: &Option<usize>| row.and_then(|k| field.values.get(k).copied()).unwrap_or(f64::NAN);
+            self.channels.push(Channel {
+                name: field.name.clone(),
+                column: field.name.clone(),
+                unit: field.unit.clone(),
+                stated: field.unit.is_some(),
+                role: Role::Unknown,
+                scale: 1.0,
+                values: rows.iter().map(value).collect(),
+            });
+        }
+        self
     }
 
     /// A table of a file, without a model.

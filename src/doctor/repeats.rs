@@ -10,6 +10,9 @@ use std::collections::HashMap;
 pub fn examine_repeats(records: &[Record]) -> Vec<Finding> {
     const FEWEST: usize = 10;
     let mut findings = Vec::new();
+    if records.len() < 2 {
+        return findings;
+    }
     let rows: Vec<Vec<u64>> = records.iter().map(fingerprints).collect();
     for (b, later) in rows.iter().enumerate() {
         for (a, earlier) in rows[..b].iter().enumerate() {

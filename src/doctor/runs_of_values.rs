@@ -36,6 +36,10 @@ fn equal_part(all: &[Stretch], without: usize) -> f64 {
 /// What runs of equal values say of a channel; `still` says whether the record as a whole is at rest (N).
 pub(crate) fn examine(record: &Record, channel: &Channel, alpha: f64) -> Vec<Finding> {
     let n = channel.values.len();
+    // most sensors never repeat a number
+    if channel.values.windows(2).filter(|w| w[0] == w[1]).take(2).count() < 2 {
+        return Vec::new();
+    }
     let all = stretches(&channel.values);
     if n < 20 || all.len() < 2 {
         return constant(record, channel, &all).into_iter().collect();

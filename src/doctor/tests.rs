@@ -241,12 +241,14 @@ fn turned_axes_are_repaired_as_they_are_told() {
         input_gaps: Vec::new(),
         output_gaps: vec![0; 3],
     };
-    let channels = Channels::new(model.definition());
-    let all = discrete(&channels, &[], true);
+    let seen = Record::of_run(model.definition(), &run, None);
+    let channels = Channels::of(std::slice::from_ref(&seen));
+    let all = discrete(&channels, &channels.slots().collect::<Vec<_>>(), true);
     let axes: Vec<_> = all.iter().filter(|h| h.fault == Fault::Axes).collect();
     assert_eq!(axes.len(), 47);
     for hypothesis in axes {
-        let new = edited(&run, &hypothesis.edits, model.definition()).unwrap_or_else(|e| panic!("{e:?}"));
+        let new = edited(&run, &seen, &channels, &hypothesis.edits, model.definition());
+        let new = new.unwrap_or_else(|e| panic!("{e:?}"));
         let told = hypothesis.what.strip_prefix("the axes x, y, z are ").unwrap_or_default();
         let told: Vec<&str> = told.split(" (").next().unwrap_or_default().split(", ").collect();
         let repair = channels.repair(&hypothesis.edits);
@@ -287,4 +289,116 @@ fn faults_beside_a_model_are_named_with_repair_and_bias() {
     assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Delay, "v_m"), "{found:?}");
     let delay = found[0].repair.as_ref().map_or(0.0, |r| r.channels["v_m"].delay);
     assert!((delay - 5.0 * DT).abs() < DT, "{delay}");
+}
+
+#[test]
+fn a_zero_that_moves_is_named_with_its_time_and_a_slow_drift_is_not() {
+    let (model, mut run) = driven(6);
+    for k in 350..N {
+        run.measured[2 * k] += 0.25;
+    }
+    let found = beside(&run, &model);
+    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::ZeroShift, "x_m"), "{found:?}");
+    assert!(found[0].place.is_some_and(|p| (p.from - 350.0 * DT).abs() < 0.5), "{found:?}");
+    let (model, mut run) = driven(6);
+    for k in 0..N {
+        run.measured[2 * k] += 0.25 * k as f64 / N as f64;
+    }
+    assert!(beside(&run, &model).iter().all(|f| f.fault != Fault::ZeroShift), "{:?}", beside(&run, &model));
+}
+
+/// Euler angles in closed form, and the body rates of that motion (FRD), with noise.
+fn attitude(seed: u64) -> Record {
+    let mut noise = Noise::new(seed);
+    let wave = |a: f64, f: f64, p: f64, t: f64| (a * (f * t + p).sin(), a * f * (f * t + p).cos());
+    let mut columns = vec![Vec::new(); 6];
+    for k in 0..N {
+        let t = k as f64 * DT;
+        let ((phi, dphi), (theta, dtheta), (psi, dpsi)) =
+            (wave(0.4, 1.1, 0.0, t), wave(0.2, 1.7, 0.5, t), wave(0.6, 0.6, 1.0, t));
+        let p = dphi - dpsi * theta.sin();
+        let q = dtheta * phi.cos() + dpsi * theta.cos() * phi.sin();
+        let r = dpsi * theta.cos() * phi.cos() - dtheta * phi.sin();
+        for (column, v) in columns.iter_mut().zip([phi, theta, psi, p, q, r]) {
+            column.push(v + 0.002 * noise.next());
+        }
+    }
+    let named = ["phi", "theta", "psi", "p", "q", "r"].into_iter().zip(columns).enumerate();
+    let channels = named.map(|(k, (name, values))| Channel {
+        unit: Some(if k < 3 { "rad" } else { "rad/s" }.into()),
+        role: Role::Unknown,
+        ..channel(name, values)
+    });
+    let time = (0..N).map(|k| k as f64 * DT).collect();
+    Record { run: "r".into(), time, clocked: true, channels: channels.collect() }
+}
+
+#[test]
+fn kinematics_tell_exchanged_angles_turned_axes_and_the_zero_of_a_rate() {
+    assert!(judged(&attitude(1)).is_empty(), "{:?}", judged(&attitude(1)));
+
+    let mut exchanged = attitude(2);
+    let (phi, theta) = (exchanged.channels[0].values.clone(), exchanged.channels[1].values.clone());
+    (exchanged.channels[0].values, exchanged.channels[1].values) = (theta, phi);
+    let found = judged(&exchanged);
+    assert_eq!((found[0].fault, &found[0].channels[..]), (Fault::Swapped, &["phi".into(), "theta".into()][..]));
+
+    let mut left = attitude(3);
+    left.channels[4..].iter_mut().for_each(|c| c.values.iter_mut().for_each(|v| *v = -*v));
+    let found = judged(&left);
+    assert!(found[0].fault == Fault::Axes && found[0].what.contains("forward-left-up"), "{found:?}");
+
+    let mut zero = attitude(4);
+    zero.channels[4].values.iter_mut().for_each(|v| *v += 0.1);
+    let found = judged(&zero);
+    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Offset, "q"), "{found:?}");
+    let offset = found[0].repair.as_ref().map_or(0.0, |r| r.channels["q"].offset);
+    assert!((offset + 0.1).abs() < 0.01, "{offset}");
+
+    let mut two = attitude(5);
+    two.channels[3].values.iter_mut().for_each(|v| *v = -*v);
+    two.channels[2].values.iter_mut().for_each(|v| *v *= 57.295_779_513_082_32);
+    let found = judged(&two);
+    let named = |fault: Fault, channel: &str| found.iter().any(|f| f.fault == fault && f.channels[0] == channel);
+    assert!(named(Fault::Sign, "p") && named(Fault::Unit, "psi") && found.len() == 2, "{found:?}");
+}
+
+#[test]
+fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
+    let text = "model m { input a, b; state s; param c = 50 [1/s], ka = 1 [1/s], kb = 1 [1/s]; \
+                der(s) = -c*s + ka*a + kb*b; output y = s; }";
+    let model = Model::from_text("m.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
+    let (a, mut noise) = (signal(8), Noise::new(9));
+    let run = Run {
+        name: "r".into(),
+        time: (0..N).map(|k| k as f64 * DT).collect(),
+        inputs: a.iter().flat_map(|v| [*v, 2.0 * v]).collect(),
+        held: vec![false; 2],
+        measured: a.iter().map(|v| 3.0 * v / 50.0 + 1e-4 * noise.next()).collect(),
+        input_gaps: vec![0; 2],
+        output_gaps: vec![0],
+    };
+    let records = vec![Record::of_run(model.definition(), &run, None)];
+    let found = examine_beside(&model, &[run], &records, Vec::new(), &BesideOptions::default()).findings;
+    let remark = |fault| found.iter().any(|f| f.fault == fault && f.severity == Severity::Remark);
+    assert!(remark(Fault::CorrelatedInputs) && remark(Fault::SlowSampling), "{found:?}");
+}
+
+#[test]
+fn averaging_between_samples_is_taken_off_the_gain_of_a_delay() {
+    use crate::likelihood::averaged;
+    // first-order noise read a part of an interval later: its variance is the part that is taken off
+    for (rho, part) in [(0.0, 0.5), (0.0, 0.2), (0.8, 0.5), (0.5, 0.3)] {
+        let mut noise = Noise::new(17);
+        let mut x = vec![0.0; 20_000];
+        for k in 1..x.len() {
+            x[k] = rho * x[k - 1] + noise.next();
+        }
+        let read: Vec<f64> = x.windows(2).map(|w| w[0] + part * (w[1] - w[0])).collect();
+        let squares = |v: &[f64]| v.iter().map(|a| a * a).sum::<f64>();
+        let next = read.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / squares(&read);
+        let left = squares(&read) / squares(&x[..read.len()]);
+        let found = averaged(part * (1.0 - part), next);
+        assert!((found - left).abs() < 0.03, "{rho} {part}: {found} {left}");
+    }
 }

@@ -29,13 +29,16 @@ pub(crate) fn sentinel(record: &Record, channel: &Channel, alpha: f64) -> Option
     let finite = || channel.values.iter().copied().filter(|v| v.is_finite());
     let (least, greatest) = finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, g), v| (l.min(v), g.max(v)));
     for extreme in [least, greatest] {
-        let others = || finite().filter(|v| *v != extreme);
-        let (low, high) = others().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, g), v| (l.min(v), g.max(v)));
-        let count = finite().filter(|v| *v == extreme).count();
-        let range = high - low;
-        let distance = (extreme - high).max(low - extreme);
         let written = extreme / channel.scale;
         let known = SENTINELS.iter().any(|s| (written / s - 1.0).abs() < 1e-6);
+        let count = finite().filter(|v| *v == extreme).count();
+        if !known && count < 2 {
+            continue;
+        }
+        let others = || finite().filter(|v| *v != extreme);
+        let (low, high) = others().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, g), v| (l.min(v), g.max(v)));
+        let range = high - low;
+        let distance = (extreme - high).max(low - extreme);
         // of values of one range, the next lies within the range of all others but for one in their number; twice as far, squared
         let rest = others().count();
         if rest < 3 || range <= 0.0 || distance < 2.0 * range || !(known || count > 1 && 2 * count < rest) {
@@ -73,31 +76,31 @@ pub(crate) fn missing(record: &Record, channel: &Channel) -> Option<Finding> {
 }
 
 /// Single samples that stand out of their neighbours: far beyond the tail of the second differences, back again in the next sample, and much
-/// further than the neighbours are from theirs. `masked` samples (N) are left out.
-pub(crate) fn spikes(record: &Record, channel: &Channel, masked: &[bool], alpha: f64) -> Option<Finding> {
+/// further than the neighbours are from theirs. Samples without a value are left out.
+pub(crate) fn spikes(record: &Record, channel: &Channel, alpha: f64) -> Option<Finding> {
     let x = &channel.values;
     let n = x.len();
     if n < 20 {
         return None;
     }
     let height = |k: usize| x[k] - 0.5 * (x[k - 1] + x[k + 1]);
-    let usable = |k: usize| !masked[k] && x[k].is_finite();
+    let usable = |k: usize| x[k].is_finite();
     let mut sizes = Vec::with_capacity(n);
-    sizes.extend((1..n - 1).filter(|k| (k - 1..=k + 1).all(usable)).map(|k| height(k).abs()));
+    sizes.extend(x.windows(3).map(|w| (w[1] - 0.5 * (w[0] + w[2])).abs()).filter(|h| h.is_finite()));
     let tail = Tail::new(&mut sizes)?;
     // the last digit of the numbers is no spike
     let digit = x.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
     let limit = (tail.start + tail.scale * (0.25 * n as f64 / alpha).ln().max(0.0)).max(3.0 * digit);
     let stands_out = |k: &usize| {
         let k = *k;
-        if !(k - 1..=k + 1).all(usable) {
+        let h = height(k).abs();
+        if !(h > limit && h.is_finite()) {
             return false;
         }
-        let h = height(k).abs();
         let step = |a: usize, b: usize| (x[a] - x[b]).abs();
         let before = if k >= 2 && usable(k - 2) { step(k - 1, k - 2) } else { 0.0 };
         let behind = if k + 2 < n && usable(k + 2) { step(k + 2, k + 1) } else { 0.0 };
-        h > limit && step(k + 1, k - 1) < 0.5 * h && before.max(behind) < 0.25 * h
+        step(k + 1, k - 1) < 0.5 * h && before.max(behind) < 0.25 * h
     };
     let samples: Vec<usize> = (1..n - 1).filter(stands_out).collect();
     let first = *samples.first()?;

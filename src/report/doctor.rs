@@ -24,10 +24,12 @@ pub fn doctor_text(found: &DoctorDocument) -> String {
     for remark in &remarks {
         text.push_str(&format!("\nremark: {}", block(remark)));
     }
-    let assumed = found.records.iter().filter(|r| !r.assumed.is_empty());
-    for record in assumed {
-        text.push_str(&format!("\nassumed of run {}:\n", visible(&record.run)));
-        record.assumed.iter().for_each(|a| text.push_str(&format!("   {}\n", visible(a))));
+    for record in &found.records {
+        let sentences = record.sentences();
+        if !sentences.is_empty() {
+            text.push_str(&format!("\nassumed of run {}:\n", visible(&record.run)));
+            sentences.iter().for_each(|a| text.push_str(&format!("   {}\n", visible(a))));
+        }
     }
     found.notes.iter().for_each(|note| text.push_str(&format!("\nnote: {}\n", visible(note))));
     text

@@ -86,7 +86,7 @@ print = functools.partial(print, flush=True)
 
 
 def fdm(arguments, *words):
-    return subprocess.run([arguments.fdm, *map(str, words)], capture_output=True, text=True, timeout=600)
+    return subprocess.run([arguments.fdm, *map(str, words)], capture_output=True, text=True, timeout=1800)
 
 
 def channels(arguments, model):

@@ -111,8 +111,9 @@ fn figure(k: usize, finding: &Finding, records: &[Record]) -> Option<Figure> {
 fn assumed(found: &DoctorDocument) -> Markup {
     html! {
         @for record in &found.records {
-            p { code { (record.run) } ": " (record.samples) " samples" }
-            @if !record.assumed.is_empty() { ul { @for sentence in &record.assumed { li { (quoted(sentence)) } } } }
+            @let sentences = record.sentences();
+            p { code { (record.run) } ": " (record.used) " samples" }
+            @if !sentences.is_empty() { ul { @for sentence in &sentences { li { (quoted(sentence)) } } } }
         }
         @for note in &found.notes { p.note { (note) } }
     }

@@ -63,7 +63,7 @@ fn with_records(
         judged
             .assumed
             .iter()
-            .flat_map(|r| r.assumed.iter().map(|a| (format!("Assumed of run `{}`: {a}", r.run), "reproduction"))),
+            .flat_map(|r| r.sentences().into_iter().map(|a| (format!("Assumed of run `{}`: {a}", r.run), "reproduction"))),
     );
     (trust, all)
 }

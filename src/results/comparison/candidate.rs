@@ -137,5 +137,5 @@ pub(super) fn tell_apart(candidates: &mut [Candidate]) {
 /// What was assumed about the records of a result, with the run.
 fn assumed(folder: &ResultFolder) -> Vec<String> {
     let records = folder.result().records().into_iter().flat_map(|r| &r.assumed);
-    records.flat_map(|r| r.assumed.iter().map(|sentence| format!("run `{}`: {sentence}", r.run))).collect()
+    records.flat_map(|r| r.sentences().into_iter().map(|s| format!("run `{}`: {s}", r.run))).collect()
 }

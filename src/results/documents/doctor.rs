@@ -1,24 +1,14 @@
 //! What was found in records, and what was assumed about them.
 
 use fdm_doctor::{Examination, Finding, Severity};
+use fdm_system::record::Assumptions;
 use serde::{Deserialize, Serialize};
-
-/// A record that was read, with what was assumed about it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct RecordDocument {
-    /// The run.
-    pub run: String,
-    /// Samples that are used.
-    pub samples: usize,
-    /// Units, delimiters, bridged gaps, repeated rows, converted times: one sentence each.
-    pub assumed: Vec<String>,
-}
 
 /// What a result says of the records that it was made from: what was assumed, and what the quick tests of the doctor found.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct JudgedRecords {
     /// The records about which something was assumed.
-    pub assumed: Vec<RecordDocument>,
+    pub assumed: Vec<Assumptions>,
     /// Findings and remarks, in their order.
     pub findings: Vec<Finding>,
 }
@@ -43,8 +33,8 @@ impl JudgedRecords {
 pub struct DoctorDocument {
     /// The model's name; null where the records were judged by themselves.
     pub model: Option<String>,
-    /// The records.
-    pub records: Vec<RecordDocument>,
+    /// The records, with all that was assumed about them.
+    pub records: Vec<Assumptions>,
     /// Findings and remarks, findings first, the surest first.
     pub findings: Vec<Finding>,
     /// Fits that were made.
@@ -55,7 +45,7 @@ pub struct DoctorDocument {
 
 impl DoctorDocument {
     /// Of records that were judged, beside a model of this name if there is one.
-    pub fn of(model: Option<&str>, records: Vec<RecordDocument>, found: &Examination) -> Self {
+    pub fn of(model: Option<&str>, records: Vec<Assumptions>, found: &Examination) -> Self {
         let (findings, notes) = (found.findings.clone(), found.notes.clone());
         Self { model: model.map(String::from), records, findings, fits: found.fits, notes }
     }

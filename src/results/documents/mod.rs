@@ -34,7 +34,7 @@ pub mod study;
 
 pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null, Search};
 pub use digits::{digits, digits_by_error};
-pub use doctor::{DoctorDocument, JudgedRecords, RecordDocument};
+pub use doctor::{DoctorDocument, JudgedRecords};
 pub use fit::{Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
     BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,

@@ -6,7 +6,7 @@ use super::read::{ChannelSource, Summary};
 use super::table::Mark;
 use serde::{Deserialize, Serialize};
 
-/// What was assumed about the record of one run.
+/// What was assumed about the record of one run. Results hold it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Assumptions {
     /// Name of the run.
@@ -95,5 +95,41 @@ impl Assumptions {
             channels: summary.sources.iter().map(channel).collect(),
             notes: summary.notes.iter().map(note).collect(),
         }
+    }
+
+    /// Of a run whose samples did not come from a file, or of a table that was looked at without a model.
+    pub fn of_samples(run: &str, format: &str, samples: usize) -> Self {
+        Self {
+            run: run.into(),
+            format: format.into(),
+            delimiter: None,
+            decimal: None,
+            rows: samples,
+            used: samples,
+            channels: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// With a note that is about no single channel.
+    #[must_use]
+    pub fn noted(mut self, kind: &str, said: String) -> Self {
+        self.notes.push(AssumedNote { kind: kind.into(), channel: None, said });
+        self
+    }
+
+    /// All that a careful reader would mention, each in a sentence.
+    pub fn sentences(&self) -> Vec<String> {
+        let measured = |c: &&AssumedChannel| {
+            let not = |n: &AssumedNote| n.kind == "not_measured" && n.channel.as_ref() == Some(&c.channel);
+            c.gaps > 0 && c.column.is_some() && !self.notes.iter().any(not)
+        };
+        let missing: Vec<String> =
+            self.channels.iter().filter(measured).map(|c| format!("{} of `{}`", c.gaps, c.channel)).collect();
+        let mut sentences: Vec<String> = self.notes.iter().map(|n| n.said.clone()).collect();
+        if !missing.is_empty() {
+            sentences.push(format!("missing values: {}", missing.join(", ")));
+        }
+        sentences
     }
 }

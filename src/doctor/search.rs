@@ -1,0 +1,400 @@
+//! Which faults make a record likeliest together: forward selection, after each step of which every accepted fault is examined again beside
+//! what stood near it, so that one does not hide another.
+
+use crate::beside::BesideOptions;
+use crate::biases::biases_of;
+use crate::finding::{Fault, Finding, Place, Severity};
+use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
+use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search, variance};
+use fdm_system::Model;
+use rayon::prelude::*;
+
+/// What every round of the search has in common.
+pub(crate) struct Search<'a> {
+    pub(crate) evidence: &'a Evidence<'a>,
+    /// Whether the model knows the time.
+    pub(crate) timed: bool,
+    pub(crate) options: &'a BesideOptions,
+}
+
+/// A hypothesis that was tried.
+#[derive(Clone)]
+struct Judged {
+    hypothesis: Hypothesis,
+    /// Logarithm of its share of the prior probability and, where a number was estimated, its penalty.
+    prior: f64,
+    log_odds: f64,
+    trial: Trial,
+}
+
+/// An accepted fault, with those that were nearly as likely.
+struct Accepted {
+    judged: Judged,
+    near: Vec<Judged>,
+}
+
+/// Hypotheses that are fitted to the end, and that an accepted one is compared with later.
+const REFINED: usize = 4;
+
+/// The faults that make the records likeliest, each with its odds and biases given all the others; the last trial; and the fits that were made.
+pub(crate) fn faults(search: &Search<'_>, start: Trial) -> (Vec<Finding>, Trial, usize) {
+    let mut accepted: Vec<Accepted> = Vec::new();
+    let (mut current, mut fits) = (start.clone(), 0);
+    let needed = search.options.odds.ln();
+    while accepted.len() < search.options.most {
+        let (mut all, tried) = round(search, &edits(&accepted, None), &current);
+        fits += tried;
+        if all.first().is_none_or(|b| b.log_odds <= needed) {
+            break;
+        }
+        let best = all.remove(0);
+        all.truncate(REFINED);
+        current = best.trial.clone();
+        accepted.push(Accepted { judged: best, near: all });
+        if accepted.len() > 1 {
+            fits += examine_again(search, &mut accepted, &mut current);
+        }
+    }
+    let mut found = Vec::new();
+    for k in 0..accepted.len() {
+        let without = if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
+        fits += 1;
+        let own = &accepted[k];
+        let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
+        let mut finding = search.told(own, log_odds);
+        finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
+        found.push(finding);
+    }
+    (found, current, fits)
+}
+
+/// The edits of all accepted hypotheses but one.
+fn edits(accepted: &[Accepted], without: Option<usize>) -> Vec<Edit> {
+    let others = accepted.iter().enumerate().filter(|(k, _)| Some(*k) != without);
+    others.flat_map(|(_, a)| a.judged.hypothesis.edits.iter().copied()).collect()
+}
+
+/// Each accepted fault but the last beside what stood near it, given all others: the likelier one takes its place, and one that the others have made
+/// unlikely is dropped.
+fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mut Trial) -> usize {
+    let mut fits = 0;
+    let mut k = 0;
+    while k + 1 < accepted.len() {
+        let others = edits(accepted, Some(k));
+        let Some(without) = search.trial(&others, current) else {
+            k += 1;
+            continue;
+        };
+        fits += 1 + accepted[k].near.len();
+        accepted[k].judged.log_odds = current.gain_over(&without) + accepted[k].judged.prior;
+        let again = |near: &Judged| {
+            let trial = search.trial(&with(&others, &near.hypothesis), &without)?;
+            Some(Judged { log_odds: trial.gain_over(&without) + near.prior, trial, ..near.clone() })
+        };
+        let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
+        if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
+            *current = better.trial.clone();
+            let before = std::mem::replace(&mut accepted[k].judged, better);
+            let own = accepted[k].judged.hypothesis.clone();
+            accepted[k].near.retain(|j| j.hypothesis != own);
+            accepted[k].near.push(before);
+        }
+        if accepted[k].judged.log_odds <= search.options.odds.ln() {
+            accepted.remove(k);
+            *current = without;
+        } else {
+            k += 1;
+        }
+    }
+    fits
+}
+
+/// One round: every hypothesis beside what was accepted, the likeliest first, and the number of fits.
+fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
+    /// Of the fits that sort the hypotheses.
+    const QUICK: usize = 6;
+    /// Kinds of estimated faults for each channel, with their shares of the prior probability.
+    const SHARE: f64 = 3.0;
+    let channels = search.evidence.channels;
+    let slots = search.slots();
+    /// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
+    const FASTEST: f64 = 30.0;
+    let fresh = |h: &Hypothesis| {
+        let known = h.edits.iter().all(|e| accepted.contains(e));
+        let wild = |e: &Edit| matches!(*e, Edit::Time(f) if search.evidence.pace.is_some_and(|p| f * p > FASTEST));
+        !known && !h.edits.iter().any(wild)
+    };
+    let tried: Vec<Hypothesis> = discrete(channels, &slots, search.timed).into_iter().filter(fresh).collect();
+    let kinds = if search.options.estimated { SHARE * slots.len() as f64 } else { 0.0 };
+    let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
+    let mut fits = tried.len();
+    let judge = |hypothesis: Hypothesis| {
+        let edits = with(accepted, &hypothesis);
+        let trial = if search.evidence.touches_model(&hypothesis.edits) {
+            // another unit of time needs other steps
+            let steps = Some(current).filter(|_| hypothesis.fault != Fault::TimeUnit);
+            search.evidence.trial(Begin { model: None, steps }, &edits, QUICK)?
+        } else {
+            search.evidence.unfitted(current, &edits)
+        };
+        let prior = hypothesis.weight.ln() - whole;
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    let mut all: Vec<Judged> = tried.into_par_iter().filter_map(judge).collect();
+    if search.options.estimated {
+        let (found, tried) = estimated(search, &slots, accepted, current);
+        fits += tried;
+        let shifts = shifts_of_zero(search, accepted, current);
+        fits += shifts.len();
+        all.extend(found.into_iter().chain(shifts).map(|judged| Judged {
+            log_odds: judged.log_odds - whole,
+            prior: judged.prior - whole,
+            ..judged
+        }));
+    }
+    let surest_first = |all: &mut Vec<Judged>| all.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
+    surest_first(&mut all);
+    // quick fits have sorted them; the first are fitted to the end
+    for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
+        let fitted = search.evidence.trial(Begin::TEXT, &with(accepted, &judged.hypothesis), THOROUGH);
+        fits += 1;
+        if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
+            judged.log_odds = trial.gain_over(current) + judged.prior;
+            judged.trial = trial;
+        }
+    }
+    surest_first(&mut all);
+    (all, fits)
+}
+
+/// Delays, offsets, scale factors and drifts of each channel, with their best values.
+fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
+    /// Iterations of fits that begin at the estimates of one that is near.
+    const NEAR: usize = 3;
+    let evidence = search_in.evidence;
+    let channels = evidence.channels;
+    let begun = evidence.model.map(|model| current.begun(model));
+    let (records, timed) = (evidence.records, search_in.timed);
+    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0])).collect();
+    let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
+    let span = records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
+    let mut wanted: Vec<(Slot, Fault, f64)> = Vec::new();
+    for slot in slots.iter().copied() {
+        let place = channels.place(slot);
+        let deviation = variance(records.iter().flat_map(|r| r.channels[place].values.iter().copied())).sqrt();
+        if deviation <= 0.0 || !deviation.is_finite() {
+            continue;
+        }
+        if timed && interval > 0.0 {
+            wanted.push((slot, Fault::Delay, 2.0 * interval));
+            // what the clock of a channel has gained in the end, in intervals
+            wanted.push((slot, Fault::Drift, 4.0 * interval / span));
+        }
+        wanted.push((slot, Fault::Offset, 0.2 * deviation));
+        wanted.push((slot, Fault::Scale, 0.1));
+    }
+    let edit = |slot: Slot, fault: Fault, value: f64| match fault {
+        Fault::Delay => Edit::Delay(slot, value),
+        Fault::Drift => Edit::Drift(slot, value),
+        Fault::Offset => Edit::Affine(slot, 1.0, value),
+        _ => Edit::Affine(slot, value, 0.0),
+    };
+    // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
+    let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
+    let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
+        let (slot, fault) = (*slot, *fault);
+        let at = |value: f64| {
+            let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
+            let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
+            match evidence.touches_model(&[edit]) {
+                true => evidence.trial(Begin { model: begun.as_ref(), steps: Some(current) }, &all, NEAR),
+                false => Some(evidence.unfitted(current, &all)),
+            }
+        };
+        let Searched { value, error, trial } = search(*step, current, needed, &at)?;
+        let penalty = 0.5 * trial.worth().max(1.0).ln();
+        // a delay below a sample and an offset or factor that leave more than nine tenths of every output's error are no faults of a record
+        let matters = match fault {
+            Fault::Delay => value.abs() >= interval,
+            Fault::Drift => value.abs() * span >= 2.0 * interval,
+            _ => true,
+        };
+        if !matters || value.abs() < 4.0 * error || trial.least_left(current) > 0.9 {
+            return None;
+        }
+        let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
+        let (value, error) = if fault == Fault::Scale { (value.exp(), value.exp() * error) } else { (value, error) };
+        let places = places(value, error);
+        let value: f64 = format!("{value:.places$}").parse().unwrap_or(value);
+        let (size, error) = match error.is_finite() {
+            true => (format!("{:.places$}", value.abs()), format!(" +- {error:.places$}")),
+            false => (format!("{:.places$}", value.abs()), String::new()),
+        };
+        let what = match fault {
+            Fault::Delay => format!("comes {size} too {}{error}", if value > 0.0 { "late" } else { "early" }),
+            Fault::Drift if value > 0.0 => format!("its clock gains {size} of every unit of time{error}"),
+            Fault::Drift => format!("its clock loses {size} of every unit of time{error}"),
+            Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
+            _ => format!("its numbers have to be multiplied by {size}{error}"),
+        };
+        // drifts and scale factors are rarer than delays and offsets; a sensor is late, and no sensor is early
+        let weight = match fault {
+            Fault::Delay if value < 0.0 => 0.2,
+            Fault::Delay | Fault::Offset => 1.0,
+            _ => 0.5,
+        };
+        let prior = f64::ln(weight) - penalty;
+        let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
+    // two fits at least for each
+    (found, 2 * wanted.len())
+}
+
+/// Decimal places that leave a fifth of an error, or four digits where there is none.
+fn places(value: f64, error: f64) -> usize {
+    const MOST: f64 = 12.0;
+    let least = if error.is_finite() && error > 0.0 { error / 5.0 } else { 1e-4 * value.abs() };
+    (-least.log10().floor()).clamp(0.0, MOST) as usize
+}
+
+/// Outputs whose zero moves once, in one run: where the residuals before and behind differ most, and at once.
+fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Vec<Judged> {
+    /// Iterations of the fit that begins at the estimates.
+    const NEAR: usize = 4;
+    const FEWEST: usize = 20;
+    let evidence = search.evidence;
+    let [record] = evidence.records else { return Vec::new() };
+    let (Some(model), Some(estimate)) = (evidence.model, &current.estimate) else { return Vec::new() };
+    let q = model.layout().outputs;
+    let Some(fit) = estimate.runs.first() else { return Vec::new() };
+    let begun = current.begun(model);
+    let judge = |output: usize| {
+        let all = (0..record.time.len()).map(|k| (k, fit.residuals.get(k * q + output).copied().unwrap_or(f64::NAN)));
+        let e: Vec<(usize, f64)> = all.filter(|(_, v)| v.is_finite()).collect();
+        let n = e.len();
+        if n < 4 * FEWEST {
+            return None;
+        }
+        let total: f64 = e.iter().map(|(_, v)| v).sum();
+        let (mut before, mut best) = (0.0, (0.0, 0, 0.0));
+        for k in 1..=n - FEWEST {
+            before += e[k - 1].1;
+            let (left, right) = (k as f64, (n - k) as f64);
+            let jump = (total - before) / right - before / left;
+            let statistic = jump * jump * left * right;
+            if k >= FEWEST && statistic > best.0 {
+                best = (statistic, k, jump);
+            }
+        }
+        let (_, k, jump) = best;
+        // a drift or a slow motion differs before and behind as well, but not from one sample to the next
+        let near = (n / 50).clamp(5, k.min(n - k));
+        let mean = |part: &[(usize, f64)]| part.iter().map(|(_, v)| v).sum::<f64>() / part.len() as f64;
+        if (mean(&e[k..k + near]) - mean(&e[k - near..k])) / jump < 0.5 {
+            return None;
+        }
+        let (slot, at) = (Slot::Output(output), record.time[e[k].0]);
+        let tried = |by: f64| {
+            let all: Vec<Edit> = accepted.iter().copied().chain([Edit::Step(slot, at, by)]).collect();
+            evidence.trial(Begin { model: Some(&begun), steps: Some(current) }, &all, NEAR)
+        };
+        // fitted parameters have taken some of the shift up: the size is searched from that of the residuals
+        let sizes = [-jump, -1.5 * jump, -2.5 * jump];
+        let trials = sizes.iter().filter_map(|by| Some((*by, tried(*by)?)));
+        let (by, trial) = trials.max_by(|a, b| a.1.gain_over(current).total_cmp(&b.1.gain_over(current)))?;
+        let worth = trial.worth().max(1.0).ln();
+        // a size (Schwarz 1978), and a place among the independent samples
+        let prior = 0.5f64.ln() - 1.5 * worth;
+        if trial.least_left(current) > 0.9 {
+            return None;
+        }
+        let unit = evidence.channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
+        let what = format!("its zero moves by {:.4}{unit} at {at:.4}", -by);
+        let edits = vec![Edit::Step(slot, at, by)];
+        let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
+        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+    };
+    (0..q).into_par_iter().filter_map(judge).collect()
+}
+
+/// Hypotheses beside the edits that were accepted before.
+fn with(accepted: &[Edit], hypothesis: &Hypothesis) -> Vec<Edit> {
+    accepted.iter().chain(&hypothesis.edits).copied().collect()
+}
+
+impl Search<'_> {
+    /// The channels about which there is evidence.
+    fn slots(&self) -> Vec<Slot> {
+        let (evidence, channels) = (self.evidence, self.evidence.channels);
+        let known = |s: &Slot| match s {
+            Slot::Other(_) => evidence.kinematics.reads(channels.place(*s)),
+            _ => evidence.model.is_some(),
+        };
+        channels.slots().filter(known).collect()
+    }
+
+    /// A fit to the end, or one from the estimates of another that is near, whichever is likelier.
+    fn trial(&self, edits: &[Edit], near: &Trial) -> Option<Trial> {
+        let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
+        let one = self.evidence.trial(Begin::TEXT, edits, THOROUGH);
+        let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: None }, edits, THOROUGH);
+        match (one, other) {
+            (Some(one), Some(other)) => Some(if other.gain_over(&one) > 0.0 { other } else { one }),
+            (one, other) => one.or(other).or_else(|| self.evidence.unexplained(edits)),
+        }
+    }
+
+    fn told(&self, accepted: &Accepted, log_odds: f64) -> Finding {
+        let channels = self.evidence.channels;
+        let hypothesis = &accepted.judged.hypothesis;
+        let mut names: Vec<String> = hypothesis.slots.iter().map(|s| channels.name(*s).to_string()).collect();
+        if names.is_empty() {
+            names.push("t".into());
+        }
+        let mut what = hypothesis.what.clone();
+        let near = accepted.near.iter().filter(|j| j.log_odds > accepted.judged.log_odds - 10f64.ln()).take(3);
+        let list: Vec<String> = near.map(|j| sentence(channels, &j.hypothesis)).collect();
+        if !list.is_empty() {
+            what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
+        }
+        // a constant that the balances lack moves inputs and outputs alike: a fault of the record is what no zero of an input explains as well
+        let constant = |j: &Judged| {
+            j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)])
+        };
+        let doubted = accepted.near.iter().any(|j| constant(j) && j.log_odds > accepted.judged.log_odds - 20f64.ln());
+        let lacking = hypothesis.fault == Fault::Offset && (constant(&accepted.judged) || doubted);
+        if lacking {
+            what.push_str("; a constant that the model lacks, a trim, would do the same");
+        }
+        let records = self.evidence.records;
+        let run = if let [record] = records { record.run.clone() } else { "all".into() };
+        let behind = hypothesis.edits.iter().find_map(|e| if let Edit::Step(_, at, _) = e { Some(*at) } else { None });
+        let place = behind.zip(records.first()).map(|(from, record)| Place {
+            from,
+            to: record.time.last().copied().unwrap_or(from),
+            samples: record.time.iter().filter(|t| **t >= from).count(),
+        });
+        Finding {
+            run,
+            channels: names,
+            fault: hypothesis.fault,
+            severity: if lacking { Severity::Remark } else { Severity::Finding },
+            place,
+            what,
+            log_odds,
+            biases: Vec::new(),
+            repair: Some(channels.repair(&hypothesis.edits)),
+            samples: Vec::new(),
+        }
+    }
+}
+
+fn sentence(channels: &Channels, hypothesis: &Hypothesis) -> String {
+    let names: Vec<&str> = hypothesis.slots.iter().map(|s| channels.name(*s)).collect();
+    match names[..] {
+        [] => hypothesis.what.clone(),
+        [first, ..] => format!("`{first}` {}", hypothesis.what),
+    }
+}
