@@ -134,7 +134,7 @@ def test_ten_million_numbers_are_taken_quickly():
     for whole in (rows, np.asfortranarray(rows)):
         run = fdm.Run({n: whole[:, k] for k, n in enumerate(names)})
         begun = time.perf_counter()
-        [record] = fdm._run.bound([run], m)
+        [record] = fdm._run.Campaign.of(m, run).records
         took = time.perf_counter() - begun
         assert len(record) == 1_000_000 and np.array_equal(record.measured(), rows)
         # the extension of the tests is not optimised: what the wheel needs is in its own test

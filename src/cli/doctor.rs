@@ -6,12 +6,14 @@ use crate::load::{Records, load_model, notes, read_records};
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Repair, examine_alone, examine_beside, examine_repeats,
+    AloneOptions, BesideOptions, Examination, Finding, Record, examine_alone, examine_beside, examine_repeats,
     repaired_map,
 };
+use fdm_readers::Topic;
 use fdm_report::doctor_text;
 use fdm_results::documents::{DoctorDocument, RecordDocument};
-use fdm_system::record::{Run, open_log};
+use fdm_system::Model;
+use fdm_system::record::{Run, Summary, open_log};
 use std::path::PathBuf;
 
 /// What `fdm doctor` takes.
@@ -33,7 +35,7 @@ pub(crate) struct Arguments {
     no_estimated: bool,
     /// Write a map with all repairs that a map can hold; the record is not touched
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
-    fix: Option<PathBuf>,
+    pub(crate) fix: Option<PathBuf>,
     /// Write one page for a browser: each finding with its channel drawn
     #[arg(long, value_name = "FILE.html", help_heading = "Result")]
     report: Option<PathBuf>,
@@ -59,8 +61,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (records, document) = arguments.judged()?;
     let printed = arguments.output.print(|| doctor_text(&document), || document.clone())?;
     if let Some(path) = &arguments.fix {
-        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
-        write(path, arguments.map(&records, repairs))?;
+        write(path, arguments.map(&records, &document))?;
     }
     if let Some(path) = &arguments.report {
         write(path, fdm_report::page::doctor_page(&document, &records))?;
@@ -71,60 +72,80 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 impl Arguments {
     /// The records and what was found in them.
     pub(crate) fn judged(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
-        let alone = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
-        let Some(path) = &self.model else { return self.by_themselves(&alone) };
+        let Some(path) = &self.model else { return self.by_themselves() };
         let model = self.records.grouped(&load_model(path)?)?;
         let files = self.records.every(&self.records.selection.options(false), &model)?;
         let read = read_records(&files, &model, &[])?;
-        let records: Vec<Record> =
-            read.iter().map(|(run, summary)| Record::of_run(model.definition(), run, Some(summary))).collect();
-        let told = read.iter().map(|(run, summary)| RecordDocument {
-            run: run.name.clone(),
-            samples: run.len(),
-            assumed: notes(summary),
-        });
-        let told: Vec<RecordDocument> = told.collect();
+        let read: Vec<(Run, Option<Summary>)> = read.into_iter().map(|(run, summary)| (run, Some(summary))).collect();
+        Ok(self.beside(&model, read))
+    }
+
+    /// Runs, and what was found while they were read, beside a model.
+    pub(crate) fn beside(&self, model: &Model, read: Vec<(Run, Option<Summary>)>) -> (Vec<Record>, DoctorDocument) {
+        let of_run = |(run, summary): &(Run, Option<Summary>)| {
+            let assumed = summary.as_ref().map_or(Vec::new(), notes);
+            let told = RecordDocument { run: run.name.clone(), samples: run.len(), assumed };
+            (Record::of_run(model.definition(), run, summary.as_ref()), told)
+        };
+        let (records, told): (Vec<Record>, Vec<RecordDocument>) = read.iter().map(of_run).unzip();
         let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
-        let found = by_records(&records, &alone);
+        let found = self.by_records(&records);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
-        let found = examine_beside(&model, &runs, &records, found, &options);
+        let found = examine_beside(model, &runs, &records, found, &options);
         let document = DoctorDocument::of(Some(model.name()), told, &found);
-        Ok((records, document))
+        (records, document)
     }
 
     /// Without a model: every table of every file.
-    fn by_themselves(&self, options: &AloneOptions) -> Result<(Vec<Record>, DoctorDocument), Failure> {
-        let (mut records, mut told) = (Vec::new(), Vec::new());
-        for path in &self.records.paths()? {
-            let (log, notes) =
-                open_log(path, self.records.selection.is_salvaged()).map_err(|e| Failure::Records(vec![e]))?;
-            let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
-            for topic in log.topics.iter().filter(|t| t.rows() > 2) {
-                let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
-                records.push(Record::of_topic(&name, topic));
-                let assumed =
-                    if told.is_empty() { notes.iter().map(ToString::to_string).collect() } else { Vec::new() };
-                told.push(RecordDocument { run: name, samples: topic.rows(), assumed });
-            }
-        }
-        let findings = by_records(&records, options);
-        let found = Examination { findings, ..Examination::default() };
-        Ok((records, DoctorDocument::of(None, told, &found)))
+    fn by_themselves(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
+        let tables = tables(&self.records.paths()?, self.is_salvaged())?;
+        Ok(self.of_tables(tables))
+    }
+
+    /// Whether what can be read of damaged logs is used.
+    pub(crate) fn is_salvaged(&self) -> bool {
+        self.records.selection.is_salvaged()
+    }
+
+    /// Tables by themselves.
+    pub(crate) fn of_tables(&self, tables: Vec<(RecordDocument, Topic)>) -> (Vec<Record>, DoctorDocument) {
+        let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
+        let told = tables.into_iter().map(|(told, _)| told).collect();
+        let found = Examination { findings: self.by_records(&records), ..Examination::default() };
+        (records, DoctorDocument::of(None, told, &found))
+    }
+
+    /// What records say by themselves.
+    fn by_records(&self, records: &[Record]) -> Vec<Finding> {
+        let options = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
+        let mut findings: Vec<Finding> = records.iter().flat_map(|record| examine_alone(record, &options)).collect();
+        findings.extend(examine_repeats(records));
+        fdm_doctor::sort(&mut findings);
+        findings
     }
 
     /// The repairs as a map.
-    fn map<'a>(&self, records: &[Record], repairs: impl Iterator<Item = &'a Repair>) -> String {
+    pub(crate) fn map(&self, records: &[Record], document: &DoctorDocument) -> String {
+        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
         let before = self.records.selection.map();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())
     }
 }
 
-/// What records say by themselves.
-fn by_records(records: &[Record], options: &AloneOptions) -> Vec<Finding> {
-    let alone = records.iter().flat_map(|record| examine_alone(record, options));
-    let mut findings: Vec<Finding> = alone.collect();
-    findings.extend(examine_repeats(records));
-    fdm_doctor::sort(&mut findings);
-    findings
+/// Every table of every file with more than two rows.
+pub(crate) fn tables(files: &[PathBuf], salvage: bool) -> Result<Vec<(RecordDocument, Topic)>, Failure> {
+    let mut tables = Vec::new();
+    for path in files {
+        let (log, notes) = open_log(path, salvage).map_err(|e| Failure::Records(vec![e]))?;
+        let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+        let mut notes: Vec<String> = notes.iter().map(ToString::to_string).collect();
+        for topic in log.topics.into_iter().filter(|t| t.rows() > 2) {
+            let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
+            // said once of each file
+            let assumed = std::mem::take(&mut notes);
+            tables.push((RecordDocument { run: name, samples: topic.rows(), assumed }, topic));
+        }
+    }
+    Ok(tables)
 }
