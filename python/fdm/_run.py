@@ -175,11 +175,7 @@ class Run:
         self.file = Path(file)
         self.name = name or self.file.stem
         self._exact, self._channels, self._known, self._masks = False, {}, {}, {}
-        given = {**reading, "group": self.groups, "zoh": self.zoh, "without_output": self.without_output}
-        if isinstance(given["map"], (str, os.PathLike)):
-            given["map_file"] = given.pop("map")
-        given["known"] = {n: _said(n, amount) for n, amount in (given.get("known") or {}).items()}
-        self._words = words(given)
+        self._words = _reading({**reading, "groups": self.groups, "zoh": self.zoh, "without_output": self.without_output})
 
     def _add(self, title: str, samples: Any) -> None:
         match = _TITLE.match(title)
@@ -298,7 +294,7 @@ class RunTable:
 
     def __init__(self, file: str | os.PathLike[str], **options: Any):
         self.file = Path(file)
-        self._words = words({"runs": self.file, **options})
+        self._words = _reading({"runs": self.file, **options})
 
     def __repr__(self) -> str:
         return f"RunTable({str(self.file)!r})"
@@ -406,21 +402,30 @@ def as_runs(runs: RunLike | Sequence[RunLike]) -> list[Run | RunTable]:
 _READING = {"map", "map_file", "salvage", "from", "to", "every", "zoh", "without_output", "known", "group", "groups", "mask"}
 
 
-def _reading(options: dict[str, Any], files: Sequence[Run | RunTable]) -> list[str]:
-    """Takes the options of reading out of those of a call, as words for its files."""
-    given = {name.rstrip("_"): options.pop(name) for name in list(options) if name.rstrip("_") in _READING}
-    if not given:
-        return []
-    in_memory = [r.name for r in files if isinstance(r, Run) and r.file is None]
-    if in_memory:
-        raise UnknownOption(f"`{next(iter(given))}` is for files; give it to fdm.Run, as `{in_memory[0]}` is in memory", next(iter(given)))
+def _reading(options: Mapping[str, Any]) -> list[str]:
+    """The words of reading for these options."""
+    given = {name.rstrip("_"): value for name, value in options.items()}
     if "groups" in given:
         given["group"] = given.pop("groups")
-    if "known" in given:
+    if given.get("known"):
         given["known"] = {n: _said(n, amount) for n, amount in given["known"].items()}
     if isinstance(given.get("map"), (str, os.PathLike)):
         given["map_file"] = given.pop("map")
+    mask = given.get("mask")
+    columns = list(mask.values()) if isinstance(mask, Mapping) else [mask] if mask is not None else []
+    if not all(isinstance(c, str) for c in columns):
+        raise TypeError("the mask of a file is the name of its column")
     return words(given)
+
+
+def _of_files(options: dict[str, Any], runs: Sequence[Run | RunTable]) -> list[str]:
+    """Takes the options of reading out of those of a call, as words for its files."""
+    given = {name: options.pop(name) for name in list(options) if name.rstrip("_") in _READING}
+    in_memory = [r.name for r in runs if isinstance(r, Run) and r.file is None]
+    if given and in_memory:
+        name = next(iter(given))
+        raise UnknownOption(f"`{name}` is for files; give it to fdm.Run, as `{in_memory[0]}` is in memory", name)
+    return _reading(given)
 
 
 @dataclass(frozen=True)
@@ -451,7 +456,7 @@ class Campaign:
         """Reads what must be read. `options` loses those of reading. Runs to be simulated need no outputs; those that are measured
         `elsewhere` may be missing in all of them. Without `several` the roles of a table are of no account."""
         fitted, predicted = as_runs(runs), as_runs(validation)
-        said = _reading(options, [*fitted, *predicted]) if options else []
+        said = _of_files(options, [*fitted, *predicted]) if options else []
         taken: list[Run] = []
         left: list[Run] = []
         for given in fitted:

@@ -6,6 +6,7 @@ use fdm::grammar::graph::Signal;
 use fdm::linear::Values;
 use fdm::request::{self, Answer as Told};
 use fdm::{LinearModel, Modes};
+use numpy::ndarray::s;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -58,6 +59,25 @@ impl Answer {
         let files = files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content).unbind())).collect();
         Self { text, json, good, interrupted, files }
     }
+}
+
+/// Channels of a run: name, unit and samples (N).
+type Channels<'py> = Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>;
+
+/// Copies of the channels that are columns of a matrix, or parts with a step. A part of all of them at a time: rows of a matrix are
+/// read once.
+fn gathered(channels: &Channels<'_>) -> Vec<Vec<f64>> {
+    const PART: usize = 2048;
+    let apart: Vec<_> = channels.iter().filter(|(.., s)| s.as_slice().is_err()).map(|(.., s)| s.as_array()).collect();
+    let mut found: Vec<Vec<f64>> = apart.iter().map(|view| Vec::with_capacity(view.len())).collect();
+    let longest = apart.iter().map(|view| view.len()).max().unwrap_or_default();
+    for from in (0..longest).step_by(PART) {
+        for (samples, view) in found.iter_mut().zip(&apart) {
+            let to = view.len().min(from + PART);
+            samples.extend(view.slice(s![from.min(to)..to]).iter());
+        }
+    }
+    found
 }
 
 #[pymethods]
@@ -213,7 +233,7 @@ impl Model {
         &self,
         py: Python<'_>,
         name: String,
-        channels: Vec<(String, Option<String>, PyReadonlyArray1<'_, f64>)>,
+        channels: Channels<'_>,
         groups: BTreeMap<String, String>,
         hold: Vec<String>,
         without_outputs: bool,
@@ -222,12 +242,17 @@ impl Model {
         for (grouping, group) in &groups {
             builder = builder.group(grouping, group);
         }
+        let mut gathered = gathered(&channels).into_iter();
         for (channel, unit, samples) in &channels {
             builder = match (samples.as_slice(), unit.as_deref()) {
                 (Ok(samples), unit) => builder.samples_of(channel, unit, samples),
-                // a column of a matrix, or a part with a step
-                (Err(_), Some(unit)) => builder.samples_in(channel, unit, samples.as_array().to_vec()),
-                (Err(_), None) => builder.samples(channel, samples.as_array().to_vec()),
+                (Err(_), unit) => {
+                    let samples = gathered.next().unwrap_or_default();
+                    match unit {
+                        Some(unit) => builder.samples_in(channel, unit, samples),
+                        None => builder.samples(channel, samples),
+                    }
+                }
             };
         }
         for input in hold {

@@ -119,14 +119,19 @@ impl<'m> RunBuilder<'m> {
         let time = self.time(&mut faults);
         let wanted = channels(self.model);
         let n = time.len();
-        let mut columns = |role: Role, channels: &[Channel]| -> Vec<Cow<'_, [f64]>> {
-            channels.iter().map(|channel| self.column(role, channel, n, &mut faults)).collect()
+        let columns = |role: Role, channels: &[Channel]| -> (Vec<Cow<'_, [f64]>>, Vec<Vec<RunFault>>) {
+            channels.iter().map(|channel| self.column(role, channel, n)).unzip()
         };
-        let (inputs, outputs) = (columns(Role::Input, &wanted.inputs), columns(Role::Output, &wanted.outputs));
+        let ((inputs, of_inputs), (outputs, of_outputs)) =
+            (columns(Role::Input, &wanted.inputs), columns(Role::Output, &wanted.outputs));
         let (m, q) = (inputs.len(), outputs.len());
         let ((mut driven, census), (mut measured, compared)) = (rows(&inputs, n), rows(&outputs, n));
-        self.numbers(Role::Input, &wanted.inputs, &census, n, &mut faults);
-        self.numbers(Role::Output, &wanted.outputs, &compared, n, &mut faults);
+        let inputs = wanted.inputs.iter().zip(&census).zip(of_inputs).map(|of| (Role::Input, of));
+        let outputs = wanted.outputs.iter().zip(&compared).zip(of_outputs).map(|of| (Role::Output, of));
+        for (role, ((channel, census), others)) in inputs.chain(outputs) {
+            faults.extend(self.number(role, channel, census, n));
+            faults.extend(others);
+        }
         if !faults.is_empty() {
             return Err(RunError { run: self.name, faults });
         }
@@ -213,11 +218,11 @@ impl<'m> RunBuilder<'m> {
         times.to_vec()
     }
 
-    /// The samples of a channel in its unit; NaN for those of an output that is not measured.
-    fn column(&self, role: Role, channel: &Channel, n: usize, faults: &mut Vec<RunFault>) -> Cow<'_, [f64]> {
-        let name = channel.name.clone();
+    /// The samples of a channel in its unit, NaN for those of an output that is not measured; and what is wrong but for its numbers.
+    fn column(&self, role: Role, channel: &Channel, n: usize) -> (Cow<'_, [f64]>, Vec<RunFault>) {
+        let (name, mut faults) = (channel.name.clone(), Vec::new());
         if let Some((_, value)) = self.known.iter().find(|(known, _)| *known == name && channel.known) {
-            return vec![*value; n].into();
+            return (vec![*value; n].into(), faults);
         }
         let Some(given) = self.signals.iter().find(|s| s.name == name) else {
             if role == Role::Input || !self.unmeasured {
@@ -226,34 +231,31 @@ impl<'m> RunBuilder<'m> {
                 let nearest = nearest(&name, spare).map(String::from);
                 faults.push(RunFault::Missing { role, channel: name, nearest });
             }
-            return vec![f64::NAN; n].into();
+            return (vec![f64::NAN; n].into(), faults);
         };
         let mut values = Cow::Borrowed(&given.values[..]);
         // a list of another length says nothing of the others where the times are missing
         if values.len() != n {
             faults.push(RunFault::Length { channel: name, found: values.len(), expected: n });
         }
-        if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), faults)
+        if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), &mut faults)
             && (scale, offset) != (1.0, 0.0)
         {
             values.to_mut().iter_mut().for_each(|v| *v = *v * scale + offset);
         }
-        values
+        (values, faults)
     }
 
-    /// Channels that were given without a value, or with one that is infinite.
-    fn numbers(&self, role: Role, channels: &[Channel], found: &[Census], n: usize, faults: &mut Vec<RunFault>) {
-        for (channel, census) in channels.iter().zip(found) {
-            let Some(given) = self.signals.iter().find(|s| s.name == channel.name && s.values.len() == n) else { continue };
-            let channel = channel.name.clone();
-            if census.infinite {
-                // what was finite is not, in the unit of the model
-                let at = given.values.iter().position(|v| v.is_infinite()).unwrap_or_default();
-                faults.push(RunFault::NotFinite { channel, sample: at, value: given.values[at].to_string() });
-            } else if census.missing == n && n > 0 {
-                faults.push(RunFault::NoValues { role, channel });
-            }
+    /// A channel that was given without a value, or with one that is infinite.
+    fn number(&self, role: Role, channel: &Channel, census: &Census, n: usize) -> Option<RunFault> {
+        let given = self.signals.iter().find(|s| s.name == channel.name).filter(|s| s.values.len() == n)?;
+        let channel = channel.name.clone();
+        if census.infinite {
+            // where it is finite as given, it is not in the unit of the model
+            let at = given.values.iter().position(|v| v.is_infinite()).unwrap_or_default();
+            return Some(RunFault::NotFinite { channel, sample: at, value: given.values[at].to_string() });
         }
+        (census.missing == n && n > 0).then_some(RunFault::NoValues { role, channel })
     }
 
     /// Factor and offset from the unit that was named to that of the model; none where they do not fit.
