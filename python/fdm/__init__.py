@@ -12,7 +12,7 @@
 Words, defaults and numbers are those of the command ``fdm``, to the bit. Long work releases the interpreter's lock, shows how far it is,
 and ends at Ctrl-C with the best so far.
 
-Models: `Model`, `model`, and the cell magic ``%%fdm`` (``%load_ext fdm``). Records: `Run`, `Signal`. Results: `Fit`, `load`.
+Models: `Model`, `model`, and the cell magic ``%%fdm`` (``%load_ext fdm``). Records: `Run`, `RunTable`, `Signal`, `doctor`. Results: `Fit`, `load`.
 Other packages: `fdm.adapters`. Mistakes: `Error` and what follows from it.
 """
 
@@ -38,8 +38,8 @@ from ._fit import Fit, History, Parameter, Params, Prediction, load
 from ._model import Channel, Model, Param, Residuals, Response
 from ._notebook import load_ipython_extension, model
 from ._progress import telling as progress
-from ._results import Answer, Check, Design, Diagnosis, Effects, Linear, Modes, Profiles, Spectra, Study
-from ._run import Run, Signal
+from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study, doctor
+from ._run import Run, RunTable, Signal
 
 __all__ = [
     "Answer",
@@ -47,6 +47,7 @@ __all__ = [
     "Check",
     "Design",
     "Diagnosis",
+    "Doctor",
     "Effects",
     "Error",
     "Finding",
@@ -73,12 +74,14 @@ __all__ = [
     "ResultWarning",
     "Run",
     "RunError",
+    "RunTable",
     "Signal",
     "Spectra",
     "Study",
     "UnknownOption",
     "UnreadableError",
     "__version__",
+    "doctor",
     "load",
     "load_ipython_extension",
     "model",

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ._fit import Fit, History
     from ._model import Model
     from ._results import Spectra
-    from ._run import Run
+    from ._run import RunLike
 
 # Half the width of a 95 % band, in standard deviations
 _WIDE = 1.96
@@ -119,7 +119,7 @@ def _degrees(response: Any) -> Any:
     return np.degrees(angle)
 
 
-def bode(fit: Fit, runs: Sequence[Run], *, axes: Any = None, **options: Any) -> Any:
+def bode(fit: Fit, runs: Sequence[RunLike], *, axes: Any = None, **options: Any) -> Any:
     """Magnitude and phase of the linear model, and those of the runs: axes (2 by pairs)."""
     measured: dict[tuple[str, str], tuple[Any, Any]] = {}
     if runs:

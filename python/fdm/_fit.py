@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from . import _fdm, _figures
 from ._documents import Document, columns, frame
-from ._errors import InterruptedWarning, ResultWarning
+from ._errors import InputError, InterruptedWarning, ResultWarning
 from ._model import Model, Residuals, Response
 from ._progress import telling
-from ._run import Run, RunLike, as_runs, bound, some_runs
+from ._run import Campaign, Run, RunLike, as_runs
 
 if TYPE_CHECKING:
     from ._results import Design, Linear, Modes
@@ -114,16 +114,24 @@ class Prediction:
     histories: list[History]
     bands: list[NDArray[np.float64]]
     """Standard deviation of the response by the errors of the shared parameters (N by q), run by run."""
+    noise: NDArray[np.float64]
+    """Standard deviation of the measurement noise of the fit (q); NaN where the fit estimated none."""
     model: Model
+
+    @property
+    def measurement_bands(self) -> list[NDArray[np.float64]]:
+        """Standard deviation of a new measurement (N by q), run by run: by the errors of the shared parameters and by the noise."""
+        return [np.hypot(band, self.noise) for band in self.bands]
 
     @property
     def outputs(self) -> list[Document]:
         """Quality of each output of each run: ``rms``, ``r2``, ``tic``, ``whiteness`` ..."""
         return self.document.outputs
 
-    def plot(self, **options: Any) -> Any:
-        """Time histories with bands and residuals, as matplotlib axes (2 q by runs)."""
-        return _figures.histories(self.model, self.histories, self.bands, **options)
+    def plot(self, *, noise: bool = False, **options: Any) -> Any:
+        """Time histories with bands and residuals, as matplotlib axes (2 q by runs). With `noise` the bands are those of measurements."""
+        bands = self.measurement_bands if noise else self.bands
+        return _figures.histories(self.model, self.histories, bands, **options)
 
     def __str__(self) -> str:
         return self.text
@@ -157,10 +165,10 @@ class Fit:
         raise TypeError("fits are made by Model.fit and by fdm.load")
 
     @classmethod
-    def _of(cls, made: _fdm.Fit, model: Model, runs: list[Run], validation: list[Run]) -> Fit:
+    def _of(cls, made: _fdm.Fit, of: Campaign) -> Fit:
         fit = cls.__new__(cls)
         fit._made, fit._files = made, None
-        fit.model, fit.interrupted, fit._runs = Model._of(made.model), made.interrupted, runs
+        fit.model, fit.interrupted, fit._runs = Model._of(made.model), made.interrupted, of.runs
         text, remarks = made.text()
         fit._text, fit._remarks = text, remarks
         fit._begin()
@@ -171,8 +179,8 @@ class Fit:
                 warnings.warn(remark, ResultWarning, stacklevel=3)
         fit.validation = None
         in_frequency = "frequency_domain" in fit.document or "frequency_responses" in fit.document
-        if validation and not in_frequency and not fit.interrupted and fit.converged:
-            fit.validation = fit.predict(validation, progress=False)
+        if of.validation and not in_frequency and not fit.interrupted and fit.converged:
+            fit.validation = fit.predict(of.validation, progress=False)
         return fit
 
     @classmethod
@@ -186,8 +194,6 @@ class Fit:
         fit._made, fit._files = None, files
         texts = dict(files)
         if "result.json" not in texts:
-            from ._errors import InputError
-
             raise InputError(["this is no result of a fit"])
         fit._text, fit._remarks = texts.get("result.txt", b"").decode(), []
         fit.interrupted, fit.validation, fit._runs = False, None, []
@@ -342,20 +348,34 @@ class Fit:
     def predict(self, runs: RunLike | Sequence[RunLike], *, progress: Any = None) -> Prediction:
         """What the result predicts of runs that it was not fitted to, as ``fdm validate``: shared parameters are held, biases and initial
         states estimated anew. Bands are by the errors of the shared parameters."""
-        given = some_runs(runs)
         every = [o.name for o in self.model.outputs]
-        records = bound(given, self.model, elsewhere=every)
+        of = Campaign.of(self.model, runs, elsewhere=every, optional=True)
+        # a table says which runs are predicted
+        records = of.predicted or of.records
+        if not records:
+            raise InputError(["no run was given"])
         with telling(progress, f"predicting {self.model.name}") as tell:
             text, printed, histories = _fdm.validate(self.files, self.model._m, records, tell)
         keys = json.loads(text)
         found = Params([_parameter(p, None) for p in keys["parameters"]])
         bands = [self._band(r, h["run"], found) for r, h in zip(records, histories)]
-        return Prediction(Document(keys), printed, [History(**h) for h in histories], bands, self.model)
+        return Prediction(Document(keys), printed, [History(**h) for h in histories], bands, self.noise, self.model)
 
-    def bands(self) -> list[NDArray[np.float64]]:
-        """Standard deviation of the response by the errors of the estimates (N by q), run by run; empty without histories."""
+    @property
+    def noise(self) -> NDArray[np.float64]:
+        """Standard deviation of the measurement noise of each output (q), as given or estimated; NaN where there is none."""
+        cov = self.noise_cov
+        return np.full(len(self.model.outputs), np.nan) if cov is None else np.sqrt(np.diag(cov))
+
+    def bands(self, *, noise: bool = False) -> list[NDArray[np.float64]]:
+        """Standard deviation of the response by the errors of the estimates (N by q), run by run; empty without histories. With `noise`
+        that of a new measurement."""
+        found = self._bands()
+        return [np.hypot(band, self.noise) for band in found] if noise else found
+
+    def _bands(self) -> list[NDArray[np.float64]]:
         if self._made is None:
-            records = bound(self._runs, self.model) if self._runs else []
+            records = Campaign.of(self.model, self._runs).records if self._runs else []
         else:
             records = self._made.records()
         return [self._band(r, r.name, self.params) for r in records] if self.histories else []

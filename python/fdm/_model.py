@@ -15,12 +15,12 @@ from . import _fdm
 from ._errors import ModelWarning, NumericalError, ResultWarning, findings
 from ._options import listed, words
 from ._progress import telling
-from ._run import Run, RunLike, as_runs, bound, some_runs
+from ._run import Campaign, Run, RunLike, as_runs
 
 if TYPE_CHECKING:
     from ._errors import Finding
     from ._fit import Fit
-    from ._results import Check, Design, Diagnosis, Effects, Linear, Modes, Profiles, Spectra, Study
+    from ._results import Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study
 
 
 @dataclass(frozen=True)
@@ -119,15 +119,18 @@ class Model:
 
     def _begin(self, made: _fdm.Model) -> None:
         self._m = made
-        inputs, states, outputs = made.channels()
+        inputs, known, states, outputs = made.channels()
         self.inputs: list[Channel] = [Channel(*c) for c in inputs]
         """Inputs (m)."""
+        self.known: list[Channel] = [Channel(*c) for c in known]
+        """Values that each run brings (``known T0 per run;``)."""
         self.states: list[Channel] = [Channel(*c) for c in states]
         """States (n)."""
         self.outputs: list[Channel] = [Channel(*c) for c in outputs]
         """Outputs (q)."""
-        self._names = [c.name for c in [*self.inputs, *self.outputs]]
+        self._names = [c.name for c in [*self.inputs, *self.known, *self.outputs]]
         self._kept: tuple[Any, Residuals] | None = None
+        self._by_groups: dict[str, Model] = {}
 
     def _warn(self) -> None:
         found, text = self._m.warnings()
@@ -163,6 +166,11 @@ class Model:
     def parameters(self) -> dict[str, Param]:
         """Parameters by name, in the model's order; free initial values are called ``x(0)``."""
         return {p["name"]: Param(**p) for p in self._m.parameters()}
+
+    @property
+    def groupings(self) -> list[str]:
+        """Groupings that parameters are shared within (``param k per group aircraft;``); runs say their group by ``groups``."""
+        return self._m.groupings()
 
     @property
     def warnings(self) -> list[Finding]:
@@ -223,7 +231,7 @@ class Model:
         band: ``(low, high)`` in cycles per unit of time, in the frequency domain.
         time_limit: seconds, or ``"5m"``. Then, and at Ctrl-C, the best so far is returned and warned of.
         progress: see `fdm.progress`.
-        options: all others of ``fdm fit --help``: ``shooting=8``, ``substitute="all"``, ``continuation=[1, 2]``, ``confidence=True``,
+        options: all others of ``fdm fit --help``; those of reading (``every=2``) are for the files among the runs: ``shooting=8``, ``substitute="all"``, ``continuation=[1, 2]``, ``confidence=True``,
             ``weights=True``, ``checkpoint="DIR"``, ``input_noise={"p": 0.002}``, ``segments=[20, 10]``, ``pair=("y", "u")``,
             ``coherence=0.6``, ``end_points="free"``, ``nonlinear="auto"``, ``df=0.01``, ``integration_accuracy=1e-8`` ...
 
@@ -237,16 +245,19 @@ class Model:
             start_values=start_values, iterations=iterations, tolerance=tolerance, gain=gain, starts=starts, seed=seed, steps=steps,
             integrator=integrator, band=band, time_limit=time_limit,
         )  # fmt: skip
-        fitted, predicted = some_runs(runs), as_runs(validation)
-        records = bound(fitted, self)
-        others = bound(predicted, self, elsewhere=self._measured(records))
+        of = Campaign.of(self, runs, validation, options=options)
         with telling(progress, f"fitting {self.name}") as tell:
-            made = _fdm.fit(self._m, records, others, words({**given, **options}), tell)
-        return Fit._of(made, self, fitted, predicted)
+            made = _fdm.fit(of.model._m, of.records, of.predicted, words({**given, **options}), tell)
+        return Fit._of(made, of)
 
-    def _measured(self, records: Sequence[_fdm.Record]) -> list[str]:
-        measured = np.any([r.measures() for r in records], axis=0) if records else np.zeros(len(self.outputs), bool)
-        return [o.name for o, m in zip(self.outputs, measured) if m]
+    def _grouped(self, groups: dict[str, list[str]]) -> Model:
+        """The same for groups by grouping, with a parameter of each."""
+        if not groups:
+            return self
+        key = repr(groups)
+        if key not in self._by_groups:
+            self._by_groups[key] = Model._of(self._m.grouped(groups))
+        return self._by_groups[key]
 
     def simulate(
         self,
@@ -261,10 +272,12 @@ class Model:
 
         parameters: other values by name; the rest as the model declares it, free initial values as the run suggests.
         """
-        [one] = as_runs(run)
-        [record] = bound([one], self, to_simulate=True)
+        of = Campaign.of(self, run, options=options, to_simulate=True, several=False)
+        if len(of.records) != 1:
+            raise ValueError(f"one run is simulated at a time, not {len(of.records)}")
         given = dict(set=parameters, steps=steps, integrator=integrator)
-        outputs, integration, faults = _fdm.simulate(self._m, record, words({**given, **options}))
+        [record] = of.records
+        outputs, integration, faults = _fdm.simulate(of.model._m, record, words({**given, **options}))
         for fault in faults:
             warnings.warn(fault, ResultWarning, stacklevel=2)
         names, units = tuple(o.name for o in self.outputs), tuple(o.unit for o in self.outputs)
@@ -287,7 +300,8 @@ class Model:
         steps, integrator: as in `fit`; chosen at the start values when not given. A stiff model that is evaluated far from these wants
             ``integrator="radau"``.
         """
-        model = self.changed(set=set, fix=fix, free=free) if set or listed(fix) or listed(free) else self
+        of = Campaign.of(self, runs, several=False)
+        model = of.model.changed(set=set, fix=fix, free=free) if set or listed(fix) or listed(free) else of.model
         unknown = [name for name in noise or {} if name not in [o.name for o in self.outputs]]
         if unknown:
             raise KeyError(f"there is no output `{unknown[0]}`; there are {', '.join(o.name for o in self.outputs)}")
@@ -296,7 +310,7 @@ class Model:
         bad = [f"the deviation of `{o.name}` is {d}, expected a number above 0" for o, d in zip(self.outputs, deviations) if not d > 0]
         if bad:
             raise ValueError("; ".join(bad))
-        made = _fdm.Residuals(model._m, bound(some_runs(runs), self), deviations, steps, integrator)
+        made = _fdm.Residuals(model._m, of.records, deviations, steps, integrator)
         return Residuals(made, model, deviations)
 
     def residuals(
@@ -308,7 +322,7 @@ class Model:
             estimated, in the model's order, then those of every run (`Residuals.names`).
         options: those of `prepare`. What was prepared is kept for the next call with the same runs and options.
         """
-        given = some_runs(runs)
+        given = as_runs(runs)
         key = (tuple(id(r) for r in given), repr(sorted(options.items())))
         if self._kept is None or self._kept[0] != key:
             # the runs are kept too, so that no other one gets their numbers
@@ -347,11 +361,31 @@ class Model:
             only=only, without=without, effects=effects, alpha=alpha, max_effects=max_effects, domain=domain, set=set, fix=fix,
             free=free, time_limit=time_limit,
         )  # fmt: skip
-        records = bound(some_runs(runs), self)
-        others = bound(as_runs(validation), self, elsewhere=self._measured(records))
+        of = Campaign.of(self, runs, validation, options=options)
         with telling(progress, f"diagnosing {self.name}") as tell:
-            made = _fdm.diagnose(self._m, records, others, words({**given, **options}), tell)
-        return Diagnosis._of(self, *made)
+            made = _fdm.diagnose(of.model._m, of.records, of.predicted, words({**given, **options}), tell)
+        return Diagnosis._of(of.model, *made)
+
+    def doctor(
+        self,
+        runs: RunLike | Sequence[RunLike],
+        *,
+        alpha: float | None = None,
+        odds: float | None = None,
+        estimated: bool = True,
+        **options: Any,
+    ) -> Doctor:
+        """Runs judged before they are believed, by themselves and beside this model, as ``fdm doctor``: faults with odds, biases and
+        repairs.
+
+        alpha: probability of a finding in a record without a fault (0.01). odds: those that a fault must have beside the model (20).
+        estimated: whether delays, offsets, scale factors and drifts of clocks are estimated beside the model.
+        """
+        from ._results import Doctor
+
+        of = Campaign.of(self, runs, options=options, to_simulate=True, several=False)
+        given = dict(alpha=alpha, odds=odds, no_estimated=not estimated)
+        return Doctor._of(_fdm.doctor(of.model._m, of.records, words({**given, **options})))
 
     def study(
         self, runs: RunLike | Sequence[RunLike], *, repeats: int | None = None, seed: int | None = None, progress: Any = None, **options: Any
@@ -362,9 +396,10 @@ class Model:
         """
         from ._results import Study
 
+        of = Campaign.of(self, runs, options=options)
         with telling(progress, f"study of {self.name}") as tell:
             asked = words({"repeats": repeats, "seed": seed, **options})
-            made, columns = _fdm.study(self._m, bound(some_runs(runs), self), asked, tell)
+            made, columns = _fdm.study(of.model._m, of.records, asked, tell)
         return Study._of(made, columns)
 
     def profile(
@@ -378,9 +413,10 @@ class Model:
         """Profile-likelihood intervals, as ``fdm profile``: of these parameters, or of all that are estimated and shared."""
         from ._results import Profiles
 
+        of = Campaign.of(self, runs, options=options)
         with telling(progress, f"profiling {self.name}") as tell:
             asked = words({"parameter": parameter, **options})
-            made = _fdm.profile(self._m, bound(some_runs(runs), self), asked, tell)
+            made = _fdm.profile(of.model._m, of.records, asked, tell)
         return Profiles._of(made)
 
     def design(
@@ -407,9 +443,9 @@ class Model:
     def _design(self, runs: Any, result: Any, options: Mapping[str, Any], progress: Any) -> Design:
         from ._results import Design
 
-        records = bound(as_runs(runs), self, to_simulate=True)
+        of = Campaign.of(self, runs, to_simulate=True, several=False, optional=True)
         with telling(progress, f"planning runs of {self.name}") as tell:
-            made = _fdm.design(self._m, records, result, words(options), tell)
+            made = _fdm.design(of.model._m, of.records, result, words(options), tell)
         return Design._of(made)
 
     def spectra(
@@ -429,8 +465,8 @@ class Model:
         from ._results import Spectra
 
         given = dict(inputs=inputs, outputs=outputs, band=band, segment=segment)
-        records = bound(some_runs(runs), self, to_simulate=True)
-        return Spectra._of(_fdm.spectra(self._m, records, words({**given, **options})))
+        of = Campaign.of(self, runs, options=options, to_simulate=True, several=False)
+        return Spectra._of(_fdm.spectra(of.model._m, of.records, words({**given, **options})))
 
     # Without runs
 

@@ -43,12 +43,37 @@ class _Bar:
             self.bar.close()
 
 
+class _Task:
+    """Drives a display of rich: `add_task`, `update`, `start`, `stop`."""
+
+    def __init__(self, shown: Any, what: str):
+        self.shown, self.what = shown, what
+        # a display that runs already is its owner's
+        self.own = not shown.live.is_started
+        if self.own:
+            shown.start()
+        self.task = shown.add_task(what, total=None)
+        self.last: dict[str, Any] | None = None
+
+    def __call__(self, seen: dict[str, Any]) -> None:
+        self.last = seen
+        doing = " ".join(seen["doing"].split())
+        done = seen["done"] if seen["total"] else seen["iteration"] or 0
+        self.shown.update(self.task, description=f"{self.what}: {doing}" if doing else self.what, total=seen["total"], completed=done)
+
+    def close(self) -> None:
+        total = self.last["total"] if self.last else None
+        self.shown.update(self.task, total=total or 1, completed=total or 1)
+        if self.own:
+            self.shown.stop()
+
+
 @contextlib.contextmanager
 def telling(progress: Any, what: str) -> Iterator[Callable[[dict[str, Any]], None] | None]:
     """What the extension is to call while it works.
 
     progress: ``None`` for a bar of tqdm where that is installed and somebody looks; ``False`` for nothing; tqdm's class or a bar of it;
-        or a function of a dictionary with the keys ``doing``, ``iteration``, ``cost``, ``step``, ``values``, ``done``, ``total``,
+        a `rich.progress.Progress`; or a function of a dictionary with the keys ``doing``, ``iteration``, ``cost``, ``step``, ``values``, ``done``, ``total``,
         which is called some times a second on the thread of the caller. What it raises ends the work; ``StopIteration`` does so
         with the best so far.
     """
@@ -66,7 +91,13 @@ def telling(progress: Any, what: str) -> Iterator[Callable[[dict[str, Any]], Non
             yield driven
         finally:
             driven.close()
+    elif hasattr(progress, "add_task") and hasattr(progress, "live"):
+        task = _Task(progress, what)
+        try:
+            yield task
+        finally:
+            task.close()
     elif callable(progress):
         yield progress
     else:
-        raise TypeError(f"progress is None, False, tqdm or a function, not {type(progress).__name__}")
+        raise TypeError(f"progress is None, False, tqdm, a display of rich or a function, not {type(progress).__name__}")

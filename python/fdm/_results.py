@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _fdm, _figures
 from ._documents import Document, columns, frame, wrapped
-from ._errors import InterruptedWarning
+from ._errors import InputError, InterruptedWarning
 from ._model import Model
-from ._run import Run
+from ._options import words
+from ._run import TIMES, Run, RunLike, RunTable, as_runs
 
 A = TypeVar("A", bound="Answer")
 
@@ -205,6 +206,76 @@ class Modes(Answer):
         columns: dict[str, list[Any]] = {f: [m[f] for m in self.document.modes] for f in fields}
         columns["states"] = [", ".join(m.states) for m in self.document.modes]
         return frame(columns, kind)
+
+
+class Doctor(Answer):
+    """Records judged before they are believed: `good` where nothing but remarks was found. Keys of ``fdm doctor --json`` are attributes:
+    `findings`, each with ``run``, ``channels``, ``fault``, ``place``, ``what``, ``log_odds``, ``biases``, ``repair``; `records`, `notes`."""
+
+    _made: _fdm.Doctor
+
+    @classmethod
+    def _of(cls, made: _fdm.Doctor) -> Doctor:  # type: ignore[override]
+        found = super()._of(made.answer())
+        found._made = made
+        return found
+
+    @property
+    def findings(self) -> list[Document]:
+        """Findings first, then remarks; the surest first."""
+        return self.document.findings
+
+    @property
+    def map(self) -> str:
+        """A map with all repairs that a map can hold, as ``fdm doctor --fix`` writes it; the records are not touched."""
+        return self._made.map()
+
+    def save_map(self, file: str | os.PathLike[str]) -> None:
+        """Writes the map, ready for ``Run.read(record, map=file)``. A file that fdm did not write is left alone."""
+        path, begins = Path(file), self.map.split(";")[0]
+        if path.exists() and not path.read_text(encoding="utf-8").startswith(begins):
+            raise InputError([f"{path} exists already, and is no map that fdm wrote"])
+        path.write_text(self.map, encoding="utf-8")
+
+    def report(self, file: str | os.PathLike[str] | None = None) -> str:
+        """The page: each finding with its channel drawn; written to a file where one is given."""
+        page = self._made.page()
+        if file is not None:
+            Path(file).write_text(page, encoding="utf-8")
+        return page
+
+    def table(self, kind: str = "pandas") -> Any:
+        """One row for each finding."""
+        fields = ["run", "severity", "fault", "what", "log_odds"]
+        columns: dict[str, list[Any]] = {f: [finding[f] for finding in self.findings] for f in fields}
+        columns["channels"] = [", ".join(finding["channels"]) for finding in self.findings]
+        return frame(columns, kind)
+
+    def _repr_html_(self) -> str:
+        rows = [[f["run"], ", ".join(f["channels"]), f["fault"], f["what"]] for f in self.findings]
+        title = "nothing was found" if self.good else "findings"
+        return _figures.table(title, ["run", "channels", "fault", "what"], rows)
+
+
+def doctor(runs: RunLike | Sequence[RunLike], *, alpha: float | None = None, **options: Any) -> Doctor:
+    """Records judged by themselves, without a model, as ``fdm doctor --data FILE``: every table of every file, frames and arrays.
+
+    alpha: probability of a finding in a record without a fault (0.01). `Model.doctor` judges runs beside a model.
+    """
+    files: list[Path] = []
+    tables: list[Any] = []
+    for run in as_runs(runs):
+        if isinstance(run, RunTable):
+            raise TypeError("a table of runs is judged beside a model: Model.doctor")
+        if run.file is not None:
+            files.append(run.file)
+        else:
+            fields = [(name, s.unit, np.asarray(s.values)) for name, s in run._channels.items()]
+            time = next((k for k, (name, _, _) in enumerate(fields) if name in TIMES), None)
+            tables.append((run.name, time, fields))
+    if not files and not tables:
+        raise InputError(["no run was given"])
+    return Doctor._of(_fdm.doctor_alone(files, tables, words({"alpha": alpha, **options})))
 
 
 class Check(Answer):

@@ -32,11 +32,11 @@ mod _fdm {
     #[pymodule_export]
     use super::pages::{figures_of, intervals, open, page_of, write};
     #[pymodule_export]
-    use super::records::Record;
+    use super::records::{Record, Source};
     #[pymodule_export]
     use super::residuals::Residuals;
     #[pymodule_export]
-    use super::results::{Fit, design, diagnose, fit, profile, simulate, spectra, study, validate};
+    use super::results::{Doctor, Fit, design, diagnose, doctor, doctor_alone, fit, profile, simulate, spectra, study, validate};
     #[pymodule_export]
     use super::work::{set_threads, threads};
     #[pymodule_export]

@@ -1,14 +1,16 @@
 //! A checked model: what it declares, and what can be asked of it without records.
 
 use crate::errors::{findings, model as refused_model, refused, said};
-use crate::records::Record;
+use crate::records::{Record, Source};
 use fdm::grammar::graph::Signal;
 use fdm::linear::Values;
 use fdm::request::{self, Answer as Told};
 use fdm::{LinearModel, Modes};
+use numpy::ndarray::s;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Files of a result: names and contents.
@@ -23,6 +25,8 @@ struct State {
     text: String,
     #[pyo3(item)]
     used: Vec<String>,
+    #[pyo3(item)]
+    groups: BTreeMap<String, Vec<String>>,
     #[pyo3(item)]
     untied: Vec<String>,
     #[pyo3(item)]
@@ -57,6 +61,25 @@ impl Answer {
     }
 }
 
+/// Channels of a run: name, unit and samples (N).
+type Channels<'py> = Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>;
+
+/// Copies of the channels that are columns of a matrix, or parts with a step. A part of all of them at a time: rows of a matrix are
+/// read once.
+fn gathered(channels: &Channels<'_>) -> Vec<Vec<f64>> {
+    const PART: usize = 2048;
+    let apart: Vec<_> = channels.iter().filter(|(.., s)| s.as_slice().is_err()).map(|(.., s)| s.as_array()).collect();
+    let mut found: Vec<Vec<f64>> = apart.iter().map(|view| Vec::with_capacity(view.len())).collect();
+    let longest = apart.iter().map(|view| view.len()).max().unwrap_or_default();
+    for from in (0..longest).step_by(PART) {
+        for (samples, view) in found.iter_mut().zip(&apart) {
+            let to = view.len().min(from + PART);
+            samples.extend(view.slice(s![from.min(to)..to]).iter());
+        }
+    }
+    found
+}
+
 #[pymethods]
 impl Model {
     /// Reads a file and those that it uses.
@@ -89,6 +112,7 @@ impl Model {
             name: self.model.source().name().into(),
             text: texts.first().map_or(String::new(), |t| t.text().to_string()),
             used,
+            groups: self.model.source().groups().clone(),
             untied: self.model.open_ties(),
             set: params.iter().filter(|p| !p.is_recorded()).map(|p| (p.quantity.name.clone(), p.value)).collect(),
             fix: params.iter().filter(|p| p.fixed && !p.is_recorded()).map(|p| p.quantity.name.clone()).collect(),
@@ -99,8 +123,9 @@ impl Model {
     /// The model of a state.
     #[staticmethod]
     fn from_state(py: Python<'_>, state: State) -> PyResult<Self> {
-        let State { name, text, used, untied, set, fix, free } = state;
-        let model = py.detach(|| fdm::Model::from_texts(name, text, &used)).map_err(|e| refused_model(py, &e))?;
+        let State { name, text, used, groups, untied, set, fix, free } = state;
+        let model = py.detach(|| fdm::Model::from_texts(name, text, &used)?.grouped(groups));
+        let model = model.map_err(|e| refused_model(py, &e))?;
         let model = model.untied(&untied).map_err(|e| said(py, e))?;
         let params = &model.definition().params;
         let is = |name: &String, fixed: bool| params.iter().any(|p| p.quantity.name == *name && p.fixed == fixed);
@@ -161,14 +186,16 @@ impl Model {
         Ok((findings(py, source, found)?, text))
     }
 
-    /// Inputs, states and outputs: name, doc and unit of each; hidden inputs are left out.
-    fn channels(&self) -> [Vec<(String, String, Option<String>)>; 3] {
+    /// Inputs, values that runs bring, states and outputs: name, doc and unit of each; hidden inputs and groups are left out.
+    fn channels(&self) -> [Vec<(String, String, Option<String>)>; 4] {
         let d = self.model.definition();
         let one = |q: &fdm::grammar::model::Quantity| {
             (q.name.clone(), q.doc.clone(), q.unit.as_ref().map(ToString::to_string))
         };
         [
-            d.inputs.iter().filter(|i| i.is_declared()).map(|i| one(&i.quantity)).collect(),
+            d.inputs.iter().filter(|i| i.is_declared() && !i.known).map(|i| one(&i.quantity)).collect(),
+            // a group is a value that is 1 in its runs
+            d.inputs.iter().filter(|i| i.known && !i.quantity.name.contains('=')).map(|i| one(&i.quantity)).collect(),
             d.states.iter().map(|s| one(&s.quantity)).collect(),
             d.outputs.iter().map(|o| one(&o.quantity)).collect(),
         ]
@@ -201,23 +228,31 @@ impl Model {
         self.model.definition().outputs.iter().map(|o| o.noise).collect()
     }
 
-    /// A run from samples in memory: name, unit and samples of each channel; the times are called `t`.
-    #[pyo3(signature = (name, channels, hold, without_outputs))]
+    /// A run from samples in memory: name, unit and samples of each channel, and the groups that it belongs to; the times are called `t`.
     fn run(
         &self,
         py: Python<'_>,
         name: String,
-        channels: Vec<(String, Option<String>, PyReadonlyArray1<'_, f64>)>,
+        channels: Channels<'_>,
+        groups: BTreeMap<String, String>,
         hold: Vec<String>,
         without_outputs: bool,
     ) -> PyResult<Record> {
         let mut builder = self.model.run(name);
+        for (grouping, group) in &groups {
+            builder = builder.group(grouping, group);
+        }
+        let mut gathered = gathered(&channels).into_iter();
         for (channel, unit, samples) in &channels {
             builder = match (samples.as_slice(), unit.as_deref()) {
                 (Ok(samples), unit) => builder.samples_of(channel, unit, samples),
-                // a column of a matrix, or a part with a step
-                (Err(_), Some(unit)) => builder.samples_in(channel, unit, samples.as_array().to_vec()),
-                (Err(_), None) => builder.samples(channel, samples.as_array().to_vec()),
+                (Err(_), unit) => {
+                    let samples = gathered.next().unwrap_or_default();
+                    match unit {
+                        Some(unit) => builder.samples_in(channel, unit, samples),
+                        None => builder.samples(channel, samples),
+                    }
+                }
             };
         }
         for input in hold {
@@ -227,21 +262,48 @@ impl Model {
             builder = builder.without_outputs();
         }
         let run = py.detach(|| builder.build()).map_err(|e| crate::errors::run(py, &e))?;
-        Ok(Record::in_memory(run))
+        Ok(Record { record: request::Record::in_memory(run) })
     }
 
-    /// Runs from files, with the options of reading among the words, and what a careful reader would mention of each.
-    fn read(
+    /// The files that the command would read with these options, and how.
+    fn sources(
         &self,
         py: Python<'_>,
         files: Vec<PathBuf>,
         words: Vec<String>,
-        elsewhere: Vec<bool>,
         to_simulate: bool,
+    ) -> PyResult<Vec<Source>> {
+        let found = py.detach(|| request::sources(&self.model, &files, &words, to_simulate));
+        let found = found.map_err(|e| refused(py, e))?;
+        Ok(found.into_iter().map(|source| Source { source }).collect())
+    }
+
+    /// Runs from files, and what a careful reader would mention of each.
+    fn read(
+        &self,
+        py: Python<'_>,
+        sources: Vec<Py<Source>>,
+        elsewhere: Vec<bool>,
     ) -> PyResult<Vec<(Record, Vec<String>)>> {
-        let read = py.detach(|| request::read(&self.model, &files, &words, &elsewhere, to_simulate));
-        let read = read.map_err(|e| refused(py, e))?;
+        let sources: Vec<request::Source> = sources.iter().map(|s| s.get().source.clone()).collect();
+        let read = py.detach(|| request::read(&self.model, &sources, &elsewhere)).map_err(|e| refused(py, e))?;
         Ok(read.into_iter().map(|(record, notes)| (Record { record }, notes)).collect())
+    }
+
+    /// Names of the groupings that parameters are shared within (`param k per group aircraft;`).
+    fn groupings(&self) -> Vec<String> {
+        self.model.groupings().into_iter().map(String::from).collect()
+    }
+
+    /// The groups that it is made for, by grouping; none before it is made for some.
+    fn groups(&self) -> BTreeMap<String, Vec<String>> {
+        self.model.source().groups().clone()
+    }
+
+    /// The same for groups by grouping: a parameter of each, such as `k[A]`.
+    fn grouped(&self, py: Python<'_>, groups: BTreeMap<String, Vec<String>>) -> PyResult<Self> {
+        let model = py.detach(|| self.model.grouped(groups));
+        model.map(|model| Self { model }).map_err(|e| refused_model(py, &e))
     }
 
     /// `fdm check`.

@@ -1,8 +1,10 @@
-//! A run in the channels, order and units of a model.
+//! A run in the channels, order and units of a model, and the files that runs are read from.
 
-use fdm::request;
+use fdm::request::{self, Role};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// A run that was bound to a model.
 #[pyclass(frozen, module = "fdm._fdm")]
@@ -10,9 +12,43 @@ pub(crate) struct Record {
     pub(crate) record: request::Record,
 }
 
-impl Record {
-    pub(crate) fn in_memory(run: fdm::Run) -> Self {
-        Self { record: request::Record { run, file: None, reading: fdm::ReadOptions::default(), summary: None } }
+/// A file of a run, and how it is read.
+#[pyclass(frozen, module = "fdm._fdm")]
+pub(crate) struct Source {
+    pub(crate) source: request::Source,
+}
+
+#[pymethods]
+impl Source {
+    /// Where it is.
+    #[getter]
+    fn path(&self) -> PathBuf {
+        self.source.file.path.clone()
+    }
+
+    /// Name of the run, where a table gives one.
+    #[getter]
+    fn name(&self) -> Option<&str> {
+        self.source.file.name.as_deref()
+    }
+
+    /// Whether it is predicted, not fitted.
+    #[getter]
+    fn validation(&self) -> bool {
+        self.source.file.role == Role::Validation
+    }
+
+    /// The same for a run of this name.
+    fn named(&self, name: String) -> Self {
+        let mut source = self.source.clone();
+        source.file.name = Some(name);
+        Self { source }
+    }
+
+    /// The groups that it belongs to, by grouping.
+    #[getter]
+    fn groups(&self) -> BTreeMap<String, String> {
+        self.source.file.options.groups.clone()
     }
 }
 
@@ -55,13 +91,6 @@ impl Record {
     fn measured<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let run = &self.record.run;
         rows(py, &run.measured, run.output_gaps.len())
-    }
-
-    /// The same under another name.
-    fn renamed(&self, name: String) -> Self {
-        let mut record = self.record.clone();
-        record.run.name = name;
-        Self { record }
     }
 
     /// The same with every number compared: with zero where none was measured. For the sensitivities of all samples.

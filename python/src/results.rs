@@ -4,10 +4,11 @@ use crate::errors::refused;
 use crate::model::{Answer, Files, Model};
 use crate::records::{Record, all, rows};
 use crate::work::watched;
-use fdm::request::{self, Fitted};
-use numpy::{PyArray1, PyArray2};
+use fdm::request::{self, Fitted, Judged};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
+use std::path::PathBuf;
 
 /// Columns by name.
 type Columns<'py> = Vec<(String, Bound<'py, PyArray1<f64>>)>;
@@ -205,4 +206,60 @@ pub(crate) fn simulate<'py>(
     let found = found.map_err(|e| refused(py, e))?;
     let q = model.model.layout().outputs;
     Ok((rows(py, &found.response, q)?, found.integration, found.faults))
+}
+
+/// What `fdm doctor` finds.
+#[pyclass(frozen, module = "fdm._fdm")]
+pub(crate) struct Doctor {
+    judged: Judged,
+}
+
+#[pymethods]
+impl Doctor {
+    /// What is printed.
+    fn answer(&self, py: Python<'_>) -> PyResult<Answer> {
+        let answer = py.detach(|| self.judged.answer()).map_err(|e| refused(py, e))?;
+        Ok(Answer::new(py, answer, false))
+    }
+
+    /// The page: each finding with its channel drawn.
+    fn page(&self, py: Python<'_>) -> String {
+        py.detach(|| self.judged.page())
+    }
+
+    /// The map with all repairs that a map can hold.
+    fn map(&self) -> String {
+        self.judged.map()
+    }
+}
+
+/// `fdm doctor` beside a model.
+#[pyfunction]
+pub(crate) fn doctor(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, words: Vec<String>) -> PyResult<Doctor> {
+    let records = all(&records);
+    let (judged, _) = watched(py, None, |_| request::doctor(&model.model, records, &words))?;
+    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))? })
+}
+
+/// A table in memory: its name, the number of the field that is its time, and name, unit and values of every field.
+type Table<'py> = (String, Option<usize>, Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>);
+
+/// `fdm doctor` without a model, of files and of tables in memory.
+#[pyfunction]
+pub(crate) fn doctor_alone(
+    py: Python<'_>,
+    files: Vec<PathBuf>,
+    tables: Vec<Table<'_>>,
+    words: Vec<String>,
+) -> PyResult<Doctor> {
+    let field = |(name, unit, values): (String, Option<String>, PyReadonlyArray1<'_, f64>)| {
+        (name, unit, values.as_array().to_vec())
+    };
+    let table = |(name, time, fields): Table<'_>| {
+        let fields = fields.into_iter().map(field).collect();
+        request::Table { name, time, fields }
+    };
+    let tables = tables.into_iter().map(table).collect();
+    let (judged, _) = watched(py, None, |_| request::doctor_alone(&files, tables, &words))?;
+    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))? })
 }

@@ -167,6 +167,19 @@ def test_bands_are_those_of_repeated_fits(roll):
     assert 0.7 < ratio < 1.4
 
 
+def test_bands_of_measurements_hold_what_is_measured_next(roll):
+    """Of records that were not fitted, 95 % of the samples are within the band of parameters and noise."""
+    fit = roll.fit(rolling(roll, seed=0), progress=False)
+    predicted = fit.predict([rolling(roll, seed=seed, name=f"r{seed}") for seed in range(1, 13)], progress=False)
+    within = [np.abs(h.residuals) < 1.96 * b for h, b in zip(predicted.histories, predicted.measurement_bands)]
+    shares = np.mean(within, axis=(0, 1))
+    # 9600 independent samples each
+    assert np.all(np.abs(shares - 0.95) < 0.015), shares
+    assert np.allclose(fit.noise, [0.3, 0.005], rtol=0.1)
+    assert all(np.all(m > b) for m, b in zip(predicted.measurement_bands, predicted.bands))
+    assert np.array_equal(fit.bands(noise=True)[0], np.hypot(fit.bands()[0], fit.noise))
+
+
 def _with_noise(roll: fdm.Model, seed: int) -> fdm.Run:
     """The record of seed 0 with other noise."""
     first = rolling(roll, seed=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import itertools
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -45,6 +46,70 @@ def test_mistakes_of_a_text(text, code, line, column, part):
         assert (error.line, error.column) == (line, column)
     assert part in error.message + (error.hint or "")
     assert f"[{code}]" in str(error) and error.diagnostics[0].title
+
+
+# Every kind of input, what is wrong with it, and code, place and hint of the exception: the place as a part of it
+def mistakes(roll: fdm.Model, decay: fdm.Model, folder: Path):
+    run, t = decaying(), np.linspace(0, 8, 20)
+
+    def text(body):
+        return lambda: fdm.Model.from_text(body, "m.fdm")
+
+    def file(content, **options):
+        def read():
+            (folder / "run.csv").write_text(content)
+            decay.fit(fdm.Run.read(folder / "run.csv", **options))
+
+        return read
+
+    def samples(**given):
+        return lambda: decay.fit(fdm.Run(t=t, **given))
+
+    return [
+        (text("model m {\n  state x = 1; param kappa = 1;\n  der(x) = -kapa*x; output y = x; }"), "E0201", "m.fdm:3:13", "kappa"),
+        (text("model m { state x = 1; der(x) = sine(x); output y = x; }"), "E0204", "m.fdm:1:33", "sin"),
+        (text("model m { state x [metr] = 1; der(x) = 1; output y = x; }"), "E0601", "m.fdm:1:20", ""),
+        (text("model m { param k; output y = k; }"), "E0301", "m.fdm:1:17", "k"),
+        (text("model m { state x = 1; output y = x; }"), "E0401", "m.fdm:1:17", "der(x)"),
+        (text("model m { state x = 1; der(x) = 1; der(x) = 2; output y = x; }"), "E0402", "m.fdm:1:36", ""),
+        (text("model m { state x = 1; der(x) = 1; }"), "E0404", "m.fdm:1:7", "output"),
+        (text("model m { state x = 1; der(x) = (1; output y = x; }"), "E0104", "m.fdm:1:33", ""),
+        (lambda: fdm.Model(folder / "none.fdm"), "unreadable", "none.fdm", None),
+        (file("t [s],y\n0,1\n1,abc\n2,0.5\n"), "record", "run.csv:3: y", ""),
+        (file("t [s],yy\n0,1\n1,2\n2,0.5\n"), "record", "run.csv", "yy"),
+        (file("t [s],y\n0,1\n2,1\n1,0.5\n"), "record", "run.csv:4", ""),
+        (file("t [m],y\n0,1\n1,1\n2,0.5\n"), "record", "run.csv", ""),
+        (file(""), "record", "run.csv", ""),
+        (lambda: decay.fit(folder / "none.csv"), "record", "none.csv", ""),
+        (file("t [s],y\n0,1\n1,1\n2,0.5\n", evry=2), "unknown_option", "evry", "every"),
+        (samples(outputs={"yy": t}), "run", "run `run`", "`y`"),
+        (samples(outputs={"y": t[:3]}), "run", "run `run`", ""),
+        (samples(outputs={"y": (t, "m")}), "run", "run `run`", ""),
+        (samples(outputs={"y": np.where(t > 4, np.inf, t)}), "run", "run `run`", ""),
+        (lambda: decay.fit(fdm.Run(t=t[::-1], outputs={"y": t})), "run", "run `run`", ""),
+        (lambda: decay.fit(run, metod="output-error"), "unknown_option", "metod", "method"),
+        (lambda: decay.fit(run, method="output-eror"), "option", "output-eror", "output-error"),
+        (lambda: decay.fit(run, loss="hubber"), "option", "hubber", "huber"),
+        (lambda: decay.fit(run, fix="kk"), "input", "kk", "`k`"),
+        (lambda: decay.fit(run, noise={"yy": 1}), "input", "noise", "`y`"),
+        (lambda: decay.fit(run, coherence=0.5), "input", "coherence", "frequency-response"),
+        (lambda: decay.diagnose(run, only="input_dely"), "input", "input_dely", "input_delay"),
+        (lambda: decay.profile(run, "kk"), "input", "parameter", "`k`"),
+        (lambda: decay.study(run, noise_colour="purple"), "option", "purple", "pink"),
+        (lambda: fdm.load(folder / "none"), "input", None, ""),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(31))
+def test_every_mistake_has_code_place_and_hint(roll, decay, tmp_path, number):
+    call, code, place, hint = mistakes(roll, decay, tmp_path)[number]
+    with pytest.raises(fdm.Error) as caught:
+        call()
+    error = caught.value
+    assert error.code == code and (place is None or place in str(error.place)), (error.code, error.place)
+    # an empty hint of the table stands for a sentence that says itself what is expected
+    assert hint is None or hint in (error.hint or str(error)), error.hint
+    assert not hint or error.hint, str(error)
 
 
 def test_all_mistakes_come_at_once():

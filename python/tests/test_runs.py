@@ -133,9 +133,9 @@ def test_ten_million_numbers_are_taken_quickly():
     rows = np.random.default_rng(0).standard_normal((1_000_000, 10))
     for whole in (rows, np.asfortranarray(rows)):
         run = fdm.Run({n: whole[:, k] for k, n in enumerate(names)})
-        begun = time.perf_counter()
-        [record] = fdm._run.bound([run], m)
-        took = time.perf_counter() - begun
+        begun = time.process_time()
+        [record] = fdm._run.Campaign.of(m, run).records
+        took = time.process_time() - begun
         assert len(record) == 1_000_000 and np.array_equal(record.measured(), rows)
         # the extension of the tests is not optimised: what the wheel needs is in its own test
         assert took < 3.0, took

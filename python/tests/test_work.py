@@ -95,6 +95,40 @@ def test_tqdm_is_driven(slow):
     assert fit.converged
 
 
+def test_rich_is_driven(slow):
+    progress = pytest.importorskip("rich.progress")
+    m, run = slow
+    with open(os.devnull, "w") as nowhere:
+        shown = progress.Progress(console=pytest.importorskip("rich.console").Console(file=nowhere))
+        study = m.study(run, repeats=40, progress=shown)
+    [task] = shown.tasks
+    assert study.good and task.total == 40 and task.completed == 40 and "study" in task.description
+
+
+def test_a_sub_interpreter_is_refused_or_works():
+    """NumPy has no sub-interpreters: fdm must neither crash nor hang there, and go on working here."""
+    import subprocess
+    import sys
+
+    program = """
+try:
+    import _interpreters as inner
+except ImportError:
+    import _xxsubinterpreters as inner
+import fdm
+own = inner.create()
+said = "try:\\n    import fdm\\nexcept ImportError as e:\\n    print('refused', e)\\nelse:\\n    print('works')"
+inner.run_string(own, said)
+inner.destroy(own)
+m = fdm.Model.from_text("model d { param k = 1; output y = k; }")
+print(m.simulate({"y": [0.0, 0.0]})["y"])
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=120)
+    assert ended.returncode == 0, ended.stderr
+    first, last = ended.stdout.splitlines()[0], ended.stdout.splitlines()[-1]
+    assert first.startswith(("refused", "works")) and last == "[1. 1.]"
+
+
 def test_threads_work_at_once_and_give_the_same_bits(decay):
     runs = [decaying(seed=k) for k in range(8)]
     alone = [decay.fit(run, progress=False).params["k"].value for run in runs]

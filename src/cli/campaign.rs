@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 /// What a run is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
+pub enum Role {
     /// It is fitted.
     Fit,
     /// It is predicted.
@@ -19,12 +19,15 @@ pub(crate) enum Role {
 
 /// A file to be read, and how.
 #[derive(Debug, Clone)]
-pub(crate) struct RecordFile {
-    pub(crate) path: PathBuf,
+pub struct RecordFile {
+    /// Where it is.
+    pub path: PathBuf,
     /// Name of the run, where the file's is not meant.
-    pub(crate) name: Option<String>,
-    pub(crate) role: Role,
-    pub(crate) options: ReadOptions,
+    pub name: Option<String>,
+    /// What the run is for.
+    pub role: Role,
+    /// How it is read.
+    pub options: ReadOptions,
 }
 
 /// The files behind `--data`, patterns (`flights/*.csv`) written out in the order of the alphabet. A file that a pattern finds once more is

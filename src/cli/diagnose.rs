@@ -27,7 +27,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) model: ModelFile,
     #[command(flatten)]
-    records: Records,
+    pub(crate) records: Records,
     /// Validation data: a run that is not fitted; an effect must improve its prediction too; may be given several times
     #[arg(long, alias = "holdout", value_name = "RUN", help_heading = "Data")]
     validation: Vec<PathBuf>,

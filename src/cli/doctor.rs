@@ -7,11 +7,13 @@ use crate::load::{Records, load_model, read_records};
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Repair, examine_alone, examine_beside, examine_repeats,
+    AloneOptions, BesideOptions, Examination, Finding, Record, examine_alone, examine_beside, examine_repeats,
     repaired_map,
 };
+use fdm_readers::Topic;
 use fdm_report::doctor_text;
 use fdm_results::documents::DoctorDocument;
+use fdm_system::Model;
 use fdm_system::record::{Assumptions, Run, Summary, open_log};
 use std::path::PathBuf;
 
@@ -34,7 +36,7 @@ pub(crate) struct Arguments {
     no_estimated: bool,
     /// Write a map with all repairs that a map can hold; the record is not touched
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
-    fix: Option<PathBuf>,
+    pub(crate) fix: Option<PathBuf>,
     /// Write one page for a browser: each finding with its channel drawn
     #[arg(long, value_name = "FILE.html", help_heading = "Result")]
     report: Option<PathBuf>,
@@ -60,8 +62,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (records, document) = arguments.judged()?;
     let printed = arguments.output.print(|| doctor_text(&document), || document.clone())?;
     if let Some(path) = &arguments.fix {
-        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
-        write(path, arguments.map(&records, repairs))?;
+        write(path, arguments.map(&records, &document))?;
     }
     if let Some(path) = &arguments.report {
         write(path, fdm_report::page::doctor_page(&document, &records))?;
@@ -72,8 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 impl Arguments {
     /// The records and what was found in them.
     pub(crate) fn judged(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
-        let alone = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
-        let Some(path) = &self.model else { return self.by_themselves(&alone) };
+        let Some(path) = &self.model else { return self.by_themselves() };
         let model = self.records.grouped(&load_model(path)?)?;
         let files = self.records.every(&self.records.selection.options(false), &model)?;
         let read = read_records(&files, &model, &[])?;
@@ -82,11 +82,28 @@ impl Arguments {
         let records = self.with_other_columns(records, &files, &read);
         let told: Vec<Assumptions> = read.iter().map(|(run, summary)| Assumptions::of(&run.name, summary)).collect();
         let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
-        let found = by_records(&records, &alone);
-        let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
-        let found = examine_beside(&model, &runs, &records, found, &options);
-        let document = DoctorDocument::of(Some(model.name()), told, &found);
+        let document = self.examined((&model, &runs), &records, told);
         Ok((records, document))
+    }
+
+    /// Runs, and what was found while they were read, beside a model.
+    pub(crate) fn beside(&self, model: &Model, read: Vec<(Run, Option<Summary>)>) -> (Vec<Record>, DoctorDocument) {
+        let of_run = |(run, summary): &(Run, Option<Summary>)| {
+            let in_memory = || Assumptions::of_samples(&run.name, "arrays", run.len());
+            let told = summary.as_ref().map_or_else(in_memory, |summary| Assumptions::of(&run.name, summary));
+            (Record::of_run(model.definition(), run, summary.as_ref()), told)
+        };
+        let (records, told): (Vec<Record>, Vec<Assumptions>) = read.iter().map(of_run).unzip();
+        let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
+        let document = self.examined((model, &runs), &records, told);
+        (records, document)
+    }
+
+    fn examined(&self, (model, runs): (&Model, &[Run]), records: &[Record], told: Vec<Assumptions>) -> DoctorDocument {
+        let found = self.by_records(records);
+        let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
+        let found = examine_beside(model, runs, records, found, &options);
+        DoctorDocument::of(Some(model.name()), told, &found)
     }
 
     /// With the columns that the model does not read, where a file is one table and all files have the same ones.
@@ -110,41 +127,55 @@ impl Arguments {
     }
 
     /// Without a model: every table of every file.
-    fn by_themselves(&self, options: &AloneOptions) -> Result<(Vec<Record>, DoctorDocument), Failure> {
-        let (mut records, mut told) = (Vec::new(), Vec::new());
-        for path in &self.records.paths()? {
-            let (log, notes) =
-                open_log(path, self.records.selection.is_salvaged()).map_err(|e| Failure::Records(vec![e]))?;
-            let mut first = true;
-            let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
-            for topic in log.topics.iter().filter(|t| t.rows() > 2) {
-                let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
-                records.push(Record::of_topic(&name, topic));
-                let mut assumed = Assumptions::of_samples(&name, "table", topic.rows());
-                if std::mem::take(&mut first) {
-                    assumed = notes.iter().fold(assumed, |a, note| a.noted("reading", note.to_string()));
-                }
-                told.push(assumed);
-            }
-        }
-        let findings = by_records(&records, options);
-        let found = Examination { findings, ..Examination::default() };
-        Ok((records, DoctorDocument::of(None, told, &found)))
+    fn by_themselves(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
+        let tables = tables(&self.records.paths()?, self.is_salvaged())?;
+        Ok(self.of_tables(tables))
+    }
+
+    /// Whether what can be read of damaged logs is used.
+    pub(crate) fn is_salvaged(&self) -> bool {
+        self.records.selection.is_salvaged()
+    }
+
+    /// Tables by themselves.
+    pub(crate) fn of_tables(&self, tables: Vec<(Assumptions, Topic)>) -> (Vec<Record>, DoctorDocument) {
+        let records: Vec<Record> = tables.iter().map(|(told, topic)| Record::of_topic(&told.run, topic)).collect();
+        let told = tables.into_iter().map(|(told, _)| told).collect();
+        let found = Examination { findings: self.by_records(&records), ..Examination::default() };
+        (records, DoctorDocument::of(None, told, &found))
+    }
+
+    /// What records say by themselves.
+    fn by_records(&self, records: &[Record]) -> Vec<Finding> {
+        let options = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
+        let mut findings: Vec<Finding> = records.iter().flat_map(|record| examine_alone(record, &options)).collect();
+        findings.extend(examine_repeats(records));
+        fdm_doctor::sort(&mut findings);
+        findings
     }
 
     /// The repairs as a map.
-    fn map<'a>(&self, records: &[Record], repairs: impl Iterator<Item = &'a Repair>) -> String {
+    pub(crate) fn map(&self, records: &[Record], document: &DoctorDocument) -> String {
+        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
         let before = self.records.selection.map();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())
     }
 }
 
-/// What records say by themselves.
-fn by_records(records: &[Record], options: &AloneOptions) -> Vec<Finding> {
-    let alone = records.iter().flat_map(|record| examine_alone(record, options));
-    let mut findings: Vec<Finding> = alone.collect();
-    findings.extend(examine_repeats(records));
-    fdm_doctor::sort(&mut findings);
-    findings
+/// Every table of every file with more than two rows.
+pub(crate) fn tables(files: &[PathBuf], salvage: bool) -> Result<Vec<(Assumptions, Topic)>, Failure> {
+    let mut tables = Vec::new();
+    for path in files {
+        let (log, notes) = open_log(path, salvage).map_err(|e| Failure::Records(vec![e]))?;
+        let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+        let mut notes = notes.into_iter();
+        for topic in log.topics.into_iter().filter(|t| t.rows() > 2) {
+            let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
+            // said once of each file
+            let told = Assumptions::of_samples(&name, "table", topic.rows());
+            tables.push((notes.by_ref().fold(told, |told, note| told.noted("reading", note.to_string())), topic));
+        }
+    }
+    Ok(tables)
 }

@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) model: ModelFile,
     #[command(flatten)]
-    records: Records,
+    pub(crate) records: Records,
     /// Parameter that is profiled; may be given several times [default: all that are estimated and shared]
     #[arg(long = "parameter", value_name = "NAME", help_heading = "Parameters")]
     parameters: Vec<String>,

@@ -3,7 +3,8 @@
 //!
 //! Words are those of the command without model and records, such as `--method=filter-error`. **Start** at [`read`] and [`fit`].
 
-use crate::campaign::{RecordFile, Role};
+pub use crate::campaign::{RecordFile, Role};
+
 use crate::deliver::{NamedFile, Outcome};
 use crate::diagnose::{is_of_numbers, refused, search};
 use crate::effects::{as_text, difference, subject_of};
@@ -15,20 +16,21 @@ use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
-    check, design, diagnose as diagnosis, effects as catalogues, modes, profile, regress, simulate, spectra, study,
+    check, design, diagnose as diagnosis, doctor, effects as catalogues, modes, profile, regress, simulate, spectra, study,
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
 use fdm_discover::{Diagnosis, DiagnosisError};
 use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
-use fdm_report::{check_text, design_table, diagnosis_text, modes_table, profile_table, response_table, study_table};
+use fdm_readers::{Field, Topic};
+use fdm_report::{check_text, design_table, diagnosis_text, doctor_text, modes_table, profile_table, response_table, study_table};
 use fdm_results::documents::{
-    DiagnosisDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
+    DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
     SpectraDocument,
 };
 use fdm_results::store::{DataFile, Identity, Manifest, ResultFolder};
-use fdm_system::record::{ReadOptions, RecordError, Run, Summary};
+use fdm_system::record::{Assumptions, ReadOptions, RecordError, Run, Summary};
 use fdm_system::{Model, ModelError};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -67,23 +69,43 @@ impl From<Failure> for Refusal {
     }
 }
 
+/// A file of a run.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// The file, and how it is read.
+    pub file: RecordFile,
+    /// How files are read of which nothing else is said.
+    common: ReadOptions,
+}
+
 /// A run, and the file that it was read from.
 #[derive(Debug, Clone)]
 pub struct Record {
     /// The samples.
     pub run: Run,
     /// The file; none of samples that were in memory.
-    pub file: Option<PathBuf>,
-    /// How the file was read.
-    pub reading: ReadOptions,
+    pub source: Option<Source>,
     /// What was found while it was read; none of samples that were in memory.
     pub summary: Option<Summary>,
 }
 
 impl Record {
-    fn data_file(&self) -> DataFile {
-        match &self.file {
-            Some(file) => DataFile::new(&self.run.name, file),
+    /// Samples that are in memory.
+    pub fn in_memory(run: Run) -> Self {
+        Self { run, source: None, summary: None }
+    }
+
+    fn file(&self) -> Option<&Path> {
+        self.source.as_ref().map(|source| source.file.path.as_path())
+    }
+
+    /// Described beside files that are read in the `common` way.
+    fn data_file(&self, common: &ReadOptions) -> DataFile {
+        match &self.source {
+            Some(Source { file, .. }) => DataFile {
+                reading: Some(file.options.clone()).filter(|own| own != common),
+                ..DataFile::new(&self.run.name, &file.path)
+            },
             None => DataFile {
                 run: self.run.name.clone(),
                 file: String::new(),
@@ -183,7 +205,7 @@ fn unclear(error: &clap::Error) -> Refusal {
 
 /// Model and runs as the command line would name them.
 fn named(model: &Model, records: &[Record]) -> Vec<String> {
-    let file = |r: &Record| r.file.as_ref().map_or_else(|| r.run.name.clone(), |file| file.display().to_string());
+    let file = |r: &Record| r.file().map_or_else(|| r.run.name.clone(), |file| file.display().to_string());
     let data = records.iter().map(|r| format!("--data={}", file(r)));
     std::iter::once(model.source().name().to_string()).chain(data).collect()
 }
@@ -205,47 +227,69 @@ fn validation_runs(fitted: &[Record], validation: &mut [Record]) -> Vec<Run> {
 
 /// What is assumed about the records and found in them.
 fn judged(model: &Model, records: &[Record]) -> Option<JudgedRecords> {
-    let read: Vec<(Run, Option<Summary>)> = records.iter().map(|r| (r.run.clone(), r.summary.clone())).collect();
-    crate::load::judged(model, &read)
+    crate::load::judged(model, &read_so(records))
+}
+
+fn read_so(records: &[Record]) -> Vec<(Run, Option<Summary>)> {
+    records.iter().map(|r| (r.run.clone(), r.summary.clone())).collect()
+}
+
+/// Refuses records with findings where `--strict` is among the words.
+fn strictly(model: &Model, records: &[Record], asked: &Records) -> Result<(), Refusal> {
+    if asked.strict {
+        asked.judge(model, &read_so(records), true)?;
+    }
+    Ok(())
 }
 
 /// With the command that would do the same, and the records.
 fn described(verb: &str, mut manifest: Manifest, (model, records): (&Model, &[Record]), words: &[String]) -> Manifest {
     manifest.command =
         ["fdm", verb].map(String::from).into_iter().chain(named(model, records)).chain(words.iter().cloned()).collect();
-    manifest.data = records.iter().map(Record::data_file).collect();
-    if let Some(first) = records.iter().find(|r| r.file.is_some()) {
-        manifest.reading = first.reading.clone();
-    }
+    manifest.reading = records.iter().find_map(|r| r.source.as_ref()).map_or(manifest.reading, |s| s.common.clone());
+    manifest.data = records.iter().map(|r| r.data_file(&manifest.reading)).collect();
     manifest
 }
 
-/// Reads runs, as `--data` does with the options of reading among the words, and says what a careful reader would mention
-/// about each. Outputs that are measured `elsewhere` (q, or nothing) may be missing in all; `to_simulate` runs need none, and
-/// may be of any size.
+/// The files that `--data` would read with these words, and how: patterns are written out, and a table of runs may stand among the words
+/// (`--runs=FILE`). `to_simulate` runs need no outputs, and may be of any size.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn sources(
+    model: &Model,
+    files: &[PathBuf],
+    words: &[String],
+    to_simulate: bool,
+) -> Result<Vec<Source>, Refusal> {
+    let data: Vec<String> = files.iter().map(|f| format!("--data={}", f.display())).collect();
+    let records: Records = parsed(&data, words)?;
+    let common = records.selection.options(!to_simulate);
+    let found = records.every(&common, model)?;
+    Ok(found.into_iter().map(|file| Source { file, common: common.clone() }).collect())
+}
+
+/// Reads runs, and says what a careful reader would mention about each. Outputs that are measured `elsewhere` (q, or nothing) may be
+/// missing in all.
 ///
 /// # Errors
 /// [`Refusal`]
 pub fn read(
     model: &Model,
-    files: &[PathBuf],
-    words: &[String],
+    sources: &[Source],
     elsewhere: &[bool],
-    to_simulate: bool,
 ) -> Result<Vec<(Record, Vec<String>)>, Refusal> {
-    let data: Vec<String> = files.iter().map(|f| format!("--data={}", f.display())).collect();
-    let records: Records = parsed(&data, words)?;
-    let reading = records.selection.options(!to_simulate);
-    let options = ReadOptions { any_size: to_simulate, ..reading.clone() };
-    let each =
-        |file: &PathBuf| RecordFile { path: file.clone(), name: None, role: Role::Fit, options: options.clone() };
-    let each: Vec<RecordFile> = files.iter().map(each).collect();
-    let read = read_records(&each, model, elsewhere)?;
-    let record = |((run, summary), file): ((Run, Summary), &PathBuf)| {
-        let notes = notes(&summary);
-        (Record { run, file: Some(file.clone()), reading: reading.clone(), summary: Some(summary) }, notes)
+    let file = |s: &Source| {
+        let any_size = !s.common.require_outputs;
+        RecordFile { options: ReadOptions { any_size, ..s.file.options.clone() }, ..s.file.clone() }
     };
-    Ok(read.into_iter().zip(files).map(record).collect())
+    let files: Vec<RecordFile> = sources.iter().map(file).collect();
+    let read = read_records(&files, model, elsewhere)?;
+    let record = |((run, summary), source): ((Run, Summary), &Source)| {
+        let notes = notes(&summary);
+        (Record { run, source: Some(source.clone()), summary: Some(summary) }, notes)
+    };
+    Ok(read.into_iter().zip(sources).map(record).collect())
 }
 
 /// What was worked out, for people, for programs, and as the files of a folder.
@@ -296,6 +340,7 @@ pub fn fit(
 ) -> Result<Fitted, Refusal> {
     let arguments: crate::fit::Arguments = parsed(&named(model, &records), words)?;
     let model = arguments.model.untied(model)?;
+    strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
     let predicted = validation_runs(&records, &mut validation);
     let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
@@ -441,6 +486,7 @@ pub fn diagnose(
     let arguments: diagnosis::Arguments = parsed(&named(model, &records), words)?;
     let (domain, catalogue) = arguments.searched()?;
     let model = arguments.model.untied(model)?;
+    strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
     let predicted = validation_runs(&records, &mut validation);
     let options = arguments.options(&model, domain);
@@ -464,7 +510,8 @@ pub fn diagnose(
     let noise = options.fit.options.noise.clone();
     let manifest = Manifest::of_diagnosis(&model, Identity::of(&model, &all, &options), noise);
     let mut manifest = described("diagnose", manifest, (&model, &records), words);
-    manifest.data.extend(validation.iter().map(Record::data_file));
+    let common = manifest.reading.clone();
+    manifest.data.extend(validation.iter().map(|r| r.data_file(&common)));
     let files = manifest.sealed(diagnosis::files(&model, (&text, &json), &changed, &found));
     let files = files.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
     Ok((Answer { text, json, files, good: in_time && !found.stopped }, found))
@@ -482,6 +529,7 @@ pub fn study(
 ) -> Result<(Answer, Repeats), Refusal> {
     let arguments: study::Arguments = parsed(&named(model, &records), words)?;
     let model = arguments.model.untied(model)?;
+    strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
     let (options, colour, seed) = (arguments.options(&model)?, arguments.colour()?, arguments.repetition.seed);
     let identity = study::identity(&model, &runs, &options, (colour, seed));
@@ -530,6 +578,7 @@ pub fn profile(model: &Model, mut records: Vec<Record>, words: &[String], watch:
     let arguments: profile::Arguments = parsed(&named(model, &records), words)?;
     let model = arguments.model.untied(model)?;
     arguments.are_known(&model)?;
+    strictly(&model, &records, &arguments.records)?;
     let runs = runs(&mut records);
     let mut progress = watch.progress(&arguments.limit);
     let profiled = arguments.work(&model, &runs, &mut progress)?;
@@ -568,6 +617,7 @@ pub fn design(
 pub fn spectra(model: &Model, mut records: Vec<Record>, words: &[String]) -> Result<Answer, Refusal> {
     let arguments: spectra::Arguments = parsed(&named(model, &records), words)?;
     let channels = arguments.channels(model)?;
+    strictly(model, &records, &arguments.records)?;
     let (found, names) = arguments.responses(model, &runs(&mut records), &channels)?;
     Answer::of(response_table(&found, &names), &SpectraDocument::of(&found, &names), true)
 }
@@ -614,6 +664,83 @@ pub fn check(model: &Model) -> Result<Answer, Refusal> {
     Answer::of(check_text(model, &found), &ModelDocument::of(model, &found), found.passed())
 }
 
+/// What `fdm doctor` finds.
+pub struct Judged {
+    arguments: doctor::Arguments,
+    records: Vec<fdm_doctor::Record>,
+    document: DoctorDocument,
+}
+
+impl Judged {
+    /// What is printed; good where nothing but remarks was found.
+    ///
+    /// # Errors
+    /// [`Refusal`]
+    pub fn answer(&self) -> Result<Answer, Refusal> {
+        Answer::of(doctor_text(&self.document), &self.document, self.document.is_clean())
+    }
+
+    /// The page: each finding with its channel drawn.
+    pub fn page(&self) -> String {
+        fdm_report::page::doctor_page(&self.document, &self.records)
+    }
+
+    /// The map with all repairs that a map can hold.
+    pub fn map(&self) -> String {
+        self.arguments.map(&self.records, &self.document)
+    }
+}
+
+/// A table of samples in memory: each field with its name, unit and values (N).
+#[derive(Debug, Clone, Default)]
+pub struct Table {
+    /// What messages call it.
+    pub name: String,
+    /// The field that is its time, where it has one.
+    pub time: Option<usize>,
+    /// The fields.
+    pub fields: Vec<(String, Option<String>, Vec<f64>)>,
+}
+
+/// `fdm doctor` beside a model.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn doctor(model: &Model, mut records: Vec<Record>, words: &[String]) -> Result<Judged, Refusal> {
+    let arguments = doctor_arguments(&named(model, &records), words)?;
+    let summaries: Vec<Option<Summary>> = records.iter().map(|r| r.summary.clone()).collect();
+    let (records, document) = arguments.beside(model, runs(&mut records).into_iter().zip(summaries).collect());
+    Ok(Judged { arguments, records, document })
+}
+
+/// `fdm doctor` without a model: every table of every file, and tables in memory behind them.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn doctor_alone(files: &[PathBuf], tables: Vec<Table>, words: &[String]) -> Result<Judged, Refusal> {
+    let data = files.iter().map(|f| f.display().to_string()).chain(tables.iter().map(|t| t.name.clone()));
+    let arguments = doctor_arguments(&data.map(|d| format!("--data={d}")).collect::<Vec<_>>(), words)?;
+    let mut all = doctor::tables(files, arguments.is_salvaged())?;
+    all.extend(tables.into_iter().map(|table| {
+        let fields = table.fields.into_iter().map(|(name, unit, values)| Field { name, unit, values });
+        let topic = Topic { name: String::new(), time: table.time, fields: fields.collect() };
+        (Assumptions::of_samples(&table.name, "arrays", topic.rows()), topic)
+    }));
+    let (records, document) = arguments.of_tables(all);
+    Ok(Judged { arguments, records, document })
+}
+
+fn doctor_arguments(fixed: &[String], words: &[String]) -> Result<doctor::Arguments, Refusal> {
+    let arguments: doctor::Arguments = parsed(fixed, words)?;
+    match &arguments.fix {
+        None => Ok(arguments),
+        Some(_) => Err(Refusal::Words {
+            said: "--fix is an option of the command alone: the result has the map".into(),
+            unknown: Some("fix".into()),
+        }),
+    }
+}
+
 /// `fdm effects`.
 ///
 /// # Errors
@@ -647,7 +774,7 @@ mod tests {
         let times: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
         let y: Vec<f64> = times.iter().map(|t| (-0.5 * t).exp() + 1e-3 * (37.0 * t).sin()).collect();
         let run = model.run("a").times(times).samples("y", y).build().expect("a run");
-        Record { run, file: None, reading: ReadOptions::default(), summary: None }
+        Record::in_memory(run)
     }
 
     fn words(words: &[&str]) -> Vec<String> {

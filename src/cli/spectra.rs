@@ -20,7 +20,7 @@ pub(crate) struct Arguments {
     #[arg(value_name = "MODEL")]
     model: PathBuf,
     #[command(flatten)]
-    records: Records,
+    pub(crate) records: Records,
     /// Inputs; the response to each is conditioned on the others [default: all]
     #[arg(long, value_name = "NAME,..", value_delimiter = ',', help_heading = "Frequency responses")]
     inputs: Vec<String>,

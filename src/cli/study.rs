@@ -24,7 +24,7 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     pub(crate) model: ModelFile,
     #[command(flatten)]
-    records: Records,
+    pub(crate) records: Records,
     #[command(flatten)]
     estimated: Estimated,
     #[command(flatten)]

@@ -119,30 +119,37 @@ impl<'m> RunBuilder<'m> {
         let time = self.time(&mut faults);
         let wanted = channels(self.model);
         let n = time.len();
-        let mut columns = |role: Role, channels: &[Channel]| -> Vec<Cow<'_, [f64]>> {
-            channels.iter().map(|channel| self.column(role, channel, n, &mut faults)).collect()
+        let columns = |role: Role, channels: &[Channel]| -> (Vec<Cow<'_, [f64]>>, Vec<Vec<RunFault>>) {
+            channels.iter().map(|channel| self.column(role, channel, n)).unzip()
         };
-        let (inputs, outputs) = (columns(Role::Input, &wanted.inputs), columns(Role::Output, &wanted.outputs));
+        let ((inputs, of_inputs), (outputs, of_outputs)) =
+            (columns(Role::Input, &wanted.inputs), columns(Role::Output, &wanted.outputs));
+        let (m, q) = (inputs.len(), outputs.len());
+        let ((mut driven, census), (mut measured, compared)) = (rows(&inputs, n), rows(&outputs, n));
+        let inputs = wanted.inputs.iter().zip(&census).zip(of_inputs).map(|of| (Role::Input, of));
+        let outputs = wanted.outputs.iter().zip(&compared).zip(of_outputs).map(|of| (Role::Output, of));
+        for (role, ((channel, census), others)) in inputs.chain(outputs) {
+            faults.extend(self.number(role, channel, census, n));
+            faults.extend(others);
+        }
         if !faults.is_empty() {
             return Err(RunError { run: self.name, faults });
         }
-        let (m, q) = (inputs.len(), outputs.len());
-        let (mut driven, mut measured) = (rows(&inputs, n), rows(&outputs, n));
         known::unwrapped(&mut measured, &wanted.outputs, &mut Vec::new());
         if !wanted.timed {
             derived::compare_not(&driven, m, &mut measured, q);
         }
         let held: Vec<bool> = wanted.inputs.iter().map(|c| self.held.contains(&c.name)).collect();
         let run = Run {
-            input_gaps: (0..m).map(|k| derived::bridge(&time, &mut driven, m, k, held[k])).collect(),
-            output_gaps: outputs.iter().map(|column| column.iter().filter(|v| v.is_nan()).count()).collect(),
+            input_gaps: census.iter().enumerate().map(|(k, of)| of.bridged(&time, &mut driven, (m, k), held[k])).collect(),
+            output_gaps: compared.iter().map(|of| of.missing).collect(),
             name: self.name.clone(),
             time,
             inputs: driven,
             held,
             measured,
         };
-        run.with_measured(self.model)
+        run.completed(self.model)
             .map_err(|reason| RunError { run: self.name, faults: vec![RunFault::Incomplete(reason)] })
     }
 
@@ -211,11 +218,11 @@ impl<'m> RunBuilder<'m> {
         times.to_vec()
     }
 
-    /// The samples of a channel in its unit; NaN for those of an output that is not measured.
-    fn column(&self, role: Role, channel: &Channel, n: usize, faults: &mut Vec<RunFault>) -> Cow<'_, [f64]> {
-        let name = channel.name.clone();
+    /// The samples of a channel in its unit, NaN for those of an output that is not measured; and what is wrong but for its numbers.
+    fn column(&self, role: Role, channel: &Channel, n: usize) -> (Cow<'_, [f64]>, Vec<RunFault>) {
+        let (name, mut faults) = (channel.name.clone(), Vec::new());
         if let Some((_, value)) = self.known.iter().find(|(known, _)| *known == name && channel.known) {
-            return vec![*value; n].into();
+            return (vec![*value; n].into(), faults);
         }
         let Some(given) = self.signals.iter().find(|s| s.name == name) else {
             if role == Role::Input || !self.unmeasured {
@@ -224,23 +231,31 @@ impl<'m> RunBuilder<'m> {
                 let nearest = nearest(&name, spare).map(String::from);
                 faults.push(RunFault::Missing { role, channel: name, nearest });
             }
-            return vec![f64::NAN; n].into();
+            return (vec![f64::NAN; n].into(), faults);
         };
         let mut values = Cow::Borrowed(&given.values[..]);
         // a list of another length says nothing of the others where the times are missing
         if values.len() != n {
             faults.push(RunFault::Length { channel: name, found: values.len(), expected: n });
-        } else if let Some(at) = values.iter().position(|v| v.is_infinite()) {
-            faults.push(RunFault::NotFinite { channel: name, sample: at, value: values[at].to_string() });
-        } else if !values.is_empty() && values.iter().all(|v| v.is_nan()) {
-            faults.push(RunFault::NoValues { role, channel: name });
         }
-        if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), faults)
+        if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), &mut faults)
             && (scale, offset) != (1.0, 0.0)
         {
             values.to_mut().iter_mut().for_each(|v| *v = *v * scale + offset);
         }
-        values
+        (values, faults)
+    }
+
+    /// A channel that was given without a value, or with one that is infinite.
+    fn number(&self, role: Role, channel: &Channel, census: &Census, n: usize) -> Option<RunFault> {
+        let given = self.signals.iter().find(|s| s.name == channel.name).filter(|s| s.values.len() == n)?;
+        let channel = channel.name.clone();
+        if census.infinite {
+            // where it is finite as given, it is not in the unit of the model
+            let at = given.values.iter().position(|v| v.is_infinite()).unwrap_or_default();
+            return Some(RunFault::NotFinite { channel, sample: at, value: given.values[at].to_string() });
+        }
+        (census.missing == n && n > 0).then_some(RunFault::NoValues { role, channel })
     }
 
     /// Factor and offset from the unit that was named to that of the model; none where they do not fit.
@@ -263,17 +278,38 @@ impl<'m> RunBuilder<'m> {
     }
 }
 
-/// Columns of N numbers as rows, a part of them at a time that stays in the cache.
-fn rows(columns: &[Cow<'_, [f64]>], n: usize) -> Vec<f64> {
+/// What there is in a column.
+#[derive(Debug, Clone, Copy, Default)]
+struct Census {
+    /// Samples that are NaN.
+    missing: usize,
+    /// Whether one is infinite.
+    infinite: bool,
+}
+
+impl Census {
+    /// Gaps of input `k` of `m` in the rows, after they were bridged.
+    fn bridged(&self, time: &[f64], rows: &mut [f64], (m, k): (usize, usize), held: bool) -> usize {
+        if self.missing == 0 { 0 } else { derived::bridge(time, rows, m, k, held) }
+    }
+}
+
+/// Columns of N numbers as rows, and what there is in each: a part at a time that stays in the cache.
+fn rows(columns: &[Cow<'_, [f64]>], n: usize) -> (Vec<f64>, Vec<Census>) {
     const PART: usize = 256;
     let mut rows = vec![0.0; n * columns.len()];
+    let mut found = vec![Census::default(); columns.len()];
     for (part, block) in rows.chunks_mut(PART * columns.len().max(1)).enumerate() {
-        for (c, column) in columns.iter().enumerate() {
-            let values = &column[part * PART..];
+        for (c, (column, census)) in columns.iter().zip(&mut found).enumerate() {
+            let from = column.len().min(part * PART);
+            let values = &column[from..column.len().min(from + PART)];
+            // without a way out between, so that whole vectors are compared
+            census.missing += values.iter().map(|v| usize::from(v.is_nan())).sum::<usize>();
+            census.infinite |= values.iter().fold(false, |any, v| any | v.is_infinite());
             block[c..].iter_mut().step_by(columns.len()).zip(values).for_each(|(row, value)| *row = *value);
         }
     }
-    rows
+    (rows, found)
 }
 
 /// Everything that is wrong with the samples of a run; at least one fault.

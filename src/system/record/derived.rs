@@ -66,6 +66,11 @@ impl Run {
     /// [`Incomplete`] when the run belongs to another model, an output that drives the model was never measured, or a term
     /// that drives it has no finite value, or an input is held whose derivative drives it.
     pub fn with_measured(&self, model: &Model) -> Result<Run, Incomplete> {
+        self.clone().completed(model)
+    }
+
+    /// The same of a run that is not needed any more.
+    pub(super) fn completed(self, model: &Model) -> Result<Run, Incomplete> {
         let channels = channels(model);
         let (declared, q, n) = (channels.inputs.len(), channels.outputs.len(), self.len());
         let other = |what, found, expected| Incomplete::OtherModel { run: self.name.clone(), what, found, expected };
@@ -81,13 +86,16 @@ impl Run {
             return Err(Incomplete::NotMeasured { run: self.name.clone(), output: channels.outputs[*k].name.clone() });
         }
         let m = model.inputs.len();
-        let mut run = self.clone();
+        let mut run = self;
+        if (m, width) == (declared, declared) {
+            return Ok(run);
+        }
         run.held.truncate(declared);
         run.held.resize(m, false);
         run.input_gaps.truncate(declared);
         let hidden = vec![f64::NAN; m - declared];
         run.inputs =
-            self.inputs.chunks(width.max(1)).flat_map(|row| row[..declared].iter().chain(&hidden)).copied().collect();
+            run.inputs.chunks(width.max(1)).flat_map(|row| row[..declared].iter().chain(&hidden)).copied().collect();
         if width == 0 {
             run.inputs = vec![f64::NAN; n * m];
         }
