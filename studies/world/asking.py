@@ -82,8 +82,10 @@ def modelled(path):
     return {h.removesuffix("_model"): values[:, j] for j, h in enumerate(head) if h.endswith("_model")}
 
 
-def answer(command, model, runs, validation, folder, options=()):
-    """One diagnosis, its written text, a refit of that, and what it simulates to; kept in the folder."""
+def answer(command, model, runs, validation, folder, options=(), searched=()):
+    """One diagnosis, its written text, a refit of that, and what it simulates to; kept in the folder.
+
+    `options` are those of all commands, `searched` those of the diagnosis alone."""
     kept = folder / "answer.json"
     if kept.exists():
         return json.loads(kept.read_text())
@@ -95,7 +97,7 @@ def answer(command, model, runs, validation, folder, options=()):
         asked += ["--data", str(run)]
     for run in validation:
         asked += ["--validation", str(run)]
-    asked += ["--json", "--quiet", "--threads", "1", "--write", str(written), *options]
+    asked += ["--json", "--quiet", "--threads", "1", "--write", str(written), *options, *searched]
     done = limited(asked)
     found = {"command": " ".join(asked), "code": done["code"], "seconds": done["seconds"], "error": done["error"]}
     found["diagnosis"] = parsed(done["out"]) if done["code"] is not None else None

@@ -397,7 +397,8 @@ def main():
     given.add_argument("--fdm", default=str(ROOT / "target" / "release" / "fdm"))
     given.add_argument("--apart", action="store_true", help="the four records kept apart, and only these")
     given.add_argument("--only", default="")
-    given.add_argument("--options", default="", help="further options of the command, for all records")
+    given.add_argument("--options", default="", help="further options of the diagnosis, for all records")
+    given.add_argument("--form", choices=("der", "Newton"), help="one form only")
     asked = given.parse_args()
     further = tuple(asked.options.split())
     kept = asked.answers / build_of(asked.fdm) / ("real" + "".join(c if c.isalnum() else "_" for c in asked.options))
@@ -408,6 +409,8 @@ def main():
             continue
         names = []
         for newton in (False, True):
+            if asked.form and newton != (asked.form == "Newton"):
+                continue
             folder = kept / (record.name + ("_newton" if newton else "_der"))
             runs = record.runs(asked.data)
             validation = record.validation(asked.data) if record.validation else {}
@@ -416,11 +419,11 @@ def main():
                 tables[name] = {h.split("[")[0].strip(): rows[:, j] for j, h in enumerate(head.split(","))}
             files, checks = written(folder, runs), written(folder, validation)
             (folder / "model.fdm").write_text(form(record.text, newton))
-            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options + further)
+            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options, further)
             answered, wrong, errors = judged(record, found, tables)
             d = found["diagnosis"]
             names.append(d and [(c["effect"], c["targets"]) for c in d["causes"]])
-            if newton and names[0] != names[1]:
+            if len(names) == 2 and names[0] != names[1]:
                 wrong.append("otherwise than as der(x) =")
             right, total = right + (not wrong), total + 1
             tables_by_size.append((record.name, "Newton" if newton else "der", sizes(d.get("front", [])) if d else []))

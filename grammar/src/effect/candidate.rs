@@ -4,7 +4,7 @@ use super::definition::{Effect, Kind};
 use super::extension::Extension;
 use super::rewrite;
 use super::scales::Scales;
-use super::subject::Subject;
+use super::subject::{Subject, Untried};
 use crate::diagnostic::Diagnostic;
 use crate::syntax::{EffectLine, Field, Place, SlotKind};
 use std::collections::HashMap;
@@ -31,21 +31,6 @@ impl Places {
         let plain = |s: &str| s.chars().filter(|c| !c.is_whitespace()).collect::<String>();
         let wanted = plain(written);
         self.candidates.iter().find(|c| plain(&c.to_string()) == wanted)
-    }
-}
-
-/// A name of the model to which no effect can be attached.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Untried {
-    /// The name.
-    pub name: String,
-    /// Why, in words.
-    pub reason: String,
-}
-
-impl std::fmt::Display for Untried {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "nothing is tried on `{}`: {}", self.name, self.reason)
     }
 }
 

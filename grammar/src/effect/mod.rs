@@ -26,10 +26,10 @@ mod tests;
 mod turnover;
 
 pub use crate::syntax::Field;
-pub use candidate::{Candidate, Choice, Crowded, Places, Untried};
+pub use candidate::{Candidate, Choice, Crowded, Places};
 pub use catalogue::{Catalogue, STANDARD};
 pub use definition::{Effect, Kind};
 pub use extension::{Extension, NewParam};
 pub use null::Null;
 pub use scales::{Beginning, Nominal, Scales};
-pub use subject::Subject;
+pub use subject::{Subject, Untried};

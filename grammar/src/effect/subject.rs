@@ -1,6 +1,5 @@
 //! The model that effects are tried on: its text, what is written there, and what it depends on.
 
-use super::candidate::Untried;
 use super::turnover::{Turnover, Turnovers};
 use crate::check::matching::Matching;
 use crate::diagnostic::Diagnostic;
@@ -36,6 +35,21 @@ pub(super) struct Target {
     pub(super) kind: SlotKind,
     /// Place among all declared names.
     pub(super) order: usize,
+}
+
+/// A name of the model to which no effect can be attached.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Untried {
+    /// The name.
+    pub name: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+impl std::fmt::Display for Untried {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "nothing is tried on `{}`: {}", self.name, self.reason)
+    }
 }
 
 /// An element of a vector that this text declares.
