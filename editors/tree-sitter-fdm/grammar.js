@@ -60,6 +60,7 @@ module.exports = grammar({
         $.tie,
         $.table,
         $.use,
+        $.reactions,
       ),
 
     declarations: ($) => seq($.role, list($.declaration), ';'),
@@ -106,6 +107,11 @@ module.exports = grammar({
       seq('use', field('path', choice($.string, $.identifier)), 'as', field('name', $.identifier), optional($.connections), ';'),
     connections: ($) => seq('(', optional(list($.connection)), ')'),
     connection: ($) => seq(field('name', $.identifier), '=', $.expression),
+
+    reactions: ($) => seq('reactions', optional(seq('in', $.expression)), '{', repeat(seq($.reaction, ';')), '}'),
+    reaction: ($) => seq($.side, choice('->', '<->'), $.side, ':', list($.expression)),
+    side: ($) => seq($.portion, repeat(seq('+', $.portion))),
+    portion: ($) => choice($.number, seq(optional(seq($.number, optional('*'))), choice($.reference, $.element))),
 
     expression: ($) =>
       choice(

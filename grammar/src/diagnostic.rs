@@ -73,6 +73,7 @@ codes! {
     NonlinearRate   "E0409" "an equation that is not linear in a derivative";
     BadTable        "E0410" "a table whose points are too few or not in order";
     BadBlock        "E0411" "a block that cannot be built of states";
+    BadReaction     "E0412" "reactions that make matter, or cannot be read as balances";
     // kinds of values
     WantedCondition "E0501" "a number where a condition is needed";
     WantedNumber    "E0502" "a condition where a number is needed";

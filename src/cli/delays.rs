@@ -16,16 +16,16 @@ fn effect(is_input: bool, free: FreeDelay) -> String {
         let (lower, upper) = (-upper, -lower);
         format!(
             "effect late(i: input) \"{{i}} is recorded late: minus the delay\" {{
-               param delay = 0 in [{lower:?}, {upper:?}]{own};
-               let delayed = delay(i, delay);
+               param tau = 0 in [{lower:?}, {upper:?}]{own};
+               let delayed = delay(i, tau);
                replace i with delayed;
              }}"
         )
     } else {
         format!(
             "effect late(y: output) \"{{y}} is recorded late\" {{
-               param delay = 0 in [{lower:?}, {upper:?}]{own};
-               replace y with delay(y, delay);
+               param tau = 0 in [{lower:?}, {upper:?}]{own};
+               replace y with delay(y, tau);
              }}"
         )
     }

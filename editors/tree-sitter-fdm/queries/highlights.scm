@@ -5,7 +5,7 @@
 (index) @number
 
 [
-  "model" "time" "prior" "noise" "trim" "tie" "table" "use" "as"
+  "model" "time" "prior" "noise" "trim" "tie" "table" "use" "as" "reactions"
   "effect" "nuisance" "param" "add" "replace" "with" "try" "unless" "when"
 ] @keyword
 (role) @keyword
@@ -16,7 +16,7 @@
 (wrap "wrap" @attribute)
 ["if" "then" "else"] @keyword.conditional
 ["and" "or" "not"] @keyword.operator
-["+" "-" "*" "/" "^" "<" "<=" ">" ">=" "==" "!=" "=" "+=" "~" "|"] @operator
+["+" "-" "*" "/" "^" "<" "<=" ">" ">=" "==" "!=" "=" "+=" "~" "|" "->" "<->"] @operator
 ["(" ")" "[" "]" "{" "}"] @punctuation.bracket
 ["," ";" ":"] @punctuation.delimiter
 
@@ -26,7 +26,7 @@
   (#any-of? @function.builtin
     "sin" "cos" "tan" "asin" "acos" "atan" "atan2" "sinh" "cosh" "tanh" "exp" "log" "log10" "sqrt" "abs" "sign" "min"
     "max" "hypot" "clip" "deadzone" "deg2rad" "rad2deg" "delay" "der" "measured" "initial" "lag" "leadlag" "washout"
-    "second_order" "tf" "normal"))
+    "second_order" "tf" "normal" "arrhenius" "reaction"))
 ((reference) @constant.builtin (#any-of? @constant.builtin "t" "pi" "inf"))
 
 (model name: (identifier) @module)

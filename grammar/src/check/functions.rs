@@ -123,6 +123,8 @@ pub fn function_form(name: &str) -> Option<(usize, bool, String)> {
             "lag" | "washout" => "x, T",
             "leadlag" => "x, T1, T2",
             "second_order" => "x, omega, zeta",
+            "arrhenius" => "k_ref, E, T, T_ref",
+            "reaction" => "A",
             _ => return None,
         };
         return Some((arguments.split(',').count(), false, format!("{name}({arguments})")));

@@ -116,6 +116,7 @@ impl<'a> Scope<'a> {
                 | StatementKind::Prior(_)
                 | StatementKind::Noise(_)
                 | StatementKind::Process(_)
+                | StatementKind::Reactions(..)
                 | StatementKind::Trim(_) => {}
             }
         }

@@ -173,6 +173,16 @@ impl<'a> Maker<'a> {
         name.into()
     }
 
+    /// A `const` in a unit.
+    pub(super) fn constant(&mut self, name: &str, value: ExprRef, unit: &str) {
+        let span = self.span;
+        let mut declaration = Declaration::new(Name { text: name.into(), span }, span);
+        declaration.value = Some(Value::Expr(value));
+        declaration.unit = Some(Name { text: unit.into(), span });
+        let kind = StatementKind::Declare(Role::Const, vec![declaration]);
+        self.tree.statements.push(Statement { kind, span });
+    }
+
     /// A `state`.
     pub(super) fn state(&mut self, name: &str, initial: Option<ExprRef>, made: Made) {
         self.declare(Role::State, name, initial, made, self.span);

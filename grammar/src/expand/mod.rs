@@ -3,7 +3,7 @@
 //! **In** a [`SyntaxTree`] as written, and the texts of the files that it uses. **Out** one without submodels, vectors and
 //! blocks, in which every expression keeps the place where the user wrote it, so that messages of later rooms point
 //! there; and what is wrong with them. **Never** looks at values, and never makes more than its limits allow.
-//! **Start** at [`expand`]: submodels first, since vectors may be connected to them, then vectors, then
+//! **Start** at [`expand`]: reactions first, then submodels, since vectors may be connected to them, then vectors, then
 //! blocks, which read scalars.
 
 mod arrays;
@@ -14,6 +14,7 @@ mod files;
 mod groups;
 mod library;
 mod maker;
+mod reactions;
 mod submodels;
 mod transfer;
 
@@ -52,9 +53,12 @@ pub fn expand(source: &Source, tree: SyntaxTree, check: &dyn Fn(&SyntaxTree) -> 
         findings
     };
     let mut budget = Budget::new();
+    let mut tree = tree;
+    let mut findings = Vec::new();
+    reactions::reactions(&mut tree, &mut findings);
     let mut submodels = Submodels::new(source, &judge);
     let tree = submodels.inline(tree, &mut budget);
-    let mut findings = submodels.finish();
+    findings.extend(submodels.finish());
     let Expanded { tree, findings: more, elements } = core(tree, &mut budget);
     findings.extend(more);
     Expanded { tree, findings, elements }

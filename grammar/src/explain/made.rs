@@ -39,3 +39,23 @@ pub(super) const BAD_BLOCK: Page = Page {
     why: "the state of a lag changes by `(x - state)/T`. A lag without delay is its input itself, and what differentiates its input \
           has no state at all.",
 };
+
+pub(super) const BAD_REACTION: Page = Page {
+    meaning: "Reactions make matter from nothing: no masses above zero are kept by all of them. Or a reaction cannot be read as a balance: one rate with \
+              `<->`, a species in two volumes.",
+    broken: Example::Text(
+        "model growth {
+  state A = 1, B;
+  param k1 = 1, k2 = 0.1;
+  reactions { A -> B : k1*A; A -> 2*B : k2*A; }
+  output y = B;
+}",
+    ),
+    corrected: "model growth {
+  state A = 1, B;
+  param k1 = 1, k2 = 0.1;
+  reactions { A -> B : k1*A; 0 + A -> 2*B : k2*A; }
+  output y = B;
+}",
+    why: "a number that is wrong by one gives a fit that looks good and rates that mean nothing; `0` says that something takes part which is not modelled.",
+};

@@ -79,6 +79,7 @@ pub fn page(code: Code) -> Page {
         Code::OutsideShape => parts::OUTSIDE_SHAPE,
         Code::BadTable => made::BAD_TABLE,
         Code::BadBlock => made::BAD_BLOCK,
+        Code::BadReaction => made::BAD_REACTION,
         Code::WantedCondition => equations::WANTED_CONDITION,
         Code::WantedNumber => equations::WANTED_NUMBER,
         Code::UnknownUnit => units::UNKNOWN_UNIT,

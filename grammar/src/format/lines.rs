@@ -171,7 +171,11 @@ impl<'a> Cutter<'a> {
     /// Whether braces hold statements: a table's hold points.
     fn is_block(&self, start: usize, open: usize, close: usize) -> bool {
         let word = |w: &str| self.pieces[start].is(w);
-        word("model") || word("trim") || word("effect") || (open..close).any(|k| self.pieces[k].is(";"))
+        word("model")
+            || word("trim")
+            || word("reactions")
+            || word("effect")
+            || (open..close).any(|k| self.pieces[k].is(";"))
     }
 
     /// Whether a block stands on one line and may stay there.
@@ -202,7 +206,11 @@ impl<'a> Statement<'a> {
         let declares = pieces.get(1).is_some_and(|p| p.is_word(TokenKind::Name));
         let keyword = match word_use(&first.text) {
             None if declares && first.text == "known" => Some(&*first.text),
-            Some(WordUse::Statement) if matches!(&*first.text, "model" | "time" | "trim" | "table" | "use") => None,
+            Some(WordUse::Statement)
+                if matches!(&*first.text, "model" | "time" | "trim" | "table" | "use" | "reactions") =>
+            {
+                None
+            }
             Some(WordUse::Statement) => Some(&*first.text),
             Some(WordUse::Planned) => None,
             // one name or derivative on the left; longer left sides would move their neighbours far apart

@@ -112,6 +112,10 @@ impl Expected<'_> {
             }
             "noise" => (Want::Equals, "known noise is written `noise y = deviation`"),
             "tie" => (Want::Equals, "a tie is written `tie a = b`"),
+            "reactions" if self.wants(Want::Arrow) => (Want::Arrow, "a reaction is written `A + 2*B -> C : rate;`"),
+            "reactions" if self.wants(Want::Colon) => {
+                (Want::Colon, "behind a reaction stands its rate: `A + 2*B -> C : k*A*B;`")
+            }
             "table" if self.wants(Want::Colon) => (Want::Colon, "a point is written `x: y`"),
             "table" => (Want::Open, "a table is written `table NAME(x) = linear { x1: y1, x2: y2 }`"),
             "use" => (Want::As, "a submodel is used by `use \"file.fdm\" as name(input = expression)`"),

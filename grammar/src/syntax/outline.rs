@@ -147,9 +147,10 @@ impl Cutter<'_> {
     fn statement(&self, start: usize) -> (Extent, usize, usize) {
         let planned = self.word_use(start) == Some(WordUse::Planned);
         let mut nesting = Nesting { text: self.text, levels: Vec::new(), deepest: 0, fault: None };
-        // a trim is a statement that ends with its own brace; a table has one, however many points it holds
-        let trim = self.is(start, "trim");
-        let own = if trim { self.partner(start + 1) } else { self.points(start).and_then(|open| self.partner(open)) };
+        // a trim and reactions are statements that end with their own brace; a table has one, however many points it holds
+        let ends_itself = self.is(start, "trim") || self.is(start, "reactions");
+        let own = if self.is(start, "trim") { Some(start + 1) } else { self.own_brace(start) };
+        let own = own.and_then(|open| self.partner(open));
         let inside = |at: usize| own.is_some_and(|close| at <= close);
         let mut at = start;
         let closed = loop {
@@ -171,7 +172,7 @@ impl Cutter<'_> {
                 _ => nesting.enter(at, token, self.tokens[..at].last()),
             }
             at += 1;
-            let ended = own.map_or(planned && self.is(at - 1, "}"), |close| trim && at > close);
+            let ended = own.map_or(planned && self.is(at - 1, "}"), |close| ends_itself && at > close);
             if ended && !self.is(at, ";") {
                 return (Extent { tokens: start..at, closed: true, fault: nesting.fault() }, nesting.deepest, at);
             }
@@ -180,12 +181,13 @@ impl Cutter<'_> {
         (Extent { tokens: start..at, closed, fault: nesting.fault() }, nesting.deepest, next)
     }
 
-    /// The brace behind which the points of a table stand.
-    fn points(&self, start: usize) -> Option<usize> {
+    /// The brace behind which the points of a table, or reactions, stand.
+    fn own_brace(&self, start: usize) -> Option<usize> {
         const LONGEST_HEAD: usize = 64;
         let head = start..self.tokens.len().min(start + LONGEST_HEAD);
         let open = head.clone().find(|k| self.is(*k, "{") || self.is(*k, ";") || self.is(*k, "}"));
-        open.filter(|open| self.is(start, "table") && self.is(*open, "{"))
+        let has_one = self.is(start, "table") || self.is(start, "reactions");
+        open.filter(|open| has_one && self.is(*open, "{"))
     }
 
     /// The brace that closes the one at a token.

@@ -134,9 +134,16 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::word_model => Want::Model,
         Rule::EOI => Want::End,
         Rule::statement | Rule::declare | Rule::equation | Rule::time | Rule::role => Want::Statement,
-        Rule::prior | Rule::process | Rule::noise | Rule::trim | Rule::tie | Rule::table | Rule::use_model => {
-            Want::Statement
-        }
+        Rule::species | Rule::side | Rule::portion | Rule::reaction | Rule::nothing => Want::Name,
+        Rule::arrow => Want::Arrow,
+        Rule::reactions
+        | Rule::prior
+        | Rule::process
+        | Rule::noise
+        | Rule::trim
+        | Rule::tie
+        | Rule::table
+        | Rule::use_model => Want::Statement,
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
         Rule::slot_kind => Want::Kind,
@@ -196,11 +203,89 @@ impl<'a> Build<'a> {
             }
             Rule::table => StatementKind::Table(self.table(parts)?),
             Rule::use_model => StatementKind::Use(self.submodel(parts)?),
+            Rule::reactions => {
+                let (mut volume, mut list) = (None, Vec::new());
+                for part in parts {
+                    match part.as_rule() {
+                        Rule::expression => volume = Some(self.expression(part)?),
+                        Rule::reaction => list.extend(self.reaction(part)),
+                        _ => {}
+                    }
+                }
+                StatementKind::Reactions(volume, list)
+            }
             _ => {
                 let left = self.expression(parts.next()?)?;
                 StatementKind::Equation(left, self.expression(parts.nth(1)?)?)
             }
         })
+    }
+
+    /// `A + 2*B -> C : k*A*B`, `X <-> Y : kf*X, kr*Y`
+    fn reaction(&mut self, pair: Pair<Rule>) -> Option<Reaction> {
+        let whole = span(&pair, self.offset);
+        let (mut sides, mut rates) = (Vec::new(), Vec::new());
+        let (mut is_open, mut arrow) = (false, None);
+        for part in pair.into_inner() {
+            match part.as_rule() {
+                Rule::side => {
+                    let mut side = Vec::new();
+                    for portion in part.into_inner().flat_map(Pair::into_inner) {
+                        match portion.as_rule() {
+                            Rule::species => side.extend(self.species(portion)),
+                            _ => is_open = true,
+                        }
+                    }
+                    sides.push(side);
+                }
+                Rule::arrow => arrow = Some((part.as_str() == "<->", span(&part, self.offset))),
+                Rule::expression => rates.push(self.expression(part)?),
+                _ => {}
+            }
+        }
+        let (reversible, at) = arrow?;
+        if reversible != (rates.len() == 2) {
+            let (sign, said) =
+                if reversible { ("<->", "two rates, forwards and backwards") } else { ("->", "one rate") };
+            let message = format!("a reaction with `{sign}` has {said}");
+            let hint = "`A -> B : k*A;`, `A <-> B : kf*A, kr*B;`";
+            self.findings.push(Diagnostic::new(Code::BadReaction, at, message).hint(hint));
+            self.sound = false;
+        }
+        let right = sides.pop()?;
+        let mut rates = rates.into_iter();
+        Some(Reaction {
+            left: sides.pop()?,
+            right,
+            is_open,
+            forward: rates.next()?,
+            reverse: rates.next(),
+            span: whole,
+        })
+    }
+
+    /// `2*B`
+    fn species(&mut self, pair: Pair<Rule>) -> Option<Species> {
+        let (mut name, mut count) = (None, 1.0);
+        for part in pair.into_inner() {
+            let place = span(&part, self.offset);
+            match part.as_rule() {
+                Rule::number => {
+                    count = self.number(part.as_str(), place);
+                    if count == 0.0 {
+                        let message = "a species takes part in a reaction by a number above zero";
+                        let hint = "`0` by itself is what is not modelled";
+                        self.findings.push(Diagnostic::new(Code::BadReaction, place, message).hint(hint));
+                        self.sound = false;
+                    }
+                }
+                Rule::target => name = Some(word(&part, self.offset, 0)),
+                _ => {}
+            }
+        }
+        let mut name = name?;
+        name.text.retain(|c| !c.is_whitespace());
+        Some(Species { name, count })
     }
 
     /// `a ~ normal(mean, deviation)`, `x: y`

@@ -145,6 +145,11 @@ impl<'a> Printer<'a> {
                 format!("trim {{ {} }}", parts.join(" "))
             }
             StatementKind::Table(table) => self.table(table),
+            StatementKind::Reactions(volume, list) => {
+                let volume = volume.map_or(String::new(), |e| format!(" in {}", self.expression(e)));
+                let parts: Vec<_> = list.iter().map(|r| self.reaction(r)).collect();
+                format!("reactions{volume} {{ {} }}", parts.join(" "))
+            }
             StatementKind::Use(submodel) => {
                 let Use { path, alias, connections } = submodel;
                 let parts: Vec<_> =
@@ -190,6 +195,22 @@ impl<'a> Printer<'a> {
             let _ = write!(out, " wrap {}", wrap.text);
         }
         out
+    }
+
+    fn reaction(&self, reaction: &Reaction) -> String {
+        let one = |s: &Species| match s.count {
+            1.0 => s.name.text.clone(),
+            count => format!("{count}*{}", s.name.text),
+        };
+        let side = |list: &[Species], open: bool| {
+            let nothing = (open || list.is_empty()).then(|| "0".to_string());
+            nothing.into_iter().chain(list.iter().map(one)).collect::<Vec<_>>().join(" + ")
+        };
+        let (left, right) =
+            (side(&reaction.left, reaction.is_open && !reaction.right.is_empty()), side(&reaction.right, false));
+        let arrow = if reaction.reverse.is_some() { "<->" } else { "->" };
+        let reverse = reaction.reverse.map_or(String::new(), |e| format!(", {}", self.expression(e)));
+        format!("{left} {arrow} {right}: {}{reverse};", self.expression(reaction.forward))
     }
 
     fn table(&self, table: &Table) -> String {

@@ -55,9 +55,9 @@ impl Token {
 }
 
 /// Signs of more than one character; those of other languages stand here to be recognised in one piece.
-const LONG_SIGNS: [&str; 20] = [
-    "<=", ">=", "==", "!=", ":=", "**", "&&", "||", "~=", "<>", "=<", "=>", "+=", "-=", "*=", "/=", "->", ".*", "./",
-    ".^",
+const LONG_SIGNS: [&str; 21] = [
+    "<->", "<=", ">=", "==", "!=", ":=", "**", "&&", "||", "~=", "<>", "=<", "=>", "+=", "-=", "*=", "/=", "->", ".*",
+    "./", ".^",
 ];
 
 /// All tokens of a text, or the span of the token that is one too many.

@@ -45,6 +45,12 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
             visit(&mut submodel.alias.span);
             submodel.connections.iter_mut().for_each(|(name, _)| visit(&mut name.span));
         }
+        StatementKind::Reactions(_, list) => {
+            for reaction in list {
+                visit(&mut reaction.span);
+                reaction.left.iter_mut().chain(&mut reaction.right).for_each(|s| visit(&mut s.name.span));
+            }
+        }
         StatementKind::Equation(..) | StatementKind::Prior(_) => {}
     }
 }

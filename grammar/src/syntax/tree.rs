@@ -321,6 +321,32 @@ pub struct Use {
     pub connections: Vec<(Name, ExprRef)>,
 }
 
+/// `A + 2*B -> C : k*A*B;`, `X <-> Y : kf*X, kr*Y;`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reaction {
+    /// What is consumed.
+    pub left: Vec<Species>,
+    /// What is made.
+    pub right: Vec<Species>,
+    /// Whether something takes part that is not modelled: `0` on a side.
+    pub is_open: bool,
+    /// The rate.
+    pub forward: ExprRef,
+    /// The rate backwards, of `<->`.
+    pub reverse: Option<ExprRef>,
+    /// The whole reaction.
+    pub span: Span,
+}
+
+/// `2*B`: so many of a species.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Species {
+    /// Its name.
+    pub name: Name,
+    /// How many.
+    pub count: f64,
+}
+
 /// One statement.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatementKind {
@@ -344,6 +370,8 @@ pub enum StatementKind {
     Table(Table),
     /// `use "file" as name(a = b);`
     Use(Use),
+    /// `reactions in V { ... }`: the volume of amounts, and the reactions
+    Reactions(Option<ExprRef>, Vec<Reaction>),
 }
 
 /// Visits the whole expressions of a statement.
@@ -370,6 +398,10 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
         }
         StatementKind::Table(table) => table.points.iter().for_each(|(x, y)| [*x, *y].into_iter().for_each(&mut visit)),
         StatementKind::Use(submodel) => submodel.connections.iter().for_each(|(_, e)| visit(*e)),
+        StatementKind::Reactions(volume, list) => {
+            volume.iter().for_each(|e| visit(*e));
+            list.iter().for_each(|r| [Some(r.forward), r.reverse].into_iter().flatten().for_each(&mut visit));
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 /// What a word of the language is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WordUse {
-    /// Begins a statement: `model`, `time`, `prior`, `noise`, `trim`, `tie`, `table`, `use` and the kinds of declarations.
+    /// Begins a statement: `model`, `time`, `prior`, `noise`, `trim`, `tie`, `table`, `use`, `reactions` and the kinds of declarations.
     Statement,
     /// Begins a statement that the language describes and this version does not compile.
     Planned,
@@ -42,6 +42,7 @@ words! {
     "tie"    Statement;
     "table"  Statement;
     "use"    Statement;
+    "reactions" Statement;
     "effect" Planned;
     "in"     Attribute;
     "fixed"  Attribute;

@@ -19,6 +19,7 @@ const ABOUT: &[(&str, &str)] = &[
     ("noise", "`noise y = 0.02;`: the known standard deviation of the noise of an output"),
     ("trim", "`trim { u = 10; }`: where the model is linearised"),
     ("tie", "`tie a = b;`: an equality of params that a study may switch off"),
+    ("reactions", "`reactions { A + 2*B -> C : k*A*B; X <-> Y : kf*X, kr*Y; }`: balances of the species"),
     ("table", "`table f(x) = linear { 0: 1, 1: 2 };`: interpolation between points"),
     ("use", "`use \"file.fdm\" as name(x = u);`: a submodel"),
     ("effect", "`effect name(...) { ... }`: what may be missing from a model"),

@@ -33,7 +33,9 @@ impl Evaluator<'_, '_> {
                 let points = table.points.iter().map(|(x, y)| (number(*x), number(*y))).collect();
                 keep(StatementKind::Table(Table { points, ..table.clone() }));
             }
-            StatementKind::Time(_) | StatementKind::Use(_) => keep(statement.kind.clone()),
+            StatementKind::Time(_) | StatementKind::Use(_) | StatementKind::Reactions(..) => {
+                keep(statement.kind.clone())
+            }
         }
     }
 

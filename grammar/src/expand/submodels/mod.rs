@@ -10,6 +10,7 @@ mod part;
 use super::budget::Budget;
 use super::{files, library};
 use crate::diagnostic::{Code, Diagnostic};
+use crate::expand::reactions::reactions;
 use crate::source::{Source, Span};
 use crate::syntax::{Expr, Name, Role, StatementKind, SyntaxTree, Use, parse_used};
 use crate::unit::Unit;
@@ -133,7 +134,11 @@ impl<'a> Submodels<'a> {
 
     /// Reads a file, with the files that it uses itself, and checks it.
     fn read(&mut self, text: usize, budget: &mut Budget) -> Option<Part> {
-        let (tree, findings) = parse_used(&self.source.texts()[text]);
+        let (tree, mut findings) = parse_used(&self.source.texts()[text]);
+        let tree = tree.map(|mut tree| {
+            reactions(&mut tree, &mut findings);
+            tree
+        });
         let told = self.findings.len();
         self.findings.extend(findings);
         let tree = self.inline(tree?, budget);

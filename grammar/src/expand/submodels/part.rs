@@ -195,7 +195,9 @@ impl Writer<'_> {
             StatementKind::Process(list) => StatementKind::Process(pairs(list, &|_| true)),
             StatementKind::Tie(list) => StatementKind::Tie(pairs(list, &|name| self.connections.get(name).is_none())),
             StatementKind::Table(table) => StatementKind::Table(self.table(table)),
-            StatementKind::Time(_) | StatementKind::Noise(_) | StatementKind::Use(_) => return None,
+            StatementKind::Time(_) | StatementKind::Noise(_) | StatementKind::Use(_) | StatementKind::Reactions(..) => {
+                return None;
+            }
         })
     }
 
