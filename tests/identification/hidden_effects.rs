@@ -116,7 +116,7 @@ fn friction_of_both_joints_of_a_double_pendulum() {
         });
         record(name, dt, (&states, [0.003, 0.003, 0.03, 0.03]), torques)
     };
-    let names = ["joint_friction", "joint_damping", "coulomb_friction", "constant_force", "input_delay"];
+    let names = ["joint_friction", "joint_damping", "coulomb_friction", "constant_force"];
     let found = found(TEXT, &[run(1.0, "one")], &[run(2.0, "two")], Field::Mechanism, &names);
     let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
     named.sort();
@@ -133,7 +133,7 @@ fn friction_of_both_joints_of_a_double_pendulum() {
 fn a_stop_that_stiffens_is_a_gate() {
     const TEXT: &str = "model leg { input F; state s = 0, v = 0; param k = 8, d = 0.8, b = 5;
         der(s) = v; der(v) = b*F - k*s - d*v; output s_m = s, v_m = v; }";
-    let (dt, samples) = (0.03, 400);
+    let (dt, samples) = (0.04, 250);
     let run = |number: f64, name: &str| {
         let force = move |t: f64| [1.6 * (1.3 * t + number).sin() + 1.3 * (2.9 * t + 2.0 * number).sin()];
         let states = motion([0.0; 2], (samples, dt), |t, [s, v]| {
@@ -142,17 +142,8 @@ fn a_stop_that_stiffens_is_a_gate() {
         });
         record(name, dt, (&states, [0.01, 0.03]), force)
     };
-    let names = [
-        "gate",
-        "hinge",
-        "cubic_stiffness",
-        "quadratic_term",
-        "quadratic_damping",
-        "coulomb_friction",
-        "product_term",
-        "input_curvature",
-    ];
-    let found = found(TEXT, &[run(1.0, "one"), run(2.0, "two")], &[run(3.0, "three")], Field::Mechanism, &names);
+    let names = ["gate", "hinge", "cubic_stiffness", "quadratic_term", "quadratic_damping"];
+    let found = found(TEXT, &[run(1.0, "one")], &[run(2.0, "two")], Field::Mechanism, &names);
     assert_eq!(found.causes[0].place.to_string(), "gate(v, s)", "{found:#?}");
     let edge = found.causes[0].parameters.iter().find(|p| p.name.starts_with("edge")).unwrap();
     assert!((edge.value - 0.4).abs() < 0.1, "{edge:?}");
