@@ -36,7 +36,9 @@ mod _fdm {
     #[pymodule_export]
     use super::residuals::Residuals;
     #[pymodule_export]
-    use super::results::{Doctor, Fit, design, diagnose, doctor, doctor_alone, fit, profile, simulate, spectra, study, validate};
+    use super::results::{
+        Doctor, Fit, design, diagnose, doctor, doctor_alone, fit, profile, simulate, spectra, study, validate,
+    };
     #[pymodule_export]
     use super::work::{set_threads, threads};
     #[pymodule_export]

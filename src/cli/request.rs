@@ -16,7 +16,8 @@ use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
-    check, design, diagnose as diagnosis, doctor, effects as catalogues, modes, profile, regress, simulate, spectra, study,
+    check, design, diagnose as diagnosis, doctor, effects as catalogues, modes, profile, regress, simulate, spectra,
+    study,
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
@@ -24,7 +25,9 @@ use fdm_discover::{Diagnosis, DiagnosisError};
 use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_readers::{Field, Topic};
-use fdm_report::{check_text, design_table, diagnosis_text, doctor_text, modes_table, profile_table, response_table, study_table};
+use fdm_report::{
+    check_text, design_table, diagnosis_text, doctor_text, modes_table, profile_table, response_table, study_table,
+};
 use fdm_results::documents::{
     DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
     SpectraDocument,
@@ -256,12 +259,7 @@ fn described(verb: &str, mut manifest: Manifest, (model, records): (&Model, &[Re
 ///
 /// # Errors
 /// [`Refusal`]
-pub fn sources(
-    model: &Model,
-    files: &[PathBuf],
-    words: &[String],
-    to_simulate: bool,
-) -> Result<Vec<Source>, Refusal> {
+pub fn sources(model: &Model, files: &[PathBuf], words: &[String], to_simulate: bool) -> Result<Vec<Source>, Refusal> {
     let data: Vec<String> = files.iter().map(|f| format!("--data={}", f.display())).collect();
     let records: Records = parsed(&data, words)?;
     let common = records.selection.options(!to_simulate);
@@ -274,11 +272,7 @@ pub fn sources(
 ///
 /// # Errors
 /// [`Refusal`]
-pub fn read(
-    model: &Model,
-    sources: &[Source],
-    elsewhere: &[bool],
-) -> Result<Vec<(Record, Vec<String>)>, Refusal> {
+pub fn read(model: &Model, sources: &[Source], elsewhere: &[bool]) -> Result<Vec<(Record, Vec<String>)>, Refusal> {
     let file = |s: &Source| {
         let any_size = !s.common.require_outputs;
         RecordFile { options: ReadOptions { any_size, ..s.file.options.clone() }, ..s.file.clone() }

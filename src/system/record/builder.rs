@@ -141,7 +141,11 @@ impl<'m> RunBuilder<'m> {
         }
         let held: Vec<bool> = wanted.inputs.iter().map(|c| self.held.contains(&c.name)).collect();
         let run = Run {
-            input_gaps: census.iter().enumerate().map(|(k, of)| of.bridged(&time, &mut driven, (m, k), held[k])).collect(),
+            input_gaps: census
+                .iter()
+                .enumerate()
+                .map(|(k, of)| of.bridged(&time, &mut driven, (m, k), held[k]))
+                .collect(),
             output_gaps: compared.iter().map(|of| of.missing).collect(),
             name: self.name.clone(),
             time,
