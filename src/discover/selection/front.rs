@@ -30,6 +30,8 @@ use std::sync::Arc;
 const FOLDS: usize = 3;
 /// Effects up to which each is left out in turn; of more the weakest goes.
 const EACH: usize = 4;
+/// Of them those that are fitted plainly, the likeliest by the joint fit; others only where all of these fail.
+const FITTED: usize = 2;
 /// Gain in log-likelihood below which an effect is not to be seen in plain errors: its improvement is about half the root of twice the gain, in
 /// standard errors, where noise is white.
 const SMALL: f64 = 18.0;
@@ -181,7 +183,7 @@ impl FrontProblem<'_> {
         let score = |k: &usize| level.accepted[*k].cause.score;
         let weakest = (0..count).min_by(|a, b| score(a).total_cmp(&score(b)))?;
         let tried: Vec<usize> = if count <= EACH { (0..count).collect() } else { vec![weakest] };
-        let without = |k: &usize| -> Option<Level> {
+        let without = |k: &usize| -> Option<(Vec<Accepted>, FittedModel, SplitFit)> {
             let mut accepted = level.accepted.clone();
             accepted.remove(*k);
             let effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
@@ -189,10 +191,21 @@ impl FrontProblem<'_> {
                 rebuilt(self.first, &level.current, &level.split.theta, self.runs, &effects).ok()?;
             accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
             let split = split_fit(&smaller, self.runs, self.noise).ok()?;
-            Some(self.level(accepted, Arc::new(smaller), split))
+            Some((accepted, smaller, split))
         };
-        let found: Vec<Level> = tried.par_iter().filter_map(without).collect();
-        found.into_iter().min_by(|a, b| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost())))
+        let mut found: Vec<_> = tried.par_iter().filter_map(without).collect();
+        found.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
+        // a plain fit of a model that lacks what matters most may wander for long
+        let mut best: Option<Level> = None;
+        while best.as_ref().is_none_or(|level| level.written.is_err()) && !found.is_empty() {
+            let some: Vec<_> = found.drain(..found.len().min(FITTED)).collect();
+            let fitted = some.into_par_iter().map(|(a, current, split)| self.level(a, Arc::new(current), split));
+            let levels: Vec<Level> = fitted.collect();
+            let order =
+                |a: &Level, b: &Level| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost()));
+            best = best.into_iter().chain(levels).min_by(order);
+        }
+        best
     }
 
     /// Which of them is recommended: they come with falling numbers of effects.

@@ -95,6 +95,9 @@ fn first_in_time(
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
+/// Iterations of a quick fit: it begins at the estimates of a joint one.
+const QUICK: usize = 40;
+
 /// How much is done for a plain fit of an extended model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Thoroughness {
@@ -125,6 +128,7 @@ pub(super) fn plain_fit(
     how.changes = Changes::default();
     if thoroughness == Thoroughness::Quick {
         how.continuation = Continuation::Never;
+        how.options.iterations = how.options.iterations.min(QUICK);
     }
     let fits = plainly(&current.model.with_params(params), runs.train(), &how, goes_on).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;

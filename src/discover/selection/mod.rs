@@ -20,6 +20,7 @@ mod extended_model;
 mod feedback;
 mod fitted_model;
 mod fitting;
+mod forced_tiles;
 mod forward_selection;
 mod forward_step;
 mod front;
