@@ -31,6 +31,9 @@ const SIZE: f64 = 2.0;
 /// a little by chance; its score and its chance count that.
 const LOSS: f64 = 2.0;
 
+/// Part of a bound within which a value is at it.
+const BOUND: f64 = 1e-5;
+
 /// Why a candidate model is not accepted; none when it is.
 pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<String> {
     if candidate.score() < LEAST {
@@ -72,6 +75,16 @@ pub(super) fn below_null(params: &[NewParam], value: impl Fn(&NewParam) -> Optio
     let wrong = params.iter().filter(|p| p.positive).filter_map(|p| Some((p, value(p)?)));
     let (p, value) = wrong.into_iter().find(|(p, value)| *value < p.null)?;
     Some(format!("its fit wants {} = {value:.4}, where physics has none below {}", p.name, p.null))
+}
+
+/// A parameter of an effect whose fit ends at one of its bounds, in a sentence: its value is not what the records say, but where it was stopped.
+pub(super) fn at_bound(params: &[NewParam], value: impl Fn(&NewParam) -> Option<f64>) -> Option<String> {
+    let near =
+        |v: f64, bound: f64| bound.is_finite() && (v - bound).abs() <= BOUND * bound.abs().max(f64::MIN_POSITIVE);
+    let estimated = params.iter().filter(|p| !p.fixed && p.begins_as.is_none());
+    let (p, v) =
+        estimated.filter_map(|p| Some((p, value(p)?))).find(|(p, v)| near(*v, p.lower) || near(*v, p.upper))?;
+    Some(format!("its fit ends at the bound {} = {v:.4}", p.name))
 }
 
 /// The candidate model as a cause, accepted at a chance, with the group of those that score about as much.

@@ -63,6 +63,16 @@ impl TrialPoint {
         matches!(self.shape, Shape::Linear | Shape::Rising | Shape::Joint { .. })
     }
 
+    /// The multiple of the direction that is believed, where the best by itself would be this one.
+    pub(super) fn multiple(&self, best: f64) -> f64 {
+        match self.shape {
+            Shape::Linear | Shape::Joint { .. } => best,
+            Shape::Rising => best.max(0.0),
+            Shape::Finite => best.clamp(0.5, 2.0),
+            Shape::Smallest => best.clamp(0.05, 2.0),
+        }
+    }
+
     /// Values at a multiple of the direction, within the bounds.
     pub(super) fn at(&self, amount: f64, params: &[NewParam]) -> Vec<f64> {
         let mut values = self.values.clone();

@@ -19,6 +19,7 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 
 /// A model with its text, the values of its parameters, and its responses.
+#[derive(Clone)]
 pub(super) struct FittedModel {
     /// The model.
     pub(super) model: Model,

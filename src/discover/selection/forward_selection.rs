@@ -14,13 +14,14 @@ use super::front::FrontProblem;
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared};
+use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
-use fdm_grammar::effect::{Candidate, Catalogue};
+use fdm_grammar::effect::{Candidate, Catalogue, Subject};
+use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use std::collections::BTreeSet;
@@ -81,7 +82,10 @@ pub fn diagnose_while(
     let of = |run: &Run| prepared(run, &options.domain);
     let found: Vec<(Run, Option<String>)> = runs.iter().chain(validation).map(of).collect::<Result<_, _>>()?;
     let (all, notes): (Vec<Run>, Vec<Option<String>>) = found.into_iter().unzip();
-    let notes: Vec<String> = notes.into_iter().flatten().collect();
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    let subject = Subject::new(model.source(), model.definition()).map_err(DiagnosisError::Text)?;
+    let (all, fewer) = thinned(all, model.layout().outputs, catalogue.places(&subject).candidates.len());
+    notes.extend(fewer);
     let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
     let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
@@ -93,17 +97,36 @@ pub fn diagnose_while(
     progress("fitting the base model");
     let own = names(model);
     let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
-    let from = |first: FittedModel| {
+    let from = |first: FittedModel, classes: Option<Class>| {
         let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
         let own = own.clone();
-        ForwardSelection { runs, catalogue, options, progress, goes_on, own, accepted, rejected, steps }.run(first)
+        ForwardSelection { runs, catalogue, options, progress, goes_on, classes, own, accepted, rejected, steps }
+            .run(first)
     };
-    let mut found = from(firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?)?;
+    let likeliest = firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
+    let (mut found, reached) = from(likeliest.clone(), None)?;
+    if let Some(reached) = reached.filter(|r| r.is_mixed() && goes_on()) {
+        // a lag or a stand-in beside mechanisms may have taken the place of another mechanism
+        progress("searching among mechanisms alone");
+        if let Ok((mut other, Some(mechanisms))) = from(likeliest, Some(Class::Mechanism))
+            && !other.stopped
+            && other.verdict == Verdict::EffectFound
+            && mechanisms.is_likelier(&reached, runs)
+        {
+            other.notes.push(
+                "the effects are those of a search among mechanisms alone, which came to a likelier model than that of all effects"
+                    .into(),
+            );
+            other.left_out = std::mem::take(&mut found.left_out);
+            found = other;
+        }
+    }
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
         for first in firsts.take_while(|_| goes_on()) {
             progress("no candidate could be accepted there: restarting from the next-best local minimum");
-            if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
+            if let Some((other, _)) = from(first, None).ok().filter(|(other, _)| other.verdict == Verdict::EffectFound)
+            {
                 found = other;
                 break;
             }
@@ -119,11 +142,39 @@ pub(super) struct ForwardSelection<'a> {
     pub(super) options: &'a DiagnosisOptions,
     pub(super) progress: &'a Progress<'a>,
     pub(super) goes_on: &'a GoesOn<'a>,
+    /// The only class of effects that is searched; all where there is none.
+    classes: Option<Class>,
     /// Everything that the user gave a name.
     own: BTreeSet<String>,
     pub(super) accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     steps: Vec<SelectionStep>,
+}
+
+/// The model that a search recommends, and the noise that it is judged by.
+struct Reached {
+    current: Arc<FittedModel>,
+    noise: CommonNoise,
+    /// What its effects cost.
+    penalty: f64,
+    classes: Vec<Class>,
+}
+
+impl Reached {
+    /// Whether it has several effects, not all of them mechanisms.
+    fn is_mixed(&self) -> bool {
+        self.classes.len() > 1 && self.classes.iter().any(|class| *class != Class::Mechanism)
+    }
+
+    /// Whether it is likelier than another one, by the noise of both, with the penalties of all effects.
+    fn is_likelier(&self, other: &Self, runs: Runs<'_>) -> bool {
+        let total = |model: &Self| -> f64 {
+            let by =
+                |noise: &CommonNoise| split_fit(&model.current, runs, noise).map_or(f64::INFINITY, |fit| fit.cost());
+            by(&self.noise) + by(&other.noise) + 2.0 * model.penalty
+        };
+        total(self) < total(other)
+    }
 }
 
 /// What is known when the search ends.
@@ -145,12 +196,11 @@ impl End {
 }
 
 impl<'a> ForwardSelection<'a> {
-    fn run(mut self, first: FittedModel) -> Result<Diagnosis, DiagnosisError> {
+    fn run(mut self, first: FittedModel) -> Result<(Diagnosis, Option<Reached>), DiagnosisError> {
         let mut first = Arc::new(first);
         let mut current = Arc::clone(&first);
         let mut moves = 0;
         let mut end: Option<End> = None;
-        let mut ahead: Option<(ForwardStep<'a>, Option<Comparison>)> = None;
         loop {
             if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
                 last.stop();
@@ -158,16 +208,10 @@ impl<'a> ForwardSelection<'a> {
             }
             let scales = SignalScales::new(&current, self.runs);
             let number = self.steps.len() + 1;
-            let (step, made) = match ahead.take() {
-                Some((step, comparison)) => (Ok(step), comparison),
-                None => {
-                    let candidates = self.candidates(&current, None);
-                    (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
-                    let step = self.step(&current, &candidates, &scales);
-                    (self.progress)(&format!("search {number}: screened"));
-                    (step, None)
-                }
-            };
+            let candidates = self.candidates(&current);
+            (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
+            let step = self.step(&current, &candidates, &scales);
+            (self.progress)(&format!("search {number}: screened"));
             let mut step = match (step, &mut end) {
                 // what was accepted stays
                 (Err(DiagnosisError::Stopped), Some(last)) => {
@@ -183,8 +227,9 @@ impl<'a> ForwardSelection<'a> {
                 }
                 (step, _) => step?,
             };
-            let comparison = match made {
-                None if step.screening.family_wise < self.options.alpha || step.is_doubtful() => {
+            let asked = step.screening.family_wise < self.options.alpha || step.is_doubtful();
+            let comparison = match asked {
+                true => {
                     match self.comparison(&mut step) {
                         // what screening tells is a result
                         Err(DiagnosisError::Stopped) => {
@@ -203,7 +248,7 @@ impl<'a> ForwardSelection<'a> {
                         comparison => Some(comparison?),
                     }
                 }
-                made => made,
+                false => None,
             };
             if moves < MOST_MOVES
                 && let Some(next) = comparison.as_ref().and_then(|c| self.elsewhere(&current, c))
@@ -238,7 +283,7 @@ impl<'a> ForwardSelection<'a> {
                 last.ended = "no candidate that was fitted could be accepted".into();
                 break;
             };
-            (current, ahead) = (next.current, next.ahead);
+            current = next.current;
             let accepted = self.accepted.last().map(|a| (a.cause.gain_training, a.cause.place.clone()));
             if let (Some(step), Some((_, place))) = (self.steps.last_mut(), &accepted) {
                 step.accepted = Some(place.clone());
@@ -254,7 +299,7 @@ impl<'a> ForwardSelection<'a> {
     }
 
     /// A search for one more effect beside these.
-    pub(super) fn step(
+    fn step(
         &self,
         current: &Arc<FittedModel>,
         candidates: &[Candidate],
@@ -311,13 +356,14 @@ impl<'a> ForwardSelection<'a> {
         last
     }
 
-    /// Candidates that attach to what the user wrote, and are not in the model yet, nor this one.
-    pub(super) fn candidates(&self, current: &FittedModel, besides: Option<&EffectAt>) -> Vec<Candidate> {
+    /// Candidates that attach to what the user wrote, and are not in the model yet.
+    fn candidates(&self, current: &FittedModel) -> Vec<Candidate> {
         let places = self.catalogue.places(&current.subject);
         let fresh = |c: &Candidate| {
             let own = place(c);
-            let there = self.accepted.iter().any(|a| a.cause.place == own) || besides == Some(&own);
-            !there && c.targets().iter().all(|t| self.own.contains(t))
+            let there = self.accepted.iter().any(|a| a.cause.place == own);
+            let wanted = self.classes.is_none_or(|class| c.effect().class() == class);
+            wanted && !there && c.targets().iter().all(|t| self.own.contains(t))
         };
         places.candidates.into_iter().filter(fresh).collect()
     }
@@ -329,7 +375,7 @@ impl<'a> ForwardSelection<'a> {
         comparison: &Comparison,
         scales: &SignalScales,
         (number, p): (usize, f64),
-    ) -> Result<Option<NextStep<'a>>, DiagnosisError> {
+    ) -> Result<Option<NextStep>, DiagnosisError> {
         let mut fit = Vec::new();
         for (k, candidate) in comparison.models.iter().enumerate() {
             match objection(step, candidate) {
@@ -371,7 +417,7 @@ impl<'a> ForwardSelection<'a> {
         first: &FittedModel,
         grown: Arc<FittedModel>,
         mut end: End,
-    ) -> Result<Diagnosis, DiagnosisError> {
+    ) -> Result<(Diagnosis, Option<Reached>), DiagnosisError> {
         let noise = &end.noise.clone();
         let before = split_fit(first, self.runs, noise)?;
         let mut last = None;
@@ -438,8 +484,14 @@ impl<'a> ForwardSelection<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
         let found = !self.accepted.is_empty();
+        let reached = last.clone().map(|current| Reached {
+            current,
+            noise: noise.clone(),
+            penalty: self.accepted.iter().map(Accepted::penalty).sum(),
+            classes: self.accepted.iter().map(|a| a.candidate.effect().class()).collect(),
+        });
         let feedback = feedback(last.as_ref().map_or(first, |current| current), self.runs, &end.detectable);
-        Ok(Diagnosis {
+        let diagnosis = Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
             causes: self.accepted.into_iter().map(|a| a.cause).collect(),
@@ -463,7 +515,8 @@ impl<'a> ForwardSelection<'a> {
             feedback,
             notes: Vec::new(),
             spectral: first.spectral(),
-        })
+        };
+        Ok((diagnosis, reached))
     }
 
     /// Effect, disturbance, unknown cause or nothing.

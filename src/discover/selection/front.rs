@@ -10,7 +10,7 @@
 //! the same. So does a mechanism of which so little was to be expected, unless the prediction is clearly worse with it: a small one that the
 //! likelihood has found is there, whether it is worth much or not.
 
-use super::acceptance::below_null;
+use super::acceptance::{at_bound, below_null};
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
@@ -86,7 +86,8 @@ impl Level {
             Ok(written) => written.objection().or_else(|| {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
-                self.accepted.iter().find_map(|a| below_null(&a.params, value))
+                let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
+                self.accepted.iter().find_map(of)
             }),
             Err(why) => Some(why.clone()),
         }
