@@ -138,9 +138,12 @@ impl<'a> Tiles<'a> {
                     (Some(a), Some(b)) => a.iter().zip(b).all(|(a, b)| difference(a, b) <= ACCURATE),
                     _ => false,
                 };
+                // a mode that one run hardly moves may be moved by another: it keeps the finer steps
+                let own_states = units[*u].attached.definition.states.len() > self.current.model.layout().states;
                 if settled {
-                    levels[*u] = Some(level);
-                } else {
+                    levels[*u] = Some(level + usize::from(own_states));
+                }
+                if !settled || own_states {
                     first[*u] = finer[*u].take();
                 }
                 !settled
