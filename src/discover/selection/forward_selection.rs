@@ -111,10 +111,10 @@ pub fn diagnose_while(
         if let Ok((mut other, Some(mechanisms))) = from(likeliest, Some(Class::Mechanism))
             && !other.stopped
             && other.verdict == Verdict::EffectFound
-            && mechanisms.is_likelier(&reached, runs)
+            && (predicts_as_well(&other, &found) || mechanisms.is_likelier(&reached, runs))
         {
             other.notes.push(
-                "the effects are those of a search among mechanisms alone, which came to a likelier model than that of all effects"
+                "the effects are those of a search among mechanisms alone, whose model predicts as well as that of all effects or is likelier"
                     .into(),
             );
             other.left_out = std::mem::take(&mut found.left_out);
@@ -175,6 +175,15 @@ impl Reached {
         };
         total(self) < total(other)
     }
+}
+
+/// Whether the recommended model of one search predicts no worse than that of another: validation runs, or parts that were not fitted.
+fn predicts_as_well(one: &Diagnosis, other: &Diagnosis) -> bool {
+    let error = |found: &Diagnosis| {
+        let recommended = found.front.iter().find(|model| model.recommended)?;
+        recommended.error_validation.or(recommended.error_cross_validated)
+    };
+    error(one).zip(error(other)).is_some_and(|(one, other)| one <= other)
 }
 
 /// What is known when the search ends.
