@@ -30,7 +30,7 @@ module.exports = grammar({
     slot: ($) => seq(field('name', $.identifier), ':', $.kind, repeat(seq('|', $.kind))),
     kind: ($) => choice($.role, $.identifier),
     condition: ($) => seq(choice('unless', 'when'), $.expression),
-    role: () => choice('input', 'state', 'param', 'const', 'let', 'output'),
+    role: () => choice('input', 'known', 'state', 'param', 'const', 'let', 'output'),
     effect_block: ($) =>
       seq(
         '{',
@@ -67,12 +67,14 @@ module.exports = grammar({
       seq(
         field('name', $.identifier),
         optional(field('shape', $.index)),
-        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.by_log)),
+        repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.per_group, $.by_log, $.wrap)),
       ),
     value: ($) => seq('=', choice('free', $.expression)),
     bounds: ($) => seq('in', '[', $.expression, ',', $.expression, ']'),
     per_run: () => seq('per', 'run'),
+    per_group: ($) => seq('per', 'group', field('grouping', $.identifier)),
     by_log: () => 'log',
+    wrap: ($) => seq('wrap', $.number, optional(seq('*', 'pi'))),
 
     equation: ($) => seq($.expression, '=', $.expression, ';'),
     time: ($) => seq('time', $.unit, ';'),

@@ -33,7 +33,7 @@ pub use expand::gather;
 pub use linearise::Linearisation;
 pub use model::Model;
 pub use schedule::{Layout, Program, Schedule};
-pub use source::{Source, Span, Text};
+pub use source::{Groups, Source, Span, Text};
 pub use unit::Unit;
 
 /// A model that passed every check, its programs, and the warnings that it left.
@@ -110,7 +110,7 @@ fn examine_tree(
     let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
     findings.extend(expanded.findings);
     let elements = expanded.elements;
-    match check::check(&expanded.tree) {
+    match check::check(&expand::write_out(expanded.tree, source.groups())) {
         Ok((model, warnings)) if findings.is_empty() => {
             let mut warnings = elements.told(warnings);
             // not everything that a submodel offers is used

@@ -3,6 +3,8 @@
 //! **In** names and texts of files. **Out** [`Source`], [`Span`], text, line and column of an offset.
 //! **Never** reads files: the texts are handed in. **Start** at [`Source::position`].
 
+use std::collections::BTreeMap;
+
 /// A half-open range of byte offsets among the texts of a [`Source`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Span {
@@ -112,7 +114,11 @@ pub struct Missing {
 pub struct Source {
     texts: Vec<Text>,
     missing: Vec<Missing>,
+    groups: Groups,
 }
+
+/// The groups of the runs by the name of the grouping: `aircraft` to `A`, `B`.
+pub type Groups = BTreeMap<String, Vec<String>>;
 
 impl Source {
     /// Most bytes in all texts together.
@@ -120,7 +126,18 @@ impl Source {
 
     /// Takes the text; `name` is what messages call it, usually the path as the user typed it.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Self {
-        Self { texts: vec![Text::new(name.into(), text.into(), 0, None)], missing: Vec::new() }
+        Self { texts: vec![Text::new(name.into(), text.into(), 0, None)], missing: Vec::new(), groups: Groups::new() }
+    }
+
+    /// The same text for runs of these groups (`param k per group aircraft`).
+    #[must_use]
+    pub fn with_groups(self, groups: Groups) -> Self {
+        Self { groups, ..self }
+    }
+
+    /// The groups of the runs; of a grouping that is not among them nothing is known, and its params are shared.
+    pub fn groups(&self) -> &Groups {
+        &self.groups
     }
 
     /// The name of the model's own text.

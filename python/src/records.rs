@@ -12,7 +12,7 @@ pub(crate) struct Record {
 
 impl Record {
     pub(crate) fn in_memory(run: fdm::Run) -> Self {
-        Self { record: request::Record { run, file: None, reading: fdm::ReadOptions::default() } }
+        Self { record: request::Record { run, file: None, reading: fdm::ReadOptions::default(), summary: None } }
     }
 }
 

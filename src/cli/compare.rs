@@ -1,8 +1,9 @@
 //! `fdm compare`: several results side by side, and what they predict of validation runs.
 
+use crate::campaign::Role;
 use crate::deliver::Output;
 use crate::failure::{Ending, Failure, ended, remark};
-use crate::load::{Selection, fitted_before, open_result, read_runs};
+use crate::load::{RunList, Selection, fitted_before, open_result, read_runs};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_report::comparison_table;
@@ -17,9 +18,11 @@ pub(crate) struct Arguments {
     /// Result folders that `fdm fit --out` wrote; the first is the reference for the others
     #[arg(value_name = "RESULT", required = true, num_args = 2..)]
     results: Vec<PathBuf>,
-    /// Validation data: a run that none of them was fitted to; may be given several times
-    #[arg(long = "data", value_name = "RUN", help_heading = "Data")]
+    /// Validation data: runs that none of them was fitted to, or patterns; may be given several times
+    #[arg(long = "data", value_name = "RUN", help_heading = "Data", num_args = 1.., group = "recorded")]
     data: Vec<PathBuf>,
+    #[command(flatten)]
+    list: RunList,
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
@@ -30,7 +33,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let results: Vec<(ResultFolder, Model)> =
         arguments.results.iter().map(|folder| open_result(folder, None)).collect::<Result<_, Failure>>()?;
     let mut comparison = compare(results.iter().map(|(folder, _)| Candidate::new(folder)).collect());
-    if !arguments.data.is_empty() {
+    if !arguments.data.is_empty() || arguments.list.is_given() {
         let predictions = predictions(arguments, &results, &comparison)?;
         comparison = comparison.with_predictions(predictions);
     }
@@ -48,8 +51,13 @@ fn predictions(
     for (k, ((folder, model), candidate)) in results.iter().zip(&comparison.candidates).enumerate() {
         let quiet = arguments.output.quiet || k > 0;
         let elsewhere = vec![true; model.layout().outputs];
-        let runs = read_runs(&arguments.data, &arguments.selection.options(true), model, &elsewhere, quiet)?;
-        for fitted in fitted_before(folder, &runs, &arguments.data) {
+        let options = arguments.selection.options(true);
+        let mut files = arguments.list.files((&arguments.data, Role::Validation), &options, model)?;
+        if files.iter().any(|f| f.role == Role::Validation) {
+            files.retain(|f| f.role == Role::Validation);
+        }
+        let runs = read_runs(&files, model, &elsewhere, quiet)?;
+        for fitted in fitted_before(folder, &runs, &files) {
             remark(format_args!(
                 "note: {}: run `{fitted}` was part of the fit: it is no validation data",
                 candidate.name

@@ -1,7 +1,7 @@
 //! Where a result goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
 
 use crate::failure::{Failure, OrFailure, Unwritten, as_json, at, print, remark};
-use crate::load::Records;
+use crate::load::Campaign;
 use crate::modes::of_result;
 use crate::progress::Progress;
 use crate::progress_file::{Course, CourseWriter};
@@ -171,17 +171,11 @@ impl Prepared<'_> {
     }
 
     /// What a result was made from: this model, these runs, these options, this command.
-    pub(crate) fn manifest(
-        &self,
-        model: &Model,
-        identity: Identity,
-        noise: Noise,
-        (records, runs): (&Records, &[Run]),
-    ) -> Manifest {
+    pub(crate) fn manifest(&self, model: &Model, identity: Identity, noise: Noise, campaign: &Campaign) -> Manifest {
         let mut manifest = Manifest::new(model, identity, noise);
         manifest.command = crate::command_line();
         if self.places.any() {
-            records.describe(runs, &mut manifest);
+            campaign.describe(&mut manifest);
         }
         manifest
     }

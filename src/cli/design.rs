@@ -1,5 +1,6 @@
 //! `fdm design`: optimal input design: the manoeuvres of the next runs that reduce the standard errors most.
 
+use crate::campaign::{RecordFile, Role, expanded};
 use crate::deliver::{NamedFile, Output, column, standing, write_all};
 use crate::failure::{Ending, Failure, did_you_mean, ended};
 use crate::halt::TimeLimit;
@@ -26,8 +27,8 @@ pub(crate) struct Arguments {
     /// it is, once the other has adapted its parameters
     #[arg(long, value_name = "A,B", value_delimiter = ',', num_args = 1.., conflicts_with_all = ["model", "from_result"], help_heading = "The next run")]
     between: Vec<PathBuf>,
-    /// Earlier run; may be given several times
-    #[arg(long = "data", value_name = "RUN", help_heading = "Data")]
+    /// Earlier runs, or patterns; may be given several times
+    #[arg(long = "data", value_name = "RUN", help_heading = "Data", num_args = 1.., group = "recorded")]
     data: Vec<PathBuf>,
     #[command(flatten)]
     selection: Selection,
@@ -69,6 +70,15 @@ pub(crate) struct Arguments {
     output: Output,
 }
 
+impl Arguments {
+    /// The files of the earlier runs.
+    fn files(&self) -> Result<Vec<RecordFile>, Failure> {
+        let options = self.selection.options(false);
+        let one = |path| RecordFile { path, name: None, role: Role::Fit, options: options.clone() };
+        Ok(expanded(&self.data)?.into_iter().map(one).collect())
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     if !arguments.between.is_empty() {
         return between(arguments);
@@ -76,7 +86,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.output.quiet;
     let (model, folder) = arguments.model.load()?;
     let model = arguments.model.changed(&model)?;
-    let runs = read_runs(&arguments.data, &arguments.selection.options(false), &model, &[], quiet)?;
+    let runs = read_runs(&arguments.files()?, &model, &[], quiet)?;
     let question = arguments.question(&model, folder.as_ref(), runs)?;
     arguments.refuse_others()?;
     let progress = Progress::new(quiet).within(&arguments.limit);
@@ -109,7 +119,7 @@ fn between(arguments: &Arguments) -> Ending {
     }
     let mut questions = Vec::new();
     for (model, folder) in &loaded {
-        let runs = read_runs(&arguments.data, &arguments.selection.options(false), model, &[], quiet)?;
+        let runs = read_runs(&arguments.files()?, model, &[], quiet)?;
         questions.push(arguments.question(model, folder.as_ref(), runs)?);
     }
     arguments.refuse_others()?;

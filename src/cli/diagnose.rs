@@ -1,10 +1,11 @@
 //! `fdm diagnose`: lack of fit of a model, its cause, the extended model, and the gain.
 
+use crate::campaign::{RecordFile, Role, expanded};
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
 use crate::failure::{Ending, Failure, as_json, ended, print, remark};
 use crate::halt::TimeLimit;
-use crate::load::{Estimated, ModelFile, Records, measured, number, read_records, say_notes};
+use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, measured, number, read_records, say_notes};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
@@ -14,10 +15,10 @@ use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions
 use fdm_estimate::FitOptions;
 use fdm_grammar::effect::Catalogue;
 use fdm_report::diagnosis_text;
-use fdm_results::documents::DiagnosisDocument;
-use fdm_results::store::{DataFile, Destination, Identity, Manifest};
+use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
+use fdm_results::store::{Destination, Identity, Manifest};
 use fdm_system::Model;
-use fdm_system::record::Run;
+use fdm_system::record::{Run, Summary};
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -62,21 +63,22 @@ pub(crate) struct Arguments {
 }
 
 /// A number between 0 and 1.
-fn probability(text: &str) -> Result<f64, String> {
+pub(crate) fn probability(text: &str) -> Result<f64, String> {
     let value = number(text)?;
     if value > 0.0 && value < 1.0 { Ok(value) } else { Err("a probability is between 0 and 1".into()) }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (domain, catalogue) = arguments.searched()?;
-    let model = arguments.model.load()?;
-    let (runs, validation) = arguments.runs(&model)?;
+    let model = arguments.model.load_for(&arguments.records)?;
+    let (campaign, validation) = arguments.runs(&model)?;
+    let runs = &campaign.runs[..];
     // places that cannot be written are told before the work
-    let destination = arguments.places.destination(&names(&model, &runs, &validation))?;
+    let destination = arguments.places.destination(&names(&model, runs, &validation))?;
     let options = arguments.options(&model, domain);
     let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
-    let (found, in_time) = search(&model, (&runs, &validation), (&catalogue, &options), progress);
+    let (found, in_time) = search(&model, (runs, &validation), (&catalogue, &options), progress);
     let found = match found {
         // numbers went wrong, or there was no time: the input may be good
         Err(error) if is_of_numbers(&error) => {
@@ -85,8 +87,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         }
         found => found.map_err(refused)?,
     };
-    let manifest = arguments.places.any().then(|| arguments.manifest(&model, (&runs, &validation), &options));
-    let ending = arguments.deliver(&model, &found, manifest, destination.as_ref())?;
+    let manifest = arguments.places.any().then(|| arguments.manifest(&model, &campaign, &validation, &options));
+    let ending = arguments.deliver(&model, (&found, campaign.judged), manifest, destination.as_ref())?;
     if in_time && !found.stopped { Ok(ending) } else { ended(false) }
 }
 
@@ -157,15 +159,22 @@ impl Arguments {
     }
 
     /// Runs that are fitted, and validation runs.
-    fn runs(&self, model: &Model) -> Result<(Vec<Run>, Vec<Run>), Failure> {
+    fn runs(&self, model: &Model) -> Result<(Campaign, Vec<Run>), Failure> {
         let options = self.records.selection.options(true);
-        let mut records = read_records(&self.records.data, &options, model, &[])?;
+        let mut files = self.records.files(Role::Fit, &options, model)?;
+        let mut records = read_records(&files, model, &[])?;
         let fitted = records.len();
         let elsewhere = measured(model, records.iter().map(|(run, _)| run));
-        records.extend(read_records(&self.validation, &options, model, &elsewhere)?);
+        let mut validation = self.records.of_list(Role::Validation, &options, model)?;
+        let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
+        validation.extend(expanded(&self.validation)?.into_iter().map(one));
+        records.extend(read_records(&validation, model, &elsewhere)?);
+        files.append(&mut validation);
         if !self.output.quiet {
             say_notes(&records);
         }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.records.judge(model, &records, self.output.quiet)?;
         let mut runs: Vec<Run> = records.into_iter().map(|(run, _)| run).collect();
         for k in fitted..runs.len() {
             // a validation file may have the name of another
@@ -174,18 +183,17 @@ impl Arguments {
             }
         }
         let validation = runs.split_off(fitted);
-        Ok((runs, validation))
+        Ok((Campaign { files, runs, judged, reading: options }, validation))
     }
 
     /// What the diagnosis was made from.
-    fn manifest(&self, model: &Model, (runs, validation): (&[Run], &[Run]), options: &DiagnosisOptions) -> Manifest {
-        let all: Vec<Run> = runs.iter().chain(validation).cloned().collect();
+    fn manifest(&self, model: &Model, campaign: &Campaign, validation: &[Run], options: &DiagnosisOptions) -> Manifest {
+        let all: Vec<Run> = campaign.runs.iter().chain(validation).cloned().collect();
         let noise = options.fit.options.noise.clone();
         let mut manifest = Manifest::of_diagnosis(model, Identity::of(model, &all, options), noise);
         manifest.command = crate::command_line();
-        self.records.describe(runs, &mut manifest);
-        let files = validation.iter().zip(&self.validation).map(|(run, file)| DataFile::new(&run.name, file));
-        manifest.data.extend(files);
+        manifest.reading = campaign.reading.clone();
+        manifest.data = data_files(&campaign.files, &all, &campaign.reading);
         manifest
     }
 
@@ -193,7 +201,7 @@ impl Arguments {
     fn deliver(
         &self,
         model: &Model,
-        found: &Diagnosis,
+        (found, judged): (&Diagnosis, Option<JudgedRecords>),
         manifest: Option<Manifest>,
         destination: Option<&Destination>,
     ) -> Ending {
@@ -209,7 +217,7 @@ impl Arguments {
                 Err(e) => failed.push(e.to_string()),
             }
         }
-        let json = as_json(&DiagnosisDocument::of(found, path.as_deref()))?;
+        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path.as_deref()) })?;
         let mut text = diagnosis_text(found);
         if !difference.is_empty() {
             text.push_str(&format!("\n{difference}"));

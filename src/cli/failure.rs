@@ -30,6 +30,8 @@ pub(crate) enum Failure {
     Records(Vec<RecordError>),
     /// Anything else, one sentence each.
     Input(Vec<String>),
+    /// Something was found in the records, and `--strict` refuses to go on.
+    Strict,
     /// Nothing is wrong with the input, but a file could not be written.
     Unwritten(Unwritten),
 }
@@ -72,6 +74,12 @@ impl Failure {
             },
             Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
             Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r)))),
+            Self::Strict => {
+                remark(format_args!(
+                    "error: the records have findings, and --strict refuses to go on; `fdm doctor` tells them all"
+                ));
+                return ExitCode::from(NUMBERS);
+            }
             Self::Unwritten(file) => {
                 remark(format_args!("error: {file}"));
                 return ExitCode::from(NUMBERS);

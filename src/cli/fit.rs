@@ -1,10 +1,11 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
+use crate::campaign::{RecordFile, Role, expanded};
 use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::TimeLimit;
-use crate::load::{Estimated, MeasurementNoise, ModelFile, Records, measured, read_runs};
+use crate::load::{Campaign, Estimated, MeasurementNoise, ModelFile, Records, measured, read_runs};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
@@ -19,7 +20,7 @@ use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
     history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
 };
-use fdm_results::documents::{FitDocument, TimeDomain};
+use fdm_results::documents::{FitDocument, JudgedRecords, TimeDomain};
 use fdm_results::store::{Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
@@ -120,15 +121,22 @@ impl Arguments {
     }
 
     /// Runs that are not fitted but predicted.
-    fn validation_runs(&self, model: &Model, fitted: &[Run]) -> Result<Vec<Run>, Failure> {
+    fn validation_runs(&self, model: &Model, fitted: &Campaign) -> Result<Vec<Run>, Failure> {
         let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
-        let used: Vec<PathBuf> = self.records.data.iter().map(place).collect();
-        if let Some(both) = self.frequency.validation.iter().find(|path| used.contains(&place(path))) {
-            let said = "is both --data and --validation: validation data must not be fitted; give another run";
-            return Err(Failure::input([format!("{} {said}", both.display())]));
-        }
+        let used: Vec<PathBuf> = fitted.files.iter().map(|f| place(&f.path)).collect();
         let options = self.records.selection.options(true);
-        read_runs(&self.frequency.validation, &options, model, &measured(model, fitted), true)
+        let one = |path| RecordFile { path, name: None, role: Role::Validation, options: options.clone() };
+        let named: Vec<RecordFile> = expanded(&self.frequency.validation)?.into_iter().map(one).collect();
+        if let Some(both) = named.iter().find(|file| used.contains(&place(&file.path))) {
+            let said = "is both --data and --validation: validation data must not be fitted; give another run";
+            return Err(Failure::input([format!("{} {said}", both.path.display())]));
+        }
+        // in the time domain `fdm validate` predicts them
+        let listed = matches!(self.question()?, Question { method, domain, .. }
+            if domain == Domain::Frequency || method == Method::FrequencyResponse);
+        let mut files = if listed { self.records.of_list(Role::Validation, &options, model)? } else { Vec::new() };
+        files.extend(named);
+        read_runs(&files, model, &measured(model, &fitted.runs), true)
     }
 }
 
@@ -141,27 +149,23 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         return equation_error(asked, &arguments.delivery, frequencies);
     }
     let mut progress = Progress::new(quiet).within(&arguments.limit).watching(arguments.watch);
-    let model = arguments.model.load()?;
-    let runs = arguments.records.runs(&model, quiet)?;
+    let model = arguments.model.load_for(&arguments.records)?;
+    let campaign = arguments.records.read(&model, quiet)?;
+    let runs = &campaign.runs[..];
     let options = arguments.options(question, &model)?;
-    let validation = arguments.validation_runs(&model, &runs)?;
-    let task = Task::new(arguments, options, &model, &runs)?;
+    let validation = arguments.validation_runs(&model, &campaign)?;
+    let task = Task::new(arguments, options, &model, runs)?;
     // places that cannot be written are told before the work
-    let prepared = arguments.delivery.prepare(&model, &runs)?;
+    let prepared = arguments.delivery.prepare(&model, runs)?;
     let checkpoint = arguments.checkpoints.open(&task.identity, quiet)?;
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
-    let result = task.work(&model, &runs, checkpoint.keeper(), &mut progress);
+    let result = task.work(&model, runs, checkpoint.keeper(), &mut progress);
     progress.finish();
-    let made = task.made(result?, (&runs, &validation), &mut progress)?;
-    let manifest = made.manifest(prepared.manifest(
-        &model,
-        made.identity.clone(),
-        made.noise.clone(),
-        (&arguments.records, &runs),
-    ));
+    let made = task.made(result?, (runs, &validation), &mut progress)?.with_records(campaign.judged.clone());
+    let manifest = made.manifest(prepared.manifest(&model, made.identity.clone(), made.noise.clone(), &campaign));
     let good = made.is_good();
     let frequencies = made.found.frequencies();
-    let delivered = prepared.deliver(made.outcome(&runs, &frequencies, manifest));
+    let delivered = prepared.deliver(made.outcome(runs, &frequencies, manifest));
     let whole = checkpoint.close();
     // told in any case
     let in_time = progress.in_time();
@@ -242,6 +246,12 @@ pub(crate) struct Made {
 impl Made {
     pub(crate) fn is_good(&self) -> bool {
         self.found.is_good(self.starts)
+    }
+
+    /// With what was assumed about the records and found in them.
+    pub(crate) fn with_records(mut self, records: Option<JudgedRecords>) -> Self {
+        self.document.records = records;
+        self
     }
 
     /// With what the fit says of what it was made from.

@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
+mod campaign;
 mod check;
 mod checkpoint;
 mod codegen;
@@ -11,6 +12,7 @@ mod data;
 mod deliver;
 mod design;
 mod diagnose;
+mod doctor;
 mod effects;
 mod failure;
 mod fit;
@@ -29,6 +31,7 @@ mod paths;
 mod profile;
 mod progress;
 mod progress_file;
+mod project;
 mod regress;
 mod reproduce;
 pub mod request;
@@ -52,6 +55,9 @@ struct Arguments {
     /// Number of threads; results do not depend on it [default: all cores]
     #[arg(long, global = true, value_name = "N", display_order = 1000, allow_negative_numbers = true, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Leave the project file (`fdm.toml`, in this folder or one above) aside
+    #[arg(long, global = true, display_order = 1001)]
+    no_project: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -64,6 +70,8 @@ enum Verb {
     Design(design::Arguments),
     /// Find what a model gets wrong: name the cause, extend the model's text, measure the gain
     Diagnose(Box<diagnose::Arguments>),
+    /// Judge records before they are believed: faults with odds, biases and repairs, by themselves and beside a model
+    Doctor(doctor::Arguments),
     /// List candidate effects for a model: the catalogue, and where each effect fits
     Effects(effects::Arguments),
     /// Write effects into a model's own text, and print what changes
@@ -132,9 +140,12 @@ fn command_line() -> Vec<String> {
 
 /// Does what these words ask for, the first of which is the name of the program: once in a process.
 pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let words: Vec<OsString> = words.into_iter().collect();
-    let _ = WORDS.set(words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
     let mut command = Arguments::command();
+    let words = match project::completed(words.into_iter().collect(), &command) {
+        Ok(words) => words,
+        Err(failure) => return failure.report(),
+    };
+    let _ = WORDS.set(words.iter().map(|w| w.to_string_lossy().into_owned()).collect());
     let matches = match command.try_get_matches_from_mut(words) {
         Ok(matches) => matches,
         Err(e) => return failure::refuse_words(&e),
@@ -155,6 +166,7 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Data(a) => data::run(a),
         Verb::Design(a) => design::run(a),
         Verb::Diagnose(a) => diagnose::run(a),
+        Verb::Doctor(a) => doctor::run(a),
         Verb::Effects(a) => effects::run(a),
         Verb::Extend(a) => effects::extend(a),
         Verb::Simulate(a) => simulate::run(a),

@@ -1,14 +1,17 @@
 //! What a command works on: a model and the changes of its parameters, recorded runs, measurement noise, or a result that was
 //! written before.
 
+use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
+use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
 use fdm_estimate::{Changes, Noise};
 use fdm_grammar::number::held;
 use fdm_readers::{RecordMap, shipped};
+use fdm_results::documents::{JudgedRecords, RecordDocument};
 use fdm_results::store::{DataFile, Manifest, ResultFolder, differences, reason};
 use fdm_system::Model;
-use fdm_system::record::{Note, ReadOptions, Run, Summary, channels, read_all};
+use fdm_system::record::{Known, Note, ReadOptions, Run, SampleMask, Summary, channels, read_each};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -44,6 +47,11 @@ impl ModelFile {
     /// Reads and compiles the model; warnings go to standard error.
     pub(crate) fn load(&self) -> Result<Model, Failure> {
         self.untied(&load_model(&self.model)?)
+    }
+
+    /// The same for the groups of the runs.
+    pub(crate) fn load_for(&self, records: &Records) -> Result<Model, Failure> {
+        self.untied(&records.grouped(&load_model(&self.model)?)?)
     }
 
     /// A model with the ties switched off that were named.
@@ -144,9 +152,36 @@ fn another_model(path: &Path, folder: &ResultFolder, differences: &[String]) -> 
     text
 }
 
+/// The runs that were read, and their files.
+pub(crate) struct Campaign {
+    pub(crate) files: Vec<RecordFile>,
+    pub(crate) runs: Vec<Run>,
+    /// What was assumed about them and found in them; none where that is nothing.
+    pub(crate) judged: Option<JudgedRecords>,
+    /// How files are read of which nothing else is said.
+    pub(crate) reading: ReadOptions,
+}
+
+impl Campaign {
+    /// Writes into a result what it was made from.
+    pub(crate) fn describe(&self, manifest: &mut Manifest) {
+        manifest.reading = self.reading.clone();
+        manifest.data = data_files(&self.files, &self.runs, &self.reading);
+    }
+}
+
+/// Runs and their files as a result tells them; how a file was read is said where it differs from `reading`.
+pub(crate) fn data_files(files: &[RecordFile], runs: &[Run], reading: &ReadOptions) -> Vec<DataFile> {
+    let one = |(run, file): (&Run, &RecordFile)| DataFile {
+        reading: Some(file.options.clone()).filter(|own| own != reading),
+        ..DataFile::new(&run.name, &file.path)
+    };
+    runs.iter().zip(files).map(one).collect()
+}
+
 /// The runs that a result was fitted to.
-pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[PathBuf]) -> Vec<String> {
-    let files = runs.iter().zip(files).map(|(run, file)| DataFile::new(&run.name, file));
+pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[RecordFile]) -> Vec<String> {
+    let files = runs.iter().zip(files).map(|(run, file)| DataFile::new(&run.name, &file.path));
     let fitted = |file: &DataFile| folder.manifest().data.iter().any(|own| own.is_same(file));
     files.filter(fitted).map(|file| file.run).collect()
 }
@@ -155,11 +190,80 @@ pub(crate) fn fitted_before(folder: &ResultFolder, runs: &[Run], files: &[PathBu
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data")]
 pub(crate) struct Records {
-    /// Recorded run (CSV with a header `name [unit], ...`, or a log with --map-file); `-` for standard input; may be given several times
-    #[arg(long = "data", value_name = "RUN", required = true)]
-    pub(crate) data: Vec<PathBuf>,
+    /// Recorded runs (CSV with a header `name [unit], ...`, or a log with --map-file), or patterns such as 'flights/*.csv'; `-` for
+    /// standard input; may be given several times
+    #[arg(long = "data", value_name = "RUN", required_unless_present = "runs", num_args = 1.., group = "recorded")]
+    data: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) list: RunList,
+    /// End with exit code 1 where anything but remarks is found in the records
+    #[arg(long)]
+    pub(crate) strict: bool,
     #[command(flatten)]
     pub(crate) selection: Selection,
+}
+
+/// A table of runs.
+#[derive(Debug, Default, Args)]
+#[command(next_help_heading = "Data")]
+pub(crate) struct RunList {
+    /// Table of runs: a row for each with its `file`, and where wanted `run` (name), `role` (fit or validation), `map`, `from`, `to`, values
+    /// (`known T0 per run`) and groups (`per group aircraft`)
+    #[arg(long = "runs", value_name = "RUNS.csv", group = "recorded")]
+    runs: Option<PathBuf>,
+}
+
+impl RunList {
+    /// Whether there is one.
+    pub(crate) fn is_given(&self) -> bool {
+        self.runs.is_some()
+    }
+
+    /// The table, where one is given.
+    pub(crate) fn table(&self) -> Result<Option<RunTable>, Failure> {
+        self.runs.as_deref().map(RunTable::read).transpose()
+    }
+
+    /// The model for the groups of the table and of `--group`.
+    pub(crate) fn grouped(&self, model: &Model, selection: &Selection) -> Result<Model, Failure> {
+        let mut groups = self.table()?.map(|table| table.groups(model)).unwrap_or_default();
+        for grouping in model.groupings() {
+            if let Some((_, group)) = selection.group.iter().find(|(name, _)| name == grouping) {
+                groups.entry(grouping.into()).or_insert_with(|| vec![group.clone()]);
+            }
+        }
+        Ok(if groups.is_empty() { model.clone() } else { model.grouped(groups)? })
+    }
+
+    /// The files of the table, or those of `--data`, which are all of one role.
+    pub(crate) fn files(
+        &self,
+        (data, role): (&[PathBuf], Role),
+        options: &ReadOptions,
+        model: &Model,
+    ) -> Result<Vec<RecordFile>, Failure> {
+        if let Some(table) = self.table()? {
+            return table.files(model, options);
+        }
+        let one = |path| RecordFile { path, name: None, role, options: options.clone() };
+        Ok(expanded(data)?.into_iter().map(one).collect())
+    }
+}
+
+/// What is assumed about runs, and what the quick tests of the doctor find in them; none where that is nothing.
+pub(crate) fn judged(model: &Model, records: &[(Run, Option<Summary>)]) -> Option<JudgedRecords> {
+    let options = AloneOptions { kinematics: false, ..AloneOptions::default() };
+    let seen: Vec<Record> =
+        records.iter().map(|(run, summary)| Record::of_run(model.definition(), run, summary.as_ref())).collect();
+    let mut findings: Vec<Finding> = seen.iter().flat_map(|record| examine_alone(record, &options)).collect();
+    findings.extend(examine_repeats(&seen));
+    fdm_doctor::sort(&mut findings);
+    let assumed = records.iter().map(|(run, summary)| RecordDocument {
+        run: run.name.clone(),
+        samples: run.len(),
+        assumed: summary.as_ref().map_or(Vec::new(), notes),
+    });
+    JudgedRecords { assumed: assumed.filter(|r| !r.assumed.is_empty()).collect(), findings }.said()
 }
 
 /// What is used of the files, and as what.
@@ -167,51 +271,148 @@ pub(crate) struct Records {
 #[command(next_help_heading = "Data")]
 pub(crate) struct Selection {
     /// Column of a channel when its name differs; the time is called `t`; `y=log(c [mol/l])` takes logarithms
-    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "data")]
+    #[arg(long = "map", value_name = "CHANNEL=COLUMN", value_parser = pair, requires = "recorded")]
     map: Vec<(String, String)>,
     /// Map of the channels: fields of a log or columns, with unit, sign, scale, hold, delay; a file, or `px4`, `ardupilot`, `fti`
-    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "data")]
+    #[arg(long, value_name = "MAP.toml", value_parser = map_file, requires = "recorded")]
     map_file: Option<RecordMap>,
     /// Use what can be read of a damaged log; what is lost is said
-    #[arg(long, requires = "data")]
+    #[arg(long, requires = "recorded")]
     salvage: bool,
     /// Use the record from this time on, in the file's unit
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     from: Option<f64>,
     /// Use the record up to this time, in the file's unit
-    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "data")]
+    #[arg(long, value_parser = number, value_name = "TIME", allow_negative_numbers = true, requires = "recorded")]
     to: Option<f64>,
     /// Use every N-th sample
-    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "data")]
+    #[arg(long, value_name = "N", default_value_t = 1, allow_negative_numbers = true, requires = "recorded")]
     every: usize,
     /// Zero-order hold: this input keeps its value until the next sample [default: linear between samples]
-    #[arg(long, alias = "hold", value_name = "INPUT", requires = "data")]
+    #[arg(long, alias = "hold", value_name = "INPUT", requires = "recorded")]
     zoh: Vec<String>,
     /// Leave an output out: it is not compared, whether it was measured or not; may be given several times
-    #[arg(long = "without-output", value_name = "OUTPUT", requires = "data")]
+    #[arg(long = "without-output", value_name = "OUTPUT", requires = "recorded")]
     without_output: Vec<String>,
+    /// Value that the runs bring (`known T0 per run;`), in the model's unit or its own (`--known 'T0=20 degC'`)
+    #[arg(long, value_name = "NAME=VALUE", value_parser = known_value, requires = "recorded")]
+    known: Vec<Known>,
+    /// Group that the runs belong to (`param k per group aircraft;`)
+    #[arg(long, value_name = "GROUPING=GROUP", value_parser = group, requires = "recorded")]
+    pub(crate) group: Vec<(String, String)>,
+    /// Compare only the samples where this column holds a number that is not 0; of one output, or of all
+    #[arg(long, value_name = "[OUTPUT=]COLUMN", value_parser = mask, requires = "recorded")]
+    mask: Vec<SampleMask>,
 }
 
 impl Records {
-    /// Reads all runs, with all their outputs.
-    pub(crate) fn runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
-        read_runs(&self.data, &self.selection.options(true), model, &[], quiet)
+    /// The model for the groups of the runs.
+    pub(crate) fn grouped(&self, model: &Model) -> Result<Model, Failure> {
+        self.list.grouped(model, &self.selection)
+    }
+
+    /// The files of the runs of a role; of those that `--data` names all are.
+    pub(crate) fn files(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        let of_list = self.list.runs.is_some();
+        let mut files = self.list.files((&self.data, role), options, model)?;
+        files.retain(|f| f.role == role);
+        if files.is_empty() && role == Role::Fit && of_list {
+            return Err(Failure::input(["--runs: no run has the role `fit`"]));
+        }
+        Ok(files)
+    }
+
+    /// The files of all runs, whatever their role.
+    pub(crate) fn every(&self, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        self.list.files((&self.data, Role::Fit), options, model)
+    }
+
+    /// The same where there is no model.
+    pub(crate) fn paths(&self) -> Result<Vec<PathBuf>, Failure> {
+        self.list.table()?.map_or_else(|| expanded(&self.data), |table| table.paths())
+    }
+
+    /// The files of a role in the table of runs; none where there is no table.
+    pub(crate) fn of_list(&self, role: Role, options: &ReadOptions, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        if self.list.runs.is_some() { self.files(role, options, model) } else { Ok(Vec::new()) }
+    }
+
+    /// Reads all runs that are fitted, with all their outputs, and judges them by the quick tests of the doctor: three lines at most are
+    /// said unless it is to be quiet.
+    pub(crate) fn read(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
+        let reading = self.selection.options(true);
+        let files = self.files(Role::Fit, &reading, model)?;
+        let left = self.of_list(Role::Validation, &reading, model)?.len();
+        if left > 0 && !quiet {
+            remark(format_args!("note: {left} run(s) of --runs have the role `validation` and are not fitted"));
+        }
+        let records = read_records(&files, model, &[])?;
+        if !quiet {
+            say_notes(&records);
+        }
+        let records: Vec<(Run, Option<Summary>)> = records.into_iter().map(|(run, s)| (run, Some(s))).collect();
+        let judged = self.judge(model, &records, quiet)?;
+        let runs = records.into_iter().map(|(run, _)| run).collect();
+        Ok(Campaign { files, runs, judged, reading })
     }
 
     /// Reads runs that a result predicts: each may lack outputs.
-    pub(crate) fn predicted_runs(&self, model: &Model, quiet: bool) -> Result<Vec<Run>, Failure> {
-        let elsewhere = vec![true; model.layout().outputs];
-        read_runs(&self.data, &self.selection.options(true), model, &elsewhere, quiet)
+    pub(crate) fn read_predicted(&self, model: &Model, quiet: bool) -> Result<Campaign, Failure> {
+        let files = self.predicted_files(model)?;
+        let runs = read_runs(&files, model, &vec![true; model.layout().outputs], quiet)?;
+        self.refuse(model, &runs)?;
+        Ok(Campaign { files, runs, judged: None, reading: self.selection.options(true) })
     }
 
-    /// Writes into a result what it was made from.
-    pub(crate) fn describe(&self, runs: &[Run], manifest: &mut Manifest) {
-        manifest.data = runs.iter().zip(&self.data).map(|(run, file)| DataFile::new(&run.name, file)).collect();
-        manifest.reading = self.selection.options(true);
+    /// What the quick tests of the doctor find in runs that were read.
+    ///
+    /// # Errors
+    /// Where something was found and `--strict` refuses to go on.
+    pub(crate) fn judge(
+        &self,
+        model: &Model,
+        records: &[(Run, Option<Summary>)],
+        quiet: bool,
+    ) -> Result<Option<JudgedRecords>, Failure> {
+        let judged = judged(model, records);
+        let lines = judged.as_ref().map_or(Vec::new(), |j| leading(&j.findings));
+        if !quiet {
+            lines.iter().for_each(|line| remark(format_args!("{line}")));
+        }
+        if self.strict && !lines.is_empty() {
+            return Err(Failure::Strict);
+        }
+        Ok(judged)
+    }
+
+    /// Refuses runs with findings where `--strict` was typed.
+    pub(crate) fn refuse(&self, model: &Model, runs: &[Run]) -> Result<(), Failure> {
+        if self.strict {
+            let records: Vec<(Run, Option<Summary>)> = runs.iter().map(|run| (run.clone(), None)).collect();
+            self.judge(model, &records, false)?;
+        }
+        Ok(())
+    }
+
+    /// The files of runs that a result predicts: those of the role `validation`, or all where there is none of it.
+    fn predicted_files(&self, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        let options = self.selection.options(true);
+        let files = self.files(Role::Validation, &options, model)?;
+        if files.is_empty() { self.files(Role::Fit, &options, model) } else { Ok(files) }
     }
 }
 
 impl Selection {
+    /// Whether what can be read of damaged logs is used.
+    pub(crate) fn is_salvaged(&self) -> bool {
+        self.salvage
+    }
+
+    /// The map of the channels, where one was given.
+    pub(crate) fn map(&self) -> Option<&RecordMap> {
+        self.map_file.as_ref()
+    }
+
     /// How files are read; with `require_outputs` they must hold every output of the model, in one run at least.
     pub(crate) fn options(&self, require_outputs: bool) -> ReadOptions {
         ReadOptions {
@@ -225,6 +426,9 @@ impl Selection {
             without: self.without_output.clone(),
             map_file: self.map_file.clone(),
             salvage: self.salvage,
+            known: self.known.clone(),
+            groups: self.group.iter().cloned().collect(),
+            masks: self.mask.clone(),
         }
     }
 }
@@ -240,13 +444,12 @@ pub(crate) fn measured<'a>(model: &Model, runs: impl IntoIterator<Item = &'a Run
 
 /// Reads runs and says what a careful reader would mention about them.
 pub(crate) fn read_runs(
-    files: &[PathBuf],
-    options: &ReadOptions,
+    files: &[RecordFile],
     model: &Model,
     elsewhere: &[bool],
     quiet: bool,
 ) -> Result<Vec<Run>, Failure> {
-    let records = read_records(files, options, model, elsewhere)?;
+    let records = read_records(files, model, elsewhere)?;
     if !quiet {
         say_notes(&records);
     }
@@ -256,16 +459,19 @@ pub(crate) fn read_runs(
 /// Reads runs; the problems of all files are reported together. Runs are named after their files. Outputs that are measured `elsewhere`
 /// (q, or nothing) may be missing in all of them.
 pub(crate) fn read_records(
-    files: &[PathBuf],
-    options: &ReadOptions,
+    files: &[RecordFile],
     model: &Model,
     elsewhere: &[bool],
 ) -> Result<Vec<(Run, Summary)>, Failure> {
     let channels = channels(model.definition());
-    let mut runs = read_all(files, &channels, options, elsewhere).map_err(Failure::Records)?;
+    let each: Vec<(&Path, &ReadOptions)> = files.iter().map(|f| (f.path.as_path(), &f.options)).collect();
+    let mut runs = read_each(&each, &channels, elsewhere).map_err(Failure::Records)?;
+    for ((run, _), file) in runs.iter_mut().zip(files) {
+        file.name.iter().for_each(|name| run.name.clone_from(name));
+    }
     number_equal_names(runs.iter_mut().map(|(run, _)| run).collect());
     let mut known = files_of_runs();
-    known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.display().to_string())));
+    known.extend(runs.iter().zip(files).map(|((run, _), file)| (run.name.clone(), file.path.display().to_string())));
     drop(known);
     Ok(runs)
 }

@@ -27,7 +27,7 @@ fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
         ("fmt" | "new", _) => Role::Own,
         ("codegen", "out") => Role::File(Kind::Code),
-        ("simulate" | "data", "output") => Role::File(Kind::Table),
+        ("simulate" | "data", "output") | ("doctor", "fix") => Role::File(Kind::Table),
         ("report", "output") | (_, "report") => Role::File(Kind::Page),
         ("plot", "output") | (_, "plot") => Role::File(Kind::Drawing),
         (_, "write") => Role::File(Kind::Model),
@@ -206,6 +206,8 @@ mod tests {
             "diagnose write File(Model)",
             "diagnose out Folder",
             "diagnose report File(Page)",
+            "doctor fix File(Table)",
+            "doctor report File(Page)",
             "extend write File(Model)",
             "simulate output File(Table)",
             "fit checkpoint Folder",

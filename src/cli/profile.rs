@@ -96,9 +96,9 @@ impl Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
-    let model = arguments.model.load()?;
+    let model = arguments.model.load_for(&arguments.records)?;
     arguments.are_known(&model)?;
-    let runs = arguments.records.runs(&model, arguments.output.quiet)?;
+    let runs = arguments.records.read(&model, arguments.output.quiet)?.runs;
     let Profiled { found, profiles } = arguments.work(&model, &runs, &mut progress)?;
     let profiles = match profiles {
         Ok(profiles) => profiles,

@@ -4,7 +4,7 @@
 use crate::deliver::{Delivery, Outcome, Output, Places, Prepared, prepare, write};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
-use crate::load::{Estimated, ModelFile, Records, band, number};
+use crate::load::{Campaign, Estimated, ModelFile, Records, band, number};
 use crate::methods::given;
 use clap::{Args, ValueEnum};
 use fdm_estimate::equation_error::{
@@ -202,10 +202,10 @@ impl Arguments {
 }
 
 /// A model with its changes, and the runs; both are ready for a regression.
-fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) -> Result<(Model, Vec<Run>), Failure> {
-    let model = changed(&model.load()?, changes).or_failure()?;
-    let runs = records.runs(&model, quiet)?;
-    Ok((model, runs))
+fn loaded(model: &ModelFile, changes: &Changes, records: &Records, quiet: bool) -> Result<(Model, Campaign), Failure> {
+    let model = changed(&model.load_for(records)?, changes).or_failure()?;
+    let campaign = records.read(&model, quiet)?;
+    Ok((model, campaign))
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
@@ -213,28 +213,30 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let halt = Halt::default().at(arguments.limit.deadline());
     let (records, output) = (&arguments.records, &arguments.output);
     let changes = arguments.model.changes(&arguments.estimated);
-    let (model, runs) = loaded(&arguments.model, &changes, records, output.quiet)?;
+    let (model, campaign) = loaded(&arguments.model, &changes, records, output.quiet)?;
+    let runs = &campaign.runs[..];
     if arguments.recursive.is_wanted() {
-        return arguments.recursive.run(&model, &runs, arguments.detrend, output);
+        return arguments.recursive.run(&model, runs, arguments.detrend, output);
     }
     let options = arguments.options();
     if arguments.stepwise {
-        let found = structure(&model, &runs, &options, &Limits::default()).or_failure()?;
+        let found = structure(&model, runs, &options, &Limits::default()).or_failure()?;
         let document = || StructureDocument { model: model.name().into(), structures: found.clone() };
         return ended(output.print(|| structure_table(&found), document)?);
     }
     // places that cannot be written are told before the work
-    let prepared = prepare(output, None, &arguments.places, (&model, &runs))?;
-    let (mut text, mut document, determined) = estimates(&model, &runs, &options).or_failure()?;
+    let prepared = prepare(output, None, &arguments.places, (&model, runs))?;
+    let (mut text, mut document, determined) = estimates(&model, runs, &options).or_failure()?;
+    document.records.clone_from(&campaign.judged);
     if arguments.dependence && halt.goes_on() {
-        let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(&runs) / 4.0));
+        let (low, high) = arguments.band.unwrap_or_else(|| (0.0, nyquist(runs) / 4.0));
         let cutoffs = PARTS.map(|part| low + part * (high - low));
-        let cutoff: Vec<Dependence> = by_cutoff(&model, &runs, &options, &cutoffs);
-        let length: Vec<Dependence> = by_length(&model, &runs, &options, &PARTS);
+        let cutoff: Vec<Dependence> = by_cutoff(&model, runs, &options, &cutoffs);
+        let length: Vec<Dependence> = by_length(&model, runs, &options, &PARTS);
         text.push_str(&format!("\n{}\n{}", dependence_table("highest", &cutoff), dependence_table("part", &length)));
         document = document.with_dependence(cutoff, length);
     }
-    let ending = deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)?;
+    let ending = deliver(&prepared, &model, &campaign, &options, (text, document.into()), determined)?;
     if halt.in_time() { Ok(ending) } else { ended(false) }
 }
 
@@ -244,11 +246,12 @@ pub(crate) fn equation_error(
     delivery: &Delivery,
     frequencies: Option<Frequencies>,
 ) -> Ending {
-    let (model, runs) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
+    let (model, campaign) = loaded(model, &model.changes(estimated), records, delivery.output.quiet)?;
     let options = at_once(frequencies);
-    let prepared = delivery.prepare(&model, &runs)?;
-    let (text, document, determined) = estimates(&model, &runs, &options).or_failure()?;
-    deliver(&prepared, &model, (records, &runs), &options, (text, document.into()), determined)
+    let prepared = delivery.prepare(&model, &campaign.runs)?;
+    let (text, mut document, determined) = estimates(&model, &campaign.runs, &options).or_failure()?;
+    document.records.clone_from(&campaign.judged);
+    deliver(&prepared, &model, &campaign, &options, (text, document.into()), determined)
 }
 
 /// The options of `fdm fit --method equation-error`.
@@ -269,12 +272,13 @@ pub(crate) fn estimates(
 fn deliver(
     prepared: &Prepared<'_>,
     model: &Model,
-    (records, runs): (&Records, &[Run]),
+    campaign: &Campaign,
     options: &RegressionOptions,
     (text, json): (String, ResultDocument),
     determined: bool,
 ) -> Ending {
-    let manifest = prepared.manifest(model, Identity::of(model, runs, options), Noise::Diagonal, (records, runs));
+    let runs = &campaign.runs[..];
+    let manifest = prepared.manifest(model, Identity::of(model, runs, options), Noise::Diagonal, campaign);
     ended(prepared.deliver(outcome(model, runs, (text, json, determined), manifest)) && determined)
 }
 

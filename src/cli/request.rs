@@ -3,6 +3,7 @@
 //!
 //! Words are those of the command without model and records, such as `--method=filter-error`. **Start** at [`read`] and [`fit`].
 
+use crate::campaign::{RecordFile, Role};
 use crate::deliver::{NamedFile, Outcome};
 use crate::diagnose::{is_of_numbers, refused, search};
 use crate::effects::{as_text, difference, subject_of};
@@ -23,10 +24,11 @@ use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_report::{check_text, design_table, diagnosis_text, modes_table, profile_table, response_table, study_table};
 use fdm_results::documents::{
-    DiagnosisDocument, EffectsDocument, ModelDocument, ModesDocument, RegressionDocument, SpectraDocument,
+    DiagnosisDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
+    SpectraDocument,
 };
 use fdm_results::store::{DataFile, Identity, Manifest, ResultFolder};
-use fdm_system::record::{ReadOptions, RecordError, Run};
+use fdm_system::record::{ReadOptions, RecordError, Run, Summary};
 use fdm_system::{Model, ModelError};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -59,6 +61,7 @@ impl From<Failure> for Refusal {
             Failure::Model(e) => Self::Model(e),
             Failure::Records(errors) => Self::Records(errors),
             Failure::Input(reasons) => Self::Input(reasons),
+            Failure::Strict => Self::Numbers("the records have findings, and `strict` refuses to go on".into()),
             Failure::Unwritten(file) => Self::Numbers(file.to_string()),
         }
     }
@@ -73,13 +76,22 @@ pub struct Record {
     pub file: Option<PathBuf>,
     /// How the file was read.
     pub reading: ReadOptions,
+    /// What was found while it was read; none of samples that were in memory.
+    pub summary: Option<Summary>,
 }
 
 impl Record {
     fn data_file(&self) -> DataFile {
         match &self.file {
             Some(file) => DataFile::new(&self.run.name, file),
-            None => DataFile { run: self.run.name.clone(), file: String::new(), path: None, bytes: None, sha256: None },
+            None => DataFile {
+                run: self.run.name.clone(),
+                file: String::new(),
+                path: None,
+                bytes: None,
+                sha256: None,
+                reading: None,
+            },
         }
     }
 }
@@ -182,6 +194,12 @@ fn runs(records: &mut [Record]) -> Vec<Run> {
     records.iter().map(|r| r.run.clone()).collect()
 }
 
+/// What is assumed about the records and found in them.
+fn judged(model: &Model, records: &[Record]) -> Option<JudgedRecords> {
+    let read: Vec<(Run, Option<Summary>)> = records.iter().map(|r| (r.run.clone(), r.summary.clone())).collect();
+    crate::load::judged(model, &read)
+}
+
 /// With the command that would do the same, and the records.
 fn described(verb: &str, mut manifest: Manifest, (model, records): (&Model, &[Record]), words: &[String]) -> Manifest {
     manifest.command =
@@ -210,9 +228,13 @@ pub fn read(
     let records: Records = parsed(&data, words)?;
     let reading = records.selection.options(!to_simulate);
     let options = ReadOptions { any_size: to_simulate, ..reading.clone() };
-    let read = read_records(files, &options, model, elsewhere)?;
-    let record = |((run, summary), file): ((Run, _), &PathBuf)| {
-        (Record { run, file: Some(file.clone()), reading: reading.clone() }, notes(&summary))
+    let each =
+        |file: &PathBuf| RecordFile { path: file.clone(), name: None, role: Role::Fit, options: options.clone() };
+    let each: Vec<RecordFile> = files.iter().map(each).collect();
+    let read = read_records(&each, model, elsewhere)?;
+    let record = |((run, summary), file): ((Run, Summary), &PathBuf)| {
+        let notes = notes(&summary);
+        (Record { run, file: Some(file.clone()), reading: reading.clone(), summary: Some(summary) }, notes)
     };
     Ok(read.into_iter().zip(files).map(record).collect())
 }
@@ -273,7 +295,8 @@ pub fn fit(
             fdm_estimate::changed(&model, &arguments.changes()).map_err(|e| Refusal::Input(vec![e.to_string()]))?;
         let options = regress::at_once((question.domain == Domain::Frequency).then(|| arguments.frequencies()));
         let found = regress::estimates(&changed, &runs, &options);
-        let (text, document, determined) = found.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
+        let (text, mut document, determined) = found.map_err(|e| Refusal::Input(vec![e.to_string()]))?;
+        document.records = judged(&changed, &records);
         let manifest = Manifest::new(&changed, Identity::of(&changed, &runs, &options), Noise::Diagonal);
         let manifest = described(manifest, &records);
         let of = Of::Regressed { model: Box::new(changed), text, document: Box::new(document), determined };
@@ -284,7 +307,7 @@ pub fn fit(
     let task = Task::new(&arguments, options, &model, &runs)?;
     let checkpoint = arguments.checkpoints.open(&task.identity, true)?;
     let found = task.work(&model, &runs, checkpoint.keeper(), &mut progress)?;
-    let made = task.made(found, (&runs, validation), &mut progress)?;
+    let made = task.made(found, (&runs, validation), &mut progress)?.with_records(judged(&model, &records));
     let manifest = Manifest::new(&model, made.identity.clone(), made.noise.clone());
     let manifest = described(made.manifest(manifest), &records);
     let whole = checkpoint.close() && progress.in_time();
@@ -428,7 +451,9 @@ pub fn diagnose(
     if !changed.is_empty() {
         text.push_str(&format!("\n{changed}"));
     }
-    let json = as_json(&DiagnosisDocument::of(&found, None))?;
+    let all: Vec<Record> = records.iter().chain(&validation).cloned().collect();
+    let document = DiagnosisDocument { records: judged(&model, &all), ..DiagnosisDocument::of(&found, None) };
+    let json = as_json(&document)?;
     let all: Vec<Run> = runs.iter().chain(&predicted).cloned().collect();
     let noise = options.fit.options.noise.clone();
     let manifest = Manifest::of_diagnosis(&model, Identity::of(&model, &all, &options), noise);
@@ -616,7 +641,7 @@ mod tests {
         let times: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
         let y: Vec<f64> = times.iter().map(|t| (-0.5 * t).exp() + 1e-3 * (37.0 * t).sin()).collect();
         let run = model.run("a").times(times).samples("y", y).build().expect("a run");
-        Record { run, file: None, reading: ReadOptions::default() }
+        Record { run, file: None, reading: ReadOptions::default(), summary: None }
     }
 
     fn words(words: &[&str]) -> Vec<String> {

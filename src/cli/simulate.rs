@@ -1,8 +1,9 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
+use crate::campaign::{RecordFile, Role};
 use crate::deliver::{column, csv, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
-use crate::load::{ModelOrResult, Selection, read_runs, with_files};
+use crate::load::{ModelOrResult, RunList, Selection, read_runs, with_files};
 use crate::options::Integration;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
@@ -26,10 +27,12 @@ pub(crate) struct Arguments {
     /// only one]
     #[arg(long, value_name = "RUN", requires = "from_result", help_heading = "Parameters")]
     like: Option<String>,
-    /// Recorded run (CSV with a header `name [unit], ...`); may be given several times [default: those of the
+    /// Recorded runs (CSV with a header `name [unit], ...`), or patterns; may be given several times [default: those of the
     /// result]
-    #[arg(long = "data", value_name = "RUN", required_unless_present = "from_result", help_heading = "Data")]
+    #[arg(long = "data", value_name = "RUN", required_unless_present_any = ["from_result", "runs"], help_heading = "Data", num_args = 1.., group = "recorded")]
     data: Vec<PathBuf>,
+    #[command(flatten)]
+    list: RunList,
     #[command(flatten)]
     selection: Selection,
     #[command(flatten)]
@@ -57,16 +60,12 @@ pub(crate) struct Response<'a> {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (model, folder) = arguments.model.load()?;
+    let model = if folder.is_none() { arguments.list.grouped(&model, &arguments.selection)? } else { model };
     let (model, folder) = (arguments.model.changed(&model)?, folder.as_ref());
+    let files = arguments.files(&model)?;
     let runs = match folder {
-        Some(folder) if arguments.data.is_empty() => fitted_runs(folder, arguments.like.as_deref(), &model)?,
-        _ => read_runs(
-            &arguments.data,
-            &ReadOptions { any_size: true, ..arguments.selection.options(false) },
-            &model,
-            &[],
-            true,
-        )?,
+        Some(folder) if files.is_empty() => fitted_runs(folder, arguments.like.as_deref(), &model)?,
+        _ => read_runs(&files, &model, &[], true)?,
     };
     if runs.len() > 1 && !arguments.json {
         return Err(Failure::input([
@@ -113,13 +112,20 @@ impl Response<'_> {
 }
 
 impl Arguments {
+    /// The files that are named.
+    fn files(&self, model: &Model) -> Result<Vec<RecordFile>, Failure> {
+        let options = ReadOptions { any_size: true, ..self.selection.options(false) };
+        self.list.files((&self.data, Role::Fit), &options, model)
+    }
+
     /// The steps of the fit, for a record that it was made from: the response is then the same to the bit.
     fn fitted_steps(&self, run: &str, folder: Option<&ResultFolder>) -> Option<Accuracy> {
         let folder = folder?;
         let manifest = folder.manifest();
         let fitted = manifest.data.iter().find(|d| d.run == run)?;
-        let same_record = self.data.is_empty()
-            || self.selection.options(true) == manifest.reading
+        let reading = fitted.reading.as_ref().unwrap_or(&manifest.reading);
+        let same_record = self.data.is_empty() && !self.list.is_given()
+            || self.selection.options(true) == *reading
                 && self.data.iter().any(|file| DataFile::new(run, file).is_same(fitted));
         folder.integration(run).filter(|_| same_record && self.like.as_deref().is_none_or(|l| l == run))
     }
@@ -133,7 +139,9 @@ fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Resu
     for data in &wanted {
         let path = PathBuf::from(data.path.as_ref().unwrap_or(&data.file));
         if DataFile::new(&data.run, &path).is_same(data) {
-            files.push(path);
+            let reading = data.reading.as_ref().unwrap_or(&manifest.reading).clone();
+            let options = ReadOptions { require_outputs: false, any_size: true, ..reading };
+            files.push(RecordFile { path, name: Some(data.run.clone()), role: Role::Fit, options });
         } else {
             let file = path.display();
             wrong.push(format!(
@@ -148,8 +156,7 @@ fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Resu
     if !wrong.is_empty() {
         return Err(Failure::Input(wrong));
     }
-    let options = ReadOptions { require_outputs: false, any_size: true, ..manifest.reading.clone() };
-    let mut runs = read_runs(&files, &options, model, &[], true)?;
+    let mut runs = read_runs(&files, model, &[], true)?;
     // as the fit called them, where files share a name
     runs.iter_mut().zip(&wanted).for_each(|(run, data)| run.name.clone_from(&data.run));
     Ok(runs)

@@ -1,5 +1,6 @@
 //! `fdm spectra`: frequency responses estimated from records alone; the model only names the channels.
 
+use crate::campaign::Role;
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, ended};
 use crate::load::{Records, band, load_model, number, read_runs};
@@ -51,10 +52,12 @@ pub(crate) struct Arguments {
 const SEGMENTS: f64 = 5.0;
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
-    let model = load_model(&arguments.model)?;
+    let model = arguments.records.grouped(&load_model(&arguments.model)?)?;
     let channels = arguments.channels(&model)?;
     let options = arguments.records.selection.options(false);
-    let runs = read_runs(&arguments.records.data, &options, &model, &[], arguments.output.quiet)?;
+    let files = arguments.records.files(Role::Fit, &options, &model)?;
+    let runs = read_runs(&files, &model, &[], arguments.output.quiet)?;
+    arguments.records.refuse(&model, &runs)?;
     let (found, names) = arguments.responses(&model, &runs, &channels)?;
     let printed = arguments.output.print(|| response_table(&found, &names), || SpectraDocument::of(&found, &names))?;
     arguments.plot.as_ref().map_or(Ok(()), |file| write(file, response_svg(&found, &names)))?;

@@ -60,19 +60,20 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let (quiet, count) = (arguments.delivery.output.quiet, arguments.repeats as usize);
     let checkpoints = &arguments.repetition.checkpoints;
     let mut progress = Progress::new(quiet).within(&arguments.limit);
-    let model = arguments.model.load()?;
-    let runs = arguments.records.runs(&model, quiet)?;
+    let model = arguments.model.load_for(&arguments.records)?;
+    let campaign = arguments.records.read(&model, quiet)?;
+    let runs = &campaign.runs;
     let options = arguments.options(&model)?;
     let (colour, seed) = (arguments.colour()?, arguments.repetition.seed);
-    let identity = identity(&model, &runs, &options, (colour, seed));
+    let identity = identity(&model, runs, &options, (colour, seed));
     // places that cannot be written are told before the work
-    let prepared = arguments.delivery.prepare(&model, &runs)?;
+    let prepared = arguments.delivery.prepare(&model, runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
     let (writer, course) = prepared.follow(&model, checkpoints.folder(), &mut progress);
-    let first = fit(&model, &runs, &options, &mut progress);
+    let first = fit(&model, runs, &options, &mut progress);
     progress.finish();
     let first = first.or_failure()?;
-    let bootstrap = match Bootstrap::new(&first, &runs, &options, (colour, seed)) {
+    let bootstrap = match Bootstrap::new(&first, runs, &options, (colour, seed)) {
         Ok(bootstrap) => bootstrap,
         Err(e) if e.is_of_numbers() => {
             remark(format_args!("error: {e}"));
@@ -96,13 +97,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     watch.finish();
     let study = Study::of(model.name(), (Some(colour), seed), bootstrap.subjects(), &repeats);
 
-    let mut manifest = prepared.manifest(&model, identity, options.options.noise.clone(), (&arguments.records, &runs));
+    let mut manifest = prepared.manifest(&model, identity, options.options.noise.clone(), &campaign);
     manifest.seed = Some(seed);
     let json = FitDocument { study: Some(study.clone()), ..FitDocument::of(&first) }.into();
     let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
     let tables = tables(&first, &study, &bootstrap, &repeats)?;
     let (model, fit, spectra, remarks) = (&first.model, Some(&first), Vec::new(), integration_remarks(&first));
-    let outcome = Outcome { model, fit, runs: &runs, spectra, tables, text, json, remarks, manifest };
+    let outcome = Outcome { model, fit, runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
     // told in any case

@@ -40,20 +40,21 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.delivery.output.quiet;
     let mut progress = Progress::new(quiet).within(&arguments.limit);
     let (folder, model) = open_result(&arguments.from_result, arguments.model.as_deref())?;
-    let runs = arguments.records.predicted_runs(&model, quiet)?;
+    let campaign = arguments.records.read_predicted(&model, quiet)?;
+    let runs = &campaign.runs[..];
     let options = arguments.integration.among(folder.validation(&model));
-    let prepared = arguments.delivery.prepare(&model, &runs)?;
+    let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
-    let result = fit(&model, &runs, &options, &mut progress);
+    let result = fit(&model, runs, &options, &mut progress);
     progress.finish();
     let fit = result.or_failure()?;
 
-    let identity = Identity::of(&model, &runs, &options);
-    let manifest = prepared.manifest(&model, identity, options.options.noise.clone(), (&arguments.records, &runs));
+    let identity = Identity::of(&model, runs, &options);
+    let manifest = prepared.manifest(&model, identity, options.options.noise.clone(), &campaign);
     let mut remarks = remarks(&fit, true);
-    let fitted = fitted_before(&folder, &runs, &arguments.records.data);
+    let fitted = fitted_before(&folder, runs, &campaign.files);
     remarks.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit: it is no validation data")));
-    let errors = prediction_errors(&fit, &runs, &mut remarks);
+    let errors = prediction_errors(&fit, runs, &mut remarks);
     let text = text(&fit, &folder, &errors);
     let validation = Validation {
         of: folder.folder().display().to_string(),
@@ -63,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     };
     let json = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) }.into();
     let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
-    let outcome = Outcome { model, fit: Some(&fit), runs: &runs, spectra, tables, text, json, remarks, manifest };
+    let outcome = Outcome { model, fit: Some(&fit), runs, spectra, tables, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     // told in any case
     let in_time = progress.in_time();

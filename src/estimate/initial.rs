@@ -15,6 +15,10 @@ const CORRECTIONS: usize = 20;
 pub fn initial_guess(params: &[Param], dynamics: &dyn Dynamics, run: &Run) -> Vec<f64> {
     let mut theta: Vec<f64> = params.iter().map(|p| p.value).collect();
     let layout = dynamics.layout();
+    // what the run brings is no guess
+    for (param, input) in &layout.first {
+        theta[*param as usize] = run.inputs.get(*input as usize).copied().unwrap_or(f64::NAN);
+    }
     let (mut work, mut known) = (Workspace::new(dynamics), vec![0.0; layout.known]);
     dynamics.prepare(&theta, &mut known, &mut work);
     for (k, param) in params.iter().enumerate() {
@@ -140,6 +144,7 @@ mod tests {
             outputs: 3,
             first: Vec::new(),
             vanishing: Vec::new(),
+            wraps: Vec::new(),
             delayed: vec![Signal::State(1)],
             known: 0,
             initial: 0..0,

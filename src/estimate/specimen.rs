@@ -18,6 +18,7 @@ pub(super) fn param(name: &str, value: f64) -> Param {
         upper,
         fixed: false,
         per_run: false,
+        group: None,
         logarithmic: false,
         prior: None,
     }

@@ -101,12 +101,24 @@ impl Format {
 /// # Errors
 /// [`ReadError`] of a format that is unknown or switched off, and of a file of which nothing can be read.
 pub fn open(bytes: &[u8]) -> Result<Log, ReadError> {
+    let (format, reader) = reader_of(bytes)?;
+    Ok(Log { format: format.name(), ..reader.read(bytes)? })
+}
+
+/// As [`open`], of bytes that nobody else needs: large arrays then do not stand in memory twice.
+///
+/// # Errors
+/// As [`open`].
+pub fn open_whole(bytes: Vec<u8>) -> Result<Log, ReadError> {
+    let (format, reader) = reader_of(&bytes)?;
+    Ok(Log { format: format.name(), ..reader.read_whole(bytes)? })
+}
+
+fn reader_of(bytes: &[u8]) -> Result<(Format, &'static dyn Reader), ReadError> {
     let Some(format) = Format::of(bytes) else {
         let names: Vec<_> = Format::ALL.iter().map(|f| f.name()).collect();
         return Err(ReadError::Unknown(names.join(", ")));
     };
     let off = ReadError::Off { format: format.name(), feature: format.feature() };
-    let mut log = format.reader().ok_or(off)?.read(bytes)?;
-    log.format = format.name();
-    Ok(log)
+    Ok((format, format.reader().ok_or(off)?))
 }

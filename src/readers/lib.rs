@@ -27,8 +27,8 @@ mod tests;
 #[cfg(feature = "ulog")]
 mod ulog;
 
-pub use format::{Format, open};
+pub use format::{Format, open, open_whole};
 pub use gzip::unzipped;
 pub use log::{Damage, Field, Log, ReadError, Topic};
 pub use map::{ChannelMap, MapError, RecordMap, TimeMap, shipped};
-pub use take::{TakeError, Taken, TakenColumn, take};
+pub use take::{TakeError, Taken, TakenColumn, take, unwrap};

@@ -206,4 +206,9 @@ fn time_of(fields: &[Field]) -> Option<usize> {
 pub(crate) trait Reader {
     /// All that the bytes hold, with what is damaged in them.
     fn read(&self, bytes: &[u8]) -> Result<Log, ReadError>;
+
+    /// The same of bytes that nobody else needs: a reader that is done with a part may give its memory back.
+    fn read_whole(&self, bytes: Vec<u8>) -> Result<Log, ReadError> {
+        self.read(&bytes)
+    }
 }

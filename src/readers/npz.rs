@@ -5,6 +5,7 @@
 
 use crate::bytes::{Bytes, Number};
 use crate::log::{Damage, Field, Log, ReadError, Reader, by_length};
+use std::borrow::Cow;
 use std::io::Read;
 
 /// The reader.
@@ -23,24 +24,70 @@ impl Reader for NumPy {
             let fields = array("value", bytes, &mut remarks).map_err(broken)?;
             return Ok(Log { topics: by_length(fields), remarks, ..Log::default() });
         }
-        let (mut fields, mut damage, mut remarks, mut size) = (Vec::new(), Vec::new(), Vec::new(), 0);
-        for entry in directory(bytes)? {
-            let Some(name) = entry.name.strip_suffix(".npy") else {
-                remarks.push(format!("`{}` is no array", entry.name.escape_debug()));
-                continue;
-            };
-            let found = entry.unpacked(bytes, LIMIT - size).and_then(|content| {
-                size += content.len() as u64;
-                array(name, &content, &mut remarks)
-            });
-            match found {
-                Ok(found) => fields.extend(found),
-                Err(what) => {
-                    damage.push(Damage { at: entry.at as u64, what: format!("the array `{name}` is lost: {what}") })
-                }
+        let mut found = Found::default();
+        for (k, entry) in directory(bytes)?.into_iter().enumerate() {
+            found.take(k, &entry, bytes);
+        }
+        Ok(found.log())
+    }
+
+    fn read_whole(&self, mut bytes: Vec<u8>) -> Result<Log, ReadError> {
+        if bytes.starts_with(b"\x93NUMPY") {
+            return self.read(&bytes);
+        }
+        let mut entries: Vec<(usize, Entry)> = directory(&bytes)?.into_iter().enumerate().collect();
+        // the last of the file first: what stands behind the others is not needed any more
+        entries.sort_by_key(|(_, entry)| std::cmp::Reverse(entry.at));
+        let mut found = Found::default();
+        for (k, entry) in entries {
+            found.take(k, &entry, &bytes);
+            bytes.truncate(entry.at);
+            bytes.shrink_to_fit();
+        }
+        Ok(found.log())
+    }
+}
+
+/// What was found in an archive, by the place in its directory.
+#[derive(Default)]
+struct Found {
+    fields: Vec<(usize, Vec<Field>)>,
+    damage: Vec<(usize, Damage)>,
+    remarks: Vec<(usize, String)>,
+    /// Bytes that were unpacked.
+    size: u64,
+}
+
+impl Found {
+    fn take(&mut self, place: usize, entry: &Entry, bytes: &[u8]) {
+        let Some(name) = entry.name.strip_suffix(".npy") else {
+            self.remarks.push((place, format!("`{}` is no array", entry.name.escape_debug())));
+            return;
+        };
+        let mut remarks = Vec::new();
+        let found = entry.unpacked(bytes, LIMIT - self.size).and_then(|content| {
+            self.size += content.len() as u64;
+            array(name, &content, &mut remarks)
+        });
+        self.remarks.extend(remarks.into_iter().map(|remark| (place, remark)));
+        match found {
+            Ok(found) => self.fields.push((place, found)),
+            Err(what) => {
+                let damage = Damage { at: entry.at as u64, what: format!("the array `{name}` is lost: {what}") };
+                self.damage.push((place, damage));
             }
         }
-        Ok(Log { topics: by_length(fields), damage, remarks, ..Log::default() })
+    }
+
+    /// All of it in the order of the directory.
+    fn log(mut self) -> Log {
+        fn ordered<T>(list: &mut Vec<(usize, T)>) -> impl Iterator<Item = T> + use<'_, T> {
+            list.sort_by_key(|(place, _)| *place);
+            list.drain(..).map(|(_, of)| of)
+        }
+        let fields = ordered(&mut self.fields).flatten().collect();
+        let (damage, remarks) = (ordered(&mut self.damage).collect(), ordered(&mut self.remarks).collect());
+        Log { topics: by_length(fields), damage, remarks, ..Log::default() }
     }
 }
 
@@ -126,7 +173,7 @@ fn entry(reader: &mut Bytes<'_>) -> Option<Entry> {
 }
 
 impl Entry {
-    fn unpacked(&self, all: &[u8], limit: u64) -> Result<Vec<u8>, String> {
+    fn unpacked<'a>(&self, all: &'a [u8], limit: u64) -> Result<Cow<'a, [u8]>, String> {
         let mut reader = Bytes { all, at: self.at.min(all.len()) };
         let head = |reader: &mut Bytes<'_>| {
             let signed = reader.take(4)? == b"PK\x03\x04";
@@ -145,12 +192,12 @@ impl Entry {
             return Err(format!("it has {} bytes, and {} GiB are read", self.size, LIMIT >> 30));
         }
         let content = match self.method {
-            0 => packed.to_vec(),
+            0 => Cow::Borrowed(packed),
             8 => {
                 let mut content = Vec::new();
                 let mut inflate = flate2::read::DeflateDecoder::new(packed).take(self.size + 1);
                 inflate.read_to_end(&mut content).map_err(|e| e.to_string())?;
-                content
+                Cow::Owned(content)
             }
             other => return Err(format!("it is packed by the method {other}, and 0 and 8 are read")),
         };

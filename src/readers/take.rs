@@ -141,8 +141,8 @@ fn own<'a>(
     Sampled { name, map, unit, topic, time, values, drives }
 }
 
-/// Takes out the jumps of an angle; gives their number.
-fn unwrap(values: &mut [f64], period: f64) -> usize {
+/// Takes out the jumps of an angle (N): from each finite value to the next it goes the short way round. Gives the number of jumps.
+pub fn unwrap(values: &mut [f64], period: f64) -> usize {
     let (mut turns, mut before, mut jumps) = (0.0, f64::NAN, 0);
     for value in values.iter_mut().filter(|v| v.is_finite()) {
         let step = ((*value - before) / period).round();

@@ -308,3 +308,17 @@ fn shipped_maps_are_maps_and_say_what_was_not_logged() {
     assert!(matches!(&errors[0], TakeError::NoField { channel, .. } if channel == "p"));
     assert!(errors[0].to_string().contains("SDLOG_PROFILE"), "{}", errors[0]);
 }
+
+#[test]
+#[cfg(feature = "npz")]
+fn an_archive_that_is_given_away_is_read_as_one_that_is_lent() {
+    for name in ["plain.npz", "packed.npz", "array.npy"] {
+        let bytes = file(name);
+        assert_eq!(crate::open_whole(bytes.clone()), open(&bytes), "{name}");
+        let cut = &bytes[..bytes.len() / 2];
+        assert_eq!(crate::open_whole(cut.to_vec()), open(cut), "{name}");
+        let mut flipped = bytes.clone();
+        flipped[bytes.len() / 3] ^= 4;
+        assert_eq!(crate::open_whole(flipped.clone()), open(&flipped), "{name}");
+    }
+}

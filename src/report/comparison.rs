@@ -33,7 +33,21 @@ pub fn comparison_table(comparison: &Comparison) -> String {
         text.push_str(&format!("{name}: initial states and biases of the held-out runs were not found\n"));
     }
     comparison.edges.iter().for_each(|e| text.push_str(&format!("{}\n", edge(e))));
+    text.push_str(&assumed(comparison));
     text
+}
+
+/// What was assumed about the records: once where all results assume the same, by result otherwise.
+fn assumed(comparison: &Comparison) -> String {
+    let all = &comparison.candidates;
+    let same = all.windows(2).all(|w| w[0].assumed == w[1].assumed);
+    let told: Vec<(&str, &[String])> = match (same, all.first()) {
+        (true, Some(first)) => vec![("all results", &first.assumed)],
+        _ => all.iter().map(|c| (c.name.as_str(), &c.assumed[..])).collect(),
+    };
+    let lines =
+        told.iter().flat_map(|(name, assumed)| assumed.iter().map(move |a| format!("assumed by {name}: {a}\n")));
+    lines.collect()
 }
 
 /// Costs, and what they say.

@@ -41,6 +41,7 @@ fn declarations(model: &Model) -> String {
     };
     for i in &definition.inputs {
         let role = match (i.is_declared(), i.slope) {
+            (true, _) if i.known => "known",
             (true, _) => "input",
             (_, Some(_)) => "derivative",
             _ => "record",
@@ -49,14 +50,15 @@ fn declarations(model: &Model) -> String {
     }
     definition.states.iter().for_each(|s| add("state", &s.quantity, String::new(), String::new()));
     for p in definition.params.iter().filter(|p| !p.is_recorded()) {
-        let role = match (p.fixed, p.per_run) {
-            (true, _) => "param, fixed",
-            (_, true) => "param, per run",
-            _ => "param",
+        let role = match (p.fixed, p.per_run, &p.group) {
+            (true, ..) => "param, fixed".to_string(),
+            (_, true, _) => "param, per run".to_string(),
+            (.., Some(group)) => format!("param, per group {group}"),
+            _ => "param".to_string(),
         };
         let prior = p.prior.map(|k| format!("~ normal({}, {})", digits(k.mean, 6), digits(k.deviation, 6)));
         let known: Vec<String> = [bounds(p)].into_iter().chain(prior).filter(|text| !text.is_empty()).collect();
-        add(role, &p.quantity, digits(p.value, 6), known.join(" "));
+        add(&role, &p.quantity, digits(p.value, 6), known.join(" "));
     }
     definition
         .derived
@@ -65,8 +67,9 @@ fn declarations(model: &Model) -> String {
     for o in &definition.outputs {
         let expression = o.noise_model.map(|e| format!("noise {}", show(&definition.graph, e, definition)));
         let number = o.noise.map(|deviation| format!("noise {}", digits(deviation, 6)));
-        let noise = expression.or(number).unwrap_or_default();
-        add("output", &o.quantity, String::new(), noise);
+        let wrap = o.wrap.map(|period| format!("wrap {}", digits(period, 6)));
+        let known: Vec<String> = expression.or(number).into_iter().chain(wrap).collect();
+        add("output", &o.quantity, String::new(), known.join(", "));
     }
     aligned_right(&mut table, 3);
     trimmed(&table)

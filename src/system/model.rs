@@ -11,7 +11,7 @@ use fdm_grammar::carried::{Carried, CarriedTerm, NotCarried};
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::effect::Extension;
 use fdm_grammar::model::{Param, Unshown};
-use fdm_grammar::{Code, Compiled, Diagnostic, Schedule, Source, Span};
+use fdm_grammar::{Code, Compiled, Diagnostic, Groups, Schedule, Source, Span};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -196,6 +196,29 @@ impl Model {
             (compiled.loose, compiled.warnings) = (Some(loose.clone()), warnings);
         }
         Ok(altered)
+    }
+
+    /// The model for runs of these groups: a param that is declared `per group` has a value in each of them, `k[A]` and `k[B]`.
+    /// Compiled anew (as machine code, for `model!` too), from the parameters as they were declared.
+    ///
+    /// # Errors
+    /// [`ModelError::Invalid`] where the text does not hold with them, such as a tie of such a param.
+    pub fn grouped(&self, groups: Groups) -> Result<Self, ModelError> {
+        if groups == *self.source.groups() {
+            return Ok(self.clone());
+        }
+        Self::from_source(self.source.clone().with_groups(groups))
+    }
+
+    /// The groupings that params of the model are shared within, each once.
+    pub fn groupings(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = self.source.groups().keys().map(String::as_str).collect();
+        for name in self.definition().params.iter().filter_map(|p| p.group.as_deref()) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
     }
 
     /// Names of the params whose ties are switched off.

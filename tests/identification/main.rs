@@ -4,6 +4,7 @@
 
 mod blocks;
 mod both_domains;
+mod campaigns;
 mod carried;
 mod certified;
 mod delays;

@@ -12,6 +12,8 @@
 (effect_declarations ["state" "let" "const"] @keyword)
 ["in" "fixed" "free" "per" "run"] @attribute
 (by_log) @attribute
+(per_group "group" @attribute)
+(wrap "wrap" @attribute)
 ["if" "then" "else"] @keyword.conditional
 ["and" "or" "not"] @keyword.operator
 ["+" "-" "*" "/" "^" "<" "<=" ">" ">=" "==" "!=" "=" "+=" "~" "|"] @operator

@@ -141,6 +141,7 @@ impl Builder<'_> {
         let quantity = Quantity { name, doc: "nonlinear term, computed from records".into(), unit: None };
         self.model.inputs.push(Input {
             quantity,
+            known: false,
             measured: None,
             computed: Some(Computed { graph, expr }),
             slope: None,

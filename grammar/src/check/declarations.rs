@@ -19,8 +19,19 @@ pub(super) fn attributes(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
         if let Some(span) = d.fixed.filter(|_| symbol.role != Role::Param) {
             findings.push(wrong(symbol, span, "`fixed`", "only params are estimated, everything else is fixed"));
         }
-        if let Some(span) = d.per_run.filter(|_| symbol.role != Role::Param) {
+        if let Some(span) = d.per_run.filter(|_| !matches!(symbol.role, Role::Param | Role::Known)) {
             findings.push(wrong(symbol, span, "`per run`", per_run_hint(symbol)));
+        }
+        if let Some(group) = d.group.as_ref().filter(|_| symbol.role != Role::Param) {
+            let hint = "only params are shared within a group of runs";
+            findings.push(wrong(symbol, group.span, "`per group`", hint));
+        }
+        if let Some(wrap) = d.wrap.as_ref().filter(|_| symbol.role != Role::Output) {
+            findings.push(wrong(symbol, wrap.span, "`wrap`", "only outputs are compared, and so may wrap"));
+        } else if let Some(wrap) = d.wrap.as_ref().filter(|w| !(w.period.is_finite() && w.period > 0.0)) {
+            let message = format!("`{}` wraps at {}, which is no period", symbol.name(), wrap.text);
+            let finding = Diagnostic::new(Code::WrongAttribute, wrap.span, message);
+            findings.push(finding.hint("a period is above zero: `wrap 360` in degrees, `wrap 2*pi` in radians"));
         }
         if let Some(span) = d.log.filter(|_| symbol.role != Role::Param) {
             findings.push(wrong(symbol, span, "`log`", "only params are estimated by their logarithms"));
@@ -29,6 +40,12 @@ pub(super) fn attributes(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) {
             let message = format!("`{}` cannot be fixed and have a value of its own in each run", symbol.name());
             let finding = Diagnostic::new(Code::WrongAttribute, fixed.max(per_run), message);
             findings.push(finding.hint("remove `fixed` or `per run`"));
+        }
+        if let (Some(group), Some(other), Role::Param) = (&d.group, d.fixed.or(d.per_run), symbol.role) {
+            let (name, other_word) = (symbol.name(), if d.fixed.is_some() { "fixed" } else { "per run" });
+            let message = format!("`{name}` cannot be `{other_word}` and `per group {}`", group.text);
+            let finding = Diagnostic::new(Code::WrongAttribute, group.span.max(other), message);
+            findings.push(finding.hint(format!("remove `{other_word}` or `per group {}`", group.text)));
         }
     }
 }
@@ -41,6 +58,7 @@ fn wrong(symbol: &Symbol<'_>, span: Span, what: &str, hint: impl Into<String>) -
 fn article(role: Role) -> &'static str {
     match role {
         Role::Input => "the input",
+        Role::Known => "the known",
         Role::State => "the state",
         Role::Param => "the param",
         Role::Const => "the const",
@@ -76,9 +94,9 @@ fn value(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
     findings.push(match (symbol.role, symbol.declaration.value) {
         (Role::State | Role::Table, _)
         | (Role::Param | Role::Const | Role::Let | Role::Output, Some(Value::Expr(_))) => return,
-        (Role::Input, None) => return,
-        (Role::Input, Some(Value::Expr(_))) => {
-            let message = format!("the input `{name}` cannot have a value: it is read from the record");
+        (Role::Input | Role::Known, None) => return,
+        (Role::Input | Role::Known, Some(Value::Expr(_))) => {
+            let message = format!("{} `{name}` cannot have a value: it is read from the record", article(symbol.role));
             let finding = Diagnostic::new(Code::NeedlessValue, span, message);
             finding.hint(format!(
                 "`const {name} = ...;` for a constant, `let {name} = ...;` for a signal that is computed"
@@ -142,8 +160,13 @@ pub(super) fn ranges(
 fn derived_attributes(symbol: &Symbol<'_>, findings: &mut Vec<Diagnostic>) {
     let d = symbol.declaration;
     let name = symbol.name();
-    let spans =
-        [(d.bounds.map(|b| b.span), "bounds"), (d.fixed, "`fixed`"), (d.per_run, "`per run`"), (d.log, "`log`")];
+    let spans = [
+        (d.bounds.map(|b| b.span), "bounds"),
+        (d.fixed, "`fixed`"),
+        (d.per_run, "`per run`"),
+        (d.group.as_ref().map(|g| g.span), "`per group`"),
+        (d.log, "`log`"),
+    ];
     for (span, what) in spans {
         if let Some(span) = span {
             let message = format!("{what} cannot be given for `{name}`, which other params define");

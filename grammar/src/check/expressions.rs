@@ -51,7 +51,7 @@ impl Indices {
         };
         for (s, symbol) in scope.valid() {
             indices.of[s] = match symbol.role {
-                Role::Input => next(&mut inputs),
+                Role::Input | Role::Known => next(&mut inputs),
                 Role::State => next(&mut states),
                 Role::Param if kinds.derived[s] => next(&mut derived),
                 Role::Param => next(&mut params),
@@ -125,6 +125,10 @@ impl Expressions {
             beginnings: Vec::new(),
             graph,
         };
+        // what a run brings is the first sample of an input that never changes
+        for (s, _) in scope.valid().filter(|(_, symbol)| symbol.role == Role::Known) {
+            expressions.symbols[s] = expressions.initials.sample(&mut expressions.graph, indices.of[s]);
+        }
         for (s, symbol) in scope.valid().filter(|(s, _)| !kinds.derived[*s]) {
             let leaf = match symbol.role {
                 Role::Input => Leaf::Input(indices.of[s]),

@@ -84,7 +84,7 @@ impl Initials {
     }
 
     /// The param that holds the first sample of an input.
-    fn sample(&mut self, graph: &mut Graph, input: u32) -> ExprId {
+    pub(super) fn sample(&mut self, graph: &mut Graph, input: u32) -> ExprId {
         let place = self.first.iter().position(|k| *k == input).unwrap_or_else(|| {
             self.first.push(input);
             self.first.len() - 1

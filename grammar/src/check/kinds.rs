@@ -57,6 +57,7 @@ impl Kinds {
             match symbol.role {
                 Role::Input | Role::State => Fact { level: Level::Varying, ..NUMBER },
                 Role::Param => Fact { level: Level::Param, broken, ..NUMBER },
+                Role::Known => Fact { level: Level::Param, ..NUMBER },
                 Role::Table => Fact { broken, ..NUMBER },
                 _ => Fact { broken: broken || !matches!(symbol.declaration.value, Some(Value::Expr(_))), ..NUMBER },
             }
@@ -115,7 +116,7 @@ impl Kinds {
                 Role::Let | Role::Output | Role::Const => {
                     self.symbols[s] = Fact { broken: self.symbols[s].broken || root.broken, ..root };
                 }
-                Role::State | Role::Input | Role::Table => {}
+                Role::State | Role::Input | Role::Known | Role::Table => {}
             }
         }
         exceeded.then_some(most)

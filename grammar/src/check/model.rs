@@ -34,6 +34,7 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
         upper: range.upper,
         fixed: symbol.declaration.fixed.is_some(),
         per_run: symbol.declaration.per_run.is_some(),
+        group: symbol.declaration.group.as_ref().map(|g| g.text.clone()),
         logarithmic: symbol.declaration.log.is_some(),
         prior: None,
     }
@@ -42,7 +43,12 @@ fn declared_param(symbol: &Symbol<'_>, range: Range) -> Param {
 /// Adds the params that hold first samples of inputs.
 pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &Expressions, params: &mut Vec<Param>) {
     for input in &expressions.initials.first {
-        let declared = scope.valid().find(|(s, symbol)| symbol.role == Role::Input && indices.of[*s] == *input);
+        let is = |role: Role| scope.valid().find(|(s, symbol)| symbol.role == role && indices.of[*s] == *input);
+        if let Some((_, symbol)) = is(Role::Known) {
+            params.push(known(quantity(symbol), *input));
+            continue;
+        }
+        let declared = is(Role::Input);
         let record = || scope.valid().find(|(s, _)| indices.record[*s] == Some(*input));
         let (name, unit) = match (declared, record()) {
             (Some((_, symbol)), _) => (symbol.name().to_string(), symbol.unit.clone()),
@@ -57,9 +63,26 @@ pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &
             upper: f64::INFINITY,
             fixed: true,
             per_run: false,
+            group: None,
             logarithmic: false,
             prior: None,
         });
+    }
+}
+
+/// A value that each run brings.
+fn known(quantity: Quantity, input: u32) -> Param {
+    Param {
+        quantity,
+        origin: Origin::FirstSample(input),
+        value: 0.0,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: true,
+        per_run: true,
+        group: None,
+        logarithmic: false,
+        prior: None,
     }
 }
 
@@ -80,6 +103,7 @@ fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: true,
+        group: None,
         logarithmic: false,
         prior: None,
     }
@@ -138,7 +162,10 @@ pub(super) fn assemble(
     for (s, symbol) in scope.valid() {
         let (quantity, expr) = (quantity(symbol), value(symbol).unwrap_or(zero));
         match symbol.role {
-            Role::Input => model.inputs.push(Input { quantity, measured: None, computed: None, slope: None }),
+            Role::Input | Role::Known => {
+                let known = symbol.role == Role::Known;
+                model.inputs.push(Input { quantity, known, measured: None, computed: None, slope: None });
+            }
             Role::State => {
                 let initial = initial(&mut graph, s, symbol);
                 model.states.push(State {
@@ -149,7 +176,10 @@ pub(super) fn assemble(
                 });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
-            Role::Output => model.outputs.push(Output::new(quantity, expr)),
+            Role::Output => {
+                let wrap = symbol.declaration.wrap.as_ref().map(|w| w.period);
+                model.outputs.push(Output { wrap, ..Output::new(quantity, expr) });
+            }
             Role::Param | Role::Const | Role::Let | Role::Table => {}
         }
     }
@@ -190,7 +220,7 @@ fn slope(model: &Model, of: u32, shown: bool) -> Input {
     let where_ = if shown { " at samples" } else { "" };
     let unit = own.unit.as_ref().and_then(|u| u.quotient(&model.time));
     let quantity = Quantity { name: format!("der({}){where_}", own.name), doc: String::new(), unit };
-    Input { quantity, measured: None, computed: None, slope: Some(Slope { of, shown }) }
+    Input { quantity, known: false, measured: None, computed: None, slope: Some(Slope { of, shown }) }
 }
 
 /// Derivatives of inputs that outputs show are taken at the samples; `first` is the first hidden input for a derivative.

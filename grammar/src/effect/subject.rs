@@ -118,7 +118,7 @@ impl Subject {
     /// Another text in the place of this one, with the files that the model was compiled with.
     pub(super) fn with_text(&self, text: String) -> Source {
         let base = &self.source;
-        let mut source = Source::new(base.name(), text);
+        let mut source = Source::new(base.name(), text).with_groups(base.groups().clone());
         gather(&mut source, &mut |name| {
             let text = base.find(name).map(|k| base.texts()[k].text().to_string());
             text.ok_or_else(|| "it was not there before".to_string())

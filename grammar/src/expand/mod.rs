@@ -11,6 +11,7 @@ mod blocks;
 mod budget;
 mod elements;
 mod files;
+mod groups;
 mod maker;
 mod submodels;
 mod transfer;
@@ -19,6 +20,8 @@ pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
 pub use budget::MOST_NODES;
 pub use elements::Elements;
 pub use files::{MOST_FILES, gather};
+pub(crate) use groups::write_out;
+pub use groups::{membership, of_group};
 pub use submodels::MOST_LEVELS;
 
 use crate::diagnostic::Diagnostic;

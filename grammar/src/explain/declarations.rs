@@ -103,7 +103,7 @@ state or on an input.",
 };
 
 pub(super) const WRONG_ATTRIBUTE: Page = Page {
-    meaning: "`in [...]`, `fixed` or `per run` stands with something that has no such attribute.",
+    meaning: "`in [...]`, `fixed`, `per run`, `per group` or `wrap` stands with something that has no such attribute.",
     broken: Example::Text(
         "model decay {
   state x = 1 in [0, 5];

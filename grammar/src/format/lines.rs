@@ -198,7 +198,10 @@ struct Statement<'a> {
 impl<'a> Statement<'a> {
     fn new(pieces: &'a [Piece<'a>], indent: usize) -> Self {
         let first = &pieces[0];
+        // a word of statements that is a name elsewhere
+        let declares = pieces.get(1).is_some_and(|p| p.is_word(TokenKind::Name));
         let keyword = match word_use(&first.text) {
+            None if declares && first.text == "known" => Some(&*first.text),
             Some(WordUse::Statement) if matches!(&*first.text, "model" | "time" | "trim" | "table" | "use") => None,
             Some(WordUse::Statement) => Some(&*first.text),
             Some(WordUse::Planned) => None,

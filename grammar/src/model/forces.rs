@@ -29,7 +29,7 @@ impl Model {
         let named = |name: String| Quantity { name, doc: String::new(), unit: None };
         for signal in 0..signals {
             let quantity = named(format!("force {signal}"));
-            model.inputs.push(Input { quantity, measured: None, computed: None, slope: None });
+            model.inputs.push(Input { quantity, known: false, measured: None, computed: None, slope: None });
         }
         for place in 0..entries.len() {
             model.params.extend((0..signals).map(|signal| factor(named(format!("factor {place}, {signal}")))));
@@ -83,6 +83,7 @@ fn factor(quantity: Quantity) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: false,
+        group: None,
         logarithmic: false,
         prior: None,
     }

@@ -34,6 +34,9 @@ pub struct Quantity {
 pub struct Input {
     /// Name, doc, unit.
     pub quantity: Quantity,
+    /// Declared with `known`: a value that each run brings, the same in all samples; expressions hold it as a parameter
+    /// ([`Origin::FirstSample`]).
+    pub known: bool,
     /// Made from `measured(.)` or by [`Model::substituted`]: a hidden input, filled from the record of this output. `None`
     /// for a declared input.
     pub measured: Option<u32>,
@@ -93,7 +96,7 @@ pub enum Origin {
     Declared,
     /// Made from `state x = free`: the initial value of that state, first guessed from the data.
     FreeInitial(u32),
-    /// Made from `initial(.)`: the first sample of that input in every run, filled in by whoever simulates one.
+    /// Made from `initial(.)` or `known`: the first sample of that input in every run, filled in by whoever simulates one.
     FirstSample(u32),
 }
 
@@ -123,6 +126,8 @@ pub struct Param {
     pub fixed: bool,
     /// Has a value of its own in every run.
     pub per_run: bool,
+    /// Has a value of its own in every group of runs; the name of the grouping.
+    pub group: Option<String>,
     /// Positive, and searched by its logarithm (`log`).
     pub logarithmic: bool,
     /// What was known before; the copies of every run have it each.
@@ -167,12 +172,14 @@ pub struct Output {
     pub noise: Option<f64>,
     /// The same as an expression of everything, when it is not one number (`noise y = 0.02 + 0.1*abs(y);`).
     pub noise_model: Option<ExprId>,
+    /// The period of an angle: values that differ by a multiple of it are the same.
+    pub wrap: Option<f64>,
 }
 
 impl Output {
     /// An output of whose noise nothing is known.
     pub fn new(quantity: Quantity, expr: ExprId) -> Self {
-        Self { quantity, expr, noise: None, noise_model: None }
+        Self { quantity, expr, noise: None, noise_model: None, wrap: None }
     }
 
     /// Its expression and that of its noise.

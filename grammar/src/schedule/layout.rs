@@ -25,6 +25,8 @@ pub struct Layout {
     pub outputs: usize,
     /// Inputs that are zero outside the record: derivatives of inputs, which keep their values there.
     pub vanishing: Vec<u32>,
+    /// Outputs (by index) whose values are the same a period apart, with their periods.
+    pub wraps: Vec<(u32, f64)>,
     /// Delayed signals; they follow the inputs in the drive.
     pub delayed: Vec<Signal>,
     /// Length of the array that `prepare` fills.

@@ -158,6 +158,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         outputs: model.outputs.len(),
         first: first_samples(model),
         vanishing: model.vanishing().collect(),
+        wraps: wraps(model),
         delayed: graph.delayed().iter().map(|s| s.signal).collect(),
         known: known.len(),
         initial,
@@ -191,6 +192,10 @@ fn first_samples(model: &Model) -> Vec<(u32, u32)> {
         _ => None,
     };
     params.filter_map(sample).collect()
+}
+
+fn wraps(model: &Model) -> Vec<(u32, f64)> {
+    model.outputs.iter().enumerate().filter_map(|(k, o)| Some((k as u32, o.wrap?))).collect()
 }
 
 fn observed(graph: &Graph, e: ExprId) -> Option<u32> {

@@ -117,7 +117,9 @@ fn want(rule: Rule) -> Option<Want> {
             Want::Attribute
         }
         Rule::unit => Want::Unit,
-        Rule::word_run => Want::Run,
+        Rule::word_run | Rule::word_group => Want::Run,
+        Rule::per_group | Rule::wrap | Rule::word_wrap => Want::Attribute,
+        Rule::period => Want::Expression,
         Rule::equals => Want::Equals,
         Rule::tilde => Want::Tilde,
         Rule::comma => Want::Comma,
@@ -304,6 +306,11 @@ impl<'a> Build<'a> {
                 Rule::bounds => d.bounds = self.bounds(part, place),
                 Rule::fixed => d.fixed = Some(place),
                 Rule::by_log => d.log = Some(place),
+                Rule::per_group => {
+                    let name = part.into_inner().find(|p| p.as_rule() == Rule::name);
+                    d.group = name.map(|name| word(&name, self.offset, 0));
+                }
+                Rule::wrap => d.wrap = wrap(part, place),
                 _ => d.per_run = Some(place),
             }
         }
@@ -466,6 +473,8 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
         Rule::bounds => "bounds twice",
         Rule::fixed => "`fixed` twice",
         Rule::by_log => "`log` twice",
+        Rule::per_group => "`per group` twice",
+        Rule::wrap => "`wrap` twice",
         Rule::effect_class => "a second class",
         Rule::positive => "`positive` twice",
         _ => "`per run` twice",
@@ -473,6 +482,16 @@ fn repeated(rule: Rule, name: &str, second: Span, first: Span) -> Diagnostic {
     Diagnostic::new(Code::WrongAttribute, second, format!("`{name}` has {what}"))
         .label(first, "the first is here")
         .hint("leave one of them out")
+}
+
+/// The period behind `wrap`.
+fn wrap(pair: Pair<Rule>, span: Span) -> Option<Wrap> {
+    let text = pair.into_inner().find(|p| p.as_rule() == Rule::period)?.as_str().to_string();
+    let period = match text.split_once('*') {
+        Some((times, _)) => times.trim().parse::<f64>().ok()? * std::f64::consts::PI,
+        None => text.trim().parse().ok()?,
+    };
+    Some(Wrap { period, text, span })
 }
 
 fn unary(text: &str) -> UnarySign {

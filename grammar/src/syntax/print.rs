@@ -182,7 +182,13 @@ impl<'a> Printer<'a> {
         }
         out.push_str(if d.fixed.is_some() { " fixed" } else { "" });
         out.push_str(if d.per_run.is_some() { " per run" } else { "" });
+        if let Some(group) = &d.group {
+            let _ = write!(out, " per group {}", group.text);
+        }
         out.push_str(if d.log.is_some() { " log" } else { "" });
+        if let Some(wrap) = &d.wrap {
+            let _ = write!(out, " wrap {}", wrap.text);
+        }
         out
     }
 

@@ -58,6 +58,10 @@ fn of_declaration(d: &mut Declaration, visit: &mut impl FnMut(&mut Span)) {
         visit(span);
     }
     let rest = [d.shape.as_mut().map(|s| &mut s.span), d.bounds.as_mut().map(|b| &mut b.span)];
+    optional(&mut d.group, visit);
+    if let Some(wrap) = &mut d.wrap {
+        visit(&mut wrap.span);
+    }
     rest.into_iter().chain([d.fixed.as_mut(), d.per_run.as_mut(), d.log.as_mut()]).flatten().for_each(visit);
 }
 

@@ -97,6 +97,8 @@ pub enum Slice {
 pub enum Role {
     /// `input`
     Input,
+    /// `known`: a value that each run brings
+    Known,
     /// `state`
     State,
     /// `param`
@@ -113,12 +115,14 @@ pub enum Role {
 
 impl Role {
     /// The kinds that stand before a list of declarations.
-    pub const ALL: [Role; 6] = [Self::Input, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
+    pub const ALL: [Role; 7] =
+        [Self::Input, Self::Known, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
 
     /// The keyword.
     pub fn keyword(self) -> &'static str {
         match self {
             Self::Input => "input",
+            Self::Known => "known",
             Self::State => "state",
             Self::Param => "param",
             Self::Const => "const",
@@ -243,6 +247,10 @@ pub struct Declaration {
     pub fixed: Option<Span>,
     /// `per run`
     pub per_run: Option<Span>,
+    /// `per group aircraft`: the name of the groups
+    pub group: Option<Name>,
+    /// `wrap 360`: the period of an angle
+    pub wrap: Option<Wrap>,
     /// `log`: estimated by its logarithm
     pub log: Option<Span>,
     /// Said of what no user wrote: a state or a `let` of a block.
@@ -263,11 +271,24 @@ impl Declaration {
             bounds: None,
             fixed: None,
             per_run: None,
+            group: None,
+            wrap: None,
             log: None,
             made: None,
             span,
         }
     }
+}
+
+/// `wrap 360`, `wrap 2*pi`: values that differ by a multiple of the period are the same.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wrap {
+    /// The period, in the unit of the output.
+    pub period: f64,
+    /// As it was written.
+    pub text: String,
+    /// The word and the period.
+    pub span: Span,
 }
 
 /// `table CL(alpha [rad]) "lift" [1] = linear { -0.2: -0.9, 0: CL0, 0.3: 1.6 };`

@@ -293,6 +293,7 @@ mod tests {
             upper,
             fixed: false,
             per_run,
+            group: None,
             logarithmic: false,
             prior: None,
         }

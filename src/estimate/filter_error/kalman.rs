@@ -246,7 +246,9 @@ impl<'a> Kalman<'a> {
         };
         before[..n].copy_from_slice(x);
         before[n..n * (1 + l)].copy_from_slice(s);
-        predicted[sample * q..][..q].copy_from_slice(&values[..q]);
+        let predicted = &mut predicted[sample * q..][..q];
+        predicted.copy_from_slice(&values[..q]);
+        run.turn(&programs.sight.layout().wraps, sample, predicted);
         let measured = &run.measured[sample * q..][..q];
         for (o, z) in measured.iter().enumerate().filter(|(_, z)| !z.is_nan()) {
             let output = Output {
@@ -254,7 +256,7 @@ impl<'a> Kalman<'a> {
                 entries: (&programs.observation, o),
                 values: &values[q..],
                 rows: &rows[(q * l).min(rows.len())..],
-                offset: z - values[o],
+                offset: z - predicted[o],
                 offsets: &rows[(o * l).min(rows.len())..],
                 deviation: deviations[o],
                 lane: self.noise[o].filter(|_| l > 0),

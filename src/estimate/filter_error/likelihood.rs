@@ -325,6 +325,7 @@ fn deviation(name: String, output: &Quantity, runs: &[Run], (o, q): (usize, usiz
         upper: f64::INFINITY,
         fixed: false,
         per_run: false,
+        group: None,
         logarithmic: false,
         prior: None,
     }

@@ -47,6 +47,7 @@ pub(crate) fn initial_state(state: &Quantity, index: usize, cut: usize) -> Param
         upper: f64::INFINITY,
         fixed: false,
         per_run: true,
+        group: None,
         logarithmic: false,
         prior: None,
     }

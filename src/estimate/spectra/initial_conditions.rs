@@ -115,7 +115,18 @@ fn named(quantity: &Quantity, name: impl Fn(&str) -> String) -> Quantity {
 
 fn of_each_run(quantity: Quantity, origin: Origin, value: f64) -> Param {
     let (lower, upper) = (f64::NEG_INFINITY, f64::INFINITY);
-    Param { quantity, origin, value, lower, upper, fixed: false, per_run: true, logarithmic: false, prior: None }
+    Param {
+        quantity,
+        origin,
+        value,
+        lower,
+        upper,
+        fixed: false,
+        per_run: true,
+        group: None,
+        logarithmic: false,
+        prior: None,
+    }
 }
 
 #[cfg(test)]

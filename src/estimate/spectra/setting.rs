@@ -402,6 +402,7 @@ pub(super) fn of_run(quantity: Quantity) -> Param {
         upper: f64::INFINITY,
         fixed: false,
         per_run: true,
+        group: None,
         logarithmic: false,
         prior: None,
     }

@@ -102,7 +102,7 @@ impl Flight<'_> {
 
     /// A column of a record at the samples, in the unit of the input.
     fn recorded(&self, file: &str, column: &str, quantity: &Quantity) -> Result<Vec<f64>, ExperimentError> {
-        let channel = Channel { name: quantity.name.clone(), unit: quantity.unit.clone() };
+        let channel = Channel::new(quantity.name.clone(), quantity.unit.clone());
         let time = self.truth.definition().time.clone();
         let (inputs, none) = (vec![channel], Vec::new());
         let wanted =

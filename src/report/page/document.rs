@@ -11,7 +11,7 @@ use super::{
     convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, progress,
     regression, reproduction, residuals, spectra, starts, study,
 };
-use maud::{DOCTYPE, PreEscaped, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
 
 const STYLE: &str = include_str!("page.css");
@@ -27,7 +27,27 @@ pub fn page(subject: &Subject) -> String {
         Content::Result(_) => of_fit(subject),
     };
     let anchors: Vec<&str> = sections.iter().map(|s| s.anchor).collect();
-    let title = format!("{}: {}", subject.name(), headline::kind(subject));
+    let head = Head {
+        kind: headline::kind(subject),
+        name: subject.name(),
+        doc: headline::doc(subject),
+        verdict: headline::verdict(subject, &anchors),
+    };
+    frame(&head, &sections)
+}
+
+/// What stands above the sections of a page.
+pub(super) struct Head<'a> {
+    /// What the page is about, in a word or two.
+    pub(super) kind: &'a str,
+    pub(super) name: &'a str,
+    pub(super) doc: Option<&'a str>,
+    pub(super) verdict: Markup,
+}
+
+/// A page around its sections.
+pub(super) fn frame(head: &Head<'_>, sections: &[Section]) -> String {
+    let title = format!("{}: {}", head.name, head.kind);
     let markup = html! {
         (DOCTYPE)
         html lang="en" {
@@ -43,17 +63,17 @@ pub fn page(subject: &Subject) -> String {
             }
             body {
                 header {
-                    p.kind { (headline::kind(subject)) }
+                    p.kind { (head.kind) }
                     button #theme type="button" title="light or dark" aria-label="switch between light and dark" hidden { "◐" }
-                    h1 { (subject.name()) }
-                    @if let Some(doc) = headline::doc(subject) { p.doc { (doc) } }
-                    (headline::verdict(subject, &anchors))
+                    h1 { (head.name) }
+                    @if let Some(doc) = head.doc { p.doc { (doc) } }
+                    (head.verdict)
                     nav aria-label="contents" {
-                        @for s in &sections { a href={ "#" (s.anchor) } { (s.title) } }
+                        @for s in sections { a href={ "#" (s.anchor) } { (s.title) } }
                     }
                 }
                 main {
-                    @for s in &sections {
+                    @for s in sections {
                         section id=(s.anchor) { h2 { (s.title) } (s.content) }
                     }
                 }

@@ -41,13 +41,42 @@ pub(super) fn verdict(subject: &Subject, anchors: &[&str]) -> Markup {
             (trust, sentence, points)
         }
     };
+    let (trust, points) = with_records(subject, (trust, points));
+    judgement((trust, sentence, points), facts(subject), anchors)
+}
+
+/// What was found in the records stands before what is said of the fit.
+fn with_records(
+    subject: &Subject,
+    (trust, points): (Trust, Vec<(String, &'static str)>),
+) -> (Trust, Vec<(String, &'static str)>) {
+    let judged = match &subject.content {
+        Content::AtWork(..) => None,
+        Content::Diagnosis(found) => found.records.as_ref(),
+        Content::Result(result) => result.records(),
+    };
+    let Some(judged) = judged else { return (trust, points) };
+    let mut all: Vec<(String, &'static str)> = judged.warnings().map(|w| (capital(&w), "reproduction")).collect();
+    let trust = if all.is_empty() || trust != Trust::Good { trust } else { Trust::Reserved };
+    all.extend(points);
+    all.extend(
+        judged
+            .assumed
+            .iter()
+            .flat_map(|r| r.assumed.iter().map(|a| (format!("Assumed of run `{}`: {a}", r.run), "reproduction"))),
+    );
+    (trust, all)
+}
+
+/// A verdict as it stands on a page.
+pub(super) fn judgement((trust, sentence, points): Verdict, facts: Option<String>, anchors: &[&str]) -> Markup {
     let one = |(sentence, anchor): &(String, &'static str)| {
         html! { li { @if anchors.contains(anchor) { a href={ "#" (anchor) } { (quoted(sentence)) } } @else { (quoted(sentence)) } } }
     };
     html! {
         div class={ "verdict " (trust.word()) } role="status" {
             p.sentence { span.sign aria-hidden="true" { (trust.sign()) } (sentence) }
-            @if let Some(facts) = facts(subject) { p.facts { (facts) } }
+            @if let Some(facts) = facts { p.facts { (facts) } }
             @if !points.is_empty() {
                 ol { @for point in points.iter().take(FIRST) { (one(point)) } }
             }

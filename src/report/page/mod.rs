@@ -9,6 +9,7 @@
 mod convergence;
 mod correlations;
 mod diagnosis;
+mod doctor;
 mod document;
 pub(crate) mod drawing;
 mod equations;
@@ -35,6 +36,7 @@ mod subject;
 mod table;
 mod thinning;
 
+pub use doctor::doctor_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
 #[cfg(feature = "png")]

@@ -61,7 +61,7 @@ fn declared(model: &Model) -> Vec<Declared> {
         (None, Some(c)) => format!("computed: {}", show(&c.graph, c.expr, m)),
         (None, None) => String::new(),
     };
-    let inputs = m.inputs.iter().map(|i| row("input", &i.quantity, None, from(i)));
+    let inputs = m.inputs.iter().map(|i| row(if i.known { "known" } else { "input" }, &i.quantity, None, from(i)));
     let states = m.states.iter().map(|s| row("state", &s.quantity, None, String::new()));
     let params = m.params.iter().map(|p| match p.origin {
         Origin::Declared => row("param", &p.quantity, Some(p.value), attributes(p)),
@@ -73,7 +73,11 @@ fn declared(model: &Model) -> Vec<Declared> {
         false => row("derived param", &d.quantity, None, String::new()),
     });
     let noise = |noise: Option<f64>| noise.map(|n| format!("noise {n}")).unwrap_or_default();
-    let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, None, noise(o.noise)));
+    let angle = |said: String, wrap: Option<f64>| match wrap {
+        Some(period) => format!("{said} wrap {period}").trim_start().to_string(),
+        None => said,
+    };
+    let outputs = m.outputs.iter().map(|o| row("output", &o.quantity, None, angle(noise(o.noise), o.wrap)));
     let written = definitions(model);
     inputs.chain(states).chain(params).chain(derived).chain(written).chain(outputs).collect()
 }
@@ -109,9 +113,10 @@ fn attributes(p: &Param) -> String {
         (p.lower > f64::NEG_INFINITY || p.upper < f64::INFINITY).then(|| format!("in [{}, {}]", p.lower, p.upper));
     let fixed = p.fixed.then(|| "fixed".to_string());
     let per_run = p.per_run.then(|| "per run".to_string());
+    let per_group = p.group.as_ref().map(|group| format!("per group {group}"));
     let log = p.logarithmic.then(|| "log".to_string());
     let prior = p.prior.map(|prior| format!("~ normal({}, {})", prior.mean, prior.deviation));
-    [bounds, fixed, per_run, log, prior].into_iter().flatten().collect::<Vec<_>>().join(" ")
+    [bounds, fixed, per_run, per_group, log, prior].into_iter().flatten().collect::<Vec<_>>().join(" ")
 }
 
 /// Left and right sides: rates, initial values that are not free, derived parameters, outputs, the trim.

@@ -31,6 +31,9 @@ pub struct Candidate {
     pub criteria: Option<Criteria>,
     /// Why they cannot.
     pub incomparable: Option<String>,
+    /// What was assumed about its records, one sentence each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub assumed: Vec<String>,
     #[serde(skip)]
     basis: Basis,
 }
@@ -65,6 +68,7 @@ impl Candidate {
             parameters: folder.parameters().to_vec(),
             outputs: fit.map(|fit| fit.outputs.clone()),
             criteria: None,
+            assumed: assumed(folder),
             incomparable: (!ended).then(|| format!("its cost is no minimum: {said}")),
             basis: Basis {
                 data: manifest.data.clone(),
@@ -128,4 +132,10 @@ pub(super) fn tell_apart(candidates: &mut [Candidate]) {
             candidate.name = format!("{}#{}", names[k], 1 + names[..k].iter().filter(|n| **n == names[k]).count());
         }
     }
+}
+
+/// What was assumed about the records of a result, with the run.
+fn assumed(folder: &ResultFolder) -> Vec<String> {
+    let records = folder.result().records().into_iter().flat_map(|r| &r.assumed);
+    records.flat_map(|r| r.assumed.iter().map(|sentence| format!("run `{}`: {sentence}", r.run))).collect()
 }

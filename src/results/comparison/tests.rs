@@ -16,7 +16,7 @@ fn candidate(folder: &Path, name: &str, free: &[&str], cost: f64, sha: &str, noi
     let options = FitOptions::default();
     let mut manifest = Manifest::new(&model, Identity::of(&model, &[], &options), noise);
     let (run, file, sha256) = ("one".to_string(), "one.csv".to_string(), Some(sha.to_string()));
-    manifest.data = vec![DataFile { run, file, path: None, bytes: None, sha256 }];
+    manifest.data = vec![DataFile { run, file, path: None, bytes: None, sha256, reading: None }];
     let p = free.len();
     // parameters of different size, correlated; the corrected covariance is four times as large
     let matrix = |factor: f64| {

@@ -1,5 +1,6 @@
 //! A diagnosis: what a model gets wrong, the cause, and what was tried.
 
+use super::doctor::JudgedRecords;
 use fdm_discover::{
     Alternative, Attribution, Biased, Cause, Detectable, Diagnosis, EffectAt, Feedback, FrontModel, LackOfFit, LeftOut,
     NewValue, Ordinate, OutputGain, PlaceEvidence, PlaceKind, Rejected, RunGain, Screened, SelectionStep, Suggestions,
@@ -62,6 +63,9 @@ pub struct DiagnosisDocument {
     pub band: Option<(f64, f64)>,
     /// What was assumed, and what was not asked, in sentences.
     pub notes: Vec<String>,
+    /// What was assumed about the records and found in them; left out where that is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub records: Option<JudgedRecords>,
 }
 
 /// A cause that was found.
@@ -169,6 +173,7 @@ impl DiagnosisDocument {
             domain: if d.spectral.is_some() { "frequency" } else { "time" }.into(),
             band: d.spectral.as_ref().map(|s| s.band),
             notes: d.notes.iter().chain(d.spectral.iter().flat_map(|s| &s.notes)).cloned().collect(),
+            records: None,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! A fit, whichever way the model was compared with the records.
 
+use super::doctor::JudgedRecords;
 use super::frequency::{FrequencyDomain, FrequencyResponses, TimeDomain};
 use super::json::present;
 use super::modes::ModesDocument;
@@ -67,6 +68,9 @@ pub struct FitDocument {
     pub history: Vec<Iteration>,
     /// What should not be overlooked.
     pub remarks: Vec<Remark>,
+    /// What was assumed about the records and found in them; left out where that is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub records: Option<JudgedRecords>,
 
     /// How each run was integrated; in the time domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -378,6 +382,7 @@ impl FitDocument {
             study: None,
             validation: None,
             modes: None,
+            records: None,
         }
     }
 

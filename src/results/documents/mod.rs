@@ -9,6 +9,7 @@
 
 mod diagnosis;
 mod digits;
+mod doctor;
 mod fit;
 mod frequency;
 mod json;
@@ -33,6 +34,7 @@ pub mod study;
 
 pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null, Search};
 pub use digits::{digits, digits_by_error};
+pub use doctor::{DoctorDocument, JudgedRecords, RecordDocument};
 pub use fit::{Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
     BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,

@@ -1,5 +1,6 @@
 //! Equation error: regressions, recursive least squares, and the search for a structure.
 
+use super::doctor::JudgedRecords;
 use super::json::present;
 use super::modes::ModesDocument;
 use super::result::KeptParameter;
@@ -29,6 +30,9 @@ pub struct RegressionDocument {
     pub kept: Vec<String>,
     /// What smoothing found.
     pub noise: Vec<ChannelNoise>,
+    /// What was assumed about the records and found in them; left out where that is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub records: Option<JudgedRecords>,
     /// The estimates over the highest frequency; where that was asked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub by_cutoff: Option<Vec<Dependence>>,
@@ -82,6 +86,7 @@ impl RegressionDocument {
             by_cutoff: None,
             by_length: None,
             modes: None,
+            records: None,
         }
     }
 

@@ -1,5 +1,6 @@
 //! What a result folder holds as its result: a fit of any kind, or regressions.
 
+use super::doctor::JudgedRecords;
 use super::fit::{FitDocument, Matrix};
 use super::json::{from_text, to_text};
 use super::modes::ModesDocument;
@@ -148,6 +149,22 @@ impl ResultDocument {
         match self {
             Self::Fit(fit) => fit.modes = Some(modes),
             Self::Regression(regression) => regression.modes = Some(modes),
+        }
+    }
+
+    /// Adds what was assumed about the records and found in them.
+    pub fn set_records(&mut self, records: Option<JudgedRecords>) {
+        match self {
+            Self::Fit(fit) => fit.records = records,
+            Self::Regression(regression) => regression.records = records,
+        }
+    }
+
+    /// What was assumed about the records and found in them.
+    pub fn records(&self) -> Option<&JudgedRecords> {
+        match self {
+            Self::Fit(fit) => fit.records.as_ref(),
+            Self::Regression(regression) => regression.records.as_ref(),
         }
     }
 

@@ -3,8 +3,10 @@
 use super::fingerprint::fingerprint;
 use super::identity::Identity;
 use fdm_estimate::Noise;
+use fdm_grammar::Groups;
 use fdm_system::record::ReadOptions;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +35,9 @@ pub struct Manifest {
     /// Params whose ties were switched off.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub untied: Vec<String>,
+    /// The groups of the runs, by the name of the grouping.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub groups: Groups,
     /// The runs.
     pub data: Vec<DataFile>,
     /// How their files were read.
@@ -61,7 +66,7 @@ pub(super) struct Claim {
 }
 
 /// A recorded run.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DataFile {
     /// Name of the run.
     pub run: String,
@@ -73,6 +78,9 @@ pub struct DataFile {
     pub bytes: Option<u64>,
     /// Its SHA-256; none for what is not a file.
     pub sha256: Option<String>,
+    /// How it was read, where that differs from the other runs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reading: Option<ReadOptions>,
 }
 
 /// A file of the folder.
@@ -97,6 +105,7 @@ impl DataFile {
             path: fs::canonicalize(file).ok().map(|p| p.display().to_string()),
             bytes: content.as_ref().map(|c| c.len() as u64),
             sha256: content.as_ref().map(|c| fingerprint(c)),
+            reading: None,
         }
     }
 
@@ -123,6 +132,7 @@ impl Manifest {
             model: model.name().into(),
             model_file: model.source().name().into(),
             untied: model.open_ties(),
+            groups: model.source().groups().clone(),
             data: Vec::new(),
             reading: ReadOptions::default(),
             seed: None,

@@ -300,7 +300,8 @@ impl ResultFolder {
         // names of used files are relative to the model's: one of them may be `model.fdm` itself
         let own = Path::new(&self.manifest.model_file).file_name().filter(|_| !self.used.is_empty());
         let name = own.map_or_else(|| self.folder.join(MODEL), |own| self.folder.join(own));
-        let model = Model::from_texts(name.display().to_string(), &self.model, &self.used)?;
+        let model = Model::from_texts(name.display().to_string(), &self.model, &self.used)?
+            .grouped(self.manifest.groups.clone())?;
         // the names were taken from this text
         Ok(model.untied(&self.manifest.untied).unwrap_or(model))
     }
@@ -317,9 +318,10 @@ impl ResultFolder {
     /// [`ResultError::Ambiguous`] and [`ResultError::NoRun`]. A parameter that the result does not have keeps its value.
     pub fn theta(&self, model: &Model, run: &str, like: Option<&str>) -> Result<Vec<f64>, ResultError> {
         let params = &model.definition().params;
-        let owner = if params.iter().any(|p| p.per_run) { Some(self.owner(run, like)?) } else { None };
+        let owner =
+            if params.iter().any(|p| p.per_run && !p.is_recorded()) { Some(self.owner(run, like)?) } else { None };
         let value = |p: &fdm_grammar::model::Param| {
-            let owner = owner.as_deref().filter(|_| p.per_run);
+            let owner = owner.as_deref().filter(|_| p.per_run && !p.is_recorded());
             let kept = self.parameters.iter().find(|k| k.name == p.quantity.name && k.run.as_deref() == owner);
             kept.map_or(p.value, |k| k.value)
         };
@@ -393,8 +395,14 @@ mod tests {
     fn contents(value: f64, runs: &[&str]) -> Contents {
         let model = Model::from_text("a.fdm", TEXT).unwrap();
         let mut manifest = Manifest::new(&model, Identity::of(&model, &[], &FitOptions::default()), Noise::Diagonal);
-        let data =
-            |run: &&str| DataFile { run: run.to_string(), file: "f".into(), path: None, bytes: None, sha256: None };
+        let data = |run: &&str| DataFile {
+            run: run.to_string(),
+            file: "f".into(),
+            path: None,
+            bytes: None,
+            sha256: None,
+            reading: None,
+        };
         manifest.data = runs.iter().map(data).collect();
         let own = runs.iter().enumerate().map(|(k, run)| parameter("b", Some(run), 10.0 + k as f64, None));
         let parameters = std::iter::once(parameter("k", None, value, None)).chain(own).collect();

@@ -53,6 +53,7 @@ pub(super) fn param(name: impl Into<String>, value: f64) -> Param {
         upper,
         fixed: false,
         per_run: false,
+        group: None,
         logarithmic: false,
         prior: None,
     }
@@ -65,7 +66,13 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         doc: String::new(),
         time: Unit::second(),
         inputs: (0..inputs)
-            .map(|k| Input { quantity: quantity(format!("u{k}")), measured: None, computed: None, slope: None })
+            .map(|k| Input {
+                quantity: quantity(format!("u{k}")),
+                known: false,
+                measured: None,
+                computed: None,
+                slope: None,
+            })
             .collect(),
         states: Vec::new(),
         params: params.iter().enumerate().map(|(k, value)| param(format!("p{k}"), *value)).collect(),

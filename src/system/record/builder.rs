@@ -3,6 +3,7 @@
 use super::channel::{Channel, Role, channels};
 use super::derived::{self, Incomplete};
 use super::error::{Names, excerpt};
+use super::known;
 use super::read::since_first;
 use super::run::Run;
 use fdm_grammar::diagnostic::nearest;
@@ -22,6 +23,7 @@ pub struct RunBuilder<'m> {
     times: Vec<Samples<'m>>,
     signals: Vec<Samples<'m>>,
     held: Vec<String>,
+    known: Vec<(String, f64)>,
     unmeasured: bool,
 }
 
@@ -37,7 +39,7 @@ impl<'m> RunBuilder<'m> {
     /// A run of this name, still without samples.
     pub fn new(model: &'m Model, name: impl Into<String>) -> Self {
         let (times, signals, held) = (Vec::new(), Vec::new(), Vec::new());
-        Self { model, name: name.into(), times, signals, held, unmeasured: false }
+        Self { model, name: name.into(), times, signals, held, known: Vec::new(), unmeasured: false }
     }
 
     /// Times of the samples (N), rising, in the model's time unit. The run begins at the first of them.
@@ -68,6 +70,22 @@ impl<'m> RunBuilder<'m> {
     /// Keeps an input between samples at the earlier one; otherwise it is linear between samples.
     pub fn zero_order_hold(mut self, input: &str) -> Self {
         self.held.push(input.into());
+        self
+    }
+
+    /// A value that the run brings (`known T0 per run;`), in the model's unit.
+    pub fn known(mut self, name: &str, value: f64) -> Self {
+        self.known.push((name.into(), value));
+        self
+    }
+
+    /// The group that the run belongs to (`param k per group aircraft;`), for a model of such groups.
+    pub fn group(mut self, grouping: &str, group: &str) -> Self {
+        for groups in self.model.inputs.iter().filter(|i| i.known) {
+            if let Some((of, name)) = groups.quantity.name.split_once('=').filter(|(of, _)| *of == grouping) {
+                self.known.push((format!("{of}={name}"), if name == group { 1.0 } else { 0.0 }));
+            }
+        }
         self
     }
 
@@ -110,6 +128,7 @@ impl<'m> RunBuilder<'m> {
         }
         let (m, q) = (inputs.len(), outputs.len());
         let (mut driven, mut measured) = (rows(&inputs, n), rows(&outputs, n));
+        known::unwrapped(&mut measured, &wanted.outputs, &mut Vec::new());
         if !wanted.timed {
             derived::compare_not(&driven, m, &mut measured, q);
         }
@@ -132,6 +151,11 @@ impl<'m> RunBuilder<'m> {
         let wanted = channels(self.model);
         let known: Vec<&str> = wanted.names().collect();
         let mut faults = Vec::new();
+        for (name, _) in self.known.iter().filter(|(name, _)| !wanted.inputs.iter().any(|c| c.known && c.name == *name))
+        {
+            let there: Vec<&str> = wanted.inputs.iter().filter(|c| c.known).map(|c| c.name.as_str()).collect();
+            faults.push(RunFault::unknown(name, &there));
+        }
         for (k, samples) in self.signals.iter().enumerate() {
             let name = &samples.name;
             if !known.contains(&name.as_str()) {
@@ -190,6 +214,9 @@ impl<'m> RunBuilder<'m> {
     /// The samples of a channel in its unit; NaN for those of an output that is not measured.
     fn column(&self, role: Role, channel: &Channel, n: usize, faults: &mut Vec<RunFault>) -> Cow<'_, [f64]> {
         let name = channel.name.clone();
+        if let Some((_, value)) = self.known.iter().find(|(known, _)| *known == name && channel.known) {
+            return vec![*value; n].into();
+        }
         let Some(given) = self.signals.iter().find(|s| s.name == name) else {
             if role == Role::Input || !self.unmeasured {
                 let known: Vec<String> = channels(self.model).names().map(String::from).collect();

@@ -32,6 +32,17 @@ pub struct Channel {
     pub name: String,
     /// Its unit in the model; `None` takes the numbers of the file as they are.
     pub unit: Option<Unit>,
+    /// Of an input: whether it is a value that the run brings, the same in all samples.
+    pub known: bool,
+    /// Of an output: the period of an angle.
+    pub wrap: Option<f64>,
+}
+
+impl Channel {
+    /// A channel that may change from sample to sample.
+    pub fn new(name: impl Into<String>, unit: Option<Unit>) -> Self {
+        Self { name: name.into(), unit, known: false, wrap: None }
+    }
 }
 
 /// All that a model wants from a record.
@@ -55,15 +66,20 @@ pub struct Channels {
 
 /// The channels of a model: time is wanted by states, delays, derivatives and explicit time.
 pub fn channels(model: &Model) -> Channels {
-    let channel = |q: &fdm_grammar::model::Quantity| Channel { name: q.name.clone(), unit: q.unit.clone() };
+    let channel = |q: &fdm_grammar::model::Quantity| Channel::new(q.name.clone(), q.unit.clone());
     let dynamic = !model.states.is_empty();
     let slopes: Vec<Slope> = model.inputs.iter().filter_map(|i| i.slope).collect();
     Channels {
         time: model.time.clone(),
         timed: dynamic || model.uses_time() || !slopes.is_empty(),
         samples: if dynamic || !slopes.is_empty() { 2 } else { 1 },
-        inputs: model.inputs.iter().filter(|i| i.is_declared()).map(|i| channel(&i.quantity)).collect(),
-        outputs: model.outputs.iter().map(|o| channel(&o.quantity)).collect(),
+        inputs: model
+            .inputs
+            .iter()
+            .filter(|i| i.is_declared())
+            .map(|i| Channel { known: i.known, ..channel(&i.quantity) })
+            .collect(),
+        outputs: model.outputs.iter().map(|o| Channel { wrap: o.wrap, ..channel(&o.quantity) }).collect(),
         driving: model.inputs.iter().filter_map(|i| i.measured).map(|o| o as usize).collect(),
         slopes,
     }

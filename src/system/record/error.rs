@@ -246,6 +246,53 @@ pub enum Fault {
         /// Title of the column.
         column: String,
     },
+    /// A value of the run that changes within it.
+    #[error("`{0}` is a value that the run brings (`known`), and changes from {1} to {2}")]
+    KnownChanges(String, String, String),
+    /// A value for what the model does not have.
+    #[error("the model has no `known {name}`; {}", if .there.shown.is_empty() { "it declares none".to_string() } else { format!("it declares {there}") })]
+    UnknownKnown {
+        /// The name.
+        name: String,
+        /// What there is.
+        there: Names,
+    },
+    /// A value that is no number.
+    #[error("the value {value} of `{name}` is not finite")]
+    KnownValue {
+        /// The name.
+        name: String,
+        /// The value.
+        value: String,
+    },
+    /// A unit that is none, or of another kind.
+    #[error("`{name}` is given in `{unit}`, and the model has it in `{expected}`")]
+    KnownUnit {
+        /// The name.
+        name: String,
+        /// The unit that was given.
+        unit: String,
+        /// That of the model.
+        expected: String,
+    },
+    /// A run without the group that a param of the model is shared within.
+    #[error("the run has no `{grouping}`, and the model has values `per group {grouping}`; {groups} are known")]
+    NoGroup {
+        /// The name of the grouping.
+        grouping: String,
+        /// The groups.
+        groups: Names,
+    },
+    /// A group that no value of the model belongs to.
+    #[error("the run is of the {grouping} `{group}`, of which the model has no value; {groups} are known")]
+    UnknownGroup {
+        /// The name of the grouping.
+        grouping: String,
+        /// The group.
+        group: String,
+        /// The groups.
+        groups: Names,
+    },
     /// Two columns of the same name.
     #[error("`{name}` stands for {count} columns, expected one")]
     Ambiguous {

@@ -7,7 +7,7 @@ use super::options::ReadOptions;
 use super::samples::numbers;
 use super::table::{Heading, Numbers, Table};
 use super::text;
-use fdm_readers::{Field, Format, Log, RecordMap, Taken, Topic, open, take};
+use fdm_readers::{Field, Format, Log, RecordMap, Taken, Topic, open_whole, take};
 use std::path::Path;
 
 /// A file of any format as a table.
@@ -18,7 +18,7 @@ pub(crate) fn table(
     notes: &mut Vec<Note>,
 ) -> Result<Table, Vec<Problem>> {
     let log = if Format::of(&bytes).is_some() {
-        let log = whole(&bytes, options.salvage, notes).map_err(|p| vec![p])?;
+        let log = whole(bytes, options.salvage, notes).map_err(|p| vec![p])?;
         match &options.map_file {
             Some(map) => (log, map),
             None => return only(log, notes).map_err(|p| vec![p]),
@@ -26,7 +26,10 @@ pub(crate) fn table(
     } else {
         let table = Table::new(bytes).map_err(|p| vec![p])?;
         match &options.map_file {
-            Some(map) => (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map),
+            Some(map) => {
+                notes.extend((!table.ended).then_some(Note::OpenEnd));
+                (Log { format: "text", topics: vec![mapped(&table, map)?], ..Log::default() }, map)
+            }
             None => return Ok(table),
         }
     };
@@ -44,10 +47,10 @@ pub(crate) fn table(
 }
 
 /// Reads a log and says, or refuses, what is damaged in it.
-pub(crate) fn whole(bytes: &[u8], salvage: bool, notes: &mut Vec<Note>) -> Result<Log, Problem> {
+pub(crate) fn whole(bytes: Vec<u8>, salvage: bool, notes: &mut Vec<Note>) -> Result<Log, Problem> {
     /// Places that are named one by one.
     const SHOWN: usize = 3;
-    let log = open(bytes).map_err(|e| Fault::Unopened(e.to_string()).anywhere())?;
+    let log = open_whole(bytes).map_err(|e| Fault::Unopened(e.to_string()).anywhere())?;
     let rows: usize = log.topics.iter().map(Topic::rows).sum();
     if !log.damage.is_empty() {
         let mut told: Vec<String> = log.damage.iter().take(SHOWN).map(ToString::to_string).collect();
@@ -73,9 +76,10 @@ pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordEr
     let bytes = text::load(path).map_err(told)?;
     let mut notes = Vec::new();
     if Format::of(&bytes).is_some() {
-        return whole(&bytes, salvage, &mut notes).map(|log| (log, notes)).map_err(told);
+        return whole(bytes, salvage, &mut notes).map(|log| (log, notes)).map_err(told);
     }
     let table = Table::new(bytes).map_err(told)?;
+    notes.extend((!table.ended).then_some(Note::OpenEnd));
     let times = ["t", "time", "T", "Time", "TIME"];
     let time = times.iter().find_map(|n| table.columns.iter().position(|h| h.name == *n));
     let time = time.or_else(|| (0..table.columns.len()).find(|k| table.is_clock(*k)));
@@ -95,11 +99,11 @@ pub fn open_log(path: &Path, salvage: bool) -> Result<(Log, Vec<Note>), RecordEr
 }
 
 /// The only table of a file.
-fn only(log: Log, notes: &mut Vec<Note>) -> Result<Table, Problem> {
+fn only(mut log: Log, notes: &mut Vec<Note>) -> Result<Table, Problem> {
     const SHOWN: usize = 12;
     let tables: Vec<&Topic> = log.topics.iter().filter(|t| t.rows() > 1).collect();
-    let topic = match tables[..] {
-        [topic] => topic,
+    match tables[..] {
+        [_] => {}
         [] => return Err(Fault::Empty.anywhere()),
         _ => {
             let mut names: Vec<&str> = tables.iter().take(SHOWN).map(|t| t.name.as_str()).collect();
@@ -110,14 +114,17 @@ fn only(log: Log, notes: &mut Vec<Note>) -> Result<Table, Problem> {
             let hint = "name the channels by --map-file MAP.toml; `fdm data FILE --list` shows what is there";
             return Err(Fault::SeveralClocks { format, count, names }.anywhere().hint(hint));
         }
-    };
+    }
     let constants = log.topics.iter().filter(|t| t.rows() == 1).flat_map(|t| &t.fields).count();
     if constants > 0 {
         notes.push(Note::Taken(format!("{constants} single value(s) beside the table are left out")));
     }
+    let place = log.topics.iter().position(|t| t.rows() > 1).unwrap_or_default();
+    let topic = log.topics.swap_remove(place);
     let seconds = topic.time.filter(|k| topic.fields[*k].unit.is_some());
-    let columns =
-        topic.fields.iter().enumerate().map(|(k, field)| (heading(field, seconds == Some(k)), field.values.clone()));
+    // large arrays stand in memory once
+    let columns = topic.fields.into_iter().enumerate();
+    let columns = columns.map(|(k, field)| (heading(&field, seconds == Some(k)), field.values));
     Ok(Table::of_numbers(log.format, Numbers::new(columns.collect(), Vec::new())))
 }
 

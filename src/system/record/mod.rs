@@ -3,12 +3,14 @@
 //! Start at [`read()`]: `text` (bytes, cells) or `log` (other formats, maps) -> `table` (dialect, columns) -> `search` (which columns) -> `samples` -> [`Run`]. Samples in memory
 //! become one by [`RunBuilder`].
 
+mod assumed;
 mod builder;
 mod channel;
 mod clock;
 mod derived;
 mod error;
 pub mod even_grid;
+mod known;
 mod log;
 mod note;
 mod options;
@@ -22,6 +24,7 @@ mod tests;
 mod text;
 mod write;
 
+pub use assumed::{AssumedChannel, AssumedNote, Assumptions};
 pub use builder::{RunBuilder, RunError, RunFault};
 pub use channel::{Channel, Channels, Role, channels};
 pub use derived::Incomplete;
@@ -30,8 +33,8 @@ pub use error::Fault;
 pub use error::{Names, Problem, RecordError};
 pub use log::open_log;
 pub use note::Note;
-pub use options::ReadOptions;
-pub use read::{ChannelSource, Sampling, Summary, read, read_all};
+pub use options::{Known, Mask as SampleMask, ReadOptions};
+pub use read::{ChannelSource, Sampling, Summary, read, read_all, read_each};
 pub use run::Run;
 pub use run::{Cursor, Place};
 pub use table::{Delimiter, Dialect, Mark};

@@ -35,6 +35,24 @@ pub enum Note {
         /// Samples that have it.
         samples: usize,
     },
+    /// Samples that are not compared, because a column says so.
+    Masked {
+        /// The output.
+        output: String,
+        /// The column.
+        column: String,
+        /// Values that are left out.
+        samples: usize,
+    },
+    /// An angle whose jumps were taken out.
+    Unwrapped {
+        /// The output.
+        output: String,
+        /// The period.
+        period: f64,
+        /// How many jumps.
+        jumps: usize,
+    },
     /// Rows that repeat the row before to the letter; they are used once.
     Repeated {
         /// How many.
@@ -71,6 +89,35 @@ pub enum Note {
     },
 }
 
+impl Note {
+    /// Its kind as one word, for programs.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::UnitAssumed { .. } => "unit",
+            Self::NotMeasured { .. } => "not_measured",
+            Self::Constant { .. } => "constant",
+            Self::Masked { .. } => "masked",
+            Self::Unwrapped { .. } => "unwrapped",
+            Self::Repeated { .. } => "repeated",
+            Self::OpenEnd => "open_end",
+            Self::Bridged { .. } => "bridged",
+            Self::Taken(_) => "taken",
+            Self::Clock { .. } => "clock",
+            Self::Pause { .. } => "pause",
+        }
+    }
+
+    /// The channel that it is about, where it is about one.
+    pub fn channel(&self) -> Option<&str> {
+        match self {
+            Self::UnitAssumed { channel, .. } | Self::Constant { channel, .. } => Some(channel),
+            Self::NotMeasured { output } | Self::Masked { output, .. } | Self::Unwrapped { output, .. } => Some(output),
+            Self::Bridged { input, .. } => Some(input),
+            _ => None,
+        }
+    }
+}
+
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -89,6 +136,12 @@ impl fmt::Display for Note {
             Self::NotMeasured { output } => write!(f, "the output `{output}` is not measured in this run"),
             Self::Constant { role, channel, value, samples } => {
                 write!(f, "the {role} `{channel}` never changes: {value} in all {samples} samples")
+            }
+            Self::Masked { output, column, samples } => {
+                write!(f, "{samples} value(s) of the output `{output}` are not compared: column `{column}` says so")
+            }
+            Self::Unwrapped { output, period, jumps } => {
+                write!(f, "the output `{output}` wraps at {period}: {jumps} jump(s) are taken out")
             }
             Self::Repeated { rows, line } => {
                 write!(f, "{rows} row(s) repeat the row before, first in line {line}; they are used once")

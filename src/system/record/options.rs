@@ -2,6 +2,7 @@
 
 use fdm_readers::RecordMap;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// What the user chose beside the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +32,37 @@ pub struct ReadOptions {
     /// Whether what can be read of a damaged log is used.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub salvage: bool,
+    /// Values that the run brings (`known T0 per run;`) and its file does not hold.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub known: Vec<Known>,
+    /// The group that the run belongs to, by the name of the grouping (`param k per group aircraft;`).
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub groups: BTreeMap<String, String>,
+    /// Which samples are compared.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub masks: Vec<Mask>,
+}
+
+/// A value that a run brings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Known {
+    /// Its name in the model.
+    pub name: String,
+    /// Its unit; that of the model where none is stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The value.
+    pub value: f64,
+}
+
+/// A column that says which samples are compared: those where it holds a number that is not 0.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Mask {
+    /// The output that it is said of; all outputs where none is named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub output: Option<String>,
+    /// The column.
+    pub column: String,
 }
 
 impl Default for ReadOptions {
@@ -46,6 +78,9 @@ impl Default for ReadOptions {
             any_size: false,
             map_file: None,
             salvage: false,
+            known: Vec::new(),
+            groups: BTreeMap::new(),
+            masks: Vec::new(),
         }
     }
 }

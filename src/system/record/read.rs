@@ -8,7 +8,7 @@ use super::options::ReadOptions;
 use super::run::Run;
 use super::samples::{self, Samples};
 use super::table::{Dialect, Table};
-use super::{derived, log, search, text};
+use super::{derived, known, log, search, text};
 use fdm_grammar::diagnostic::nearest;
 use std::path::Path;
 
@@ -37,26 +37,40 @@ pub fn read_all(
     options: &ReadOptions,
     elsewhere: &[bool],
 ) -> Result<Vec<(Run, Summary)>, Vec<RecordError>> {
+    let each: Vec<(&Path, &ReadOptions)> = paths.iter().map(|path| (path.as_ref(), options)).collect();
+    read_each(&each, channels, elsewhere)
+}
+
+/// As [`read_all`], each file with options of its own; outputs are required where those of the first file say so.
+///
+/// # Errors
+/// As [`read_all`].
+pub fn read_each(
+    files: &[(&Path, &ReadOptions)],
+    channels: &Channels,
+    elsewhere: &[bool],
+) -> Result<Vec<(Run, Summary)>, Vec<RecordError>> {
     let q = channels.outputs.len();
+    let required = files.first().is_some_and(|(_, options)| options.require_outputs);
     let each = |demand: &dyn Fn(usize) -> Demand| {
         let (mut found, mut errors) = (Vec::new(), Vec::new());
-        for path in paths {
-            match demanding(path.as_ref(), channels, options, demand) {
+        for (path, options) in files {
+            match demanding(path, channels, options, demand) {
                 Ok(one) => found.push(one),
                 Err(e) => errors.push(e),
             }
         }
         if errors.is_empty() { Ok(found) } else { Err(errors) }
     };
-    if !options.require_outputs {
+    if !required {
         return each(&|_| Demand::Free);
     }
     let elsewhere = |k: usize| elsewhere.get(k).copied().unwrap_or(false);
-    if paths.len() == 1 {
+    if files.len() == 1 {
         return each(&|k| if elsewhere(k) { Demand::IfMeasured } else { Demand::Needed });
     }
     let found = each(&|_| Demand::IfMeasured)?;
-    let left_out = |k: usize| options.without.contains(&channels.outputs[k].name);
+    let left_out = |k: usize| files.iter().all(|(_, options)| options.without.contains(&channels.outputs[k].name));
     let measured = |k: usize| elsewhere(k) || left_out(k) || found.iter().any(|(run, _)| run.measures(k));
     let missing: Vec<bool> = (0..q).map(|k| !measured(k)).collect();
     if missing.contains(&true) {
@@ -81,8 +95,11 @@ fn demanding(
     let told = |problems| RecordError { file: path.display().to_string(), problems };
     let mut notes = Vec::new();
     let bytes = text::load(path).map_err(|p| told(vec![p]))?;
-    let table = log::table(bytes, channels, options, &mut notes).map_err(told)?;
-    assemble(name_of(path), &table, channels, options, &demands, notes).map_err(told)
+    let asked = known::asked(channels, options).map_err(told)?;
+    let (columns, demands) = (&asked.channels, asked.demands(demands));
+    let table = log::table(bytes, columns, options, &mut notes).map_err(told)?;
+    let (run, mut summary) = assemble(name_of(path), &table, columns, options, &demands, notes).map_err(told)?;
+    Ok((asked.completed(channels, options, run, &mut summary), summary))
 }
 
 /// The name of the run of a file.
@@ -105,14 +122,16 @@ fn assemble(
     let mut problems = check_options(channels, options);
     let plan = search::plan(table, channels, options, demands, &mut notes).map_err(|p| problems.extend(p));
     let (Ok(plan), true) = (plan, problems.is_empty()) else { return Err(problems) };
-    let samples = samples::collect(table, &plan, channels.timed, options)?;
+    let mut samples = samples::collect(table, &plan, channels.timed, options)?;
     check_amount(table, &plan, channels, demands, &samples)?;
     notes.extend(samples.repeated.map(|(rows, line)| Note::Repeated { rows, line }));
     notes.extend((!table.ended).then_some(Note::OpenEnd));
     let (rows, dialect) = (samples.rows, Dialect { delimiter: table.delimiter, decimal: samples.decimal() });
     let mut held = options.hold.clone();
     held.extend(table.numbers.iter().flat_map(|n| n.held.iter().cloned()));
+    known::unwrapped(&mut samples.measured, &channels.outputs, &mut notes);
     let run = finish(name, samples, &plan, channels, &held, &mut notes)?;
+    known::same_in_all(&run, channels).map_err(|problem| vec![problem])?;
     let names: Vec<_> = names(channels).collect();
     // of what is only simulated no squares are taken
     let unheld = if options.any_size { Vec::new() } else { sizes(&run, &names, channels.inputs.len()) };

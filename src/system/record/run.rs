@@ -39,6 +39,21 @@ impl Run {
         self.measured.iter().skip(output).step_by(self.output_gaps.len().max(1)).any(|v| !v.is_nan())
     }
 
+    /// Turns outputs of a model from sample `first` on (samples by q) by whole periods towards what was measured: where values a period
+    /// apart are the same, the residual is the short way round. Its derivatives by anything are those of the outputs.
+    pub fn turn(&self, wraps: &[(u32, f64)], first: usize, y: &mut [f64]) {
+        let q = self.output_gaps.len();
+        for (output, period) in wraps.iter().filter(|(output, _)| (*output as usize) < q) {
+            let measured = self.measured.iter().skip(first * q + *output as usize).step_by(q);
+            for (y, z) in y.iter_mut().skip(*output as usize).step_by(q).zip(measured) {
+                let turns = ((z - *y) / period).round();
+                if turns != 0.0 && turns.is_finite() {
+                    *y += turns * period;
+                }
+            }
+        }
+    }
+
     /// Some neighbouring samples as a run of the same name; their times stay those of the whole record, so that a part that
     /// does not begin with the first sample begins later than 0.
     ///

@@ -113,7 +113,7 @@ impl Search<'_> {
                 }
             },
         };
-        let channel = Channel { name: "t".into(), unit: Some(self.channels.time.clone()) };
+        let channel = Channel::new("t", Some(self.channels.time.clone()));
         if self.table.is_clock(found.column) {
             let column = self.table.columns[found.column].title.clone();
             self.notes.push(Note::Clock { column });
@@ -306,6 +306,9 @@ impl Search<'_> {
         let drives = role == Role::Output && self.channels.drives(name);
         let hint = match role {
             Role::Output if drives => format!("`measured({name})` drives the model; {hint}"),
+            _ if channel.known => {
+                format!("say --known {name}=VALUE, or give it in a column `{name}` of --runs or of the record")
+            }
             Role::Output => format!("{hint}; if it was not measured, say --without-output {name}"),
             _ => hint,
         };
@@ -408,7 +411,7 @@ impl Search<'_> {
                         return None;
                     }
                 };
-                let channel = Channel { name, unit: Some(wanted) };
+                let channel = Channel::new(name, Some(wanted));
                 let plain = self.source(role, &channel, Found::plain(found.column))?;
                 Some(Source { logarithm: true, ..plain })
             }

@@ -12,7 +12,7 @@ fn unit(text: &str) -> Option<Unit> {
 }
 
 fn wanted(inputs: &[(&str, &str)], outputs: &[(&str, &str)]) -> Channels {
-    let channel = |(name, u): &(&str, &str)| Channel { name: (*name).into(), unit: unit(u) };
+    let channel = |(name, u): &(&str, &str)| Channel::new(*name, unit(u));
     let list = |c: &[(&str, &str)]| c.iter().map(channel).collect();
     Channels {
         time: Unit::second(),
@@ -235,9 +235,7 @@ fn options_are_checked_together() {
         every: 0,
         hold: vec!["y".into(), "v".into()],
         require_outputs: true,
-        without: Vec::new(),
-        map_file: None,
-        salvage: false,
+        ..ReadOptions::default()
     };
     let texts: Vec<_> = bad("t,u,y\n0,1,1\n", &uy(), &options).iter().map(Problem::to_string).collect();
     let parts =
@@ -418,7 +416,13 @@ fn a_model_says_what_it_wants() {
         name: "m".into(),
         doc: String::new(),
         time: unit("min").unwrap(),
-        inputs: vec![Input { quantity: quantity("u", "deg"), measured: None, computed: None, slope: None }],
+        inputs: vec![Input {
+            quantity: quantity("u", "deg"),
+            known: false,
+            measured: None,
+            computed: None,
+            slope: None,
+        }],
         states: Vec::new(),
         params: Vec::new(),
         derived: Vec::new(),

@@ -31,7 +31,7 @@ pub(crate) fn load(path: &Path) -> Result<Vec<u8>, Problem> {
     if is_named_pipe(path) {
         return Err(Fault::NamedPipe.anywhere());
     }
-    let mut bytes = Vec::new();
+    let mut bytes = Vec::with_capacity(about.len().min(LIMIT) as usize);
     File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_end(&mut bytes)).map_err(refused)?;
     if bytes.len() as u64 > LIMIT { Err(Fault::TooLarge(LIMIT).anywhere()) } else { unpacked(bytes) }
 }

@@ -163,7 +163,9 @@ impl<'a> Simulator<'a> {
                 linear.run(trajectory, &[], &mut sink)
             }
             other => other.march(trajectory, |t, sample, k| t.observe(sample, k, &mut y[sample * q..])),
-        }
+        }?;
+        trajectory.run.turn(&trajectory.dynamics.layout().wraps, 0, y);
+        Ok(())
     }
 
     /// States at the samples (N by n) for parameters theta (p); false where they are not known, because the model is linear
@@ -194,6 +196,21 @@ impl<'a> Simulator<'a> {
     /// # Errors
     /// [`Divergence`] at the first value that is not finite; blocks before it may have been handed over.
     pub fn stream(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
+        let (run, dynamics) = (self.trajectory.run, self.trajectory.dynamics);
+        let wraps = &dynamics.layout().wraps;
+        if wraps.is_empty() {
+            return self.streamed(theta, columns, sink);
+        }
+        let mut turned = Vec::new();
+        self.streamed(theta, columns, &mut |block| {
+            turned.clear();
+            turned.extend_from_slice(block.y);
+            run.turn(wraps, block.first, &mut turned);
+            sink(Block { y: &turned, ..block });
+        })
+    }
+
+    fn streamed(&mut self, theta: &[f64], columns: &[usize], sink: &mut Sink<'_>) -> Result<(), Divergence> {
         self.begin(theta, self.trajectory.dynamics.layout().stage.lanes)?;
         let Self { trajectory, integrator } = self;
         let dynamics = trajectory.dynamics;

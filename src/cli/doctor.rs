@@ -1,0 +1,130 @@
+//! `fdm doctor`: records judged before they are believed, by themselves and beside a model.
+
+use crate::deliver::{Output, write};
+use crate::failure::{Ending, Failure, ended};
+use crate::load::{Records, load_model, notes, read_records};
+use crate::ownership::{Overwriting, refuse_other_tables};
+use clap::Args;
+use fdm_doctor::{
+    AloneOptions, BesideOptions, Examination, Finding, Record, Repair, examine_alone, examine_beside, examine_repeats,
+    repaired_map,
+};
+use fdm_report::doctor_text;
+use fdm_results::documents::{DoctorDocument, RecordDocument};
+use fdm_system::record::{Run, open_log};
+use std::path::PathBuf;
+
+/// What `fdm doctor` takes.
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    /// Model file (.fdm); without one the records are judged by themselves
+    #[arg(value_name = "MODEL")]
+    model: Option<PathBuf>,
+    #[command(flatten)]
+    records: Records,
+    /// Probability of a finding in a record without a fault, over all tests of the record by itself
+    #[arg(long, value_name = "P", default_value_t = 0.01, value_parser = crate::diagnose::probability, help_heading = "Judgement")]
+    alpha: f64,
+    /// Odds that a fault must have beside the model to be told
+    #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement")]
+    odds: f64,
+    /// Do not estimate delays, offsets, scale factors and drifts of clocks beside the model
+    #[arg(long, requires = "model", help_heading = "Judgement")]
+    no_estimated: bool,
+    /// Write a map with all repairs that a map can hold; the record is not touched
+    #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
+    fix: Option<PathBuf>,
+    /// Write one page for a browser: each finding with its channel drawn
+    #[arg(long, value_name = "FILE.html", help_heading = "Result")]
+    report: Option<PathBuf>,
+    #[command(flatten)]
+    overwriting: Overwriting,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// A number above 1.
+fn odds(text: &str) -> Result<f64, String> {
+    let value = crate::load::number(text)?;
+    if value > 1.0 { Ok(value) } else { Err("odds are above 1".into()) }
+}
+
+/// What a map begins with that this command wrote.
+const BEGINNING: &str = "# repairs proposed by fdm doctor";
+
+pub(crate) fn run(arguments: &Arguments) -> Ending {
+    if let Some(path) = arguments.fix.as_ref().filter(|_| !arguments.overwriting.force) {
+        refuse_other_tables(path, BEGINNING.as_bytes())?;
+    }
+    let (records, document) = arguments.judged()?;
+    let printed = arguments.output.print(|| doctor_text(&document), || document.clone())?;
+    if let Some(path) = &arguments.fix {
+        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
+        write(path, arguments.map(&records, repairs))?;
+    }
+    if let Some(path) = &arguments.report {
+        write(path, fdm_report::page::doctor_page(&document, &records))?;
+    }
+    ended(printed && (document.is_clean() || !arguments.records.strict))
+}
+
+impl Arguments {
+    /// The records and what was found in them.
+    pub(crate) fn judged(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
+        let alone = AloneOptions { false_alarms: self.alpha, kinematics: self.model.is_none() };
+        let Some(path) = &self.model else { return self.by_themselves(&alone) };
+        let model = self.records.grouped(&load_model(path)?)?;
+        let files = self.records.every(&self.records.selection.options(false), &model)?;
+        let read = read_records(&files, &model, &[])?;
+        let records: Vec<Record> =
+            read.iter().map(|(run, summary)| Record::of_run(model.definition(), run, Some(summary))).collect();
+        let told = read.iter().map(|(run, summary)| RecordDocument {
+            run: run.name.clone(),
+            samples: run.len(),
+            assumed: notes(summary),
+        });
+        let told: Vec<RecordDocument> = told.collect();
+        let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
+        let found = by_records(&records, &alone);
+        let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
+        let found = examine_beside(&model, &runs, &records, found, &options);
+        let document = DoctorDocument::of(Some(model.name()), told, &found);
+        Ok((records, document))
+    }
+
+    /// Without a model: every table of every file.
+    fn by_themselves(&self, options: &AloneOptions) -> Result<(Vec<Record>, DoctorDocument), Failure> {
+        let (mut records, mut told) = (Vec::new(), Vec::new());
+        for path in &self.records.paths()? {
+            let (log, notes) =
+                open_log(path, self.records.selection.is_salvaged()).map_err(|e| Failure::Records(vec![e]))?;
+            let name = path.file_stem().map_or_else(|| "run".into(), |s| s.to_string_lossy().into_owned());
+            for topic in log.topics.iter().filter(|t| t.rows() > 2) {
+                let name = if topic.name.is_empty() { name.clone() } else { format!("{name}: {}", topic.name) };
+                records.push(Record::of_topic(&name, topic));
+                let assumed =
+                    if told.is_empty() { notes.iter().map(ToString::to_string).collect() } else { Vec::new() };
+                told.push(RecordDocument { run: name, samples: topic.rows(), assumed });
+            }
+        }
+        let findings = by_records(&records, options);
+        let found = Examination { findings, ..Examination::default() };
+        Ok((records, DoctorDocument::of(None, told, &found)))
+    }
+
+    /// The repairs as a map.
+    fn map<'a>(&self, records: &[Record], repairs: impl Iterator<Item = &'a Repair>) -> String {
+        let before = self.records.selection.map();
+        let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
+        format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())
+    }
+}
+
+/// What records say by themselves.
+fn by_records(records: &[Record], options: &AloneOptions) -> Vec<Finding> {
+    let alone = records.iter().flat_map(|record| examine_alone(record, options));
+    let mut findings: Vec<Finding> = alone.collect();
+    findings.extend(examine_repeats(records));
+    fdm_doctor::sort(&mut findings);
+    findings
+}

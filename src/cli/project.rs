@@ -1,0 +1,241 @@
+//! The project file `fdm.toml`: what a command would be told again and again (model, records, map, options). It is looked for in the working
+//! directory and in those above it; what is typed goes before it.
+
+use crate::failure::{Failure, did_you_mean, remark};
+use clap::parser::ValueSource;
+use clap::{Arg, ArgMatches, Command};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// The name of the file.
+pub(crate) const NAME: &str = "fdm.toml";
+/// The option that leaves it aside.
+const ASIDE: &str = "--no-project";
+
+/// What the file holds; paths are relative to its folder.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Project {
+    /// The model.
+    model: Option<PathBuf>,
+    /// Records that are fitted, or patterns.
+    #[serde(default)]
+    data: Several,
+    /// Records that are predicted, or patterns.
+    #[serde(default)]
+    validation: Several,
+    /// A table of runs, in the place of both.
+    runs: Option<PathBuf>,
+    /// A map of channels: a file, or the name of one that comes with the program.
+    map: Option<String>,
+    /// Options by their long names, for all commands that have them; in a table of a command's name, for that alone.
+    #[serde(default)]
+    options: BTreeMap<String, toml::Value>,
+}
+
+/// One text, or several.
+#[derive(Debug, Default, Deserialize)]
+#[serde(untagged)]
+enum Several {
+    #[default]
+    None,
+    One(String),
+    Many(Vec<String>),
+}
+
+impl Several {
+    fn list(&self) -> &[String] {
+        match self {
+            Self::None => &[],
+            Self::One(one) => std::slice::from_ref(one),
+            Self::Many(many) => many,
+        }
+    }
+}
+
+/// The words of a command line with what the project file adds to them.
+pub(crate) fn completed(mut words: Vec<OsString>, command: &Command) -> Result<Vec<OsString>, Failure> {
+    let aside = words.iter().any(|w| w == ASIDE);
+    words.retain(|w| w != ASIDE);
+    if aside {
+        return Ok(words);
+    }
+    let lenient = command.clone().ignore_errors(true).try_get_matches_from(&words);
+    let Some((verb, typed)) = lenient.as_ref().ok().and_then(ArgMatches::subcommand) else { return Ok(words) };
+    let Some(of_verb) = command.find_subcommand(verb) else { return Ok(words) };
+    let takes = |id: &str| of_verb.get_arguments().any(|a| a.get_id() == id);
+    if !takes("data") && !takes("model") {
+        return Ok(words);
+    }
+    let Some((up, text)) = found() else { return Ok(words) };
+    let file = up.join(NAME);
+    let project: Project = toml::from_str(&text)
+        .map_err(|e| Failure::input([format!("{}: {}", file.display(), e.to_string().trim_end())]))?;
+    let asked = Asked { project: &project, up: &up, verb: of_verb, typed };
+    let (in_front, behind) = (asked.model(), asked.records().into_iter().chain(asked.options(command, &file)?));
+    let added: Vec<String> = in_front.iter().cloned().chain(behind).collect();
+    if !added.is_empty() {
+        remark(format_args!("note: {} adds {}", file.display(), added.join(" ")));
+        let at = words.iter().position(|w| *w == *verb).map_or(words.len(), |k| k + 1);
+        let (front, back) = added.split_at(in_front.len());
+        words.splice(at..at, front.iter().map(OsString::from));
+        words.extend(back.iter().map(OsString::from));
+    }
+    Ok(words)
+}
+
+/// The way up to the folder of the file, and its text.
+fn found() -> Option<(PathBuf, String)> {
+    let here = std::env::current_dir().ok()?;
+    let mut up = PathBuf::new();
+    for folder in here.ancestors() {
+        match std::fs::read_to_string(folder.join(NAME)) {
+            Ok(text) => return Some((up, text)),
+            Err(_) => up.push(".."),
+        }
+    }
+    None
+}
+
+/// A command that a project file is to complete.
+struct Asked<'a> {
+    project: &'a Project,
+    up: &'a Path,
+    verb: &'a Command,
+    typed: &'a ArgMatches,
+}
+
+impl Asked<'_> {
+    fn argument(&self, id: &str) -> Option<&Arg> {
+        self.verb.get_arguments().find(|a| a.get_id() == id)
+    }
+
+    fn is_typed(&self, id: &str) -> bool {
+        self.argument(id).is_some() && self.typed.value_source(id) == Some(ValueSource::CommandLine)
+    }
+
+    fn at(&self, path: impl AsRef<Path>) -> String {
+        self.up.join(path).display().to_string()
+    }
+
+    /// The model, where the command takes one and none is typed.
+    fn model(&self) -> Vec<String> {
+        let wanted = self.argument("model").is_some_and(Arg::is_positional)
+            && !["model", "from_result", "between"].iter().any(|id| self.is_typed(id));
+        self.project.model.iter().filter(|_| wanted).map(|m| self.at(m)).collect()
+    }
+
+    fn records(&self) -> Vec<String> {
+        let project = self.project;
+        let takes = |id: &str| self.argument(id).is_some();
+        let mut added = Vec::new();
+        // a result knows its own records; what is validated or compared is not among them
+        let predicts = ["validate", "compare"].contains(&self.verb.get_name());
+        let of_result = self.is_typed("from_result") && !predicts;
+        let table = self.argument("runs").is_some_and(|a| a.get_long() == Some("runs") && !a.is_required_set())
+            && takes("salvage")
+            && self.verb.get_name() != "design";
+        let named = self.is_typed("data") || table && self.is_typed("runs") || of_result;
+        if takes("data") && !named {
+            let list =
+                if predicts && !project.validation.list().is_empty() { &project.validation } else { &project.data };
+            if let (Some(runs), true) = (&project.runs, table) {
+                added.extend(["--runs".to_string(), self.at(runs)]);
+            } else if self.verb.get_name() != "compare" || !project.validation.list().is_empty() {
+                added.extend(list.list().iter().map(|file| format!("--data={}", self.at(file))));
+            }
+        }
+        let fit_in_time = self.verb.get_name() == "fit" && self.of("domain").as_deref() != Some("frequency");
+        if takes("validation")
+            && !self.is_typed("validation")
+            && !self.is_typed("data")
+            && !fit_in_time
+            && project.runs.is_none()
+        {
+            added.extend(project.validation.list().iter().map(|file| format!("--validation={}", self.at(file))));
+        }
+        if let Some(map) = project
+            .map
+            .as_ref()
+            .filter(|_| takes("map_file") && !self.is_typed("map_file") && (!added.is_empty() || self.is_typed("data")))
+        {
+            let beside = self.at(map);
+            added.push(format!("--map-file={}", if Path::new(&beside).exists() { &beside } else { map }));
+        }
+        added
+    }
+
+    /// The value of an option, typed or of the project.
+    fn of(&self, id: &str) -> Option<String> {
+        if self.is_typed(id) {
+            return self.typed.get_raw(id)?.next().map(|v| v.to_string_lossy().into_owned());
+        }
+        let own = self.project.options.get(self.verb.get_name()).and_then(|t| t.get(id));
+        own.or_else(|| self.project.options.get(id)).and_then(toml::Value::as_str).map(String::from)
+    }
+
+    fn options(&self, command: &Command, file: &Path) -> Result<Vec<String>, Failure> {
+        let (mut added, mut wrong) = (Vec::new(), Vec::new());
+        let long = |c: &Command, name: &str| {
+            c.get_arguments().find(|a| a.get_long() == Some(name)).map(|a| a.get_id().to_string())
+        };
+        let mut own: BTreeMap<&str, &toml::Value> = BTreeMap::new();
+        for (name, value) in &self.project.options {
+            if let toml::Value::Table(table) = value {
+                let Some(verb) = command.find_subcommand(name) else {
+                    let hint = did_you_mean(name, command.get_subcommands().map(Command::get_name));
+                    wrong.push(format!("{}: options.{name}: there is no such command{hint}", file.display()));
+                    continue;
+                };
+                for (name, value) in table {
+                    if long(verb, name).is_none() {
+                        let known = verb.get_arguments().filter_map(Arg::get_long);
+                        let (hint, of) = (did_you_mean(name, known), verb.get_name());
+                        wrong.push(format!(
+                            "{}: options.{of}.{name}: `fdm {of}` has no option --{name}{hint}",
+                            file.display()
+                        ));
+                    } else if verb.get_name() == self.verb.get_name() {
+                        own.insert(name, value);
+                    }
+                }
+                continue;
+            }
+            if !command.get_subcommands().any(|c| long(c, name).is_some()) {
+                let known: Vec<&str> =
+                    command.get_subcommands().flat_map(|c| c.get_arguments().filter_map(Arg::get_long)).collect();
+                let hint = did_you_mean(name, known.iter().copied());
+                wrong.push(format!("{}: options.{name}: no command has an option --{name}{hint}", file.display()));
+            } else if long(self.verb, name).is_some() {
+                own.entry(name).or_insert(value);
+            }
+        }
+        for (name, value) in own {
+            if long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
+                continue;
+            }
+            match value {
+                toml::Value::Boolean(true) => added.push(format!("--{name}")),
+                toml::Value::Boolean(false) => {}
+                toml::Value::Array(list) => added.extend(list.iter().map(|v| format!("--{name}={}", plain(v)))),
+                one => added.push(format!("--{name}={}", plain(one))),
+            }
+        }
+        if wrong.is_empty() { Ok(added) } else { Err(Failure::Input(wrong)) }
+    }
+}
+
+/// A value as it is typed.
+fn plain(value: &toml::Value) -> String {
+    match value {
+        toml::Value::String(text) => text.clone(),
+        toml::Value::Integer(number) => number.to_string(),
+        toml::Value::Float(number) => number.to_string(),
+        toml::Value::Boolean(truth) => truth.to_string(),
+        toml::Value::Datetime(stamp) => stamp.to_string(),
+        toml::Value::Array(list) => list.iter().map(plain).collect::<Vec<_>>().join(","),
+        toml::Value::Table(_) => String::new(),
+    }
+}

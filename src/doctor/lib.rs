@@ -1,0 +1,29 @@
+//! Faults of a record, judged before it is believed: **in** samples of channels ([`Record`]) and, where there is one, a model with its runs;
+//! **out** [`Finding`]s: channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
+//!
+//! **Never** changes a record, reads files or prints. **Start** at [`examine_alone`] (one pass over the samples: `time`, `values`,
+//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model: `hypothesis`, `likelihood`, `beside`).
+
+mod alone;
+mod beside;
+mod biases;
+mod finding;
+mod hypothesis;
+mod kinematics;
+mod likelihood;
+mod record;
+mod repair;
+mod repeats;
+mod runs_of_values;
+mod tail;
+#[cfg(test)]
+mod tests;
+mod time;
+mod values;
+
+pub use alone::{AloneOptions, examine_alone, leading};
+pub use beside::{BesideOptions, Examination, examine_beside};
+pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
+pub use record::{Channel, Record, Role};
+pub use repair::{Change, Repair, repaired_map};
+pub use repeats::examine_repeats;

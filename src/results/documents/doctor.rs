@@ -1,0 +1,67 @@
+//! What was found in records, and what was assumed about them.
+
+use fdm_doctor::{Examination, Finding, Severity};
+use serde::{Deserialize, Serialize};
+
+/// A record that was read, with what was assumed about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RecordDocument {
+    /// The run.
+    pub run: String,
+    /// Samples that are used.
+    pub samples: usize,
+    /// Units, delimiters, bridged gaps, repeated rows, converted times: one sentence each.
+    pub assumed: Vec<String>,
+}
+
+/// What a result says of the records that it was made from: what was assumed, and what the quick tests of the doctor found.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct JudgedRecords {
+    /// The records about which something was assumed.
+    pub assumed: Vec<RecordDocument>,
+    /// Findings and remarks, in their order.
+    pub findings: Vec<Finding>,
+}
+
+impl JudgedRecords {
+    /// None where nothing was assumed or found.
+    pub fn said(self) -> Option<Self> {
+        (!self.assumed.is_empty() || !self.findings.is_empty()).then_some(self)
+    }
+
+    /// What should be known before the numbers are used, each in a sentence.
+    pub fn warnings(&self) -> impl Iterator<Item = String> {
+        let findings = self.findings.iter().filter(|f| f.severity == Severity::Finding);
+        findings.map(|f| {
+            format!("record `{}`: `{}`: {}: {} ({})", f.run, f.channels.join("`, `"), f.fault, f.what, f.odds())
+        })
+    }
+}
+
+/// The result of `fdm doctor`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct DoctorDocument {
+    /// The model's name; null where the records were judged by themselves.
+    pub model: Option<String>,
+    /// The records.
+    pub records: Vec<RecordDocument>,
+    /// Findings and remarks, findings first, the surest first.
+    pub findings: Vec<Finding>,
+    /// Fits that were made.
+    pub fits: usize,
+    /// What could not be looked at, and why.
+    pub notes: Vec<String>,
+}
+
+impl DoctorDocument {
+    /// Of records that were judged, beside a model of this name if there is one.
+    pub fn of(model: Option<&str>, records: Vec<RecordDocument>, found: &Examination) -> Self {
+        let (findings, notes) = (found.findings.clone(), found.notes.clone());
+        Self { model: model.map(String::from), records, findings, fits: found.fits, notes }
+    }
+
+    /// Whether anything but remarks was found.
+    pub fn is_clean(&self) -> bool {
+        self.findings.iter().all(|f| f.severity == Severity::Remark)
+    }
+}

@@ -1,0 +1,99 @@
+//! Everything that was assumed about a record, in a form that results keep: delimiter and decimal mark, units, rows that were dropped or used once,
+//! bridged gaps, converted times.
+
+use super::note::Note;
+use super::read::{ChannelSource, Summary};
+use super::table::Mark;
+use serde::{Deserialize, Serialize};
+
+/// What was assumed about the record of one run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Assumptions {
+    /// Name of the run.
+    pub run: String,
+    /// The format, as people call it.
+    pub format: String,
+    /// What separates the cells of a text; none in other formats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delimiter: Option<String>,
+    /// The decimal mark of a text.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decimal: Option<String>,
+    /// Rows of the file.
+    pub rows: usize,
+    /// Rows that became samples.
+    pub used: usize,
+    /// Where each channel came from.
+    pub channels: Vec<AssumedChannel>,
+    /// What was assumed, done or left out, in words.
+    pub notes: Vec<AssumedNote>,
+}
+
+/// Where a channel came from, and how its numbers became the model's.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct AssumedChannel {
+    /// Its name in the model; `t` for the time.
+    pub channel: String,
+    /// Title of the column; none for what the file does not hold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub column: Option<String>,
+    /// Unit of the column, as far as it is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// The model's value is `scale*value + offset`.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// Whether the model's value is the natural logarithm of that.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub logarithm: bool,
+    /// Samples without a value.
+    pub gaps: usize,
+}
+
+/// One thing that was assumed, done or left out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct AssumedNote {
+    /// `unit`, `not_measured`, `constant`, `repeated`, `open_end`, `bridged`, `taken`, `clock`, `pause`, `masked` or `unwrapped`.
+    pub kind: String,
+    /// The channel that it is about.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<String>,
+    /// In words.
+    pub said: String,
+}
+
+impl Assumptions {
+    /// Of the run of this name, by what was found in its file.
+    pub fn of(run: &str, summary: &Summary) -> Self {
+        let text = summary.format == "text";
+        let decimal = match summary.dialect.decimal {
+            Mark::Point => ".",
+            Mark::Comma => ",",
+        };
+        let channel = |s: &ChannelSource| AssumedChannel {
+            channel: s.channel.clone(),
+            column: s.column.clone(),
+            unit: s.unit.clone(),
+            scale: s.scale,
+            offset: s.offset,
+            logarithm: s.logarithm,
+            gaps: s.gaps,
+        };
+        let note = |n: &Note| AssumedNote {
+            kind: n.kind().into(),
+            channel: n.channel().map(String::from),
+            said: n.to_string(),
+        };
+        Self {
+            run: run.into(),
+            format: summary.format.into(),
+            delimiter: text.then(|| summary.dialect.delimiter.to_string()),
+            decimal: text.then(|| decimal.to_string()),
+            rows: summary.rows,
+            used: summary.used,
+            channels: summary.sources.iter().map(channel).collect(),
+            notes: summary.notes.iter().map(note).collect(),
+        }
+    }
+}
