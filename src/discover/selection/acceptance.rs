@@ -15,6 +15,7 @@ use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
 use fdm_estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
+use fdm_grammar::model::Origin;
 use fdm_grammar::syntax::Class;
 use fdm_system::linear::{LinearModel, Modes, Values};
 use fdm_system::model::Model;
@@ -59,11 +60,21 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     {
         return Some(format!("on the validation runs it loses {:.1} in log-likelihood", -gain));
     }
-    if let Some(frequency) = repeated(step, candidate) {
-        return Some(format!(
-            "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
-             stands for damping or stiffness that changes with the amplitude"
-        ));
+    match repeated(step, candidate) {
+        Some(Repeated::Mode(frequency)) => {
+            return Some(format!(
+                "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
+                 stands for damping or stiffness that changes with the amplitude"
+            ));
+        }
+        Some(Repeated::Lag) => {
+            return Some(
+                "nothing drives the oscillation, so that a lag is no more than another beginning of it: it stands for damping or \
+                 stiffness that changes with the amplitude"
+                    .into(),
+            );
+        }
+        None => (),
     }
     (candidate.gain < SIZE).then(|| {
         format!("it gains {:.1} on the training runs, below the gain of two standard errors ({SIZE})", candidate.gain)
@@ -218,15 +229,34 @@ fn of(place: &EffectAt) -> String {
 /// Ratio of frequencies below which two oscillations are one.
 const NEAR: f64 = 1.5;
 
-/// The frequency of an oscillation that a candidate model adds beside one of the model's own, where nothing but the motion itself
-/// drives it; none where there is none, or where the models cannot be linearised.
-pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<f64> {
+/// What a candidate model says once more of a free motion.
+pub(super) enum Repeated {
+    /// An oscillation near one of the model's own, by its frequency.
+    Mode(f64),
+    /// No oscillation: a lag.
+    Lag,
+}
+
+/// What a candidate model adds to an oscillation that nothing but the motion itself drives; none where that can be told from it, or where the
+/// models cannot be linearised.
+///
+/// A linear element behind a free oscillation changes its amplitude and phase, as initial values do; of a single output nothing tells them
+/// apart, but for a transient that is as short as the lag.
+pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<Repeated> {
     let grows = candidate.model.layout().states > step.current.model.layout().states;
     if !grows || step.runs.train().iter().any(is_driven) {
         return None;
     }
     let own = frequencies(&step.current.model, step.current.theta.first()?)?;
     let mut others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
+    if !own.is_empty()
+        && others.len() <= own.len()
+        && candidate.class != Class::Mechanism
+        && step.current.outputs() == 1
+        && begins(&step.current.model) >= 2 * own.len()
+    {
+        return Some(Repeated::Lag);
+    }
     for frequency in &own {
         // each of the model's own oscillations is the nearest of the extended model's
         let distance = |f: &f64| (f / frequency).ln().abs();
@@ -234,7 +264,12 @@ pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Op
         others.swap_remove(nearest);
     }
     let near = |f: &f64| own.iter().any(|o| (f / o).ln().abs() < NEAR.ln());
-    others.into_iter().find(near)
+    others.into_iter().find(near).map(Repeated::Mode)
+}
+
+/// How many initial values are estimated.
+fn begins(model: &Model) -> usize {
+    model.definition().params.iter().filter(|p| !p.fixed && matches!(p.origin, Origin::FreeInitial(_))).count()
 }
 
 /// Whether an input moves.

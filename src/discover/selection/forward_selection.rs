@@ -10,7 +10,7 @@ use super::extended_model::{SignalScales, place, written};
 use super::feedback::feedback;
 use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
 use super::forward_step::ForwardStep;
-use super::front::FrontProblem;
+use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
@@ -20,7 +20,7 @@ use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
-use fdm_grammar::effect::{Candidate, Catalogue, Subject};
+use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -97,36 +97,17 @@ pub fn diagnose_while(
     progress("fitting the base model");
     let own = names(model);
     let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
-    let from = |first: FittedModel, classes: Option<Class>| {
-        let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
-        let own = own.clone();
-        ForwardSelection { runs, catalogue, options, progress, goes_on, classes, own, accepted, rejected, steps }
-            .run(first)
+    let from = |first: FittedModel| {
+        let shared = Shared { runs, catalogue, options, progress, goes_on, own: &own };
+        ForwardSelection::new(&shared, None).run(first)
     };
     let likeliest = firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
-    let (mut found, reached) = from(likeliest.clone(), None)?;
-    if let Some(reached) = reached.filter(|r| r.is_mixed() && goes_on()) {
-        // a lag or a stand-in beside mechanisms may have taken the place of another mechanism
-        progress("searching among mechanisms alone");
-        if let Ok((mut other, Some(mechanisms))) = from(likeliest, Some(Class::Mechanism))
-            && !other.stopped
-            && other.verdict == Verdict::EffectFound
-            && (predicts_as_well(&other, &found) || mechanisms.is_likelier(&reached, runs))
-        {
-            other.notes.push(
-                "the effects are those of a search among mechanisms alone, whose model predicts as well as that of all effects or is likelier"
-                    .into(),
-            );
-            other.left_out = std::mem::take(&mut found.left_out);
-            found = other;
-        }
-    }
+    let mut found = from(likeliest)?;
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
         for first in firsts.take_while(|_| goes_on()) {
             progress("no candidate could be accepted there: restarting from the next-best local minimum");
-            if let Some((other, _)) = from(first, None).ok().filter(|(other, _)| other.verdict == Verdict::EffectFound)
-            {
+            if let Some(other) = from(first).ok().filter(|other| other.verdict == Verdict::EffectFound) {
                 found = other;
                 break;
             }
@@ -136,57 +117,48 @@ pub fn diagnose_while(
     Ok(found)
 }
 
-pub(super) struct ForwardSelection<'a> {
-    pub(super) runs: Runs<'a>,
+/// What all searches of a diagnosis have in common.
+#[derive(Clone, Copy)]
+struct Shared<'a> {
+    runs: Runs<'a>,
     catalogue: &'a Catalogue,
+    options: &'a DiagnosisOptions,
+    progress: &'a Progress<'a>,
+    goes_on: &'a GoesOn<'a>,
+    /// Everything that the user gave a name.
+    own: &'a BTreeSet<String>,
+}
+
+pub(super) struct ForwardSelection<'a> {
+    shared: Shared<'a>,
+    pub(super) runs: Runs<'a>,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) progress: &'a Progress<'a>,
     pub(super) goes_on: &'a GoesOn<'a>,
     /// The only class of effects that is searched; all where there is none.
     classes: Option<Class>,
-    /// Everything that the user gave a name.
-    own: BTreeSet<String>,
     pub(super) accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     steps: Vec<SelectionStep>,
+    /// Where a search among mechanisms would go on: at the first effect that is none.
+    fork: Option<Box<Fork<'a>>>,
 }
 
-/// The model that a search recommends, and the noise that it is judged by.
-struct Reached {
+/// A search, and the model that it has come to.
+struct Fork<'a> {
+    search: ForwardSelection<'a>,
     current: Arc<FittedModel>,
-    noise: CommonNoise,
-    /// What its effects cost.
-    penalty: f64,
-    classes: Vec<Class>,
 }
 
-impl Reached {
-    /// Whether it has several effects, not all of them mechanisms.
-    fn is_mixed(&self) -> bool {
-        self.classes.len() > 1 && self.classes.iter().any(|class| *class != Class::Mechanism)
-    }
-
-    /// Whether it is likelier than another one, by the noise of both, with the penalties of all effects.
-    fn is_likelier(&self, other: &Self, runs: Runs<'_>) -> bool {
-        let total = |model: &Self| -> f64 {
-            let by =
-                |noise: &CommonNoise| split_fit(&model.current, runs, noise).map_or(f64::INFINITY, |fit| fit.cost());
-            by(&self.noise) + by(&other.noise) + 2.0 * model.penalty
-        };
-        total(self) < total(other)
-    }
-}
-
-/// Whether the recommended model of one search predicts no worse than that of another: validation runs, or parts that were not fitted.
-fn predicts_as_well(one: &Diagnosis, other: &Diagnosis) -> bool {
-    let error = |found: &Diagnosis| {
-        let recommended = found.front.iter().find(|model| model.recommended)?;
-        recommended.error_validation.or(recommended.error_cross_validated)
-    };
-    error(one).zip(error(other)).is_some_and(|(one, other)| one <= other)
+/// Where a search has got to.
+struct Reached {
+    first: Arc<FittedModel>,
+    current: Arc<FittedModel>,
+    end: End,
 }
 
 /// What is known when the search ends.
+#[derive(Clone)]
 struct End {
     family_wise: f64,
     left_out: Vec<LeftOut>,
@@ -205,11 +177,54 @@ impl End {
 }
 
 impl<'a> ForwardSelection<'a> {
-    fn run(mut self, first: FittedModel) -> Result<(Diagnosis, Option<Reached>), DiagnosisError> {
-        let mut first = Arc::new(first);
-        let mut current = Arc::clone(&first);
+    fn new(shared: &Shared<'a>, classes: Option<Class>) -> Self {
+        let Shared { runs, options, progress, goes_on, .. } = *shared;
+        let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
+        Self { shared: *shared, runs, options, progress, goes_on, classes, accepted, rejected, steps, fork: None }
+    }
+
+    /// Searches from the base model on, and again among mechanisms from where the first effect was taken that is none, if such are left in the
+    /// end: a lag or a stand-in may have taken the place of a mechanism, or of several.
+    fn run(mut self, first: FittedModel) -> Result<Diagnosis, DiagnosisError> {
+        let first = Arc::new(first);
+        let mut reached = self.search((Arc::clone(&first), first), None)?;
+        let noise = reached.end.noise.clone();
+        if !self.accepted.is_empty() {
+            (self.progress)("fitting the extended model");
+            reached.current = self.settled(&reached, &noise)?;
+        }
+        let class = |class: Class| self.accepted.iter().any(|a| a.candidate.effect().class() == class);
+        let mixed = class(Class::StandIn) || (class(Class::Sensor) && class(Class::Mechanism));
+        let fork = self.fork.take().filter(|_| mixed && !reached.end.stopped && (self.goes_on)());
+        let other = fork.and_then(|fork| {
+            (self.progress)("searching among mechanisms alone");
+            let Fork { mut search, current } = *fork;
+            let start = (Arc::clone(&reached.first), current);
+            let mut mechanisms = search.search(start, Some(reached.end.clone())).ok()?;
+            mechanisms.current = search.settled(&mechanisms, &mechanisms.end.noise.clone()).ok()?;
+            (!search.accepted.is_empty() && !mechanisms.end.stopped).then_some((search, mechanisms))
+        });
+        self.conclude(reached, other)
+    }
+
+    /// The model that was reached without what its joint fit does not need.
+    fn settled(&mut self, reached: &Reached, noise: &CommonNoise) -> Result<Arc<FittedModel>, DiagnosisError> {
+        let (current, first) = (Arc::clone(&reached.current), &reached.first);
+        if self.accepted.is_empty() {
+            return Ok(current);
+        }
+        let (current, dropped) = eliminate(current, first, self.runs, noise, &mut self.accepted)?;
+        self.rejected.extend(dropped);
+        revise(current, first, self.runs, noise, &mut self.accepted)
+    }
+
+    /// Accepts one effect after the other, from the base model and one that holds what was accepted before.
+    fn search(
+        &mut self,
+        (mut first, mut current): (Arc<FittedModel>, Arc<FittedModel>),
+        mut end: Option<End>,
+    ) -> Result<Reached, DiagnosisError> {
         let mut moves = 0;
-        let mut end: Option<End> = None;
         loop {
             if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
                 last.stop();
@@ -304,7 +319,7 @@ impl<'a> ForwardSelection<'a> {
             }
         }
         let Some(end) = end else { return Err(DiagnosisError::NoPlaces) };
-        self.conclude(&first, current, end)
+        Ok(Reached { first, current, end })
     }
 
     /// A search for one more effect beside these.
@@ -346,7 +361,7 @@ impl<'a> ForwardSelection<'a> {
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
         let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
         let mut left_out = std::mem::take(&mut step.left_out);
-        left_out.extend(self.catalogue.places(&step.current.subject).crowded.iter().map(|c| LeftOut {
+        left_out.extend(self.shared.catalogue.places(&step.current.subject).crowded.iter().map(|c| LeftOut {
             place: EffectAt { effect: c.effect.clone(), targets: Vec::new() },
             reason: c.to_string(),
         }));
@@ -367,12 +382,12 @@ impl<'a> ForwardSelection<'a> {
 
     /// Candidates that attach to what the user wrote, and are not in the model yet.
     fn candidates(&self, current: &FittedModel) -> Vec<Candidate> {
-        let places = self.catalogue.places(&current.subject);
+        let places = self.shared.catalogue.places(&current.subject);
         let fresh = |c: &Candidate| {
             let own = place(c);
             let there = self.accepted.iter().any(|a| a.cause.place == own);
             let wanted = self.classes.is_none_or(|class| c.effect().class() == class);
-            wanted && !there && c.targets().iter().all(|t| self.own.contains(t))
+            wanted && !there && c.targets().iter().all(|t| self.shared.own.contains(t))
         };
         places.candidates.into_iter().filter(fresh).collect()
     }
@@ -394,6 +409,9 @@ impl<'a> ForwardSelection<'a> {
         }
         let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
         let k = next.candidate;
+        if self.classes.is_none() && self.fork.is_none() && comparison.models[k].class != Class::Mechanism {
+            self.fork = self.forked(step, comparison, scales, (next.mechanism, &fit, p)).ok().map(Box::new);
+        }
         let (candidate, cause) = (&comparison.models[k], cause(step, comparison, (k, p)));
         let grouped = |t: usize| {
             let own = place(&step.simulated[t].attached.candidate);
@@ -410,46 +428,83 @@ impl<'a> ForwardSelection<'a> {
         }
         let attached = &step.simulated[candidate.candidate].attached;
         (self.progress)(&format!("accepted {}", cause.place));
-        let least = candidate.score() - (APART * candidate.score()).max(BEHIND);
-        let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && fit.contains(o);
-        let near = comparison.models.iter().enumerate().filter(close).take(NEAR).map(|(_, c)| {
-            let other = &step.simulated[c.candidate].attached;
-            (other.candidate.clone(), written(other, &c.fitting.theta[0]))
-        });
-        self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near.collect()));
+        let near = near(step, comparison, k, &fit);
+        self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         Ok(Some(next))
     }
 
-    /// The last fits by one noise, and everything that is told of them.
+    /// The search among mechanisms from here on, with this one of the candidate models; without any where there is none.
+    fn forked(
+        &self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (mechanism, fit, p): (Option<usize>, &[usize], f64),
+    ) -> Result<Fork<'a>, DiagnosisError> {
+        let mut search = ForwardSelection::new(&self.shared, Some(Class::Mechanism));
+        search.accepted.clone_from(&self.accepted);
+        search.steps.clone_from(&self.steps);
+        search.rejected.clone_from(&self.rejected);
+        let mut current = Arc::clone(&step.current);
+        if let Some(k) = mechanism {
+            let candidate = &comparison.models[k];
+            let cause = cause(step, comparison, (k, p));
+            let attached = &step.simulated[candidate.candidate].attached;
+            current = Arc::new(self.with_candidate(step, candidate, scales)?);
+            if let Some(step) = search.steps.last_mut() {
+                step.accepted = Some(cause.place.clone());
+            }
+            let near = near(step, comparison, k, fit);
+            search.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
+        }
+        let mechanism = |(candidate, _): &(Candidate, Choice)| candidate.effect().class() == Class::Mechanism;
+        search.accepted.iter_mut().for_each(|a| a.near.retain(mechanism));
+        Ok(Fork { search, current })
+    }
+
+    /// The last fits by one noise, and everything that is told of them; also of another search that began where this one did.
     fn conclude(
         mut self,
-        first: &FittedModel,
-        grown: Arc<FittedModel>,
-        mut end: End,
-    ) -> Result<(Diagnosis, Option<Reached>), DiagnosisError> {
-        let noise = &end.noise.clone();
-        let before = split_fit(first, self.runs, noise)?;
-        let mut last = None;
-        if !self.accepted.is_empty() {
-            (self.progress)("fitting the extended model");
-            let (current, dropped) = eliminate(grown, first, self.runs, noise, &mut self.accepted)?;
-            self.rejected.extend(dropped);
-            last = Some(revise(current, first, self.runs, noise, &mut self.accepted)?);
+        reached: Reached,
+        other: Option<(ForwardSelection<'a>, Reached)>,
+    ) -> Result<Diagnosis, DiagnosisError> {
+        let Reached { first, current: grown, mut end } = reached;
+        let (mut other, reached) = other.unzip();
+        let split = |current: &Arc<FittedModel>, noise: &CommonNoise| split_fit(current, self.runs, noise);
+        if let (Some(search), Some(reached)) = (&other, &reached) {
+            // all by the noise of the likelier model, by both noises
+            let total = |current: &Arc<FittedModel>, accepted: &[Accepted]| -> f64 {
+                let by = |noise: &CommonNoise| split(current, noise).map_or(f64::INFINITY, |fit| fit.cost());
+                by(&end.noise) + by(&reached.end.noise) + 2.0 * accepted.iter().map(Accepted::penalty).sum::<f64>()
+            };
+            if total(&reached.current, &search.accepted) < total(&grown, &self.accepted) {
+                end.noise = reached.end.noise.clone();
+            }
         }
-        let mut after = match &last {
-            Some(current) => split_fit(current, self.runs, noise)?,
-            None => before.clone(),
-        };
+        let noise = &end.noise.clone();
+        let (first, before) = (&*first, split(&first, noise)?);
         let problem = FrontProblem { first, runs: self.runs, noise, options: self.options, goes_on: self.goes_on };
-        let (mut written, mut front, mut confirmed) = (None, Vec::new(), false);
-        if let Some(current) = last.take() {
+        let (mut last, mut after, mut written, mut front, mut confirmed) =
+            (None, before.clone(), None, Vec::new(), false);
+        if !self.accepted.is_empty() {
             (self.progress)("fitting the written models plainly");
-            let found = problem.front(std::mem::take(&mut self.accepted), current, after)?;
-            (front, after, confirmed) = (found.models, before.clone(), found.confirmed);
-            self.rejected.extend(found.rejected);
+            let path = |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
+                let split = split(&current, noise)?;
+                Ok(SearchPath { accepted: std::mem::take(accepted), current, split })
+            };
+            let mut paths = vec![path(&mut self.accepted, grown)?];
+            if let (Some(search), Some(reached)) = (&mut other, reached) {
+                paths.extend(path(&mut search.accepted, reached.current).ok());
+            }
+            let found = problem.front(paths)?;
+            (front, confirmed) = (found.models, found.confirmed);
             if let Some((level, text)) = found.recommended {
+                if let Some(search) = other.filter(|_| level.path > 0) {
+                    (self.steps, self.rejected) = (search.steps, search.rejected);
+                }
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
             }
+            self.rejected.extend(found.rejected);
             if written.is_some() && !(self.goes_on)() {
                 end.stop();
             }
@@ -493,12 +548,6 @@ impl<'a> ForwardSelection<'a> {
         }
         let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
         let found = !self.accepted.is_empty();
-        let reached = last.clone().map(|current| Reached {
-            current,
-            noise: noise.clone(),
-            penalty: self.accepted.iter().map(Accepted::penalty).sum(),
-            classes: self.accepted.iter().map(|a| a.candidate.effect().class()).collect(),
-        });
         let feedback = feedback(last.as_ref().map_or(first, |current| current), self.runs, &end.detectable);
         let diagnosis = Diagnosis {
             verdict,
@@ -525,7 +574,7 @@ impl<'a> ForwardSelection<'a> {
             notes: Vec::new(),
             spectral: first.spectral(),
         };
-        Ok((diagnosis, reached))
+        Ok(diagnosis)
     }
 
     /// Effect, disturbance, unknown cause or nothing.
@@ -552,6 +601,18 @@ impl<'a> ForwardSelection<'a> {
             self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
         }
     }
+}
+
+/// Candidate models (`fit`: those that nothing speaks against) that come near to one, with the values that were fitted.
+fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, fit: &[usize]) -> Vec<(Candidate, Choice)> {
+    let score = comparison.models[k].score();
+    let least = score - (APART * score).max(BEHIND);
+    let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && fit.contains(o);
+    let of = |(_, c): (usize, &CandidateModel)| {
+        let attached = &step.simulated[c.candidate].attached;
+        (attached.candidate.clone(), written(attached, &c.fitting.theta[0]))
+    };
+    comparison.models.iter().enumerate().filter(close).take(NEAR).map(of).collect()
 }
 
 /// Everything that the user gave a name.

@@ -38,6 +38,8 @@ pub(super) struct NextStep {
     /// The candidate model.
     pub(super) candidate: usize,
     pub(super) current: Arc<FittedModel>,
+    /// The candidate model with which mechanisms alone would go on; none where there is none.
+    pub(super) mechanism: Option<usize>,
 }
 
 /// What a set begins with.
@@ -79,23 +81,22 @@ impl ForwardSelection<'_> {
         // a stand-in must be better than the best pair of mechanisms
         let stand_in = comparison.models[best].class == Class::StandIn;
         let others = if stand_in { mechanisms(comparison) } else { alternatives(comparison, fit) };
-        let mut chosen = best;
+        let is_mechanism = |k: &usize| comparison.models[*k].class == Class::Mechanism;
+        let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
         if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
             (self.progress)(&format!("fitting sets of effects that begin with {} of them", others.len() + 1));
-            chosen = self.beginning(step, comparison, best, &others).unwrap_or(best);
+            let totals = self.totals(step, comparison, best, &others);
+            let least = totals.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
+            chosen = least.map_or(best, |(k, _)| k);
+            let among = totals.iter().filter(|(k, _)| is_mechanism(k));
+            mechanism = among.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k).or(mechanism);
         }
         let current = Arc::new(self.with_candidate(step, &comparison.models[chosen], scales)?);
-        Ok(Some(NextStep { candidate: chosen, current }))
+        Ok(Some(NextStep { candidate: chosen, current, mechanism }))
     }
 
-    /// What the likeliest set begins with; none where that is no better than the best effect.
-    fn beginning(
-        &self,
-        step: &ForwardStep<'_>,
-        comparison: &Comparison,
-        best: usize,
-        others: &[usize],
-    ) -> Option<usize> {
+    /// The cost of the likeliest set that begins with each of these, penalties included; the best first.
+    fn totals(&self, step: &ForwardStep<'_>, comparison: &Comparison, best: usize, others: &[usize]) -> Vec<(usize, f64)> {
         let sets = step.sets(comparison, best, others);
         let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, set)?));
         let totals: Vec<(usize, f64)> = sets.par_iter().filter_map(total).collect();
@@ -104,9 +105,7 @@ impl ForwardSelection<'_> {
             own.fitting.cost + own.validation.as_ref().map_or(0.0, |(_, v)| v.cost) + own.penalty()
         };
         let least = |k: usize| totals.iter().filter(|(m, _)| *m == k).map(|(_, t)| *t).fold(alone(k), f64::min);
-        let own = least(best);
-        let found = others.iter().map(|k| (*k, least(*k))).min_by(|a, b| a.1.total_cmp(&b.1))?;
-        (found.1 < own).then_some(found.0)
+        std::iter::once(&best).chain(others).map(|k| (*k, least(*k))).collect()
     }
 
     /// The cost of a set, fitted jointly by the noise of the comparison, with its penalties.
@@ -135,7 +134,7 @@ impl ForwardSelection<'_> {
     }
 
     /// The model with a candidate model in its text, fitted jointly.
-    fn with_candidate(
+    pub(super) fn with_candidate(
         &self,
         step: &ForwardStep<'_>,
         candidate: &CandidateModel,
