@@ -62,10 +62,7 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     }
     match repeated(step, candidate) {
         Some(Repeated::Mode(frequency)) => {
-            return Some(format!(
-                "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
-                 stands for damping or stiffness that changes with the amplitude"
-            ));
+            return Some(own_motion(frequency));
         }
         Some(Repeated::Lag) => {
             return Some(
@@ -229,6 +226,14 @@ fn of(place: &EffectAt) -> String {
 /// Ratio of frequencies below which two oscillations are one.
 const NEAR: f64 = 1.5;
 
+/// A mode that says nothing new, in a sentence.
+pub(super) fn own_motion(frequency: f64) -> String {
+    format!(
+        "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it stands for \
+         damping or stiffness that changes with the amplitude"
+    )
+}
+
 /// What a candidate model says once more of a free motion.
 pub(super) enum Repeated {
     /// An oscillation near one of the model's own, by its frequency.
@@ -248,7 +253,7 @@ pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Op
         return None;
     }
     let own = frequencies(&step.current.model, step.current.theta.first()?)?;
-    let mut others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
+    let others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
     if !own.is_empty()
         && others.len() <= own.len()
         && candidate.class != Class::Mechanism
@@ -257,14 +262,31 @@ pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Op
     {
         return Some(Repeated::Lag);
     }
-    for frequency in &own {
+    again(&own, others).map(Repeated::Mode)
+}
+
+/// The same of the modes that an extended model has in the end, by their frequency.
+pub(super) fn repeated_mode(
+    runs: &[Run],
+    (first, start): (&Model, &[f64]),
+    (extended, theta): (&Model, &[f64]),
+) -> Option<f64> {
+    if extended.layout().states <= first.layout().states || runs.iter().any(is_driven) {
+        return None;
+    }
+    again(&frequencies(first, start)?, frequencies(extended, theta)?)
+}
+
+/// Of the frequencies of an extended model one that is none of the model's own, and near to one.
+fn again(own: &[f64], mut others: Vec<f64>) -> Option<f64> {
+    for frequency in own {
         // each of the model's own oscillations is the nearest of the extended model's
         let distance = |f: &f64| (f / frequency).ln().abs();
         let nearest = (0..others.len()).min_by(|a, b| distance(&others[*a]).total_cmp(&distance(&others[*b])))?;
         others.swap_remove(nearest);
     }
     let near = |f: &f64| own.iter().any(|o| (f / o).ln().abs() < NEAR.ln());
-    others.into_iter().find(near).map(Repeated::Mode)
+    others.into_iter().find(near)
 }
 
 /// How many initial values are estimated.

@@ -24,6 +24,7 @@ use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -34,6 +35,9 @@ const MARGINAL: f64 = 0.01;
 const NEAR: usize = 5;
 const BEHIND: f64 = 15.0;
 const APART: f64 = 0.5;
+/// Mechanisms that are kept for the front beside the one that is taken in a step, and part of its score that they have.
+const MOST_ASIDE: usize = 2;
+const ASIDE: f64 = 0.5;
 /// Times that a search begins again where the model is likelier.
 const MOST_MOVES: usize = 3;
 /// So many of them where nothing can be accepted.
@@ -140,8 +144,16 @@ pub(super) struct ForwardSelection<'a> {
     pub(super) accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     steps: Vec<SelectionStep>,
+    /// Other models that might have been taken.
+    aside: Vec<Aside>,
     /// Where a search among mechanisms would go on: at the first effect that is none.
     fork: Option<Box<Fork<'a>>>,
+}
+
+/// A model that might have been taken in a step, as good as the one that was or nearly.
+struct Aside {
+    accepted: Vec<Accepted>,
+    current: Arc<FittedModel>,
 }
 
 /// A search, and the model that it has come to.
@@ -180,7 +192,20 @@ impl<'a> ForwardSelection<'a> {
     fn new(shared: &Shared<'a>, classes: Option<Class>) -> Self {
         let Shared { runs, options, progress, goes_on, .. } = *shared;
         let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
-        Self { shared: *shared, runs, options, progress, goes_on, classes, accepted, rejected, steps, fork: None }
+        let aside = Vec::new();
+        Self {
+            shared: *shared,
+            runs,
+            options,
+            progress,
+            goes_on,
+            classes,
+            accepted,
+            rejected,
+            steps,
+            aside,
+            fork: None,
+        }
     }
 
     /// Searches from the base model on, and again among mechanisms from where the first effect was taken that is none, if such are left in the
@@ -409,6 +434,7 @@ impl<'a> ForwardSelection<'a> {
         }
         let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
         let k = next.candidate;
+        self.set_aside(step, comparison, scales, (k, &fit, p));
         if self.classes.is_none() && self.fork.is_none() && comparison.models[k].class != Class::Mechanism {
             self.fork = self.forked(step, comparison, scales, (next.mechanism, &fit, p)).ok().map(Box::new);
         }
@@ -431,6 +457,29 @@ impl<'a> ForwardSelection<'a> {
         let near = near(step, comparison, k, &fit);
         self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         Ok(Some(next))
+    }
+
+    /// Keeps the best mechanisms that might be taken in the place of a candidate model, for the front.
+    fn set_aside(
+        &mut self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (chosen, fit, p): (usize, &[usize], f64),
+    ) {
+        let models = &comparison.models;
+        let near = |k: &&usize| {
+            let score = models[**k].score();
+            **k != chosen && models[**k].class == Class::Mechanism && score > ASIDE * models[chosen].score()
+        };
+        for k in fit.iter().filter(near).take(MOST_ASIDE) {
+            let attached = &step.simulated[models[*k].candidate].attached;
+            let Ok(current) = self.with_candidate(step, &models[*k], scales) else { continue };
+            let mut accepted = self.accepted.clone();
+            let cause = cause(step, comparison, (*k, p));
+            accepted.push(Accepted::new(attached, &models[*k].fitting, cause, Vec::new()));
+            self.aside.push(Aside { accepted, current: Arc::new(current) });
+        }
     }
 
     /// The search among mechanisms from here on, with this one of the candidate models; without any where there is none.
@@ -488,18 +537,27 @@ impl<'a> ForwardSelection<'a> {
             (None, before.clone(), None, Vec::new(), false);
         if !self.accepted.is_empty() {
             (self.progress)("fitting the written models plainly");
-            let path = |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
-                let split = split(&current, noise)?;
-                Ok(SearchPath { accepted: std::mem::take(accepted), current, split })
-            };
+            let path =
+                |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
+                    let split = split(&current, noise)?;
+                    Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
+                };
             let mut paths = vec![path(&mut self.accepted, grown)?];
             if let (Some(search), Some(reached)) = (&mut other, reached) {
                 paths.extend(path(&mut search.accepted, reached.current).ok());
             }
+            let asides = std::mem::take(&mut self.aside).into_par_iter();
+            let asides = asides.filter_map(|Aside { accepted, current }| {
+                let split = split(&current, noise).ok()?;
+                Some(SearchPath { accepted, current, split, aside: true })
+            });
+            let asides: Vec<SearchPath> = asides.collect();
+            let searches = paths.len();
+            paths.extend(asides);
             let found = problem.front(paths)?;
             (front, confirmed) = (found.models, found.confirmed);
             if let Some((level, text)) = found.recommended {
-                if let Some(search) = other.filter(|_| level.path > 0) {
+                if let Some(search) = other.filter(|_| (1..searches).contains(&level.path)) {
                     (self.steps, self.rejected) = (search.steps, search.rejected);
                 }
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));

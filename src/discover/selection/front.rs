@@ -14,7 +14,7 @@
 //! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
 //! than the best set of mechanisms.
 
-use super::acceptance::{at_bound, below_null};
+use super::acceptance::{at_bound, below_null, own_motion, repeated_mode};
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
@@ -59,17 +59,23 @@ pub(super) struct SearchPath {
     pub(super) current: Arc<FittedModel>,
     /// The joint fit of all its effects.
     pub(super) split: SplitFit,
+    /// Whether it is another model that a search might have taken, and no search went on from it.
+    pub(super) aside: bool,
 }
 
 /// A model of the front.
 pub(super) struct Level {
     /// The search that it comes from, by its place.
     pub(super) path: usize,
+    /// Whether no search went on from it.
+    aside: bool,
     pub(super) accepted: Vec<Accepted>,
     pub(super) current: Arc<FittedModel>,
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
+    /// The frequency of a mode of its effects that is the free motion of the model as it was given once more.
+    repeats: Option<f64>,
     /// What it predicts.
     predicted: Option<Predicted>,
 }
@@ -101,7 +107,7 @@ impl Level {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
                 let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
-                self.accepted.iter().find_map(of)
+                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(own_motion))
             }),
             Err(why) => Some(why.clone()),
         }
@@ -149,8 +155,16 @@ pub(super) struct Front {
 
 impl FrontProblem<'_> {
     fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
-        let mut level = Level { path, accepted, current, split, written: Err(String::new()), predicted: None };
+        let (aside, written) = (false, Err(String::new()));
+        let mut level = Level { path, aside, accepted, current, split, written, repeats: None, predicted: None };
         level.written = self.written(&level, Thoroughness::Near);
+        if level.has(Class::StandIn) {
+            level.repeats = repeated_mode(
+                self.runs.train(),
+                (&self.first.model, self.first.theta.first().map_or(&[], |theta| &theta[..])),
+                (&level.current.model, level.split.theta.first().map_or(&[], |theta| &theta[..])),
+            );
+        }
         level
     }
 
@@ -164,12 +178,17 @@ impl FrontProblem<'_> {
         let mut levels: Vec<Level> = Vec::new();
         for (k, path) in paths.into_iter().enumerate() {
             let mut next = Some(self.level(k, path.accepted, path.current, path.split));
+            next.iter_mut().for_each(|level| level.aside = path.aside);
             while let Some(level) = next {
                 if levels.iter().any(|l| l.places() == level.places()) {
                     // another search has come to the same effects
                     break;
                 }
-                next = if level.accepted.len() > 1 && (self.goes_on)() { self.smaller(&level) } else { None };
+                next = if level.accepted.len() > 1 && !level.aside && (self.goes_on)() {
+                    self.smaller(&level)
+                } else {
+                    None
+                };
                 levels.push(level);
             }
         }
@@ -195,7 +214,12 @@ impl FrontProblem<'_> {
         }
         let told_of = Some(&naive).filter(|n| !n.fitted).map(|n| &n.naive);
         let mut models = vec![self.described(None, false, told_of)];
-        let told = levels.iter().enumerate().rev();
+        let told = levels.iter().enumerate().rev().filter(|(k, level)| {
+            let error = |l: &Level| l.predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, &naive.naive));
+            // what no search went on from is told where it is the best of its size
+            let better = |other: &Level| !other.aside && other.size() == level.size() && error(other) <= error(level);
+            Some(*k) == chosen || !level.aside || (level.objection().is_none() && !levels.iter().any(better))
+        });
         models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, told_of)));
         let rejected = self.rejected(&levels, chosen, &naive.naive);
         let predicted = chosen.and_then(|k| levels[k].predicted.as_ref()).filter(|_| !naive.fitted);
@@ -264,9 +288,11 @@ impl FrontProblem<'_> {
 
     /// Which of them is recommended: they come with falling numbers of parameters.
     fn chosen(&self, levels: &[Level], naive: &Predicted) -> Option<usize> {
-        let any = self.chosen_of(levels, naive, |_| true)?;
+        let Some(any) = self.chosen_of(levels, naive, |level| !level.aside) else {
+            return self.chosen_of(levels, naive, |level| level.aside);
+        };
         let stands_in = |level: &Level| level.has(Class::StandIn);
-        let physical = |level: &Level| !stands_in(level);
+        let physical = |level: &Level| !stands_in(level) && !level.aside;
         let mechanisms = |level: &Level| physical(level) && !level.has(Class::Sensor);
         let mut chosen = any;
         if stands_in(&levels[any])
@@ -281,6 +307,16 @@ impl FrontProblem<'_> {
             && levels[other].total() < levels[chosen].total()
         {
             chosen = other;
+        }
+        // what a search passed over is a smaller model that predicts as well, or one that predicts clearly better
+        for k in (0..levels.len()).rev().filter(|k| levels[*k].aside && levels[*k].objection().is_none()) {
+            let (own, other) = (&levels[k], &levels[chosen]);
+            let (Some(a), Some(b)) = (&own.predicted, &other.predicted) else { continue };
+            let smaller = own.size() < other.size() && self.is_as_good(own, other, naive);
+            let clear = |gained: Advantage| gained.reduction > (CLEAR * gained.error).max(USELESS);
+            if smaller || (own.size() <= other.size() && self.advantage(a, b, naive).is_some_and(clear)) {
+                chosen = k;
+            }
         }
         Some(chosen)
     }

@@ -181,8 +181,7 @@ fn by_output_error(
         let spectra: Vec<LogSpectrum> = before.iter().map(|v| LogSpectrum::flat(*v)).collect();
         let noise = CommonNoise::new(&spectra, 0);
         let params = current.params().to_vec();
-        let mut posed =
-            FitProblem { params, dynamics: current.model.dynamics(), runs: own, predictors, noise: &noise };
+        let mut posed = FitProblem { params, dynamics: current.model.dynamics(), runs: own, predictors, noise: &noise };
         if some.start >= runs.train {
             posed = posed.validation();
         }
@@ -198,12 +197,7 @@ fn by_output_error(
 }
 
 /// Mean square of what a model leaves of each output; one where nothing is left or measured.
-fn variances(
-    current: &FittedModel,
-    runs: &[Run],
-    predictors: &[Predictor],
-    theta: &[Vec<f64>],
-) -> Option<Vec<f64>> {
+fn variances(current: &FittedModel, runs: &[Run], predictors: &[Predictor], theta: &[Vec<f64>]) -> Option<Vec<f64>> {
     let q = current.outputs();
     let answers = responses(&current.model, runs, predictors, theta)?;
     let mut sums = vec![(0.0, 0.0); q];

@@ -2,10 +2,11 @@
 //!
 //! A flexible effect that stands for several causes is the best one alone, and its partners never come in. So every effect that is no
 //! likeness of the best, and good enough, is a beginning. What its fit leaves is compared with the directions of all candidates beside its own
-//! (their Gram matrix): the best partners, alone and in pairs, are fitted jointly with it, and the likeliest set says which of its effects is
-//! accepted. Whatever is accepted beside it is searched anew.
+//! (their Gram matrix): the best partners, alone and in pairs, are fitted jointly with it. So are the best of all sets of two and three among the
+//! forty best directions. The likeliest set says which of its effects is accepted. Whatever is accepted beside it is searched anew.
 
-use super::candidate_model::CandidateModel;
+use super::best_subsets::{Columns, Subset};
+use super::candidate_model::{CandidateModel, Prediction};
 use super::comparison::Comparison;
 use super::directions::TrialPoint;
 use super::elimination::rebuilt;
@@ -19,6 +20,7 @@ use super::projection::{Projection, cosine, dot};
 use fdm_grammar::effect::{Candidate, Choice};
 use fdm_grammar::syntax::Class;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 /// Effects beside the best one that sets begin with.
@@ -30,6 +32,10 @@ const ALIKE: f64 = 0.97;
 /// Partners of a beginning that are fitted with it, and those among which the best two are looked for.
 const PARTNERS: usize = 2;
 const PAIRED: usize = 12;
+/// Distinct directions among which all sets are tried, cosine above which two are one of them, and sets of these that are fitted.
+const FORTY: usize = 40;
+const ONE: f64 = 0.98;
+const SETS: usize = 3;
 /// Part of its own energy that a direction must have beside others.
 const DISTINCT: f64 = 1e-3;
 
@@ -85,7 +91,7 @@ impl ForwardSelection<'_> {
         let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
         if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
             (self.progress)(&format!("fitting sets of effects that begin with {} of them", others.len() + 1));
-            let totals = self.totals(step, comparison, best, &others);
+            let totals = self.totals(step, comparison, fit, &others);
             let least = totals.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
             chosen = least.map_or(best, |(k, _)| k);
             let among = totals.iter().filter(|(k, _)| is_mechanism(k));
@@ -96,8 +102,14 @@ impl ForwardSelection<'_> {
     }
 
     /// The cost of the likeliest set that begins with each of these, penalties included; the best first.
-    fn totals(&self, step: &ForwardStep<'_>, comparison: &Comparison, best: usize, others: &[usize]) -> Vec<(usize, f64)> {
-        let sets = step.sets(comparison, best, others);
+    fn totals(
+        &self,
+        step: &ForwardStep<'_>,
+        comparison: &Comparison,
+        fit: &[usize],
+        others: &[usize],
+    ) -> Vec<(usize, f64)> {
+        let sets = step.sets(comparison, fit, others);
         let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, set)?));
         let totals: Vec<(usize, f64)> = sets.par_iter().filter_map(total).collect();
         let alone = |k: usize| {
@@ -105,7 +117,11 @@ impl ForwardSelection<'_> {
             own.fitting.cost + own.validation.as_ref().map_or(0.0, |(_, v)| v.cost) + own.penalty()
         };
         let least = |k: usize| totals.iter().filter(|(m, _)| *m == k).map(|(_, t)| *t).fold(alone(k), f64::min);
-        std::iter::once(&best).chain(others).map(|k| (*k, least(*k))).collect()
+        let mut begun: Vec<usize> = fit.first().into_iter().chain(others).copied().collect();
+        begun.extend(sets.iter().map(|set| set.model));
+        let mut seen = BTreeSet::new();
+        begun.retain(|k| seen.insert(*k));
+        begun.into_iter().map(|k| (k, least(k))).collect()
     }
 
     /// The cost of a set, fitted jointly by the noise of the comparison, with its penalties.
@@ -159,7 +175,7 @@ impl ForwardSelection<'_> {
 
 impl ForwardStep<'_> {
     /// The sets of two and three effects that are worth a fit, of these beginnings.
-    fn sets(&self, comparison: &Comparison, best: usize, others: &[usize]) -> Vec<EffectSet> {
+    fn sets(&self, comparison: &Comparison, fit: &[usize], others: &[usize]) -> Vec<EffectSet> {
         let (runs, q) = (self.runs.train(), self.current.outputs());
         let projection = Projection::new(&self.records, runs, &self.current.predictors, q, &comparison.noise);
         let beginning = |k: &usize| -> Option<Beginning<'_>> {
@@ -175,7 +191,7 @@ impl ForwardStep<'_> {
             Some(Beginning { model: *k, own, left, added })
         };
         let beginnings: Vec<Beginning<'_>> =
-            std::iter::once(&best).chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
+            fit.first().into_iter().chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
         let direction = |d: usize| -> Vec<f64> {
             let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
             projection.added(&parts).direction
@@ -185,7 +201,7 @@ impl ForwardStep<'_> {
             beginnings.iter().map(|b| self.partner(b, d, &own)).collect()
         };
         let all: Vec<Vec<Option<Partner>>> = (0..self.owner.len()).into_par_iter().map(scored).collect();
-        let mut sets = Vec::new();
+        let mut sets = self.exact_sets(comparison, fit, &projection);
         for (k, beginning) in beginnings.iter().enumerate() {
             let mut partners: Vec<Partner> = all.iter().filter_map(|own| own[k]).collect();
             partners.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.direction.cmp(&b.direction)));
@@ -204,6 +220,47 @@ impl ForwardStep<'_> {
             sets.extend(self.best_pair(beginning, &partners, direction).map(|partners| EffectSet { model, partners }));
         }
         sets
+    }
+
+    /// The best sets of two and three among the best directions, each beginning with the best of its effects that may be accepted.
+    fn exact_sets(&self, comparison: &Comparison, fit: &[usize], projection: &Projection) -> Vec<EffectSet> {
+        // the best direction of each candidate
+        let single = |t: usize| -> Option<(f64, Prediction)> {
+            let best = self.predictions(t, projection).into_iter().next()?;
+            Some((best.gain - self.penalty(t), best))
+        };
+        let all = (0..self.simulated.len()).into_par_iter();
+        let mut ranked: Vec<(usize, (f64, Prediction))> = all.filter_map(|t| Some((t, single(t)?))).collect();
+        ranked.sort_by(|a, b| b.1.0.total_cmp(&a.1.0).then(a.0.cmp(&b.0)));
+        let mut chosen: Vec<(usize, Prediction)> = Vec::new();
+        for (t, (_, prediction)) in ranked {
+            let direction = &prediction.added.direction;
+            let alike = |(_, o): &(usize, Prediction)| cosine(direction, &o.added.direction).abs() > ONE;
+            if chosen.len() < FORTY && dot(direction, direction) > 0.0 && !chosen.iter().any(alike) {
+                chosen.push((t, prediction));
+            }
+        }
+        let direction = |k: usize| -> &[f64] { &chosen[k].1.added.direction };
+        let m = chosen.len();
+        let row = |a: usize| -> Vec<f64> { (0..m).map(|b| dot(direction(a), direction(b))).collect() };
+        let gram: Vec<f64> = (0..m).into_par_iter().map(row).collect::<Vec<_>>().into_iter().flatten().collect();
+        let columns = Columns {
+            gram,
+            along: (0..m).map(|k| projection.along(direction(k))).collect(),
+            penalty: chosen.iter().map(|(t, _)| self.penalty(*t)).collect(),
+        };
+        let point = |k: usize| {
+            let (t, point) = self.owner[chosen[k].1.direction];
+            &self.simulated[t].points[point]
+        };
+        let best = columns.best_subsets(SETS, |k, amount| point(k).multiple(amount));
+        let begun = |subset: Subset| -> Option<EffectSet> {
+            let candidates: Vec<usize> = subset.members.iter().map(|(k, _)| chosen[*k].0).collect();
+            let model = *fit.iter().find(|o| candidates.contains(&comparison.models[**o].candidate))?;
+            let others = subset.members.iter().filter(|(k, _)| chosen[*k].0 != comparison.models[model].candidate);
+            Some(EffectSet { model, partners: others.map(|(k, amount)| (chosen[*k].1.direction, *amount)).collect() })
+        };
+        best.into_iter().filter_map(begun).collect()
     }
 
     /// A direction beside a beginning: what it predicts of what that leaves.

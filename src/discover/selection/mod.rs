@@ -11,6 +11,7 @@
 
 mod acceptance;
 mod assessment;
+mod best_subsets;
 mod candidate_model;
 mod comparison;
 mod directions;

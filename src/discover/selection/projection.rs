@@ -67,6 +67,11 @@ impl Projection {
         Projected { direction, compensation }
     }
 
+    /// The product of a projected direction with the residual.
+    pub(super) fn along(&self, direction: &[f64]) -> f64 {
+        dot(direction, &self.residual)
+    }
+
     /// Twice the gain that a projected direction predicts, and the multiple of it that does.
     pub(super) fn predicted_gain(&self, direction: &[f64], point: &TrialPoint) -> (f64, f64) {
         let (z, g) = (dot(direction, &self.residual), dot(direction, direction));
