@@ -1,25 +1,17 @@
 //! Which effect is named: scores, the group that cannot be told apart, and what makes an effect acceptable.
 //!
 //! The experiment that would tell two effects apart.
-//!
-//! Modes that repeat the motion that a model has anyway.
-//!
-//! In a free motion every signal has the motion's own frequency. A second oscillator there is no other degree of freedom: it
-//! bends the envelope and the phase of the first one, as damping and stiffness that change with the amplitude do.
 
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
 use super::extended_model::place;
 use super::forward_step::{ForwardStep, prior};
+use super::free_motion::repeated;
 use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
 use fdm_estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
-use fdm_grammar::model::Origin;
 use fdm_grammar::syntax::Class;
-use fdm_system::linear::{LinearModel, Modes, Values};
-use fdm_system::model::Model;
-use fdm_system::record::Run;
 
 /// Scores that differ by less cannot be told apart: odds of 100 : 1, as a cause is believed at a chance of 0.01.
 pub(super) const LEAD: f64 = 4.6;
@@ -60,18 +52,8 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     {
         return Some(format!("on the validation runs it loses {:.1} in log-likelihood", -gain));
     }
-    match repeated(step, candidate) {
-        Some(Repeated::Mode(frequency)) => {
-            return Some(own_motion(frequency));
-        }
-        Some(Repeated::Lag) => {
-            return Some(
-                "nothing drives the oscillation, so that a lag is no more than another beginning of it: it stands for damping or \
-                 stiffness that changes with the amplitude"
-                    .into(),
-            );
-        }
-        None => (),
+    if let Some(repeated) = repeated(step, candidate) {
+        return Some(repeated.sentence());
     }
     (candidate.gain < SIZE).then(|| {
         format!("it gains {:.1} on the training runs, below the gain of two standard errors ({SIZE})", candidate.gain)
@@ -221,94 +203,4 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
 
 fn of(place: &EffectAt) -> String {
     place.targets.join(", ")
-}
-
-/// Ratio of frequencies below which two oscillations are one.
-const NEAR: f64 = 1.5;
-
-/// A mode that says nothing new, in a sentence.
-pub(super) fn own_motion(frequency: f64) -> String {
-    format!(
-        "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it stands for \
-         damping or stiffness that changes with the amplitude"
-    )
-}
-
-/// What a candidate model says once more of a free motion.
-pub(super) enum Repeated {
-    /// An oscillation near one of the model's own, by its frequency.
-    Mode(f64),
-    /// No oscillation: a lag.
-    Lag,
-}
-
-/// What a candidate model adds to an oscillation that nothing but the motion itself drives; none where that can be told from it, or where the
-/// models cannot be linearised.
-///
-/// A linear element behind a free oscillation changes its amplitude and phase, as initial values do; of a single output nothing tells them
-/// apart, but for a transient that is as short as the lag.
-pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<Repeated> {
-    let grows = candidate.model.layout().states > step.current.model.layout().states;
-    if !grows || step.runs.train().iter().any(is_driven) {
-        return None;
-    }
-    let own = frequencies(&step.current.model, step.current.theta.first()?)?;
-    let others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
-    if !own.is_empty()
-        && others.len() <= own.len()
-        && candidate.class != Class::Mechanism
-        && step.current.outputs() == 1
-        && begins(&step.current.model) >= 2 * own.len()
-    {
-        return Some(Repeated::Lag);
-    }
-    again(&own, others).map(Repeated::Mode)
-}
-
-/// The same of the modes that an extended model has in the end, by their frequency.
-pub(super) fn repeated_mode(
-    runs: &[Run],
-    (first, start): (&Model, &[f64]),
-    (extended, theta): (&Model, &[f64]),
-) -> Option<f64> {
-    if extended.layout().states <= first.layout().states || runs.iter().any(is_driven) {
-        return None;
-    }
-    again(&frequencies(first, start)?, frequencies(extended, theta)?)
-}
-
-/// Of the frequencies of an extended model one that is none of the model's own, and near to one.
-fn again(own: &[f64], mut others: Vec<f64>) -> Option<f64> {
-    for frequency in own {
-        // each of the model's own oscillations is the nearest of the extended model's
-        let distance = |f: &f64| (f / frequency).ln().abs();
-        let nearest = (0..others.len()).min_by(|a, b| distance(&others[*a]).total_cmp(&distance(&others[*b])))?;
-        others.swap_remove(nearest);
-    }
-    let near = |f: &f64| own.iter().any(|o| (f / o).ln().abs() < NEAR.ln());
-    others.into_iter().find(near)
-}
-
-/// How many initial values are estimated.
-fn begins(model: &Model) -> usize {
-    model.definition().params.iter().filter(|p| !p.fixed && matches!(p.origin, Origin::FreeInitial(_))).count()
-}
-
-/// Whether an input moves.
-fn is_driven(run: &Run) -> bool {
-    let m = run.held.len();
-    run.inputs.chunks_exact(m.max(1)).any(|row| row != &run.inputs[..m])
-}
-
-/// Frequencies of the oscillations at the trim, in rad per unit of time, with the values of a fit.
-fn frequencies(model: &Model, theta: &[f64]) -> Option<Vec<f64>> {
-    let mut params = model.definition().params.clone();
-    // what belongs to a run is where it began, not the trim
-    params.iter_mut().zip(theta).filter(|(p, _)| !p.per_run).for_each(|(p, value)| p.value = *value);
-    let model = model.with_params(params);
-    let mut linear = LinearModel::new(&model).ok()?;
-    let mut values = Values::default();
-    linear.evaluate(&model.definition().start(), &mut values).ok()?;
-    let modes = Modes::new(linear.structure(), &values).ok()?;
-    Some(modes.modes.iter().map(|m| m.s.im).filter(|w| *w > 0.0).collect())
 }

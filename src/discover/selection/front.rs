@@ -14,10 +14,11 @@
 //! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
 //! than the best set of mechanisms.
 
-use super::acceptance::{at_bound, below_null, own_motion, repeated_mode};
+use super::acceptance::{at_bound, below_null};
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
+use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
@@ -74,8 +75,8 @@ pub(super) struct Level {
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
-    /// The frequency of a mode of its effects that is the free motion of the model as it was given once more.
-    repeats: Option<f64>,
+    /// What a stand-in among its effects says once more of the free motion of the model as it was given.
+    repeats: Option<Repeated>,
     /// What it predicts.
     predicted: Option<Predicted>,
 }
@@ -107,7 +108,7 @@ impl Level {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
                 let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
-                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(own_motion))
+                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence))
             }),
             Err(why) => Some(why.clone()),
         }
@@ -159,7 +160,7 @@ impl FrontProblem<'_> {
         let mut level = Level { path, aside, accepted, current, split, written, repeats: None, predicted: None };
         level.written = self.written(&level, Thoroughness::Near);
         if level.has(Class::StandIn) {
-            level.repeats = repeated_mode(
+            level.repeats = repeated_in_the_end(
                 self.runs.train(),
                 (&self.first.model, self.first.theta.first().map_or(&[], |theta| &theta[..])),
                 (&level.current.model, level.split.theta.first().map_or(&[], |theta| &theta[..])),

@@ -12,7 +12,7 @@ use super::directions::TrialPoint;
 use super::elimination::rebuilt;
 use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, new_values, written};
-use super::fitted_model::{FittedModel, shared_from, split_fit};
+use super::fitted_model::{FittedModel, shared_from, split_fit_within};
 use super::forward_selection::ForwardSelection;
 use super::forward_step::ForwardStep;
 use super::predictor::responses;
@@ -36,6 +36,8 @@ const PAIRED: usize = 12;
 const FORTY: usize = 40;
 const ONE: f64 = 0.98;
 const SETS: usize = 3;
+/// Iterations of a set's fit, and what one of them must be predicted to gain: sets are compared, and nobody is told their estimates.
+const ROUGHLY: (usize, f64) = (20, 0.1);
 /// Part of its own energy that a direction must have beside others.
 const DISTINCT: f64 = 1e-3;
 
@@ -145,7 +147,7 @@ impl ForwardSelection<'_> {
         let mut theta: Vec<Vec<f64>> = own.fitting.theta.iter().map(|theta| attached.base(theta)).collect();
         theta.extend(shared_from(current.params(), theta.first()?, &current.theta[self.runs.train..]));
         let (model, _) = rebuilt(current, current, &theta, self.runs, &effects).ok()?;
-        let cost = split_fit(&model, self.runs, &comparison.noise).ok()?.cost();
+        let cost = split_fit_within(&model, self.runs, &comparison.noise, ROUGHLY).ok()?.cost();
         cost.is_finite().then_some(cost + penalty)
     }
 

@@ -24,6 +24,7 @@ mod fitting;
 mod forced_tiles;
 mod forward_selection;
 mod forward_step;
+mod free_motion;
 mod front;
 mod initial_fit;
 mod look_ahead;
