@@ -77,8 +77,8 @@ fn added(runs: &[Run], (model, start): AtValues<'_>, (extended, theta): AtValues
     for Oscillation { frequency, .. } in &own {
         // each of the model's own oscillations is the nearest of the extended model's
         let distance = |o: &Oscillation| (o.frequency / frequency).ln().abs();
-        let nearest = (0..left.len()).min_by(|a, b| distance(&left[*a]).total_cmp(&distance(&left[*b])))?;
-        left.swap_remove(nearest);
+        let nearest = (0..left.len()).min_by(|a, b| distance(&left[*a]).total_cmp(&distance(&left[*b])));
+        nearest.map(|k| left.swap_remove(k));
     }
     let near = |o: &&Oscillation| own.iter().any(|own| (o.frequency / own.frequency).ln().abs() < NEAR.ln());
     let slowest = own.iter().map(|o| o.frequency).fold(f64::INFINITY, f64::min);

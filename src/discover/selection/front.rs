@@ -206,9 +206,8 @@ impl FrontProblem<'_> {
             let asked = (self.runs, self.options, self.goes_on);
             let again = written_model(&levels[k].current, &from, &self.first.response, asked, Thoroughness::Once);
             let again = again.or_else(|_| self.written(&levels[k], Thoroughness::Whole));
-            let failed = again.is_err();
             levels[k].written = again;
-            if !failed {
+            if levels[k].objection().is_none() {
                 break;
             }
             chosen = self.chosen(&levels, &naive.naive);
