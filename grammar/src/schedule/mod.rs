@@ -56,6 +56,11 @@ impl Schedule {
         Ok(Self::ordered(model, &d))
     }
 
+    /// The programs of a model with these derivatives, which may be those of parameters that stand in none of its equations.
+    pub(crate) fn of(model: &Model, d: &Derivatives) -> Self {
+        Self::ordered(model, d)
+    }
+
     fn ordered(model: &Model, d: &Derivatives) -> Self {
         let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
         let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();

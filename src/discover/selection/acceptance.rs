@@ -1,24 +1,17 @@
 //! Which effect is named: scores, the group that cannot be told apart, and what makes an effect acceptable.
 //!
 //! The experiment that would tell two effects apart.
-//!
-//! Modes that repeat the motion that a model has anyway.
-//!
-//! In a free motion every signal has the motion's own frequency. A second oscillator there is no other degree of freedom: it
-//! bends the envelope and the phase of the first one, as damping and stiffness that change with the amplitude do.
 
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
 use super::extended_model::place;
 use super::forward_step::{ForwardStep, prior};
+use super::free_motion::repeated;
 use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
 use fdm_estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
 use fdm_grammar::syntax::Class;
-use fdm_system::linear::{LinearModel, Modes, Values};
-use fdm_system::model::Model;
-use fdm_system::record::Run;
 
 /// Scores that differ by less cannot be told apart: odds of 100 : 1, as a cause is believed at a chance of 0.01.
 pub(super) const LEAD: f64 = 4.6;
@@ -30,6 +23,9 @@ const SIZE: f64 = 2.0;
 /// Loss on validation runs beyond which they speak against an effect by themselves: odds of 7 : 1. An effect of which they hold little may lose
 /// a little by chance; its score and its chance count that.
 const LOSS: f64 = 2.0;
+
+/// Part of a bound within which a value is at it.
+const BOUND: f64 = 1e-5;
 
 /// Why a candidate model is not accepted; none when it is.
 pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<String> {
@@ -56,11 +52,8 @@ pub(super) fn objection(step: &ForwardStep<'_>, candidate: &CandidateModel) -> O
     {
         return Some(format!("on the validation runs it loses {:.1} in log-likelihood", -gain));
     }
-    if let Some(frequency) = repeated(step, candidate) {
-        return Some(format!(
-            "its mode ({frequency:.3} rad per unit of time) is the model's own motion once more, and nothing else drives it: it \
-             stands for damping or stiffness that changes with the amplitude"
-        ));
+    if let Some(repeated) = repeated(step, candidate) {
+        return Some(repeated.sentence());
     }
     (candidate.gain < SIZE).then(|| {
         format!("it gains {:.1} on the training runs, below the gain of two standard errors ({SIZE})", candidate.gain)
@@ -72,6 +65,16 @@ pub(super) fn below_null(params: &[NewParam], value: impl Fn(&NewParam) -> Optio
     let wrong = params.iter().filter(|p| p.positive).filter_map(|p| Some((p, value(p)?)));
     let (p, value) = wrong.into_iter().find(|(p, value)| *value < p.null)?;
     Some(format!("its fit wants {} = {value:.4}, where physics has none below {}", p.name, p.null))
+}
+
+/// A parameter of an effect whose fit ends at one of its bounds, in a sentence: its value is not what the records say, but where it was stopped.
+pub(super) fn at_bound(params: &[NewParam], value: impl Fn(&NewParam) -> Option<f64>) -> Option<String> {
+    let near =
+        |v: f64, bound: f64| bound.is_finite() && (v - bound).abs() <= BOUND * bound.abs().max(f64::MIN_POSITIVE);
+    let estimated = params.iter().filter(|p| !p.fixed && p.begins_as.is_none());
+    let (p, v) =
+        estimated.filter_map(|p| Some((p, value(p)?))).find(|(p, v)| near(*v, p.lower) || near(*v, p.upper))?;
+    Some(format!("its fit ends at the bound {} = {v:.4}", p.name))
 }
 
 /// The candidate model as a cause, accepted at a chance, with the group of those that score about as much.
@@ -200,45 +203,4 @@ pub(super) fn separating(a: &EffectAt, b: &EffectAt) -> String {
 
 fn of(place: &EffectAt) -> String {
     place.targets.join(", ")
-}
-
-/// Ratio of frequencies below which two oscillations are one.
-const NEAR: f64 = 1.5;
-
-/// The frequency of an oscillation that a candidate model adds beside one of the model's own, where nothing but the motion itself
-/// drives it; none where there is none, or where the models cannot be linearised.
-pub(super) fn repeated(step: &ForwardStep<'_>, candidate: &CandidateModel) -> Option<f64> {
-    let grows = candidate.model.layout().states > step.current.model.layout().states;
-    if !grows || step.runs.train().iter().any(is_driven) {
-        return None;
-    }
-    let own = frequencies(&step.current.model, step.current.theta.first()?)?;
-    let mut others = frequencies(&candidate.model, candidate.fitting.theta.first()?)?;
-    for frequency in &own {
-        // each of the model's own oscillations is the nearest of the extended model's
-        let distance = |f: &f64| (f / frequency).ln().abs();
-        let nearest = (0..others.len()).min_by(|a, b| distance(&others[*a]).total_cmp(&distance(&others[*b])))?;
-        others.swap_remove(nearest);
-    }
-    let near = |f: &f64| own.iter().any(|o| (f / o).ln().abs() < NEAR.ln());
-    others.into_iter().find(near)
-}
-
-/// Whether an input moves.
-fn is_driven(run: &Run) -> bool {
-    let m = run.held.len();
-    run.inputs.chunks_exact(m.max(1)).any(|row| row != &run.inputs[..m])
-}
-
-/// Frequencies of the oscillations at the trim, in rad per unit of time, with the values of a fit.
-fn frequencies(model: &Model, theta: &[f64]) -> Option<Vec<f64>> {
-    let mut params = model.definition().params.clone();
-    // what belongs to a run is where it began, not the trim
-    params.iter_mut().zip(theta).filter(|(p, _)| !p.per_run).for_each(|(p, value)| p.value = *value);
-    let model = model.with_params(params);
-    let mut linear = LinearModel::new(&model).ok()?;
-    let mut values = Values::default();
-    linear.evaluate(&model.definition().start(), &mut values).ok()?;
-    let modes = Modes::new(linear.structure(), &values).ok()?;
-    Some(modes.modes.iter().map(|m| m.s.im).filter(|w| *w > 0.0).collect())
 }

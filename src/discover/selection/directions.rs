@@ -25,9 +25,9 @@ use std::sync::Arc;
 /// Most points of a candidate.
 const MOST_POINTS: usize = 120;
 /// Part of a direction by which halving the steps may move it.
-const ACCURATE: f64 = 0.02;
+pub(super) const ACCURATE: f64 = 0.02;
 /// Times that steps are halved.
-const MOST_HALVINGS: usize = 3;
+pub(super) const MOST_HALVINGS: usize = 3;
 
 /// A candidate's directions.
 pub(super) struct CandidateDirections {
@@ -63,6 +63,16 @@ impl TrialPoint {
         matches!(self.shape, Shape::Linear | Shape::Rising | Shape::Joint { .. })
     }
 
+    /// The multiple of the direction that is believed, where the best by itself would be this one.
+    pub(super) fn multiple(&self, best: f64) -> f64 {
+        match self.shape {
+            Shape::Linear | Shape::Joint { .. } => best,
+            Shape::Rising => best.max(0.0),
+            Shape::Finite => best.clamp(0.5, 2.0),
+            Shape::Smallest => best.clamp(0.05, 2.0),
+        }
+    }
+
     /// Values at a multiple of the direction, within the bounds.
     pub(super) fn at(&self, amount: f64, params: &[NewParam]) -> Vec<f64> {
         let mut values = self.values.clone();
@@ -78,16 +88,16 @@ impl TrialPoint {
     }
 }
 
-/// Simulates a candidate at all its points.
+/// A candidate in the model, and all points at which it is tried.
 ///
 /// # Errors
 /// Why it is left out, in words.
-pub(super) fn candidate_directions(
+pub(super) fn attached(
     candidate: &Candidate,
     current: &FittedModel,
     runs: Runs<'_>,
     scales: &SignalScales,
-) -> Result<CandidateDirections, String> {
+) -> Result<(AttachedEffect, Vec<TrialPoint>), String> {
     let attached = AttachedEffect::new(candidate, current, scales, &Choice::new())?;
     if !runs.train().iter().all(|run| attached.takes(run)) {
         return Err("it needs records that the runs do not have".into());
@@ -96,6 +106,18 @@ pub(super) fn candidate_directions(
     if points.is_empty() {
         return Err("the records leave no value to try".into());
     }
+    Ok((attached, points))
+}
+
+/// Simulates a candidate at all its points.
+///
+/// # Errors
+/// Why it is left out, in words.
+pub(super) fn candidate_directions(
+    (attached, points): (AttachedEffect, Vec<TrialPoint>),
+    current: &FittedModel,
+    runs: Runs<'_>,
+) -> Result<CandidateDirections, String> {
     if let Domain::Frequency(options) = runs.domain {
         let (points, signals, predictors) = directions_in_bins(&attached, points, current, runs, options)?;
         return Ok(CandidateDirections { attached, points, signals, predictors });
@@ -241,20 +263,23 @@ impl CandidateSimulation<'_> {
 
     /// The steps of a run at a level.
     fn steps(&self, run: usize, level: usize) -> Steps {
-        let layout = self.dynamics.layout();
-        let own = &self.own[run];
-        match own.scheme() {
-            // a program that is not linear is integrated
-            Scheme::Recursion { .. } if !layout.affine.rates => Steps::equal(Scheme::RungeKutta, 1 << level),
-            scheme @ Scheme::Recursion { .. } => Steps::equal(scheme, 1 << level),
-            scheme @ Scheme::RungeKutta if own.per_interval().is_some() => Steps::equal(scheme, 1 << level),
-            _ => (0..level).fold(own.clone(), |steps, _| steps.halved()),
-        }
+        steps_at(&self.own[run], level, self.dynamics.layout().affine.rates)
     }
 
     fn run(&self, r: usize, steps: &Steps) -> Option<RunSimulation<'_>> {
         let simulator = Simulator::new(self.dynamics, &self.runs[r], steps.clone()).ok()?;
         Some(RunSimulation { simulation: self, r, steps: steps.clone(), simulator, null: None, known: Vec::new() })
+    }
+}
+
+/// The steps of a program at a level, from those of the base model.
+pub(super) fn steps_at(own: &Steps, level: usize, affine: bool) -> Steps {
+    match own.scheme() {
+        // a program that is not linear is integrated
+        Scheme::Recursion { .. } if !affine => Steps::equal(Scheme::RungeKutta, 1 << level),
+        scheme @ Scheme::Recursion { .. } => Steps::equal(scheme, 1 << level),
+        scheme @ Scheme::RungeKutta if own.per_interval().is_some() => Steps::equal(scheme, 1 << level),
+        _ => (0..level).fold(own.clone(), |steps, _| steps.halved()),
     }
 }
 
@@ -347,7 +372,7 @@ pub(super) fn kept(
 }
 
 /// Root mean square difference of two directions, as a part of the second.
-fn difference(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn difference(a: &[f64], b: &[f64]) -> f64 {
     let (apart, size) = a.iter().zip(b).fold((0.0, 0.0), |(d, s), (a, b)| (d + (a - b) * (a - b), s + b * b));
     if size > 0.0 { (apart / size).sqrt() } else { apart }
 }
@@ -500,7 +525,8 @@ mod tests {
             if candidate.kind() == Kind::Variance {
                 continue;
             }
-            let trace = match candidate_directions(&candidate, &current, runs, &scales) {
+            let own = attached(&candidate, &current, runs, &scales);
+            let trace = match own.and_then(|own| candidate_directions(own, &current, runs)) {
                 Ok(trace) => trace,
                 Err(reason) => {
                     left_out.push((super::super::extended_model::place(&candidate).to_string(), reason));

@@ -56,7 +56,7 @@ impl Accepted {
     }
 
     /// What its parameters and its kind cost.
-    fn penalty(&self) -> f64 {
+    pub(super) fn penalty(&self) -> f64 {
         penalty(&self.candidate, &self.params)
     }
 

@@ -8,6 +8,7 @@ use super::predictor::Predictor;
 use super::runs::{Runs, interval};
 use crate::diagnosis::EffectAt;
 use fdm_grammar::effect::{Beginning, Candidate, Choice, Extension, NewParam, Scales};
+use fdm_grammar::forced::Role;
 use fdm_grammar::graph::Leaf;
 use fdm_grammar::model::{Output, Param};
 use fdm_grammar::{Model as Definition, Schedule};
@@ -105,6 +106,19 @@ impl AttachedEffect {
             theta[*at] = self.begins[k].as_ref().map_or(*value, |of_run| of_run[run]);
         }
         theta
+    }
+
+    /// What each parameter of the definition is where the directions of smooth effects are taken: those that are no nuisances at the values of
+    /// `at`, which are nulls, with a column each of `wanted`.
+    pub(super) fn roles(&self, at: &[f64], wanted: &[usize]) -> Vec<Role> {
+        let of = |k: usize| match (self.old.iter().position(|o| *o == k), self.new.iter().position(|n| *n == k)) {
+            (Some(old), _) => Role::Base(old),
+            (_, Some(new)) if wanted.contains(&new) => Role::Wanted(at[new]),
+            (_, Some(new)) if self.begins[new].is_none() => Role::Known(at[new]),
+            (None, None) if !self.definition.params[k].is_recorded() => Role::Known(self.definition.params[k].value),
+            _ => Role::Given,
+        };
+        (0..self.definition.params.len()).map(of).collect()
     }
 
     /// Of all parameters of a run, those of the base model.

@@ -3,7 +3,7 @@
 //! A fitted model fitted by one noise: to the training runs, and to the validation runs with all that is shared as it is.
 
 use super::error::DiagnosisError;
-use super::fitting::{FitProblem, Fitting};
+use super::fitting::{FitProblem, Fitting, NOTHING};
 use super::predictor::Predictor;
 use super::runs::Runs;
 use super::whitening::CommonNoise;
@@ -19,6 +19,7 @@ use fdm_system::model::Model;
 use fdm_system::record::Run;
 
 /// A model with its text, the values of its parameters, and its responses.
+#[derive(Clone)]
 pub(super) struct FittedModel {
     /// The model.
     pub(super) model: Model,
@@ -143,12 +144,24 @@ pub(super) fn split_fit(
     runs: Runs<'_>,
     noise: &CommonNoise,
 ) -> Result<SplitFit, DiagnosisError> {
-    const ITERATIONS: usize = 60;
+    split_fit_within(current, runs, noise, (60, NOTHING))
+}
+
+/// The same in so many iterations at most, as long as one predicts to gain so much.
+pub(super) fn split_fit_within(
+    current: &FittedModel,
+    runs: Runs<'_>,
+    noise: &CommonNoise,
+    (iterations, least): (usize, f64),
+) -> Result<SplitFit, DiagnosisError> {
     let (params, dynamics) = (current.params().to_vec(), current.model.dynamics());
     let (train, validation) = current.predictors.split_at(runs.train);
     let posed = FitProblem { params: params.clone(), dynamics, runs: runs.train(), predictors: train, noise };
     let none = || DiagnosisError::NoFit("it has no fit by the noise found".into());
-    let fitting = posed.fit(&current.theta[..runs.train], ITERATIONS).ok_or_else(none)?;
+    let fitting = posed
+        .prepared()
+        .and_then(|mut fit| fit.fit(&current.theta[..runs.train], iterations, least))
+        .ok_or_else(none)?;
     let mut theta = fitting.theta.clone();
     let mut cost = 0.0;
     if !validation.is_empty() {
@@ -156,7 +169,7 @@ pub(super) fn split_fit(
         let noise = noise.for_validation();
         let posed =
             FitProblem { params, dynamics, runs: runs.validation(), predictors: validation, noise }.validation();
-        let found = posed.fit(&starts, ITERATIONS);
+        let found = posed.prepared().and_then(|mut fit| fit.fit(&starts, iterations, least));
         cost = found.as_ref().map_or(f64::INFINITY, |f| f.cost);
         theta.extend(found.map_or(starts, |f| f.theta));
     }

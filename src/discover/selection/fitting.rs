@@ -9,7 +9,7 @@ use fdm_system::dynamics::Dynamics;
 use fdm_system::record::Run;
 
 /// What a iteration must predicted gain to gain in log-likelihood.
-const NOTHING: f64 = 1e-3;
+pub(super) const NOTHING: f64 = 1e-3;
 
 /// A model over runs, judged by one noise.
 pub(super) struct FitProblem<'a> {

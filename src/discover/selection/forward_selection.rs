@@ -10,19 +10,21 @@ use super::extended_model::{SignalScales, place, written};
 use super::feedback::feedback;
 use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
 use super::forward_step::ForwardStep;
-use super::front::FrontProblem;
+use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared};
+use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
 use crate::disturbance::{Attribution, Origin};
 use fdm_estimate::changed;
-use fdm_grammar::effect::{Candidate, Catalogue};
+use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
+use fdm_grammar::syntax::Class;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -33,6 +35,9 @@ const MARGINAL: f64 = 0.01;
 const NEAR: usize = 5;
 const BEHIND: f64 = 15.0;
 const APART: f64 = 0.5;
+/// Mechanisms that are kept for the front beside the one that is taken in a step, and part of its score that they have.
+const MOST_ASIDE: usize = 2;
+const ASIDE: f64 = 0.5;
 /// Times that a search begins again where the model is likelier.
 const MOST_MOVES: usize = 3;
 /// So many of them where nothing can be accepted.
@@ -81,7 +86,10 @@ pub fn diagnose_while(
     let of = |run: &Run| prepared(run, &options.domain);
     let found: Vec<(Run, Option<String>)> = runs.iter().chain(validation).map(of).collect::<Result<_, _>>()?;
     let (all, notes): (Vec<Run>, Vec<Option<String>>) = found.into_iter().unzip();
-    let notes: Vec<String> = notes.into_iter().flatten().collect();
+    let mut notes: Vec<String> = notes.into_iter().flatten().collect();
+    let subject = Subject::new(model.source(), model.definition()).map_err(DiagnosisError::Text)?;
+    let (all, fewer) = thinned(all, model.layout().outputs, catalogue.places(&subject).candidates.len());
+    notes.extend(fewer);
     let domain = options.domain.settled(&changed(model, &options.fit.changes)?, &all[..runs.len()])?;
     let runs = Runs { all: &all, train: runs.len(), domain: &domain };
     if runs.train().iter().all(|run| run.measured.iter().all(|z| z.is_nan())) {
@@ -94,11 +102,11 @@ pub fn diagnose_while(
     let own = names(model);
     let mut firsts = initial_fits(model, runs, options, goes_on)?.into_iter();
     let from = |first: FittedModel| {
-        let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
-        let own = own.clone();
-        ForwardSelection { runs, catalogue, options, progress, goes_on, own, accepted, rejected, steps }.run(first)
+        let shared = Shared { runs, catalogue, options, progress, goes_on, own: &own };
+        ForwardSelection::new(&shared, None).run(first)
     };
-    let mut found = from(firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?)?;
+    let likeliest = firsts.next().ok_or_else(|| DiagnosisError::NoFit("it has no end".into()))?;
+    let mut found = from(likeliest)?;
     if found.verdict == Verdict::UnknownCause && found.family_wise_p < options.alpha {
         // the best fit of a base model that is badly wrong can be so distorted that no single effect improves it
         for first in firsts.take_while(|_| goes_on()) {
@@ -113,20 +121,56 @@ pub fn diagnose_while(
     Ok(found)
 }
 
-pub(super) struct ForwardSelection<'a> {
-    pub(super) runs: Runs<'a>,
+/// What all searches of a diagnosis have in common.
+#[derive(Clone, Copy)]
+struct Shared<'a> {
+    runs: Runs<'a>,
     catalogue: &'a Catalogue,
+    options: &'a DiagnosisOptions,
+    progress: &'a Progress<'a>,
+    goes_on: &'a GoesOn<'a>,
+    /// Everything that the user gave a name.
+    own: &'a BTreeSet<String>,
+}
+
+pub(super) struct ForwardSelection<'a> {
+    shared: Shared<'a>,
+    pub(super) runs: Runs<'a>,
     pub(super) options: &'a DiagnosisOptions,
     pub(super) progress: &'a Progress<'a>,
     pub(super) goes_on: &'a GoesOn<'a>,
-    /// Everything that the user gave a name.
-    own: BTreeSet<String>,
+    /// The only class of effects that is searched; all where there is none.
+    classes: Option<Class>,
     pub(super) accepted: Vec<Accepted>,
     rejected: Vec<Rejected>,
     steps: Vec<SelectionStep>,
+    /// Other models that might have been taken.
+    aside: Vec<Aside>,
+    /// Where a search among mechanisms would go on: at the first effect that is none.
+    fork: Option<Box<Fork<'a>>>,
+}
+
+/// A model that might have been taken in a step, as good as the one that was or nearly.
+struct Aside {
+    accepted: Vec<Accepted>,
+    current: Arc<FittedModel>,
+}
+
+/// A search, and the model that it has come to.
+struct Fork<'a> {
+    search: ForwardSelection<'a>,
+    current: Arc<FittedModel>,
+}
+
+/// Where a search has got to.
+struct Reached {
+    first: Arc<FittedModel>,
+    current: Arc<FittedModel>,
+    end: End,
 }
 
 /// What is known when the search ends.
+#[derive(Clone)]
 struct End {
     family_wise: f64,
     left_out: Vec<LeftOut>,
@@ -145,12 +189,67 @@ impl End {
 }
 
 impl<'a> ForwardSelection<'a> {
+    fn new(shared: &Shared<'a>, classes: Option<Class>) -> Self {
+        let Shared { runs, options, progress, goes_on, .. } = *shared;
+        let (accepted, rejected, steps) = (Vec::new(), Vec::new(), Vec::new());
+        let aside = Vec::new();
+        Self {
+            shared: *shared,
+            runs,
+            options,
+            progress,
+            goes_on,
+            classes,
+            accepted,
+            rejected,
+            steps,
+            aside,
+            fork: None,
+        }
+    }
+
+    /// Searches from the base model on, and again among mechanisms from where the first effect was taken that is none, if such are left in the
+    /// end: a lag or a stand-in may have taken the place of a mechanism, or of several.
     fn run(mut self, first: FittedModel) -> Result<Diagnosis, DiagnosisError> {
-        let mut first = Arc::new(first);
-        let mut current = Arc::clone(&first);
+        let first = Arc::new(first);
+        let mut reached = self.search((Arc::clone(&first), first), None)?;
+        let noise = reached.end.noise.clone();
+        if !self.accepted.is_empty() {
+            (self.progress)("fitting the extended model");
+            reached.current = self.settled(&reached, &noise)?;
+        }
+        let class = |class: Class| self.accepted.iter().any(|a| a.candidate.effect().class() == class);
+        let mixed = class(Class::StandIn) || (class(Class::Sensor) && class(Class::Mechanism));
+        let fork = self.fork.take().filter(|_| mixed && !reached.end.stopped && (self.goes_on)());
+        let other = fork.and_then(|fork| {
+            (self.progress)("searching among mechanisms alone");
+            let Fork { mut search, current } = *fork;
+            let start = (Arc::clone(&reached.first), current);
+            let mut mechanisms = search.search(start, Some(reached.end.clone())).ok()?;
+            mechanisms.current = search.settled(&mechanisms, &mechanisms.end.noise.clone()).ok()?;
+            (!search.accepted.is_empty() && !mechanisms.end.stopped).then_some((search, mechanisms))
+        });
+        self.conclude(reached, other)
+    }
+
+    /// The model that was reached without what its joint fit does not need.
+    fn settled(&mut self, reached: &Reached, noise: &CommonNoise) -> Result<Arc<FittedModel>, DiagnosisError> {
+        let (current, first) = (Arc::clone(&reached.current), &reached.first);
+        if self.accepted.is_empty() {
+            return Ok(current);
+        }
+        let (current, dropped) = eliminate(current, first, self.runs, noise, &mut self.accepted)?;
+        self.rejected.extend(dropped);
+        revise(current, first, self.runs, noise, &mut self.accepted)
+    }
+
+    /// Accepts one effect after the other, from the base model and one that holds what was accepted before.
+    fn search(
+        &mut self,
+        (mut first, mut current): (Arc<FittedModel>, Arc<FittedModel>),
+        mut end: Option<End>,
+    ) -> Result<Reached, DiagnosisError> {
         let mut moves = 0;
-        let mut end: Option<End> = None;
-        let mut ahead: Option<(ForwardStep<'a>, Option<Comparison>)> = None;
         loop {
             if let Some(last) = end.as_mut().filter(|_| !(self.goes_on)()) {
                 last.stop();
@@ -158,16 +257,10 @@ impl<'a> ForwardSelection<'a> {
             }
             let scales = SignalScales::new(&current, self.runs);
             let number = self.steps.len() + 1;
-            let (step, made) = match ahead.take() {
-                Some((step, comparison)) => (Ok(step), comparison),
-                None => {
-                    let candidates = self.candidates(&current, None);
-                    (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
-                    let step = self.step(&current, &candidates, &scales);
-                    (self.progress)(&format!("search {number}: screened"));
-                    (step, None)
-                }
-            };
+            let candidates = self.candidates(&current);
+            (self.progress)(&format!("search {number}: {} candidates", candidates.len()));
+            let step = self.step(&current, &candidates, &scales);
+            (self.progress)(&format!("search {number}: screened"));
             let mut step = match (step, &mut end) {
                 // what was accepted stays
                 (Err(DiagnosisError::Stopped), Some(last)) => {
@@ -183,8 +276,9 @@ impl<'a> ForwardSelection<'a> {
                 }
                 (step, _) => step?,
             };
-            let comparison = match made {
-                None if step.screening.family_wise < self.options.alpha || step.is_doubtful() => {
+            let asked = step.screening.family_wise < self.options.alpha || step.is_doubtful();
+            let comparison = match asked {
+                true => {
                     match self.comparison(&mut step) {
                         // what screening tells is a result
                         Err(DiagnosisError::Stopped) => {
@@ -203,7 +297,7 @@ impl<'a> ForwardSelection<'a> {
                         comparison => Some(comparison?),
                     }
                 }
-                made => made,
+                false => None,
             };
             if moves < MOST_MOVES
                 && let Some(next) = comparison.as_ref().and_then(|c| self.elsewhere(&current, c))
@@ -238,7 +332,7 @@ impl<'a> ForwardSelection<'a> {
                 last.ended = "no candidate that was fitted could be accepted".into();
                 break;
             };
-            (current, ahead) = (next.current, next.ahead);
+            current = next.current;
             let accepted = self.accepted.last().map(|a| (a.cause.gain_training, a.cause.place.clone()));
             if let (Some(step), Some((_, place))) = (self.steps.last_mut(), &accepted) {
                 step.accepted = Some(place.clone());
@@ -250,11 +344,11 @@ impl<'a> ForwardSelection<'a> {
             }
         }
         let Some(end) = end else { return Err(DiagnosisError::NoPlaces) };
-        self.conclude(&first, current, end)
+        Ok(Reached { first, current, end })
     }
 
     /// A search for one more effect beside these.
-    pub(super) fn step(
+    fn step(
         &self,
         current: &Arc<FittedModel>,
         candidates: &[Candidate],
@@ -292,7 +386,7 @@ impl<'a> ForwardSelection<'a> {
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
         let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
         let mut left_out = std::mem::take(&mut step.left_out);
-        let places = self.catalogue.places(&step.current.subject);
+        let places = self.shared.catalogue.places(&step.current.subject);
         let crowded =
             places.crowded.iter().map(|c| (EffectAt { effect: c.effect.clone(), targets: Vec::new() }, c.to_string()));
         let any = |name: &String| EffectAt { effect: "any effect".into(), targets: vec![name.clone()] };
@@ -313,13 +407,14 @@ impl<'a> ForwardSelection<'a> {
         last
     }
 
-    /// Candidates that attach to what the user wrote, and are not in the model yet, nor this one.
-    pub(super) fn candidates(&self, current: &FittedModel, besides: Option<&EffectAt>) -> Vec<Candidate> {
-        let places = self.catalogue.places(&current.subject);
+    /// Candidates that attach to what the user wrote, and are not in the model yet.
+    fn candidates(&self, current: &FittedModel) -> Vec<Candidate> {
+        let places = self.shared.catalogue.places(&current.subject);
         let fresh = |c: &Candidate| {
             let own = place(c);
-            let there = self.accepted.iter().any(|a| a.cause.place == own) || besides == Some(&own);
-            !there && c.targets().iter().all(|t| self.own.contains(t))
+            let there = self.accepted.iter().any(|a| a.cause.place == own);
+            let wanted = self.classes.is_none_or(|class| c.effect().class() == class);
+            wanted && !there && c.targets().iter().all(|t| self.shared.own.contains(t))
         };
         places.candidates.into_iter().filter(fresh).collect()
     }
@@ -331,7 +426,7 @@ impl<'a> ForwardSelection<'a> {
         comparison: &Comparison,
         scales: &SignalScales,
         (number, p): (usize, f64),
-    ) -> Result<Option<NextStep<'a>>, DiagnosisError> {
+    ) -> Result<Option<NextStep>, DiagnosisError> {
         let mut fit = Vec::new();
         for (k, candidate) in comparison.models.iter().enumerate() {
             match objection(step, candidate) {
@@ -341,6 +436,10 @@ impl<'a> ForwardSelection<'a> {
         }
         let Some(next) = self.best_next_step(step, comparison, scales, &fit)? else { return Ok(None) };
         let k = next.candidate;
+        self.set_aside(step, comparison, scales, (k, &fit, p));
+        if self.classes.is_none() && self.fork.is_none() && comparison.models[k].class != Class::Mechanism {
+            self.fork = self.forked(step, comparison, scales, (next.mechanism, &fit, p)).ok().map(Box::new);
+        }
         let (candidate, cause) = (&comparison.models[k], cause(step, comparison, (k, p)));
         let grouped = |t: usize| {
             let own = place(&step.simulated[t].attached.candidate);
@@ -357,46 +456,115 @@ impl<'a> ForwardSelection<'a> {
         }
         let attached = &step.simulated[candidate.candidate].attached;
         (self.progress)(&format!("accepted {}", cause.place));
-        let least = candidate.score() - (APART * candidate.score()).max(BEHIND);
-        let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && fit.contains(o);
-        let near = comparison.models.iter().enumerate().filter(close).take(NEAR).map(|(_, c)| {
-            let other = &step.simulated[c.candidate].attached;
-            (other.candidate.clone(), written(other, &c.fitting.theta[0]))
-        });
-        self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near.collect()));
+        let near = near(step, comparison, k, &fit);
+        self.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
         Ok(Some(next))
     }
 
-    /// The last fits by one noise, and everything that is told of them.
+    /// Keeps the best mechanisms that might be taken in the place of a candidate model, for the front.
+    fn set_aside(
+        &mut self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (chosen, fit, p): (usize, &[usize], f64),
+    ) {
+        let models = &comparison.models;
+        let near = |k: &&usize| {
+            let score = models[**k].score();
+            **k != chosen && models[**k].class == Class::Mechanism && score > ASIDE * models[chosen].score()
+        };
+        for k in fit.iter().filter(near).take(MOST_ASIDE) {
+            let attached = &step.simulated[models[*k].candidate].attached;
+            let Ok(current) = self.with_candidate(step, &models[*k], scales) else { continue };
+            let mut accepted = self.accepted.clone();
+            let cause = cause(step, comparison, (*k, p));
+            accepted.push(Accepted::new(attached, &models[*k].fitting, cause, Vec::new()));
+            self.aside.push(Aside { accepted, current: Arc::new(current) });
+        }
+    }
+
+    /// The search among mechanisms from here on, with this one of the candidate models; without any where there is none.
+    fn forked(
+        &self,
+        step: &ForwardStep<'a>,
+        comparison: &Comparison,
+        scales: &SignalScales,
+        (mechanism, fit, p): (Option<usize>, &[usize], f64),
+    ) -> Result<Fork<'a>, DiagnosisError> {
+        let mut search = ForwardSelection::new(&self.shared, Some(Class::Mechanism));
+        search.accepted.clone_from(&self.accepted);
+        search.steps.clone_from(&self.steps);
+        search.rejected.clone_from(&self.rejected);
+        let mut current = Arc::clone(&step.current);
+        if let Some(k) = mechanism {
+            let candidate = &comparison.models[k];
+            let cause = cause(step, comparison, (k, p));
+            let attached = &step.simulated[candidate.candidate].attached;
+            current = Arc::new(self.with_candidate(step, candidate, scales)?);
+            if let Some(step) = search.steps.last_mut() {
+                step.accepted = Some(cause.place.clone());
+            }
+            let near = near(step, comparison, k, fit);
+            search.accepted.push(Accepted::new(attached, &candidate.fitting, cause, near));
+        }
+        let mechanism = |(candidate, _): &(Candidate, Choice)| candidate.effect().class() == Class::Mechanism;
+        search.accepted.iter_mut().for_each(|a| a.near.retain(mechanism));
+        Ok(Fork { search, current })
+    }
+
+    /// The last fits by one noise, and everything that is told of them; also of another search that began where this one did.
     fn conclude(
         mut self,
-        first: &FittedModel,
-        grown: Arc<FittedModel>,
-        mut end: End,
+        reached: Reached,
+        other: Option<(ForwardSelection<'a>, Reached)>,
     ) -> Result<Diagnosis, DiagnosisError> {
-        let noise = &end.noise.clone();
-        let before = split_fit(first, self.runs, noise)?;
-        let mut last = None;
-        if !self.accepted.is_empty() {
-            (self.progress)("fitting the extended model");
-            let (current, dropped) = eliminate(grown, first, self.runs, noise, &mut self.accepted)?;
-            self.rejected.extend(dropped);
-            last = Some(revise(current, first, self.runs, noise, &mut self.accepted)?);
+        let Reached { first, current: grown, mut end } = reached;
+        let (mut other, reached) = other.unzip();
+        let split = |current: &Arc<FittedModel>, noise: &CommonNoise| split_fit(current, self.runs, noise);
+        if let (Some(search), Some(reached)) = (&other, &reached) {
+            // all by the noise of the likelier model, by both noises
+            let total = |current: &Arc<FittedModel>, accepted: &[Accepted]| -> f64 {
+                let by = |noise: &CommonNoise| split(current, noise).map_or(f64::INFINITY, |fit| fit.cost());
+                by(&end.noise) + by(&reached.end.noise) + 2.0 * accepted.iter().map(Accepted::penalty).sum::<f64>()
+            };
+            if total(&reached.current, &search.accepted) < total(&grown, &self.accepted) {
+                end.noise = reached.end.noise.clone();
+            }
         }
-        let mut after = match &last {
-            Some(current) => split_fit(current, self.runs, noise)?,
-            None => before.clone(),
-        };
+        let noise = &end.noise.clone();
+        let (first, before) = (&*first, split(&first, noise)?);
         let problem = FrontProblem { first, runs: self.runs, noise, options: self.options, goes_on: self.goes_on };
-        let (mut written, mut front, mut confirmed) = (None, Vec::new(), false);
-        if let Some(current) = last.take() {
+        let (mut last, mut after, mut written, mut front, mut confirmed) =
+            (None, before.clone(), None, Vec::new(), false);
+        if !self.accepted.is_empty() {
             (self.progress)("fitting the written models plainly");
-            let found = problem.front(std::mem::take(&mut self.accepted), current, after)?;
-            (front, after, confirmed) = (found.models, before.clone(), found.confirmed);
-            self.rejected.extend(found.rejected);
+            let path =
+                |accepted: &mut Vec<Accepted>, current: Arc<FittedModel>| -> Result<SearchPath, DiagnosisError> {
+                    let split = split(&current, noise)?;
+                    Ok(SearchPath { accepted: std::mem::take(accepted), current, split, aside: false })
+                };
+            let mut paths = vec![path(&mut self.accepted, grown)?];
+            if let (Some(search), Some(reached)) = (&mut other, reached) {
+                paths.extend(path(&mut search.accepted, reached.current).ok());
+            }
+            let asides = std::mem::take(&mut self.aside).into_par_iter();
+            let asides = asides.filter_map(|Aside { accepted, current }| {
+                let split = split(&current, noise).ok()?;
+                Some(SearchPath { accepted, current, split, aside: true })
+            });
+            let asides: Vec<SearchPath> = asides.collect();
+            let searches = paths.len();
+            paths.extend(asides);
+            let found = problem.front(paths)?;
+            (front, confirmed) = (found.models, found.confirmed);
             if let Some((level, text)) = found.recommended {
+                if let Some(search) = other.filter(|_| (1..searches).contains(&level.path)) {
+                    (self.steps, self.rejected) = (search.steps, search.rejected);
+                }
                 (self.accepted, last, after, written) = (level.accepted, Some(level.current), level.split, Some(text));
             }
+            self.rejected.extend(found.rejected);
             if written.is_some() && !(self.goes_on)() {
                 end.stop();
             }
@@ -441,7 +609,7 @@ impl<'a> ForwardSelection<'a> {
         let suggestions = if verdict == Verdict::UnknownCause { residuals.suggestions() } else { None };
         let found = !self.accepted.is_empty();
         let feedback = feedback(last.as_ref().map_or(first, |current| current), self.runs, &end.detectable);
-        Ok(Diagnosis {
+        let diagnosis = Diagnosis {
             verdict,
             family_wise_p: end.family_wise,
             causes: self.accepted.into_iter().map(|a| a.cause).collect(),
@@ -465,7 +633,8 @@ impl<'a> ForwardSelection<'a> {
             feedback,
             notes: Vec::new(),
             spectral: first.spectral(),
-        })
+        };
+        Ok(diagnosis)
     }
 
     /// Effect, disturbance, unknown cause or nothing.
@@ -492,6 +661,18 @@ impl<'a> ForwardSelection<'a> {
             self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
         }
     }
+}
+
+/// Candidate models (`fit`: those that nothing speaks against) that come near to one, with the values that were fitted.
+fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, fit: &[usize]) -> Vec<(Candidate, Choice)> {
+    let score = comparison.models[k].score();
+    let least = score - (APART * score).max(BEHIND);
+    let close = |(o, c): &(usize, &CandidateModel)| *o != k && c.score() > least && fit.contains(o);
+    let of = |(_, c): (usize, &CandidateModel)| {
+        let attached = &step.simulated[c.candidate].attached;
+        (attached.candidate.clone(), written(attached, &c.fitting.theta[0]))
+    };
+    comparison.models.iter().enumerate().filter(close).take(NEAR).map(of).collect()
 }
 
 /// Everything that the user gave a name.

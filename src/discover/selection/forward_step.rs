@@ -2,17 +2,17 @@
 //!
 //! What screening says of each candidate: its rank, and how small it could have been and still be seen.
 
-use super::directions::{CandidateDirections, TrialPoint, candidate_directions};
+use super::directions::{CandidateDirections, TrialPoint};
 use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place};
 use super::fitted_model::{FittedModel, records};
+use super::forced_tiles::all_directions;
 use super::runs::{DiagnosisOptions, GoesOn, Runs};
 use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
 use crate::screening::{Direction, Screening, ScreeningOptions};
 use fdm_grammar::effect::{Candidate, Kind};
 use fdm_grammar::syntax::Class;
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A search for one more effect.
@@ -55,8 +55,7 @@ impl<'a> ForwardStep<'a> {
         (options, goes_on): (&DiagnosisOptions, &'a GoesOn<'a>),
     ) -> Result<Self, DiagnosisError> {
         let scored: Vec<&Candidate> = candidates.iter().filter(|c| c.kind() != Kind::Variance).collect();
-        let made = |candidate: &&Candidate| goes_on().then(|| candidate_directions(candidate, &current, runs, scales));
-        let found: Option<Vec<Result<CandidateDirections, String>>> = scored.par_iter().map(made).collect();
+        let found = all_directions(&scored, (&current, runs, scales), goes_on);
         let found = found.ok_or(DiagnosisError::Stopped)?;
         let (mut simulated, mut left_out) = (Vec::new(), Vec::new());
         for (candidate, found) in scored.iter().zip(found) {

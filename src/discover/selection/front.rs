@@ -9,16 +9,21 @@
 //! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995) or 1 % of the root mean square. What runs that were not fitted make clearly likelier stays all
 //! the same. So does a mechanism of which so little was to be expected, unless the prediction is clearly worse with it: a small one that the
 //! likelihood has found is there, whether it is worth much or not.
+//!
+//! Physics first: a set with a stand-in in it is recommended only where it predicts better than the best set without, by more than one standard
+//! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
+//! than the best set of mechanisms.
 
-use super::acceptance::below_null;
+use super::acceptance::{at_bound, below_null};
 use super::elimination::{Accepted, rebuilt};
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
+use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
-use crate::diagnosis::{Cause, FrontModel, FrontOutput, Rejected};
+use crate::diagnosis::{Cause, EffectAt, FrontModel, FrontOutput, Rejected};
 use fdm_estimate::residuals::{Advantage, advantage};
 use fdm_grammar::effect::NewParam;
 use fdm_grammar::syntax::Class;
@@ -30,6 +35,8 @@ use std::sync::Arc;
 const FOLDS: usize = 3;
 /// Effects up to which each is left out in turn; of more the weakest goes.
 const EACH: usize = 4;
+/// Of them those that are fitted plainly, the likeliest by the joint fit; others only where all of these fail.
+const FITTED: usize = 2;
 /// Gain in log-likelihood below which an effect is not to be seen in plain errors: its improvement is about half the root of twice the gain, in
 /// standard errors, where noise is white.
 const SMALL: f64 = 18.0;
@@ -47,13 +54,29 @@ pub(super) struct FrontProblem<'a> {
     pub(super) goes_on: &'a GoesOn<'a>,
 }
 
+/// Where a search ended.
+pub(super) struct SearchPath {
+    pub(super) accepted: Vec<Accepted>,
+    pub(super) current: Arc<FittedModel>,
+    /// The joint fit of all its effects.
+    pub(super) split: SplitFit,
+    /// Whether it is another model that a search might have taken, and no search went on from it.
+    pub(super) aside: bool,
+}
+
 /// A model of the front.
 pub(super) struct Level {
+    /// The search that it comes from, by its place.
+    pub(super) path: usize,
+    /// Whether no search went on from it.
+    aside: bool,
     pub(super) accepted: Vec<Accepted>,
     pub(super) current: Arc<FittedModel>,
     /// Its joint fit by the noise.
     pub(super) split: SplitFit,
     written: Result<WrittenModel, String>,
+    /// What a stand-in among its effects says once more of the free motion of the model as it was given.
+    repeats: Option<Repeated>,
     /// What it predicts.
     predicted: Option<Predicted>,
 }
@@ -84,10 +107,33 @@ impl Level {
             Ok(written) => written.objection().or_else(|| {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
-                self.accepted.iter().find_map(|a| below_null(&a.params, value))
+                let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
+                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence))
             }),
             Err(why) => Some(why.clone()),
         }
+    }
+
+    /// Whether one of its effects is of a class.
+    fn has(&self, class: Class) -> bool {
+        self.accepted.iter().any(|a| a.candidate.effect().class() == class)
+    }
+
+    /// Parameters that its effects bring.
+    fn size(&self) -> usize {
+        self.accepted.iter().map(Accepted::cost).sum()
+    }
+
+    /// Minus the log-likelihood on all runs, with the penalties of its effects.
+    fn total(&self) -> f64 {
+        self.split.cost() + self.accepted.iter().map(Accepted::penalty).sum::<f64>()
+    }
+
+    /// Its effects, in an order that is that of any search.
+    fn places(&self) -> Vec<&EffectAt> {
+        let mut places: Vec<&EffectAt> = self.accepted.iter().map(|a| &a.cause.place).collect();
+        places.sort();
+        places
     }
 
     fn ratio(&self) -> f64 {
@@ -109,9 +155,17 @@ pub(super) struct Front {
 }
 
 impl FrontProblem<'_> {
-    fn level(&self, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
-        let mut level = Level { accepted, current, split, written: Err(String::new()), predicted: None };
-        level.written = self.written(&level, Thoroughness::Quick);
+    fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
+        let (aside, written) = (false, Err(String::new()));
+        let mut level = Level { path, aside, accepted, current, split, written, repeats: None, predicted: None };
+        level.written = self.written(&level, Thoroughness::Near);
+        if level.has(Class::StandIn) {
+            level.repeats = repeated_in_the_end(
+                self.runs.train(),
+                (&self.first.model, self.first.theta.first().map_or(&[], |theta| &theta[..])),
+                (&level.current.model, level.split.theta.first().map_or(&[], |theta| &theta[..])),
+            );
+        }
         level
     }
 
@@ -120,29 +174,54 @@ impl FrontProblem<'_> {
         written_model(&level.current, &level.split.theta, &self.first.response, asked, thoroughness)
     }
 
-    /// From the model with all accepted effects down to that with one.
-    pub(super) fn front(
-        &self,
-        accepted: Vec<Accepted>,
-        current: Arc<FittedModel>,
-        split: SplitFit,
-    ) -> Result<Front, DiagnosisError> {
-        let mut levels = vec![self.level(accepted, current, split)];
-        while let Some(last) = levels.last().filter(|l| l.accepted.len() > 1 && (self.goes_on)()) {
-            let Some(next) = self.smaller(last) else { break };
-            levels.push(next);
+    /// From the models with all effects that searches accepted down to those with one.
+    pub(super) fn front(&self, paths: Vec<SearchPath>) -> Result<Front, DiagnosisError> {
+        let mut levels: Vec<Level> = Vec::new();
+        for (k, path) in paths.into_iter().enumerate() {
+            let mut next = Some(self.level(k, path.accepted, path.current, path.split));
+            next.iter_mut().for_each(|level| level.aside = path.aside);
+            while let Some(level) = next {
+                if levels.iter().any(|l| l.places() == level.places()) {
+                    // another search has come to the same effects
+                    break;
+                }
+                next = if level.accepted.len() > 1 && !level.aside && (self.goes_on)() {
+                    self.smaller(&level)
+                } else {
+                    None
+                };
+                levels.push(level);
+            }
         }
+        levels.sort_by(|a, b| b.size().cmp(&a.size()).then(a.path.cmp(&b.path)));
         // where no step from the joint estimates helps, whatever a fit would do
         for level in levels.iter_mut().filter(|l| l.written.is_err()) {
             level.written = self.written(level, Thoroughness::Whole);
         }
         let naive = self.predictions(&mut levels);
-        let chosen = self.chosen(&levels, &naive.naive);
+        let mut chosen = self.chosen(&levels, &naive.naive);
+        // what is recommended can be fitted as it is written
+        while let Some(k) = chosen.filter(|_| *self.runs.domain == Domain::Time && (self.goes_on)()) {
+            let from = levels[k].written.as_ref().map_or(Vec::new(), |written| written.fitted.theta.clone());
+            let asked = (self.runs, self.options, self.goes_on);
+            let again = written_model(&levels[k].current, &from, &self.first.response, asked, Thoroughness::Once);
+            let again = again.or_else(|_| self.written(&levels[k], Thoroughness::Whole));
+            levels[k].written = again;
+            if levels[k].objection().is_none() {
+                break;
+            }
+            chosen = self.chosen(&levels, &naive.naive);
+        }
         let told_of = Some(&naive).filter(|n| !n.fitted).map(|n| &n.naive);
         let mut models = vec![self.described(None, false, told_of)];
-        let told = levels.iter().enumerate().rev();
+        let told = levels.iter().enumerate().rev().filter(|(k, level)| {
+            let error = |l: &Level| l.predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, &naive.naive));
+            // what no search went on from is told where it is the best of its size
+            let better = |other: &Level| !other.aside && other.size() == level.size() && error(other) <= error(level);
+            Some(*k) == chosen || !level.aside || (level.objection().is_none() && !levels.iter().any(better))
+        });
         models.extend(told.map(|(k, level)| self.described(Some(level), Some(k) == chosen, told_of)));
-        let rejected = self.rejected(&levels, chosen);
+        let rejected = self.rejected(&levels, chosen, &naive.naive);
         let predicted = chosen.and_then(|k| levels[k].predicted.as_ref()).filter(|_| !naive.fitted);
         let confirmed = predicted.is_some_and(|large| self.clearly_likelier(large, &naive.naive));
         let recommended = chosen.map(|k| levels.swap_remove(k)).and_then(|mut level| {
@@ -181,7 +260,7 @@ impl FrontProblem<'_> {
         let score = |k: &usize| level.accepted[*k].cause.score;
         let weakest = (0..count).min_by(|a, b| score(a).total_cmp(&score(b)))?;
         let tried: Vec<usize> = if count <= EACH { (0..count).collect() } else { vec![weakest] };
-        let without = |k: &usize| -> Option<Level> {
+        let without = |k: &usize| -> Option<(Vec<Accepted>, FittedModel, SplitFit)> {
             let mut accepted = level.accepted.clone();
             accepted.remove(*k);
             let effects: Vec<_> = accepted.iter().map(Accepted::written).collect();
@@ -189,19 +268,81 @@ impl FrontProblem<'_> {
                 rebuilt(self.first, &level.current, &level.split.theta, self.runs, &effects).ok()?;
             accepted.iter_mut().zip(params).for_each(|(a, params)| a.params = params);
             let split = split_fit(&smaller, self.runs, self.noise).ok()?;
-            Some(self.level(accepted, Arc::new(smaller), split))
+            Some((accepted, smaller, split))
         };
-        let found: Vec<Level> = tried.par_iter().filter_map(without).collect();
-        found.into_iter().min_by(|a, b| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost())))
+        let mut found: Vec<_> = tried.par_iter().filter_map(without).collect();
+        found.sort_by(|a, b| a.2.cost().total_cmp(&b.2.cost()));
+        // a plain fit of a model that lacks what matters most may wander for long
+        let mut best: Option<Level> = None;
+        while best.as_ref().is_none_or(|level| level.written.is_err()) && !found.is_empty() {
+            let some: Vec<_> = found.drain(..found.len().min(FITTED)).collect();
+            let path = level.path;
+            let fitted = some.into_par_iter().map(|(a, current, split)| self.level(path, a, Arc::new(current), split));
+            let levels: Vec<Level> = fitted.collect();
+            let order =
+                |a: &Level, b: &Level| a.ratio().total_cmp(&b.ratio()).then(a.split.cost().total_cmp(&b.split.cost()));
+            best = best.into_iter().chain(levels).min_by(order);
+        }
+        best
     }
 
-    /// Which of them is recommended: they come with falling numbers of effects.
+    /// Which of them is recommended: they come with falling numbers of parameters.
     fn chosen(&self, levels: &[Level], naive: &Predicted) -> Option<usize> {
-        let sound = |k: &usize| levels[*k].objection().is_none();
+        let Some(any) = self.chosen_of(levels, naive, |level| !level.aside) else {
+            return self.chosen_of(levels, naive, |level| level.aside);
+        };
+        let stands_in = |level: &Level| level.has(Class::StandIn);
+        let physical = |level: &Level| !stands_in(level) && !level.aside;
+        let mechanisms = |level: &Level| physical(level) && !level.has(Class::Sensor);
+        let mut chosen = any;
+        if stands_in(&levels[any])
+            && let Some(other) = self.chosen_of(levels, naive, physical)
+            && !self.is_better_physics(&levels[any], &levels[other], naive)
+        {
+            chosen = other;
+        }
+        if levels[chosen].has(Class::Sensor)
+            && levels[chosen].has(Class::Mechanism)
+            && let Some(other) = self.chosen_of(levels, naive, mechanisms)
+            && levels[other].total() < levels[chosen].total()
+        {
+            chosen = other;
+        }
+        // what a search passed over is a smaller model that predicts as well, or one that predicts clearly better
+        for k in (0..levels.len()).rev().filter(|k| levels[*k].aside && levels[*k].objection().is_none()) {
+            let (own, other) = (&levels[k], &levels[chosen]);
+            let (Some(a), Some(b)) = (&own.predicted, &other.predicted) else { continue };
+            let smaller = own.size() < other.size() && self.is_as_good(own, other, naive);
+            let clear = |gained: Advantage| gained.reduction > (CLEAR * gained.error).max(USELESS);
+            if smaller || (own.size() <= other.size() && self.advantage(a, b, naive).is_some_and(clear)) {
+                chosen = k;
+            }
+        }
+        Some(chosen)
+    }
+
+    /// The same of those that are of a kind.
+    fn chosen_of(&self, levels: &[Level], naive: &Predicted, is: impl Fn(&Level) -> bool) -> Option<usize> {
+        let sound = |k: &usize| is(&levels[*k]) && levels[*k].objection().is_none();
         let error = |k: &usize| levels[*k].predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, naive));
         let best = (0..levels.len()).filter(sound).min_by(|a, b| error(a).total_cmp(&error(b)))?;
-        let as_good = |k: &usize| *k == best || (*k > best && self.is_as_good(&levels[*k], &levels[best], naive));
+        let as_good = |k: &usize| {
+            let smaller = levels[*k].size() < levels[best].size();
+            *k == best || (smaller && self.is_as_good(&levels[*k], &levels[best], naive))
+        };
         (0..levels.len()).rev().filter(sound).find(as_good)
+    }
+
+    /// Whether a set with a stand-in is more than a likeness of one without: it predicts better by more than one standard error, and is
+    /// likelier, penalties included.
+    fn is_better_physics(&self, stand_in: &Level, other: &Level, naive: &Predicted) -> bool {
+        let (Some(own), Some(others)) = (&stand_in.predicted, &other.predicted) else { return false };
+        let predicts = match self.advantage(own, others, naive) {
+            Some(gained) => gained.reduction > gained.error.max(USELESS),
+            // too little is independent to tell
+            None => self.relative(own, naive) < self.relative(others, naive),
+        };
+        predicts && stand_in.total() < other.total()
     }
 
     /// Whether a smaller model predicts as well as the best one.
@@ -250,7 +391,7 @@ impl FrontProblem<'_> {
         let refitted = |all: &[Run], train: usize, theta: Vec<Vec<f64>>| {
             let runs = Runs { all, train, domain: self.runs.domain };
             let current = FittedModel::new(current.model.clone(), runs, theta.clone()).ok()?;
-            plain_fit(&current, &theta, runs, (self.options, self.goes_on), Thoroughness::Quick).ok()
+            plain_fit(&current, &theta, runs, (self.options, self.goes_on), Thoroughness::Near).ok()
         };
         if let [run] = self.runs.all {
             let from = run.len() * 2 / 3;
@@ -339,7 +480,7 @@ impl FrontProblem<'_> {
         });
         FrontModel {
             effects: level.map_or(Vec::new(), |l| l.accepted.iter().map(|a| a.cause.place.clone()).collect()),
-            parameters: level.map_or(0, |l| l.accepted.iter().map(Accepted::cost).sum()),
+            parameters: level.map_or(0, Level::size),
             error_training: fitted.as_ref().map_or(f64::NAN, |f| f.1.sqrt()),
             error_validation: fitted.as_ref().and_then(|f| f.2).filter(|_| train < all).map(f64::sqrt),
             outputs: outputs.collect(),
@@ -352,17 +493,25 @@ impl FrontProblem<'_> {
         }
     }
 
-    /// Every effect that a larger model has and the recommended one has not.
-    fn rejected(&self, levels: &[Level], chosen: Option<usize>) -> Vec<Rejected> {
+    /// Every effect that another model has and the recommended one has not.
+    fn rejected(&self, levels: &[Level], chosen: Option<usize>, naive: &Predicted) -> Vec<Rejected> {
         let kept =
             |a: &Accepted| chosen.is_some_and(|k| levels[k].accepted.iter().any(|b| b.cause.place == a.cause.place));
-        let mut list = Vec::new();
-        for (k, a) in levels[0].accepted.iter().enumerate().filter(|(_, a)| !kept(a)) {
+        let predicts_better = |level: &Level| {
+            let error = |l: &Level| l.predicted.as_ref().map_or(f64::INFINITY, |p| self.relative(p, naive));
+            chosen.is_some_and(|k| level.has(Class::StandIn) && error(level) < error(&levels[k]))
+        };
+        let mut list: Vec<Rejected> = Vec::new();
+        for (k, a) in levels.iter().flat_map(|l| l.accepted.iter().enumerate()).filter(|(_, a)| !kept(a)) {
+            if list.iter().any(|r| r.place == a.cause.place) {
+                continue;
+            }
             // the smallest model that still had it says why
             let last = levels.iter().rev().find(|l| l.accepted.iter().any(|b| b.cause.place == a.cause.place));
-            let reason = last
-                .and_then(Level::objection)
-                .unwrap_or_else(|| "without it the written model predicts as well".into());
+            let reason = last.and_then(Level::objection).unwrap_or_else(|| match last.is_some_and(predicts_better) {
+                true => "what is no stand-in predicts as well, within one standard error, or is likelier".into(),
+                false => "without it the written model predicts as well".into(),
+            });
             let Cause { place, gain_training, gain_validation, .. } = a.cause.clone();
             list.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
         }

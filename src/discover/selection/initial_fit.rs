@@ -1,15 +1,19 @@
 //! The model as it stands at its fit: where a search begins.
 
 use super::error::DiagnosisError;
-use super::fitted_model::FittedModel;
+use super::fitted_model::{FittedModel, shared_from};
+use super::fitting::FitProblem;
+use super::predictor::{Predictor, responses};
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
+use super::whitening::CommonNoise;
+use crate::noise::LogSpectrum;
 use fdm_estimate::{
     Changes, Continuation, Estimate, Fit, FitError, FitOptions, Iteration, Observer, SpectralOptions, Stop, fit,
     fit_spectra, starts,
 };
 use fdm_system::model::Model;
 use fdm_system::record::Run;
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
 
 /// Parts of the record that are fitted first where the start values lead nowhere.
 const SHARES: [f64; 2] = [0.25, 0.5];
@@ -95,11 +99,19 @@ fn first_in_time(
     Ok(likeliest.into_iter().chain(stages.filter_map(Result::ok)).collect())
 }
 
+/// Iterations of a fit that begins at the estimates of a joint one.
+const QUICK: usize = 40;
+/// Times that the deviations of several outputs are renewed, and part of each by which they move when they are found.
+const RENEWED: usize = 4;
+const SAME: f64 = 0.01;
+
 /// How much is done for a plain fit of an extended model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Thoroughness {
-    /// From the values given, and no fallback strategy.
-    Quick,
+    /// Steps of Gauss and Newton from the values given, with the steps of integration that the model has.
+    Near,
+    /// As `fit` would from the values given, without fallback strategies.
+    Once,
     /// As `fit` would.
     Whole,
 }
@@ -115,6 +127,9 @@ pub(super) fn plain_fit(
     (options, goes_on): (&DiagnosisOptions, &GoesOn<'_>),
     thoroughness: Thoroughness,
 ) -> Result<FittedModel, String> {
+    if thoroughness == Thoroughness::Near {
+        return near_fit(current, theta, runs).ok_or_else(|| "it has no response".into());
+    }
     let mut params = current.params().to_vec();
     for (param, value) in params.iter_mut().zip(theta.iter().flatten()).filter(|(p, _)| !p.fixed && !p.per_run) {
         param.value = value.clamp(param.lower, param.upper);
@@ -123,8 +138,10 @@ pub(super) fn plain_fit(
     how.options.colour = false;
     // they are in the model already
     how.changes = Changes::default();
-    if thoroughness == Thoroughness::Quick {
+    if thoroughness == Thoroughness::Once {
+        how.bare = true;
         how.continuation = Continuation::Never;
+        how.options.iterations = how.options.iterations.min(QUICK);
     }
     let fits = plainly(&current.model.with_params(params), runs.train(), &how, goes_on).map_err(|e| e.to_string())?;
     let best = fits.first().ok_or("it has no end")?;
@@ -132,6 +149,67 @@ pub(super) fn plain_fit(
         return Err(best.estimate.termination.to_string());
     }
     with_validation_runs(best, runs, (&how, goes_on)).map_err(|e| e.to_string())
+}
+
+/// An extended model by output error from values that are near its estimates; none where it has no response there.
+fn near_fit(current: &FittedModel, theta: &[Vec<f64>], runs: Runs<'_>) -> Option<FittedModel> {
+    let (training, validation) = (0..runs.train, runs.train..runs.all.len());
+    let mut found = by_output_error(current, theta, runs, training)?;
+    if !validation.is_empty() {
+        let starts = shared_from(current.params(), found.first()?, &theta[runs.train..]);
+        let own = current.params().iter().any(|p| p.per_run && !p.fixed);
+        found.extend(starts);
+        if own {
+            let fitted = by_output_error(current, &found, runs, validation)?;
+            found.splice(runs.train.., fitted);
+        }
+    }
+    FittedModel::new(current.model.clone(), runs, found).ok()
+}
+
+/// Values on some runs by output error: outputs weigh by what they leave, until that stays. What runs share is not fitted to validation runs.
+fn by_output_error(
+    current: &FittedModel,
+    theta: &[Vec<f64>],
+    runs: Runs<'_>,
+    some: Range<usize>,
+) -> Option<Vec<Vec<f64>>> {
+    let (own, predictors) = (&runs.all[some.clone()], &current.predictors[some.clone()]);
+    let mut theta = theta[some.clone()].to_vec();
+    let mut before = variances(current, own, predictors, &theta)?;
+    for _ in 0..RENEWED {
+        let spectra: Vec<LogSpectrum> = before.iter().map(|v| LogSpectrum::flat(*v)).collect();
+        let noise = CommonNoise::new(&spectra, 0);
+        let params = current.params().to_vec();
+        let mut posed = FitProblem { params, dynamics: current.model.dynamics(), runs: own, predictors, noise: &noise };
+        if some.start >= runs.train {
+            posed = posed.validation();
+        }
+        theta = posed.fit(&theta, QUICK)?.theta;
+        let after = variances(current, own, predictors, &theta)?;
+        let same = |(b, a): (&f64, &f64)| (a / b - 1.0).abs() < SAME;
+        if after.len() == 1 || before.iter().zip(&after).all(same) {
+            break;
+        }
+        before = after;
+    }
+    Some(theta)
+}
+
+/// Mean square of what a model leaves of each output; one where nothing is left or measured.
+fn variances(current: &FittedModel, runs: &[Run], predictors: &[Predictor], theta: &[Vec<f64>]) -> Option<Vec<f64>> {
+    let q = current.outputs();
+    let answers = responses(&current.model, runs, predictors, theta)?;
+    let mut sums = vec![(0.0, 0.0); q];
+    for (run, y) in runs.iter().zip(&answers) {
+        for (k, (z, y)) in run.measured.iter().zip(y).enumerate().filter(|(_, (z, _))| !z.is_nan()) {
+            sums[k % q].0 += (z - y) * (z - y);
+            sums[k % q].1 += 1.0;
+        }
+    }
+    let of = |(sum, count): (f64, f64)| if sum > 0.0 { sum / count } else { 1.0 };
+    let found: Vec<f64> = sums.into_iter().map(of).collect();
+    found.iter().all(|v| v.is_finite()).then_some(found)
 }
 
 /// A fit to the training runs, with what belongs to each of the validation ones fitted there.

@@ -1,107 +1,158 @@
-//! With which candidate model a search goes on: the best one, unless it leaves much and another one leads further with a second effect.
+//! Which effect to go on with: the best sets of two and three effects say what the best single one cannot.
+//!
+//! A flexible effect that stands for several causes is the best one alone, and its partners never come in. So every effect that is no
+//! likeness of the best, and good enough, is a beginning. What its fit leaves is compared with the directions of all candidates beside its own
+//! (their Gram matrix): the best partners, alone and in pairs, are fitted jointly with it. So are the best of all sets of two and three among the
+//! forty best directions. The likeliest set says which of its effects is accepted. Whatever is accepted beside it is searched anew.
 
-use super::candidate_model::CandidateModel;
+use super::best_subsets::{Columns, Subset};
+use super::candidate_model::{CandidateModel, Prediction};
 use super::comparison::Comparison;
+use super::directions::TrialPoint;
+use super::elimination::rebuilt;
 use super::error::DiagnosisError;
-use super::extended_model::{AttachedEffect, SignalScales, grown, new_values, place, written};
-use super::fitted_model::FittedModel;
+use super::extended_model::{AttachedEffect, SignalScales, grown, new_values, written};
+use super::fitted_model::{FittedModel, shared_from, split_fit_within};
 use super::forward_selection::ForwardSelection;
 use super::forward_step::ForwardStep;
-use super::projection::cosine;
-use super::whitening::CommonNoise;
-use crate::diagnosis::EffectAt;
+use super::predictor::responses;
+use super::projection::{Projection, cosine, dot};
+use fdm_grammar::effect::{Candidate, Choice};
 use fdm_grammar::syntax::Class;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// Candidate models whose second effects are looked at, where the best one leaves much.
+/// Effects beside the best one that sets begin with.
 const BEGINNINGS: usize = 3;
 /// Part of the best score that such a candidate model has.
 const ALTERNATIVE: f64 = 0.25;
 /// Cosine above which two candidate models are one beginning.
 const ALIKE: f64 = 0.97;
-/// Candidates that are fitted beside another beginning.
-const SECONDS: usize = 6;
-/// Iterations of the fit by which beginnings are compared.
-const ITERATIONS: usize = 25;
+/// Partners of a beginning that are fitted with it, and those among which the best two are looked for.
+const PARTNERS: usize = 2;
+const PAIRED: usize = 12;
+/// Distinct directions among which all sets are tried, cosine above which two are one of them, and sets of these that are fitted.
+const FORTY: usize = 40;
+const ONE: f64 = 0.98;
+const SETS: usize = 3;
+/// Iterations of a set's fit, and what one of them must be predicted to gain: sets are compared, and nobody is told their estimates.
+const ROUGHLY: (usize, f64) = (20, 0.1);
+/// Part of its own energy that a direction must have beside others.
+const DISTINCT: f64 = 1e-3;
 
-/// The model with a candidate model in it, and the next search where that has been made.
-pub(super) struct NextStep<'a> {
+/// The model with a candidate model in it.
+pub(super) struct NextStep {
     /// The candidate model.
     pub(super) candidate: usize,
     pub(super) current: Arc<FittedModel>,
-    pub(super) ahead: Option<(ForwardStep<'a>, Option<Comparison>)>,
+    /// The candidate model with which mechanisms alone would go on; none where there is none.
+    pub(super) mechanism: Option<usize>,
 }
 
-impl<'a> ForwardSelection<'a> {
+/// What a set begins with.
+struct Beginning<'c> {
+    /// The candidate model, by its place.
+    model: usize,
+    own: &'c CandidateModel,
+    /// What it leaves, and what it adds, beside what is fitted.
+    left: Vec<f64>,
+    added: Vec<f64>,
+}
+
+/// A direction beside a beginning.
+#[derive(Clone, Copy)]
+struct Partner {
+    direction: usize,
+    amount: f64,
+    /// The gain that it predicts, less its penalty.
+    score: f64,
+}
+
+/// Candidates that are fitted with a beginning.
+struct EffectSet {
+    /// The beginning, by its place in the comparison.
+    model: usize,
+    partners: Vec<(usize, f64)>,
+}
+
+impl ForwardSelection<'_> {
     /// The candidate model to go on with, of those (`fit`, the best first) that nothing speaks against.
     pub(super) fn best_next_step(
         &self,
-        step: &ForwardStep<'a>,
+        step: &ForwardStep<'_>,
         comparison: &Comparison,
         scales: &SignalScales,
         fit: &[usize],
-    ) -> Result<Option<NextStep<'a>>, DiagnosisError> {
+    ) -> Result<Option<NextStep>, DiagnosisError> {
         let Some(best) = fit.first().copied() else { return Ok(None) };
-        let current = Arc::new(self.with_candidate(step, &comparison.models[best], scales)?);
-        let mut found = NextStep { candidate: best, current, ahead: None };
         // a stand-in must be better than the best pair of mechanisms
         let stand_in = comparison.models[best].class == Class::StandIn;
         let others = if stand_in { mechanisms(comparison) } else { alternatives(comparison, fit) };
-        if others.is_empty() || self.accepted.len() + 2 > self.options.most {
-            return Ok(Some(found));
+        let is_mechanism = |k: &usize| comparison.models[*k].class == Class::Mechanism;
+        let (mut chosen, mut mechanism) = (best, fit.iter().copied().find(is_mechanism));
+        if !others.is_empty() && self.accepted.len() + 2 <= self.options.most && (self.goes_on)() {
+            (self.progress)(&format!("fitting sets of effects that begin with {} of them", others.len() + 1));
+            let totals = self.totals(step, comparison, fit, &others);
+            let least = totals.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1));
+            chosen = least.map_or(best, |(k, _)| k);
+            let among = totals.iter().filter(|(k, _)| is_mechanism(k));
+            mechanism = among.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| *k).or(mechanism);
         }
-        let costs = |k: usize| comparison.models[k].penalty();
-        let named = |k: usize| place(&step.simulated[comparison.models[k].candidate].attached.candidate);
-        // where no search can be made beside it, the next one says so
-        let Ok((mut ahead, left)) = self.ahead(&found.current, &named(best)) else { return Ok(Some(found)) };
-        let least = if left {
-            let next = match ahead.comparison(&|_| ()) {
-                Err(DiagnosisError::Stopped) => return Ok(Some(found)),
-                next => next?,
-            };
-            let least = self.total(&ahead, &next, &comparison.noise);
-            found.ahead = Some((ahead, Some(next)));
-            least
-        } else {
-            found.ahead = Some((ahead, None));
-            stand_in.then(|| comparison.models[best].fitting.cost)
+        let current = Arc::new(self.with_candidate(step, &comparison.models[chosen], scales)?);
+        Ok(Some(NextStep { candidate: chosen, current, mechanism }))
+    }
+
+    /// The cost of the likeliest set that begins with each of these, penalties included; the best first.
+    fn totals(
+        &self,
+        step: &ForwardStep<'_>,
+        comparison: &Comparison,
+        fit: &[usize],
+        others: &[usize],
+    ) -> Vec<(usize, f64)> {
+        let sets = step.sets(comparison, fit, others);
+        let total = |set: &EffectSet| Some((set.model, self.total(step, comparison, set)?));
+        let totals: Vec<(usize, f64)> = sets.par_iter().filter_map(total).collect();
+        let alone = |k: usize| {
+            let own = &comparison.models[k];
+            own.fitting.cost + own.validation.as_ref().map_or(0.0, |(_, v)| v.cost) + own.penalty()
         };
-        let Some(mut least) = least.map(|total| total + costs(best)) else { return Ok(Some(found)) };
-        let why = if left { "the best one leaves much" } else { "the best one is a stand-in" };
-        (self.progress)(&format!("{why}: trying {} other beginnings", others.len()));
-        for k in others {
-            let Ok(current) = self.with_candidate(step, &comparison.models[k], scales) else { continue };
-            let current = Arc::new(current);
-            let Ok((mut ahead, _)) = self.ahead(&current, &named(k)) else { continue };
-            let Ok(next) = ahead.comparison_of(SECONDS..=SECONDS, &|_| ()) else { continue };
-            if let Some(total) = self.total(&ahead, &next, &comparison.noise)
-                && total + costs(k) < least
-            {
-                least = total + costs(k);
-                found = NextStep { candidate: k, current, ahead: Some((ahead, None)) };
-            }
+        let least = |k: usize| totals.iter().filter(|(m, _)| *m == k).map(|(_, t)| *t).fold(alone(k), f64::min);
+        let mut begun: Vec<usize> = fit.first().into_iter().chain(others).copied().collect();
+        begun.extend(sets.iter().map(|set| set.model));
+        let mut seen = BTreeSet::new();
+        begun.retain(|k| seen.insert(*k));
+        begun.into_iter().map(|k| (k, least(k))).collect()
+    }
+
+    /// The cost of a set, fitted jointly by the noise of the comparison, with its penalties.
+    fn total(&self, step: &ForwardStep<'_>, comparison: &Comparison, set: &EffectSet) -> Option<f64> {
+        if !(self.goes_on)() {
+            return None;
         }
-        Ok(Some(found))
-    }
-
-    /// The search beside a first effect, and whether anything is left to be found.
-    fn ahead(&self, current: &Arc<FittedModel>, first: &EffectAt) -> Result<(ForwardStep<'a>, bool), DiagnosisError> {
-        let scales = SignalScales::new(current, self.runs);
-        let candidates = self.candidates(current, Some(first));
-        let step = self.step(current, &candidates, &scales)?;
-        let left = step.screening.family_wise < self.options.alpha;
-        Ok((step, left))
-    }
-
-    /// The cost of the best second effect by a common noise, with the penalty of its parameters.
-    fn total(&self, step: &ForwardStep<'_>, comparison: &Comparison, noise: &CommonNoise) -> Option<f64> {
-        let best = comparison.models.first()?;
-        let fitting = best.posed(step, noise).fit(&best.fitting.theta, ITERATIONS)?;
-        Some(fitting.cost + best.penalty())
+        let (own, current) = (&comparison.models[set.model], &step.current);
+        let attached = &step.simulated[own.candidate].attached;
+        let mut effects: Vec<(Candidate, Choice)> =
+            vec![(attached.candidate.clone(), written(attached, own.fitting.theta.first()?))];
+        let mut penalty = own.penalty();
+        for (direction, amount) in &set.partners {
+            let (t, point) = step.owner[*direction];
+            let (trace, attached) = (&step.simulated[t], &step.simulated[t].attached);
+            let values = trace.points[point].at(*amount, attached.params());
+            let named = attached.params().iter().zip(values).filter(|(p, _)| p.begins_as.is_none());
+            effects.push((attached.candidate.clone(), named.map(|(p, v)| (p.local.clone(), v)).collect()));
+            penalty += step.penalty(t);
+        }
+        let mut theta: Vec<Vec<f64>> = own.fitting.theta.iter().map(|theta| attached.base(theta)).collect();
+        theta.extend(shared_from(current.params(), theta.first()?, &current.theta[self.runs.train..]));
+        let (model, _) = rebuilt(current, current, &theta, self.runs, &effects).ok()?;
+        let cost = split_fit_within(&model, self.runs, &comparison.noise, ROUGHLY).ok()?.cost();
+        cost.is_finite().then_some(cost + penalty)
     }
 
     /// The model with a candidate model in its text, fitted jointly.
-    fn with_candidate(
+    pub(super) fn with_candidate(
         &self,
         step: &ForwardStep<'_>,
         candidate: &CandidateModel,
@@ -122,6 +173,162 @@ impl<'a> ForwardSelection<'a> {
         }
         FittedModel::new(model, self.runs, theta)
     }
+}
+
+impl ForwardStep<'_> {
+    /// The sets of two and three effects that are worth a fit, of these beginnings.
+    fn sets(&self, comparison: &Comparison, fit: &[usize], others: &[usize]) -> Vec<EffectSet> {
+        let (runs, q) = (self.runs.train(), self.current.outputs());
+        let projection = Projection::new(&self.records, runs, &self.current.predictors, q, &comparison.noise);
+        let beginning = |k: &usize| -> Option<Beginning<'_>> {
+            let own = &comparison.models[*k];
+            let answers = responses(&own.model, runs, &own.predictors[..self.runs.train], &own.fitting.theta)?;
+            let left = runs.iter().zip(&own.predictors).zip(&answers).map(|((run, predictor), y)| -> Vec<f64> {
+                predictor.measured(run).iter().zip(y).map(|(z, y)| z - y).collect()
+            });
+            let left: Vec<Vec<f64>> = left.collect();
+            let parts: Vec<&[f64]> = left.iter().map(Vec::as_slice).collect();
+            let left = projection.added(&parts).direction;
+            let added = self.predictions(own.candidate, &projection).into_iter().next()?.added.direction;
+            Some(Beginning { model: *k, own, left, added })
+        };
+        let beginnings: Vec<Beginning<'_>> =
+            fit.first().into_iter().chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
+        let direction = |d: usize| -> Vec<f64> {
+            let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
+            projection.added(&parts).direction
+        };
+        let scored = |d: usize| -> Vec<Option<Partner>> {
+            let own = direction(d);
+            beginnings.iter().map(|b| self.partner(b, d, &own)).collect()
+        };
+        let all: Vec<Vec<Option<Partner>>> = (0..self.owner.len()).into_par_iter().map(scored).collect();
+        let mut sets = self.exact_sets(comparison, fit, &projection);
+        for (k, beginning) in beginnings.iter().enumerate() {
+            let mut partners: Vec<Partner> = all.iter().filter_map(|own| own[k]).collect();
+            partners.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.direction.cmp(&b.direction)));
+            // the best direction of each candidate
+            let mut seen: Vec<usize> = Vec::new();
+            partners.retain(|p| {
+                let candidate = self.owner[p.direction].0;
+                let new = !seen.contains(&candidate);
+                seen.push(candidate);
+                new && p.score > 0.0
+            });
+            partners.truncate(PAIRED);
+            let model = beginning.model;
+            let single = partners.iter().take(PARTNERS);
+            sets.extend(single.map(|p| EffectSet { model, partners: vec![(p.direction, p.amount)] }));
+            sets.extend(self.best_pair(beginning, &partners, direction).map(|partners| EffectSet { model, partners }));
+        }
+        sets
+    }
+
+    /// The best sets of two and three among the best directions, each beginning with the best of its effects that may be accepted.
+    fn exact_sets(&self, comparison: &Comparison, fit: &[usize], projection: &Projection) -> Vec<EffectSet> {
+        // the best direction of each candidate
+        let single = |t: usize| -> Option<(f64, Prediction)> {
+            let best = self.predictions(t, projection).into_iter().next()?;
+            Some((best.gain - self.penalty(t), best))
+        };
+        let all = (0..self.simulated.len()).into_par_iter();
+        let mut ranked: Vec<(usize, (f64, Prediction))> = all.filter_map(|t| Some((t, single(t)?))).collect();
+        ranked.sort_by(|a, b| b.1.0.total_cmp(&a.1.0).then(a.0.cmp(&b.0)));
+        let mut chosen: Vec<(usize, Prediction)> = Vec::new();
+        for (t, (_, prediction)) in ranked {
+            let direction = &prediction.added.direction;
+            let alike = |(_, o): &(usize, Prediction)| cosine(direction, &o.added.direction).abs() > ONE;
+            if chosen.len() < FORTY && dot(direction, direction) > 0.0 && !chosen.iter().any(alike) {
+                chosen.push((t, prediction));
+            }
+        }
+        let direction = |k: usize| -> &[f64] { &chosen[k].1.added.direction };
+        let m = chosen.len();
+        let row = |a: usize| -> Vec<f64> { (0..m).map(|b| dot(direction(a), direction(b))).collect() };
+        let gram: Vec<f64> = (0..m).into_par_iter().map(row).collect::<Vec<_>>().into_iter().flatten().collect();
+        let columns = Columns {
+            gram,
+            along: (0..m).map(|k| projection.along(direction(k))).collect(),
+            penalty: chosen.iter().map(|(t, _)| self.penalty(*t)).collect(),
+        };
+        let point = |k: usize| {
+            let (t, point) = self.owner[chosen[k].1.direction];
+            &self.simulated[t].points[point]
+        };
+        let best = columns.best_subsets(SETS, |k, amount| point(k).multiple(amount));
+        let begun = |subset: Subset| -> Option<EffectSet> {
+            let candidates: Vec<usize> = subset.members.iter().map(|(k, _)| chosen[*k].0).collect();
+            let model = *fit.iter().find(|o| candidates.contains(&comparison.models[**o].candidate))?;
+            let others = subset.members.iter().filter(|(k, _)| chosen[*k].0 != comparison.models[model].candidate);
+            Some(EffectSet { model, partners: others.map(|(k, amount)| (chosen[*k].1.direction, *amount)).collect() })
+        };
+        best.into_iter().filter_map(begun).collect()
+    }
+
+    /// A direction beside a beginning: what it predicts of what that leaves.
+    fn partner(&self, beginning: &Beginning<'_>, direction: usize, own: &[f64]) -> Option<Partner> {
+        let (t, point) = self.owner[direction];
+        if t == beginning.own.candidate {
+            return None;
+        }
+        let [z, g] = beside(beginning, own)?;
+        let (amount, twice) = gain(&self.simulated[t].points[point], z, g);
+        let score = 0.5 * twice - self.penalty(t);
+        score.is_finite().then_some(Partner { direction, amount, score })
+    }
+
+    /// The two partners that predict most together, with their amounts; none where two are worth no more than one.
+    fn best_pair(
+        &self,
+        beginning: &Beginning<'_>,
+        partners: &[Partner],
+        direction: impl Fn(usize) -> Vec<f64> + Sync,
+    ) -> Option<Vec<(usize, f64)>> {
+        let size = dot(&beginning.added, &beginning.added);
+        let left = |p: &Partner| -> Vec<f64> {
+            let mut own = direction(p.direction);
+            let share = if size > 0.0 { dot(&own, &beginning.added) / size } else { 0.0 };
+            own.iter_mut().zip(&beginning.added).for_each(|(d, b)| *d -= share * b);
+            own
+        };
+        let own: Vec<Vec<f64>> = partners.par_iter().map(left).collect();
+        let z: Vec<f64> = own.iter().map(|d| dot(d, &beginning.left)).collect();
+        let mut best: Option<(f64, Vec<(usize, f64)>)> = None;
+        for a in 0..own.len() {
+            for b in 0..a {
+                let (aa, bb, ab) = (dot(&own[a], &own[a]), dot(&own[b], &own[b]), dot(&own[a], &own[b]));
+                let determinant = aa * bb - ab * ab;
+                if determinant <= DISTINCT * aa * bb {
+                    continue;
+                }
+                let (x, y) = ((bb * z[a] - ab * z[b]) / determinant, (aa * z[b] - ab * z[a]) / determinant);
+                let cost = |p: &Partner| self.penalty(self.owner[p.direction].0);
+                let score = 0.5 * (x * z[a] + y * z[b]) - cost(&partners[a]) - cost(&partners[b]);
+                if best.as_ref().is_none_or(|(least, _)| score > *least) {
+                    best = Some((score, vec![(partners[a].direction, x), (partners[b].direction, y)]));
+                }
+            }
+        }
+        let (score, pair) = best?;
+        (score > partners.first()?.score).then_some(pair)
+    }
+}
+
+/// Products of a direction with what a beginning leaves and with itself, beside what the beginning adds; none where nothing is left of it.
+fn beside(beginning: &Beginning<'_>, own: &[f64]) -> Option<[f64; 2]> {
+    let size = dot(&beginning.added, &beginning.added);
+    let along = dot(own, &beginning.added);
+    let share = if size > 0.0 { along / size } else { 0.0 };
+    let whole = dot(own, own);
+    let g = whole - share * along;
+    let z = dot(own, &beginning.left) - share * dot(&beginning.added, &beginning.left);
+    (g > DISTINCT * whole).then_some([z, g])
+}
+
+/// The multiple of a direction that predicts most, and twice its gain.
+fn gain(point: &TrialPoint, z: f64, g: f64) -> (f64, f64) {
+    let amount = point.multiple(z / g);
+    (amount, 2.0 * amount * z - amount * amount * g)
 }
 
 /// The best mechanisms that are no likeness of each other, whatever they gain alone: as long as its partner is missing, a friction may

@@ -11,6 +11,7 @@
 
 mod acceptance;
 mod assessment;
+mod best_subsets;
 mod candidate_model;
 mod comparison;
 mod directions;
@@ -20,8 +21,10 @@ mod extended_model;
 mod feedback;
 mod fitted_model;
 mod fitting;
+mod forced_tiles;
 mod forward_selection;
 mod forward_step;
+mod free_motion;
 mod front;
 mod initial_fit;
 mod look_ahead;

@@ -4,7 +4,6 @@ use super::directions::TrialPoint;
 use super::predictor::Predictor;
 use super::whitening::{CommonNoise, Whitener};
 use crate::bins::Record;
-use crate::screening::Shape;
 use fdm_system::record::Run;
 
 /// Columns with less than this of their energy left beside others are made of them.
@@ -68,18 +67,18 @@ impl Projection {
         Projected { direction, compensation }
     }
 
+    /// The product of a projected direction with the residual.
+    pub(super) fn along(&self, direction: &[f64]) -> f64 {
+        dot(direction, &self.residual)
+    }
+
     /// Twice the gain that a projected direction predicts, and the multiple of it that does.
     pub(super) fn predicted_gain(&self, direction: &[f64], point: &TrialPoint) -> (f64, f64) {
         let (z, g) = (dot(direction, &self.residual), dot(direction, direction));
         if g <= 0.0 {
             return (0.0, 1.0);
         }
-        let amount = match point.shape {
-            Shape::Linear | Shape::Joint { .. } => z / g,
-            Shape::Rising => (z / g).max(0.0),
-            Shape::Finite => (z / g).clamp(0.5, 2.0),
-            Shape::Smallest => (z / g).clamp(0.05, 2.0),
-        };
+        let amount = point.multiple(z / g);
         (2.0 * amount * z - amount * amount * g, amount)
     }
 

@@ -58,6 +58,56 @@ pub(super) fn prepared(run: &Run, domain: &Domain) -> Result<(Run, Option<String
     }
 }
 
+/// Samples of all runs together, and numbers of all directions (candidates by outputs by samples), up to which all are taken.
+const MOST_SAMPLES: usize = 200_000;
+const MOST_NUMBERS: usize = 120_000_000;
+/// Directions of a candidate, about.
+const DIRECTIONS: usize = 2;
+/// Fewest samples that are left of a run.
+const KEPT: usize = 1_000;
+/// Part of the deviation of an input that may be lost, as its root mean square.
+const LOST: f64 = 1e-3;
+
+/// Every k-th sample of runs that are longer than a search with so many candidates needs, and what was left out, in a sentence.
+pub(super) fn thinned(runs: Vec<Run>, outputs: usize, candidates: usize) -> (Vec<Run>, Option<String>) {
+    let samples: usize = runs.iter().map(Run::len).sum();
+    let numbers = samples.saturating_mul(outputs).saturating_mul(DIRECTIONS * candidates.max(1));
+    let wanted = samples.div_ceil(MOST_SAMPLES).max(numbers.div_ceil(MOST_NUMBERS));
+    let shortest = runs.iter().map(Run::len).filter(|n| *n > KEPT).min().unwrap_or(0);
+    let mut every = wanted.min(shortest / KEPT).max(1);
+    while every > 1 && !runs.iter().filter(|run| run.len() > KEPT).all(|run| keeps_inputs(run, every)) {
+        every -= (every / 4).max(1);
+    }
+    if every == 1 {
+        return (runs, None);
+    }
+    let part = |run: &Run| if run.len() > KEPT { run.every(every) } else { run.clone() };
+    let runs: Vec<Run> = runs.iter().map(part).collect();
+    let left: usize = runs.iter().map(Run::len).sum();
+    let note = format!(
+        "of {samples} samples every {every}th is used ({left}), as there are {candidates} candidates; all errors are those of these samples. \
+         `--without` and `--only` leave more time for each"
+    );
+    (runs, Some(note))
+}
+
+/// Whether every k-th sample of the inputs says all of them, as they are interpolated: what is lost would be taken for an effect.
+fn keeps_inputs(run: &Run, k: usize) -> bool {
+    let (n, m) = (run.len(), run.held.len());
+    (0..m).all(|i| {
+        let value = |row: usize| run.inputs[row * m + i];
+        let mean = (0..n).map(value).sum::<f64>() / n as f64;
+        let (mut off, mut size) = (0.0, 0.0);
+        for row in 0..n {
+            let (from, to) = (row / k * k, (row / k * k + k).min((n - 1) / k * k));
+            let part = if to > from && !run.held[i] { (row - from) as f64 / (to - from) as f64 } else { 0.0 };
+            off += (value(row) - value(from) - part * (value(to) - value(from))).powi(2);
+            size += (value(row) - mean).powi(2);
+        }
+        off <= LOST * LOST * size
+    })
+}
+
 /// Samples at their places; inputs are bridged, outputs stay empty.
 fn spread(run: &Run, grid: &EvenGrid) -> Run {
     let (n, m) = (grid.length(), run.held.len());
@@ -244,6 +294,22 @@ mod tests {
         let even = evenly(&run(time)).expect("even with a gap");
         assert_eq!((even.len(), even.time[11]), (50, 5.5));
         assert!((even.inputs[11] - 11.0).abs() < 1e-12 && even.measured[11].is_nan() && even.measured[13] == 10.0);
+    }
+
+    #[test]
+    fn long_runs_are_thinned_and_that_is_said() {
+        let long = run((0..50_000).map(f64::from).collect());
+        let short = run((0..1_000).map(f64::from).collect());
+        let (kept, note) = thinned(vec![long.clone(), short.clone()], 1, 20);
+        assert!(note.is_none() && kept == [long.clone(), short.clone()]);
+        let mut stepped = long.clone();
+        stepped.inputs.iter_mut().enumerate().for_each(|(k, u)| *u = f64::from(u8::from(k % 1000 > 497)));
+        let (kept, note) = thinned(vec![stepped.clone()], 1, 8_000);
+        assert!(note.is_none() && kept == [stepped]);
+        let (kept, note) = thinned(vec![long, short.clone()], 1, 8_000);
+        assert!(note.is_some_and(|n| n.contains("of 51000 samples every 7th is used (8143)")));
+        assert_eq!((kept[0].len(), kept[0].time[2], kept[0].inputs[2], kept[0].measured[2]), (7143, 14.0, 28.0, 14.0));
+        assert_eq!(kept[1], short);
     }
 
     #[test]

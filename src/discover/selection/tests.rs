@@ -163,6 +163,30 @@ fn a_mode_that_repeats_a_free_motion_is_no_mode() {
     assert!(found.rejected.iter().any(|r| r.reason.contains("own motion once more")), "{:?}", found.rejected);
 }
 
+/// In a free decay the amplitude falls as time goes on, and a lag only shifts the phase: both imitate damping and stiffness that change
+/// with the amplitude. Mechanisms are recommended.
+#[test]
+fn stand_ins_and_lags_do_not_take_the_place_of_mechanisms() {
+    const LIKE: &str = "
+effect changing(p: param) as stand_in \"changes\" { param k = 0; const T = duration; let varying = p*(1 + k*(t/T - 0.5)); replace p with varying; }
+effect lag(y: output) as sensor \"lag\" { param T = 0 in [step/4, duration/4] try step, 3*step, 9*step, 30*step; state lagged = start(y); der(lagged) = (y - lagged)/T; replace y with lagged; }
+";
+    let (catalogue, findings) = Catalogue::read(&Source::new("like.fdm", format!("{SOME}{LIKE}").as_str()));
+    assert!(findings.is_empty(), "{findings:?}");
+    let begins = |text: &str| text.replace("state p = 0", "state p = free");
+    let truth = begins(&ROLL.replace("DRAG", "- 0.4*p*abs(p) - 3*phi^3"));
+    let of = |name: &str, phi: f64| run(&truth, name, |_| 0.0, &[("phi(0)", phi), ("p(0)", 0.1)], 0.002);
+    let model = Model::from_text("model.fdm", begins(&ROLL.replace("DRAG", ""))).unwrap();
+    let options = DiagnosisOptions::default();
+    let found = diagnose(&model, &[of("a", 0.6)], &[], &catalogue, &options, &|_| ()).unwrap();
+    let mut named: Vec<String> = found.causes.iter().map(|c| c.place.to_string()).collect();
+    named.sort();
+    assert_eq!(named, ["cubic_stiffness(p, phi)", "quadratic_damping(p)"], "{found:#?}");
+    // a table by size, whatever search a model comes from
+    assert!(found.front.windows(2).all(|two| two[0].parameters <= two[1].parameters), "{:?}", found.front);
+    assert_eq!(found.front.iter().filter(|m| m.recommended).count(), 1);
+}
+
 /// A user simulates the text: that is what is told of it.
 #[test]
 fn what_is_told_is_what_the_written_text_does() {

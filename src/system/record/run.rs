@@ -71,6 +71,21 @@ impl Run {
         }
     }
 
+    /// Every `k`-th sample from the first one on.
+    pub fn every(&self, k: usize) -> Self {
+        let (k, n) = (k.max(1), self.len().max(1));
+        let (m, q) = (self.inputs.len() / n, self.measured.len() / n);
+        let rows = |values: &[f64], width: usize| -> Vec<f64> {
+            values.chunks_exact(width.max(1)).step_by(k).flatten().copied().collect()
+        };
+        Self {
+            time: self.time.iter().step_by(k).copied().collect(),
+            inputs: rows(&self.inputs, m),
+            measured: rows(&self.measured, q),
+            ..self.clone()
+        }
+    }
+
     /// The run with these inputs and outputs only, in this order.
     ///
     /// # Panics
