@@ -1,6 +1,6 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
-use super::acceptance::{cause, objection, rejected};
+use super::acceptance::{LEAD, cause, objection, rejected, separating};
 use super::assessment::{ResidualRecords, against, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
@@ -478,7 +478,11 @@ impl<'a> ForwardSelection<'a> {
             let attached = &step.simulated[models[*k].candidate].attached;
             let Ok(current) = self.with_candidate(step, &models[*k], scales) else { continue };
             let mut accepted = self.accepted.clone();
-            let cause = cause(step, comparison, (*k, p));
+            let mut cause = cause(step, comparison, (*k, p));
+            // what is clearly likelier alone can be told from it
+            let most = cause.score + LEAD;
+            cause.group.retain(|member| member.score < most);
+            cause.separating_experiment = cause.group.get(1).map(|other| separating(&cause.place, &other.place));
             accepted.push(Accepted::new(attached, &models[*k].fitting, cause, Vec::new()));
             self.aside.push(Aside { accepted, current: Arc::new(current) });
         }
