@@ -1,8 +1,7 @@
 //! Delays that a map leaves free: the model with a param for each, as an effect in its text. What is fitted is what is written.
 
-use crate::effects::{invalid, subject_of};
 use crate::failure::{Failure, remark};
-use fdm_grammar::effect::{Catalogue, Choice, Nominal};
+use fdm_grammar::effect::{Catalogue, Choice, Nominal, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_readers::{FreeDelay, RecordMap};
 use fdm_system::{Model, ModelError};
@@ -62,10 +61,13 @@ pub(crate) fn with_free_delays(model: &Model, maps: &[&RecordMap]) -> Result<Mod
     for (name, free) in wanted {
         let source = Source::new("map", effect(is_input(name), free));
         let (catalogue, findings) = Catalogue::read(&source);
+        let invalid = |text: &Source, diagnostics| {
+            Failure::Model(Box::new(ModelError::Invalid { text: text.clone(), diagnostics }))
+        };
         if findings.iter().any(Diagnostic::is_error) {
             return Err(invalid(&source, findings));
         }
-        let at = subject_of(&model)?;
+        let at = Subject::new(model.source(), model.definition()).map_err(|f| invalid(model.source(), f))?;
         let places = catalogue.places(&at);
         let told = |said: &str| Failure::input([format!("channel.{name}.free_delay: {said}")]);
         let candidate = places.find(&format!("late({name})"));
