@@ -156,9 +156,9 @@ fn delays_that_a_map_leaves_free_are_estimated() {
         let found = of(part)["value"].as_f64().unwrap();
         assert!((found - value).abs() < 2e-4, "{part}: {found} {found:?}");
     };
-    near("delay_p_m", 0.03);
-    near("delay_u", -0.02);
-    assert_eq!((of("delay_p_m")["unit"].as_str(), of("delay_p_m")["run"].as_str()), (Some("s"), Some("one")));
+    near("tau_p_m", 0.03);
+    near("tau_u", -0.02);
+    assert_eq!((of("tau_p_m")["unit"].as_str(), of("tau_p_m")["run"].as_str()), (Some("s"), Some("one")));
     // the result holds the model that was fitted
     assert!(desk.text("result/model.fdm").contains("delay("), "{}", desk.text("result/model.fdm"));
     desk.good("validate --from-result result --data one.csv -q");
