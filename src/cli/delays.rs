@@ -1,8 +1,6 @@
 //! Delays that a map leaves free: the model with a param for each, as an effect in its text. What is fitted is what is written.
 
-use crate::effects::{invalid, subject_of};
-use crate::failure::{Failure, remark};
-use fdm_grammar::effect::{Catalogue, Choice, Nominal};
+use fdm_grammar::effect::{Catalogue, Choice, Nominal, Subject};
 use fdm_grammar::{Diagnostic, Source};
 use fdm_readers::{FreeDelay, RecordMap};
 use fdm_system::{Model, ModelError};
@@ -31,11 +29,19 @@ fn effect(is_input: bool, free: FreeDelay) -> String {
     }
 }
 
-/// The model with a param for every delay that the maps leave free.
+/// Why a delay cannot be left free.
+pub(crate) enum DelayError {
+    /// A text that does not compile.
+    Model(Box<ModelError>),
+    /// What is wrong with the maps, or with a channel.
+    Maps(Vec<String>),
+}
+
+/// The model with a param for every delay that the maps leave free, and a sentence for each.
 ///
 /// # Errors
 /// Maps that differ in what they leave free, and channels that cannot be delayed.
-pub(crate) fn with_free_delays(model: &Model, maps: &[&RecordMap]) -> Result<Model, Failure> {
+pub(crate) fn with_free_delays(model: &Model, maps: &[&RecordMap]) -> Result<(Model, Vec<String>), DelayError> {
     let mut wanted: BTreeMap<&str, FreeDelay> = BTreeMap::new();
     let (inputs, outputs) = (&model.definition().inputs, &model.definition().outputs);
     let is_input = |name: &str| inputs.iter().any(|i| i.quantity.name == name);
@@ -56,18 +62,22 @@ pub(crate) fn with_free_delays(model: &Model, maps: &[&RecordMap]) -> Result<Mod
         }
     }
     if !wrong.is_empty() {
-        return Err(Failure::Input(wrong));
+        return Err(DelayError::Maps(wrong));
     }
     let mut model = model.clone();
+    let mut said = Vec::new();
     for (name, free) in wanted {
         let source = Source::new("map", effect(is_input(name), free));
         let (catalogue, findings) = Catalogue::read(&source);
+        let invalid = |text: &Source, diagnostics| {
+            DelayError::Model(Box::new(ModelError::Invalid { text: text.clone(), diagnostics }))
+        };
         if findings.iter().any(Diagnostic::is_error) {
             return Err(invalid(&source, findings));
         }
-        let at = subject_of(&model)?;
+        let at = Subject::new(model.source(), model.definition()).map_err(|f| invalid(model.source(), f))?;
         let places = catalogue.places(&at);
-        let told = |said: &str| Failure::input([format!("channel.{name}.free_delay: {said}")]);
+        let told = |what: &str| DelayError::Maps(vec![format!("channel.{name}.free_delay: {what}")]);
         let candidate = places.find(&format!("late({name})"));
         let candidate = candidate.ok_or_else(|| told("the model has no place for a delay there"))?;
         let extension = candidate.apply(&at, &Nominal, &Choice::new()).map_err(|d| told(&d.message))?;
@@ -80,7 +90,7 @@ pub(crate) fn with_free_delays(model: &Model, maps: &[&RecordMap]) -> Result<Mod
         })?;
         let params: Vec<&str> = extension.params().iter().map(|p| p.name.as_str()).collect();
         let of = if is_input(name) { "minus the delay" } else { "the delay" };
-        remark(format_args!("note: `{}` is {of} of `{name}`, which the map leaves free", params.join("`, `")));
+        said.push(format!("note: `{}` is {of} of `{name}`, which the map leaves free", params.join("`, `")));
     }
-    Ok(model)
+    Ok((model, said))
 }

@@ -2,7 +2,7 @@
 //! written before.
 
 use crate::campaign::{RecordFile, Role, RunTable, expanded, group, known_value, mask};
-use crate::delays::with_free_delays;
+use crate::delays::{DelayError, with_free_delays};
 use crate::failure::{Failure, OrFailure, did_you_mean, remark, tell};
 use clap::Args;
 use fdm_doctor::{AloneOptions, Finding, Record, examine_alone, examine_repeats, leading};
@@ -321,7 +321,12 @@ impl Records {
             let said = "a map leaves a delay free, and some run has no map: give each run one";
             return Err(Failure::input([said]));
         }
-        with_free_delays(model, &maps)
+        let (model, said) = with_free_delays(model, &maps).map_err(|e| match e {
+            DelayError::Model(e) => Failure::Model(e),
+            DelayError::Maps(wrong) => Failure::Input(wrong),
+        })?;
+        said.iter().for_each(|note| remark(format_args!("{note}")));
+        Ok(model)
     }
 
     /// The files of the runs of a role; of those that `--data` names all are.

@@ -47,6 +47,13 @@ pub(super) fn reactions(tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
                 None => reaction.forward,
             };
             for (name, net) in net(reaction) {
+                if name.text.contains('[') {
+                    let message =
+                        format!("`{}` is an element of a vector, and a species has a name of its own", name.text);
+                    let hint = "declare a state for each species: `state A, B;`";
+                    findings.push(Diagnostic::new(Code::BadReaction, name.span, message).hint(hint));
+                    continue;
+                }
                 share(&mut balances, name, *volume, (net, rate), findings);
             }
         }

@@ -69,6 +69,10 @@ impl Places<'_> {
             StatementKind::Table(table) => self.name(&table.name),
             // what stands left in its brackets are names of the submodel
             StatementKind::Use(submodel) => self.name(&submodel.alias),
+            StatementKind::Reactions(_, list) => {
+                let species = list.iter().flat_map(|r| r.left.iter().chain(&r.right));
+                species.for_each(|s| self.name(&s.name));
+            }
             StatementKind::Equation(..) | StatementKind::Time(_) | StatementKind::Prior(_) => {}
         }
     }

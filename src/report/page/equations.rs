@@ -3,6 +3,7 @@
 use super::section::Section;
 use super::subject::Subject;
 use fdm_grammar::Source;
+use fdm_grammar::expand::expand;
 use fdm_grammar::syntax::{Declaration, Role, StatementKind, SyntaxTree, Typesetter, Value};
 use maud::{Markup, PreEscaped, html};
 
@@ -87,6 +88,10 @@ pub(super) fn lines(tree: &SyntaxTree, source: &Source) -> Vec<Line> {
     if tree.expressions.len() > LONGEST {
         return Vec::new();
     }
+    let reacts = tree.statements.iter().any(|s| matches!(s.kind, StatementKind::Reactions(..)));
+    // balances are shown as they are solved
+    let balances = reacts.then(|| expand(source, tree.clone(), &|_| Vec::new()).tree);
+    let tree = balances.as_ref().unwrap_or(tree);
     let typesetter = Typesetter::new(tree, source);
     let mut lines = Vec::new();
     for statement in &tree.statements {
