@@ -170,7 +170,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
 /// Delays, offsets, scale factors and drifts of each channel, with their best values.
 fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
     /// Iterations of fits that begin at the estimates of one that is near.
-    const NEAR: usize = 3;
+    const NEAR: usize = 8;
     let evidence = search_in.evidence;
     let channels = evidence.channels;
     let begun = evidence.model.map(|model| current.begun(model));
@@ -203,7 +203,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
-        let at = |value: f64| {
+        let at = |fault: Fault, value: f64| {
             let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
             let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
             match evidence.touches_model(&[edit]) {
@@ -211,16 +211,23 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
                 false => Some(evidence.unfitted(current, &all)),
             }
         };
-        let Searched { value, error, trial } = search(*step, current, needed, &at)?;
+        let Searched { value, error, trial } = search(*step, current, needed, &|value| at(fault, value))?;
         let penalty = 0.5 * trial.worth().max(1.0).ln();
-        // a delay below a sample and an offset or factor that leave more than nine tenths of every output's error are no faults of a record
+        // a delay that may be one sample is a matter of stamps; what leaves more than nine tenths of every output's error is no fault either
         let matters = match fault {
-            Fault::Delay => value.abs() >= interval,
+            Fault::Delay => value.abs() - 2.0 * error >= interval,
             Fault::Drift => value.abs() * span >= 2.0 * interval,
             _ => true,
         };
         if !matters || value.abs() < 4.0 * error || trial.least_left(current) > 0.9 {
             return None;
+        }
+        // a drift has to explain what a delay that stays does not
+        if fault == Fault::Drift {
+            let stays = search(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
+            if stays.is_some_and(|s| trial.gain_over(&s.trial) < search_in.options.odds.ln()) {
+                return None;
+            }
         }
         let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
         let (value, error) = if fault == Fault::Scale { (value.exp(), value.exp() * error) } else { (value, error) };
