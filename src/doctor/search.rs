@@ -57,7 +57,8 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> (Vec<Finding>, Trial,
     }
     let mut found = Vec::new();
     for k in 0..accepted.len() {
-        let without = if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
+        let without =
+            if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
         fits += 1;
         let own = &accepted[k];
         let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
@@ -335,9 +336,9 @@ impl Search<'_> {
     /// The channels about which there is evidence.
     fn slots(&self) -> Vec<Slot> {
         let (evidence, channels) = (self.evidence, self.evidence.channels);
-        let known = |s: &Slot| match s {
-            Slot::Other(_) => evidence.kinematics.reads(channels.place(*s)),
-            _ => evidence.model.is_some(),
+        let known = |s: &Slot| {
+            let compared = evidence.model.is_some() && !matches!(s, Slot::Other(_));
+            compared || evidence.kinematics.reads(channels.place(*s))
         };
         channels.slots().filter(known).collect()
     }
@@ -367,9 +368,8 @@ impl Search<'_> {
             what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }
         // a constant that the balances lack moves inputs and outputs alike: a fault of the record is what no zero of an input explains as well
-        let constant = |j: &Judged| {
-            j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)])
-        };
+        let constant =
+            |j: &Judged| j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)]);
         let doubted = accepted.near.iter().any(|j| constant(j) && j.log_odds > accepted.judged.log_odds - 20f64.ln());
         let lacking = hypothesis.fault == Fault::Offset && (constant(&accepted.judged) || doubted);
         if lacking {
