@@ -107,12 +107,7 @@ impl Arguments {
     }
 
     /// With the columns that the model does not read, where a file is one table and all files have the same ones.
-    fn with_other_columns(
-        &self,
-        records: Vec<Record>,
-        files: &[RecordFile],
-        read: &[(Run, Summary)],
-    ) -> Vec<Record> {
+    fn with_other_columns(&self, records: Vec<Record>, files: &[RecordFile], read: &[(Run, Summary)]) -> Vec<Record> {
         if files.len() != records.len() {
             return records;
         }

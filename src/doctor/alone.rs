@@ -1,7 +1,7 @@
 //! A record by itself: every channel, the time, rows, and rates beside angles.
 
-use crate::finding::{Finding, Severity, in_order};
 use crate::beside::BesideOptions;
+use crate::finding::{Finding, Severity, in_order};
 use crate::hypothesis::Channels;
 use crate::kinematics::Kinematics;
 use crate::likelihood::{Begin, Evidence};

@@ -123,8 +123,11 @@ impl Channels {
                     changes[a].1 = std::mem::replace(&mut changes[b].1, one);
                 }
                 Edit::Drift(slot, rate) => {
-                    let words =
-                        format!("multiply the times of `{}` by {:.6}: its clock is another one", self.name(slot), 1.0 - rate);
+                    let words = format!(
+                        "multiply the times of `{}` by {:.6}: its clock is another one",
+                        self.name(slot),
+                        1.0 - rate
+                    );
                     return Repair::words(&words);
                 }
                 Edit::Step(slot, at, by) => {
@@ -189,7 +192,9 @@ fn factors(unit: Option<&str>) -> Vec<(f64, f64, &'static str)> {
             (1e-3, "thousandths"),
             (1e3, "thousands"),
         ]),
-        Some(u) if u.contains("/s") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (1.0 / 60.0, "units per minute")]),
+        Some(u) if u.contains("/s") => {
+            of(&[(1e-3, "thousandths"), (1e3, "thousands"), (1.0 / 60.0, "units per minute")])
+        }
         Some(u) if u.contains("/min") => of(&[(1e-3, "thousandths"), (1e3, "thousands"), (60.0, "units per second")]),
         Some(_) => of(&[(1e-3, "thousandths"), (1e3, "thousands")]),
     }
@@ -290,8 +295,7 @@ fn axes(channels: &Channels, slots: &[Slot], add: &mut impl FnMut(Fault, Vec<Slo
 /// A name as the field writes it: small letters, without what says that it was measured or in which unit.
 pub(crate) fn plain(name: &str) -> String {
     let mut name = name.to_ascii_lowercase();
-    const ENDINGS: [&str; 10] =
-        ["_measured", "_meas", "_m", "_deg", "_rad", "_degs", "_rads", "_dps", "_mps", "_ft"];
+    const ENDINGS: [&str; 10] = ["_measured", "_meas", "_m", "_deg", "_rad", "_degs", "_rads", "_dps", "_mps", "_ft"];
     while let Some(short) = ENDINGS.iter().find_map(|e| name.strip_suffix(e)).filter(|s| !s.is_empty()) {
         name = short.to_string();
     }
@@ -346,7 +350,9 @@ pub(crate) fn between_samples(record: &Record, edits: &[Edit], slot: Slot) -> f6
         _ => None,
     };
     let moved = edits.iter().filter_map(of);
-    moved.map(|(tau, rate)| time.iter().map(|t| part(t + tau + rate * t)).sum::<f64>() / time.len() as f64).sum()
+    let parts = moved.map(|(tau, rate)| time.iter().map(|t| part(t + tau + rate * t)).sum::<f64>() / time.len() as f64);
+    // a delay and a drift of one channel read it once
+    parts.sum::<f64>().min(0.25)
 }
 
 /// A run as the edits of its record make it, with the inputs that the model computes from its records.

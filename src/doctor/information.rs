@@ -24,9 +24,9 @@ fn name_of(runs: &[Run]) -> &str {
 /// themselves (variance inflation; Belsley, Kuh and Welsch 1980).
 fn correlated_inputs(runs: &[Run], records: &[Record]) -> Vec<Finding> {
     const MOST: f64 = 0.95;
-    let inputs: Vec<usize> = records.first().map_or_else(Vec::new, |r| {
-        (0..r.channels.len()).filter(|k| r.channels[*k].role == Role::Input).collect()
-    });
+    let inputs: Vec<usize> = records
+        .first()
+        .map_or_else(Vec::new, |r| (0..r.channels.len()).filter(|k| r.channels[*k].role == Role::Input).collect());
     let about_mean = |c: &Channel| {
         let mean = c.values.iter().sum::<f64>() / c.values.len().max(1) as f64;
         c.values.iter().map(move |v| v - mean).collect::<Vec<f64>>()
@@ -49,7 +49,9 @@ fn correlated_inputs(runs: &[Run], records: &[Record]) -> Vec<Finding> {
             );
             let mut remark = Finding::by_chance(name_of(runs), &one, Fault::CorrelatedInputs, 1.0, what).remark();
             remark.channels.push(other);
-            remarks.push(remark.repaired_by(Repair::words("add a run that moves one of them alone: `fdm design` proposes one")));
+            remarks.push(
+                remark.repaired_by(Repair::words("add a run that moves one of them alone: `fdm design` proposes one")),
+            );
         }
     }
     remarks

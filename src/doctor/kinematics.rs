@@ -311,7 +311,11 @@ impl Kinematics {
         }
         let worth = |k: &Self| -> f64 {
             let balances = k.balances(records, channels, &[]);
-            balances.iter().filter(|b| b.unexplained.is_finite()).map(|b| -0.5 * b.independent * b.unexplained.ln() - b.cost).sum()
+            balances
+                .iter()
+                .filter(|b| b.unexplained.is_finite())
+                .map(|b| -0.5 * b.independent * b.unexplained.ln() - b.cost)
+                .sum()
         };
         if worth(&degrees) > worth(&self) { degrees } else { self }
     }
@@ -349,9 +353,8 @@ impl Kinematics {
                     Equation::Form(k) => {
                         let form = &FORMS[k];
                         let left = unwrapped(&columns[form.left as usize]);
-                        let instant = |s: usize| {
-                            Instant(std::array::from_fn(|q| columns[q].get(s).copied().unwrap_or(0.0)))
-                        };
+                        let instant =
+                            |s: usize| Instant(std::array::from_fn(|q| columns[q].get(s).copied().unwrap_or(0.0)));
                         (left, (0..n).map(|s| (form.right)(&instant(s))).collect())
                     }
                     Equation::Derivative(y, x) => {

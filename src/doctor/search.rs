@@ -57,7 +57,8 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> (Vec<Finding>, Trial,
     }
     let mut found = Vec::new();
     for k in 0..accepted.len() {
-        let without = if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
+        let without =
+            if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
         fits += 1;
         let own = &accepted[k];
         let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
@@ -170,7 +171,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
 /// Delays, offsets, scale factors and drifts of each channel, with their best values.
 fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
     /// Iterations of fits that begin at the estimates of one that is near.
-    const NEAR: usize = 3;
+    const NEAR: usize = 8;
     let evidence = search_in.evidence;
     let channels = evidence.channels;
     let begun = evidence.model.map(|model| current.begun(model));
@@ -203,7 +204,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
-        let at = |value: f64| {
+        let at = |fault: Fault, value: f64| {
             let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
             let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
             match evidence.touches_model(&[edit]) {
@@ -211,16 +212,23 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
                 false => Some(evidence.unfitted(current, &all)),
             }
         };
-        let Searched { value, error, trial } = search(*step, current, needed, &at)?;
+        let Searched { value, error, trial } = search(*step, current, needed, &|value| at(fault, value))?;
         let penalty = 0.5 * trial.worth().max(1.0).ln();
-        // a delay below a sample and an offset or factor that leave more than nine tenths of every output's error are no faults of a record
+        // a delay that may be one sample is a matter of stamps; what leaves more than nine tenths of every output's error is no fault either
         let matters = match fault {
-            Fault::Delay => value.abs() >= interval,
+            Fault::Delay => value.abs() - 2.0 * error >= interval,
             Fault::Drift => value.abs() * span >= 2.0 * interval,
             _ => true,
         };
         if !matters || value.abs() < 4.0 * error || trial.least_left(current) > 0.9 {
             return None;
+        }
+        // a drift has to explain what a delay that stays does not
+        if fault == Fault::Drift {
+            let stays = search(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
+            if stays.is_some_and(|s| trial.gain_over(&s.trial) < search_in.options.odds.ln()) {
+                return None;
+            }
         }
         let unit = channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
         let (value, error) = if fault == Fault::Scale { (value.exp(), value.exp() * error) } else { (value, error) };
@@ -328,9 +336,9 @@ impl Search<'_> {
     /// The channels about which there is evidence.
     fn slots(&self) -> Vec<Slot> {
         let (evidence, channels) = (self.evidence, self.evidence.channels);
-        let known = |s: &Slot| match s {
-            Slot::Other(_) => evidence.kinematics.reads(channels.place(*s)),
-            _ => evidence.model.is_some(),
+        let known = |s: &Slot| {
+            let compared = evidence.model.is_some() && !matches!(s, Slot::Other(_));
+            compared || evidence.kinematics.reads(channels.place(*s))
         };
         channels.slots().filter(known).collect()
     }
@@ -360,9 +368,8 @@ impl Search<'_> {
             what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }
         // a constant that the balances lack moves inputs and outputs alike: a fault of the record is what no zero of an input explains as well
-        let constant = |j: &Judged| {
-            j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)])
-        };
+        let constant =
+            |j: &Judged| j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)]);
         let doubted = accepted.near.iter().any(|j| constant(j) && j.log_odds > accepted.judged.log_odds - 20f64.ln());
         let lacking = hypothesis.fault == Fault::Offset && (constant(&accepted.judged) || doubted);
         if lacking {

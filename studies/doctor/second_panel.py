@@ -1,7 +1,7 @@
 """A second panel for `fdm doctor`, made by other means than the first: vehicles and processes with integrators of their own, other real records,
 other inputs, faults written anew. Twelve single faults, eight pairs, twenty records without a fault. It is run once.
 
-    python3 studies/doctor/second_panel.py FOLDER [--fdm target/release/fdm] [--seed 77] [--list]
+    python3 studies/doctor/second_panel.py FOLDER [--fdm target/release/fdm] [--seed 77] [--part clean|cases] [--list]
 
 A single fault is right when it is the first finding, with its channel and repair. A pair is right when both are among the findings with their
 repairs, and nothing else stands before them.
@@ -408,6 +408,7 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("--fdm", default=str(ROOT / "target/release/fdm"))
     parser.add_argument("--seed", type=int, default=77)
+    parser.add_argument("--part", choices=["clean", "cases"], help="only the records without a fault, or only the faults")
     parser.add_argument("--list", action="store_true", help="write the records and what is planted, judge nothing")
     arguments = parser.parse_args()
     folder = arguments.folder
@@ -422,6 +423,8 @@ def main():
         if arguments.list:
             table.write(folder / f"clean_{k}.csv")
             continue
+        if arguments.part == "cases":
+            continue
         found, took, said = judged(arguments, table.copy(), folder / f"clean_{k}.csv")
         times.append(took)
         alarms += bool(found) or found is None
@@ -431,7 +434,7 @@ def main():
     order = FAULTS * 2
     dice.shuffle(order)
     count = 0
-    while count < 20:
+    while count < (0 if arguments.part == "clean" else 20):
         table, planted = pool(), [order[count], *([order[-1 - count]] if count >= 12 else [])]
         expected, words, used = [], [], set()
         for title, plant, wanted in planted:

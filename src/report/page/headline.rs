@@ -60,10 +60,9 @@ fn with_records(
     let trust = if all.is_empty() || trust != Trust::Good { trust } else { Trust::Reserved };
     all.extend(points);
     all.extend(
-        judged
-            .assumed
-            .iter()
-            .flat_map(|r| r.sentences().into_iter().map(|a| (format!("Assumed of run `{}`: {a}", r.run), "reproduction"))),
+        judged.assumed.iter().flat_map(|r| {
+            r.sentences().into_iter().map(|a| (format!("Assumed of run `{}`: {a}", r.run), "reproduction"))
+        }),
     );
     (trust, all)
 }
