@@ -247,8 +247,8 @@ def _resident() -> int:
 
 def test_diagnosis_is_that_of_the_command(tmp_path):
     m, run = fdm.Model(MODELS / "ship_roll_decay/linear.fdm"), MODELS / "ship_roll_decay/run.csv"
-    found = m.diagnose(run, only=["quadratic_damping", "cubic_stiffness"])
-    ended = command("diagnose", m.file, "--data", run, "--only", "quadratic_damping,cubic_stiffness", "--json", "--quiet")
+    found = m.diagnose(run, every=5, only=["quadratic_damping", "cubic_stiffness"])
+    ended = command("diagnose", m.file, "--data", run, "--every", "5", "--only", "quadratic_damping,cubic_stiffness", "--json", "--quiet")
     assert json.loads(ended.stdout) == json.loads(json.dumps(_plain(found.document)))
     assert found.causes[0].effect == "cubic_stiffness" and found.verdict == "effect_found"
     assert found.extended is not None and "k_p_phi" in found.extended.parameters
