@@ -61,11 +61,11 @@ fn a_held_out_run_that_is_one_of_the_others() {
     refused(
         &desk,
         "model.fdm --data run.csv --holdout run.csv",
-        &["has the samples of the training run `run`", "prove nothing"],
+        &["run.csv is both fitted and validation data", "must not be fitted"],
     );
     fs::copy(desk.path("run.csv"), desk.path("copy.csv")).unwrap();
     let twice = "model.fdm --data run.csv --data other.csv --holdout copy.csv";
-    refused(&desk, twice, &["`copy` (copy.csv) has the samples of the training run `run`"]);
+    refused(&desk, twice, &["`copy` (copy.csv) has the samples of the training run `run`", "prove nothing"]);
     refused(
         &desk,
         &format!("{twice} --domain frequency"),
