@@ -29,8 +29,8 @@ use fdm_report::{
     check_text, design_table, diagnosis_text, doctor_text, modes_table, profile_table, response_table, study_table,
 };
 use fdm_results::documents::{
-    DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument, RegressionDocument,
-    SpectraDocument,
+    DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument,
+    RegressionDocument, SpectraDocument,
 };
 use fdm_results::store::{DataFile, Identity, Manifest, ResultFolder};
 use fdm_system::record::{Assumptions, ReadOptions, RecordError, Run, Summary};
