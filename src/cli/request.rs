@@ -777,7 +777,7 @@ mod tests {
 
     fn refused(asked: &[&str]) -> String {
         let model = Model::from_text("decay.fdm", TEXT).expect("a model");
-        match fit(&model, vec![record(&model)], &[], &words(asked), &Watch::default()) {
+        match fit(&model, vec![record(&model)], vec![], &words(asked), &Watch::default()) {
             Err(Refusal::Words { said, .. }) => said,
             Err(Refusal::Input(said)) => said.join("; "),
             Err(other) => format!("{other:?}"),
@@ -788,7 +788,7 @@ mod tests {
     #[test]
     fn a_fit_in_memory_is_that_of_the_same_options() {
         let model = Model::from_text("decay.fdm", TEXT).expect("a model");
-        let found = fit(&model, vec![record(&model)], &[], &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
+        let found = fit(&model, vec![record(&model)], vec![], &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
         let changes = fdm_estimate::Changes { set: vec![("k".into(), 0.9)], ..Default::default() };
         let options = FitOptions { changes, ..FitOptions::default() };
         let other = fdm_estimate::fit(&model, &[record(&model).run], &options, &mut ()).expect("a fit");
@@ -816,7 +816,7 @@ mod tests {
         let model = Model::from_text("decay.fdm", TEXT).expect("a model");
         let watch = Watch::default();
         watch.stop();
-        let found = fit(&model, vec![record(&model)], &[], &[], &watch).expect("a fit");
+        let found = fit(&model, vec![record(&model)], vec![], &[], &watch).expect("a fit");
         assert!(!found.is_good());
         assert_eq!(found.estimate().map(|e| e.parameters[0].value), Some(0.2));
         assert_eq!(watch.seen().iteration.map(|i| i.number), Some(0));
