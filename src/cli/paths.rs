@@ -242,7 +242,7 @@ mod tests {
             "reproduce records Folder",
             "reproduce checkpoint Folder",
             "spectra plot File(Drawing)",
-            "new file Own",
+            "new target Own",
             "codegen out File(Code)",
             "man folder Folder",
             "validate plot File(Drawing)",
