@@ -76,6 +76,7 @@ fn size(found: &Diagnosis, place: &str) -> (f64, f64) {
 
 /// Two links with a motor each. Solved for the accelerations, each torque stands in both equations, and so does friction.
 #[test]
+#[ignore = "a minute and a half: cargo test --workspace --test identification -- --ignored hidden"]
 fn friction_of_both_joints_of_a_double_pendulum() {
     const TEXT: &str = "model arm {
         input T1 [N*m], T2 [N*m];
@@ -128,6 +129,7 @@ fn friction_of_both_joints_of_a_double_pendulum() {
 
 /// A spring with a stop on one side that stiffens: a polynomial from a travel on.
 #[test]
+#[ignore = "a minute and a half: cargo test --workspace --test identification -- --ignored hidden"]
 fn a_stop_that_stiffens_is_a_gate() {
     const TEXT: &str = "model leg { input F; state s = 0, v = 0; param k = 8, d = 0.8, b = 5;
         der(s) = v; der(v) = b*F - k*s - d*v; output s_m = s, v_m = v; }";
