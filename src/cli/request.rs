@@ -788,7 +788,8 @@ mod tests {
     #[test]
     fn a_fit_in_memory_is_that_of_the_same_options() {
         let model = Model::from_text("decay.fdm", TEXT).expect("a model");
-        let found = fit(&model, vec![record(&model)], vec![], &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
+        let found =
+            fit(&model, vec![record(&model)], vec![], &words(&["--set=k=0.9"]), &Watch::default()).expect("a fit");
         let changes = fdm_estimate::Changes { set: vec![("k".into(), 0.9)], ..Default::default() };
         let options = FitOptions { changes, ..FitOptions::default() };
         let other = fdm_estimate::fit(&model, &[record(&model).run], &options, &mut ()).expect("a fit");
