@@ -94,7 +94,7 @@ struct Form {
     left: K,
     needs: &'static [K],
     right: fn(&Instant) -> f64,
-    /// Accelerometers have zeros, and a trim may have been taken off: a constant is free.
+    /// Accelerometers have zeros, and a trim may have been subtracted: a constant is free.
     constant: bool,
 }
 

@@ -387,7 +387,7 @@ fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
 #[test]
 fn averaging_between_samples_is_taken_off_the_gain_of_a_delay() {
     use crate::likelihood::averaged;
-    // first-order noise read a part of an interval later: its variance is the part that is taken off
+    // first-order noise read a part of an interval later: its variance is the part that is subtracted
     for (rho, part) in [(0.0, 0.5), (0.0, 0.2), (0.8, 0.5), (0.5, 0.3)] {
         let mut noise = Noise::new(17);
         let mut x = vec![0.0; 20_000];

@@ -30,7 +30,7 @@ const COLUMNS: usize = 64;
 const STATES: usize = 24;
 /// Numbers of a tile's Jacobian over a run that are kept at once.
 const NUMBERS: usize = 1 << 24;
-/// Steps of a run from which machine code is worth its making.
+/// Steps of a run from which machine code saves time.
 const LONG: usize = 1500;
 
 /// A candidate in the model, and where it is tried.
