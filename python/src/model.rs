@@ -6,7 +6,6 @@ use fdm::grammar::graph::Signal;
 use fdm::linear::Values;
 use fdm::request::{self, Answer as Told};
 use fdm::{LinearModel, Modes};
-use numpy::ndarray::s;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -63,22 +62,6 @@ impl Answer {
 
 /// Channels of a run: name, unit and samples (N).
 type Channels<'py> = Vec<(String, Option<String>, PyReadonlyArray1<'py, f64>)>;
-
-/// Copies of the channels that are columns of a matrix, or parts with a step. A part of all of them at a time: rows of a matrix are
-/// read once.
-fn gathered(channels: &Channels<'_>) -> Vec<Vec<f64>> {
-    const PART: usize = 2048;
-    let apart: Vec<_> = channels.iter().filter(|(.., s)| s.as_slice().is_err()).map(|(.., s)| s.as_array()).collect();
-    let mut found: Vec<Vec<f64>> = apart.iter().map(|view| Vec::with_capacity(view.len())).collect();
-    let longest = apart.iter().map(|view| view.len()).max().unwrap_or_default();
-    for from in (0..longest).step_by(PART) {
-        for (samples, view) in found.iter_mut().zip(&apart) {
-            let to = view.len().min(from + PART);
-            samples.extend(view.slice(s![from.min(to)..to]).iter());
-        }
-    }
-    found
-}
 
 #[pymethods]
 impl Model {
@@ -242,12 +225,14 @@ impl Model {
         for (grouping, group) in &groups {
             builder = builder.group(grouping, group);
         }
-        let mut gathered = gathered(&channels).into_iter();
         for (channel, unit, samples) in &channels {
-            builder = match (samples.as_slice(), unit.as_deref()) {
-                (Ok(samples), unit) => builder.samples_of(channel, unit, samples),
-                (Err(_), unit) => {
-                    let samples = gathered.next().unwrap_or_default();
+            let unit = unit.as_deref();
+            builder = match (samples.as_slice(), samples.try_as_matrix()) {
+                (Ok(samples), _) => builder.samples_of(channel, unit, samples),
+                (Err(_), Some(column)) => builder.samples_of_column(channel, unit, column),
+                // backwards in memory
+                (Err(_), None) => {
+                    let samples: Vec<f64> = samples.as_array().iter().copied().collect();
                     match unit {
                         Some(unit) => builder.samples_in(channel, unit, samples),
                         None => builder.samples(channel, samples),

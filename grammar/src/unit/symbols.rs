@@ -273,7 +273,13 @@ pub(super) fn nearest(text: &str) -> Option<String> {
     if let Some(known) = word.or_else(other_case) {
         return Some(known.into());
     }
-    product(text).or_else(|| crate::diagnostic::nearest(text, symbols()).map(String::from))
+    // a slip of a word that is written out, but not of a short one, which would be any symbol
+    let written = || {
+        let long = words.iter().map(|(w, _)| *w).filter(|w| w.len() >= 4 && lower.len() >= 4);
+        let near = crate::diagnostic::nearest(singular, long)?;
+        words.iter().find(|(w, _)| *w == near).map(|(_, symbol)| (*symbol).to_string())
+    };
+    product(text).or_else(|| crate::diagnostic::nearest(text, symbols()).map(String::from)).or_else(written)
 }
 
 /// `N*m` for `Nm`, `kW*h` for `kWh`: up to four symbols of one letter each, or three letters that are two symbols.
@@ -323,7 +329,7 @@ mod tests {
     #[test]
     fn the_nearest_symbol_is_offered() {
         for (text, near) in
-            [("Kg", "kg"), ("KPA", "kPa"), ("meters", "m"), ("feet", "ft"), ("degg", "deg"), ("radd", "rad")]
+            [("Kg", "kg"), ("KPA", "kPa"), ("meters", "m"), ("feet", "ft"), ("degg", "deg"), ("radd", "rad"), ("metr", "m"), ("kelvins", "K"), ("newtn", "N")]
         {
             assert_eq!(nearest(text).as_deref(), Some(near), "{text}");
         }

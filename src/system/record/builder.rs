@@ -8,6 +8,9 @@ use super::read::since_first;
 use super::run::Run;
 use fdm_grammar::diagnostic::nearest;
 use fdm_grammar::{Model, Unit};
+use nalgebra::{Dyn, MatrixView, U1};
+use rayon::iter::{IndexedParallelIterator, ParallelIterator};
+use rayon::slice::ParallelSliceMut;
 use std::borrow::Cow;
 use std::fmt;
 
@@ -27,12 +30,58 @@ pub struct RunBuilder<'m> {
     unmeasured: bool,
 }
 
+/// A column (N) of a matrix where it is: samples with a step between them in memory.
+pub type ColumnView<'s> = MatrixView<'s, f64, Dyn, U1, Dyn, Dyn>;
+
 /// What was given under a name.
 #[derive(Debug, Clone)]
 struct Samples<'s> {
     name: String,
     unit: Option<String>,
-    values: Cow<'s, [f64]>,
+    values: Values<'s>,
+}
+
+/// Samples of a channel, where they are.
+#[derive(Debug, Clone)]
+enum Values<'s> {
+    Together(Cow<'s, [f64]>),
+    Apart(ColumnView<'s>),
+}
+
+impl Values<'_> {
+    fn len(&self) -> usize {
+        match self {
+            Self::Together(values) => values.len(),
+            Self::Apart(view) => view.len(),
+        }
+    }
+
+    fn borrowed(&self) -> Values<'_> {
+        match self {
+            Self::Together(values) => Values::Together(Cow::Borrowed(values)),
+            Self::Apart(view) => Values::Apart(*view),
+        }
+    }
+
+    /// Samples of this range, one behind the other.
+    fn part(&self, from: usize, to: usize) -> Cow<'_, [f64]> {
+        match self {
+            Self::Together(values) => Cow::Borrowed(&values[from..to]),
+            Self::Apart(view) => view.rows(from, to - from).iter().copied().collect(),
+        }
+    }
+
+    /// The view, where it is one of at least so many samples.
+    fn apart(&self, samples: usize) -> Option<ColumnView<'_>> {
+        match self {
+            Self::Apart(view) if view.len() >= samples => Some(*view),
+            _ => None,
+        }
+    }
+
+    fn together(&self) -> Cow<'_, [f64]> {
+        self.part(0, self.len())
+    }
 }
 
 impl<'m> RunBuilder<'m> {
@@ -64,7 +113,12 @@ impl<'m> RunBuilder<'m> {
 
     /// The same, or times, of samples that stay where they are until the run is built; in a unit where one is named.
     pub fn samples_of(self, channel: &str, unit: Option<&str>, samples: &'m [f64]) -> Self {
-        self.kept(channel, unit, samples.into())
+        self.kept(channel, unit, Values::Together(samples.into()))
+    }
+
+    /// The same of a column of a matrix.
+    pub fn samples_of_column(self, channel: &str, unit: Option<&str>, samples: ColumnView<'m>) -> Self {
+        self.kept(channel, unit, Values::Apart(samples))
     }
 
     /// Keeps an input between samples at the earlier one; otherwise it is linear between samples.
@@ -96,10 +150,10 @@ impl<'m> RunBuilder<'m> {
     }
 
     fn given(self, name: &str, unit: Option<&str>, values: Vec<f64>) -> Self {
-        self.kept(name, unit, values.into())
+        self.kept(name, unit, Values::Together(values.into()))
     }
 
-    fn kept(mut self, name: &str, unit: Option<&str>, values: Cow<'m, [f64]>) -> Self {
+    fn kept(mut self, name: &str, unit: Option<&str>, values: Values<'m>) -> Self {
         let samples = Samples { name: name.into(), unit: unit.map(String::from), values };
         if channels(self.model).means_time(name) {
             self.times.push(samples)
@@ -119,7 +173,7 @@ impl<'m> RunBuilder<'m> {
         let time = self.time(&mut faults);
         let wanted = channels(self.model);
         let n = time.len();
-        let columns = |role: Role, channels: &[Channel]| -> (Vec<Cow<'_, [f64]>>, Vec<Vec<RunFault>>) {
+        let columns = |role: Role, channels: &[Channel]| -> (Vec<Values<'_>>, Vec<Vec<RunFault>>) {
             channels.iter().map(|channel| self.column(role, channel, n)).unzip()
         };
         let ((inputs, of_inputs), (outputs, of_outputs)) =
@@ -205,7 +259,7 @@ impl<'m> RunBuilder<'m> {
             }
             return (0..counted).map(|k| k as f64).collect();
         };
-        let times = &given.values[..];
+        let times = &*given.values.together();
         let conversion = self.conversion(given, Some(&wanted.time), faults);
         if let Some(at) = times.iter().position(|t| !t.is_finite()) {
             faults.push(RunFault::NotFinite { channel: "t".into(), sample: at, value: times[at].to_string() });
@@ -223,10 +277,10 @@ impl<'m> RunBuilder<'m> {
     }
 
     /// The samples of a channel in its unit, NaN for those of an output that is not measured; and what is wrong but for its numbers.
-    fn column(&self, role: Role, channel: &Channel, n: usize) -> (Cow<'_, [f64]>, Vec<RunFault>) {
+    fn column(&self, role: Role, channel: &Channel, n: usize) -> (Values<'_>, Vec<RunFault>) {
         let (name, mut faults) = (channel.name.clone(), Vec::new());
         if let Some((_, value)) = self.known.iter().find(|(known, _)| *known == name && channel.known) {
-            return (vec![*value; n].into(), faults);
+            return (Values::Together(vec![*value; n].into()), faults);
         }
         let Some(given) = self.signals.iter().find(|s| s.name == name) else {
             if role == Role::Input || !self.unmeasured {
@@ -235,9 +289,9 @@ impl<'m> RunBuilder<'m> {
                 let nearest = nearest(&name, spare).map(String::from);
                 faults.push(RunFault::Missing { role, channel: name, nearest });
             }
-            return (vec![f64::NAN; n].into(), faults);
+            return (Values::Together(vec![f64::NAN; n].into()), faults);
         };
-        let mut values = Cow::Borrowed(&given.values[..]);
+        let mut values = given.values.borrowed();
         // a list of another length says nothing of the others where the times are missing
         if values.len() != n {
             faults.push(RunFault::Length { channel: name, found: values.len(), expected: n });
@@ -245,7 +299,7 @@ impl<'m> RunBuilder<'m> {
         if let Some((scale, offset)) = self.conversion(given, channel.unit.as_ref(), &mut faults)
             && (scale, offset) != (1.0, 0.0)
         {
-            values.to_mut().iter_mut().for_each(|v| *v = *v * scale + offset);
+            values = Values::Together(values.together().iter().map(|v| *v * scale + offset).collect());
         }
         (values, faults)
     }
@@ -256,8 +310,9 @@ impl<'m> RunBuilder<'m> {
         let channel = channel.name.clone();
         if census.infinite {
             // where it is finite as given, it is not in the unit of the model
-            let at = given.values.iter().position(|v| v.is_infinite()).unwrap_or_default();
-            return Some(RunFault::NotFinite { channel, sample: at, value: given.values[at].to_string() });
+            let values = given.values.together();
+            let at = values.iter().position(|v| v.is_infinite()).unwrap_or_default();
+            return Some(RunFault::NotFinite { channel, sample: at, value: values[at].to_string() });
         }
         (census.missing == n && n > 0).then_some(RunFault::NoValues { role, channel })
     }
@@ -298,22 +353,59 @@ impl Census {
     }
 }
 
-/// Columns of N numbers as rows, and what there is in each: a part at a time that stays in the cache.
-fn rows(columns: &[Cow<'_, [f64]>], n: usize) -> (Vec<f64>, Vec<Census>) {
-    const PART: usize = 256;
-    let mut rows = vec![0.0; n * columns.len()];
-    let mut found = vec![Census::default(); columns.len()];
-    for (part, block) in rows.chunks_mut(PART * columns.len().max(1)).enumerate() {
-        for (c, (column, census)) in columns.iter().zip(&mut found).enumerate() {
-            let from = column.len().min(part * PART);
-            let values = &column[from..column.len().min(from + PART)];
-            // without a way out between, so that whole vectors are compared
-            census.missing += values.iter().map(|v| usize::from(v.is_nan())).sum::<usize>();
-            census.infinite |= values.iter().fold(false, |any, v| any | v.is_infinite());
-            block[c..].iter_mut().step_by(columns.len()).zip(values).for_each(|(row, value)| *row = *value);
+/// Columns of N numbers as rows, and what there is in each.
+fn rows(columns: &[Values<'_>], n: usize) -> (Vec<f64>, Vec<Census>) {
+    // what one thread takes at a time; half of the time of a large record is the system's, which hands out its memory
+    const SHARE: usize = 1 << 14;
+    let width = columns.len();
+    let mut rows = vec![0.0; n * width];
+    let counted = |(share, block): (usize, &mut [f64])| interleave(columns, share * SHARE, block);
+    let shares: Vec<Vec<Census>> = if n <= SHARE {
+        vec![counted((0, &mut rows))]
+    } else {
+        rows.par_chunks_mut((SHARE * width).max(1)).enumerate().map(counted).collect()
+    };
+    let mut found = vec![Census::default(); width];
+    for share in shares {
+        for (all, part) in found.iter_mut().zip(share) {
+            all.missing += part.missing;
+            all.infinite |= part.infinite;
         }
     }
     (rows, found)
+}
+
+/// The rows of a block, which begin at a sample of the columns, and what there is in them.
+fn interleave(columns: &[Values<'_>], first: usize, block: &mut [f64]) -> Vec<Census> {
+    // what stays in the cache
+    const PART: usize = 256;
+    let width = columns.len().max(1);
+    let mut found = vec![Census::default(); columns.len()];
+    let end = first + block.len() / width;
+    // columns of one matrix, most likely: its rows are read as they lie
+    if let Some(views) = columns.iter().map(|column| column.apart(end)).collect::<Option<Vec<_>>>() {
+        for (row, at) in block.chunks_exact_mut(width).zip(first..) {
+            for ((place, view), census) in row.iter_mut().zip(&views).zip(&mut found) {
+                *place = view[at];
+                census.missing += usize::from(place.is_nan());
+                census.infinite |= place.is_infinite();
+            }
+        }
+        return found;
+    }
+    for (part, block) in block.chunks_mut(PART * width).enumerate() {
+        let count = block.len() / width;
+        for (c, (column, census)) in columns.iter().zip(&mut found).enumerate() {
+            let rows = block[c..].iter_mut().step_by(width);
+            let from = column.len().min(first + part * PART);
+            let values = column.part(from, column.len().min(from + count));
+            // without a way out between, so that whole vectors are compared
+            census.missing += values.iter().map(|v| usize::from(v.is_nan())).sum::<usize>();
+            census.infinite |= values.iter().fold(false, |any, v| any | v.is_infinite());
+            rows.zip(values.iter()).for_each(|(row, value)| *row = *value);
+        }
+    }
+    found
 }
 
 /// Everything that is wrong with the samples of a run; at least one fault.

@@ -25,7 +25,7 @@ mod text;
 mod write;
 
 pub use assumed::{AssumedChannel, AssumedNote, Assumptions};
-pub use builder::{RunBuilder, RunError, RunFault};
+pub use builder::{ColumnView, RunBuilder, RunError, RunFault};
 pub use channel::{Channel, Channels, Role, channels};
 pub use derived::Incomplete;
 pub use derived::bridge;
