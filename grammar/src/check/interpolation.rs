@@ -75,11 +75,12 @@ impl Pieces {
     }
 }
 
-/// The part of a piece that `x` has passed: `clip(x - from, 0, length)`.
+/// The part of a piece that `x` has passed: `clip(x - from, 0, length)`. Where two pieces meet only the one before has a slope: of
+/// equal operands of `max` and `min` the first one's derivative counts.
 fn passed(graph: &mut Graph, zero: ExprId, (from, length): (f64, f64), x: ExprId) -> ExprId {
     let [from, length] = [from, length].map(|v| graph.number(v));
     let beyond = graph.apply(Op::Sub, &[x, from]);
-    let above = graph.apply(Op::Max, &[beyond, zero]);
+    let above = graph.apply(Op::Max, &[zero, beyond]);
     graph.apply(Op::Min, &[above, length])
 }
 
