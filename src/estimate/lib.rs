@@ -29,6 +29,7 @@ mod problem;
 mod recovery;
 mod residual_vector;
 pub mod residuals;
+mod smoothness;
 mod solve;
 #[cfg(test)]
 mod specimen;
@@ -44,7 +45,7 @@ pub use crate::residuals::OutputFit;
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
 pub use derived::{DerivedName, DerivedQuantities};
-pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
 pub use fdm_numeric::least_squares::Fallback as Aid;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
 pub use frequency_responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
@@ -68,6 +69,7 @@ pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
 pub use residual_vector::ResidualVector;
+pub use smoothness::SmoothBy;
 
 pub use solve::{estimate, estimate_from};
 pub use spectra::{

@@ -9,6 +9,7 @@ use crate::noise::Likelihood;
 use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::OutputFit;
+use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
@@ -59,13 +60,19 @@ pub fn estimate_from(
     if !mistakes.is_empty() {
         return Err(mistakes);
     }
-    let unknowns = Unknowns::new(problem);
+    let mut unknowns = Unknowns::new(problem);
     let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose();
     let resume = resume.map_err(|reason| vec![ProblemError::ForeignState { reason }])?;
     let q = problem.outputs.len();
     let measured = problem.runs.iter().map(|r| &r.measured[..]);
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
-    let priors = Priors::new(problem, &unknowns);
+    let mut priors = Priors::new(problem, &unknowns);
+    let chosen = choose(problem, &unknowns, &likelihood, options, observer);
+    if let Some(Chosen { weights, values }) = &chosen {
+        let smooth = SmoothTables::new(&problem.tables, problem, &unknowns);
+        priors = priors.with(smooth.rows(weights));
+        unknowns.start.clone_from(values);
+    }
     observer.begin(&|| unknowns.names(problem));
     let logarithmic = unknowns.searched(problem);
     let searched = logarithmic.as_ref().unwrap_or(&unknowns);
@@ -156,6 +163,12 @@ pub fn estimate_from(
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
         None => end.is_ok().then(|| noise_of(&weights)),
     };
+    let smoothing = match (&chosen, &conclusion) {
+        (Some(chosen), Some(bound)) => {
+            SmoothTables::new(&problem.tables, problem, &unknowns).told(&chosen.weights, bound)
+        }
+        _ => Vec::new(),
+    };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
     Ok(Estimate {
         parameters,
@@ -178,6 +191,7 @@ pub fn estimate_from(
         bias_corrections,
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
+        smoothing,
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
@@ -190,7 +204,7 @@ fn space(unknowns: &Unknowns) -> Space<'_> {
 }
 
 /// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
-fn of_parameters<'c, 'e, 'a>(
+pub(crate) fn of_parameters<'c, 'e, 'a>(
     steps: LikelihoodSteps<'c, 'e, 'a>,
     unknowns: &'e Unknowns,
     options: StepOptions,

@@ -385,6 +385,8 @@ impl<'a> Build<'a> {
                 self.sound = false;
                 return None;
             };
+            // it names an argument, not a quantity
+            self.builder.expressions[key.0 as usize].0 = Expr::Number(0.0);
             axes.push(Axis { name: Name { text, span }, free, values });
         }
         Some(Nodes::Written(axes))

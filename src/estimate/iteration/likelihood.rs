@@ -182,9 +182,9 @@ fn gather<'s>(
     if !slopes.is_empty() {
         quadratic.stretch(&slopes);
     }
-    for PriorRow { unknown, weight, residual } in priors {
-        let weight = slopes.get(unknown).map_or(weight, |slope| weight * slope);
-        quadratic.add_row_of(unknown, weight, residual, &mut rows, &mut work);
+    for row in priors {
+        let sloped = |(j, entry): &(usize, f64)| (*j, slopes.get(*j).map_or(*entry, |slope| entry * slope));
+        quadratic.add_row_of(row.entries().iter().map(sloped), row.residual, &mut rows, &mut work);
     }
     quadratic.end();
 }
