@@ -4,6 +4,7 @@ pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
 use crate::observer::Iteration;
 use crate::residuals::{NoiseVariation, OutputFit};
+use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
@@ -106,6 +107,9 @@ pub struct Estimate {
     /// How smooth tables are; empty where none is.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub smoothing: Vec<Smoothing>,
+    /// The model's tables, and what of them was visited; empty where that was not looked at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tables: Vec<TableEstimate>,
     /// Condition number of the scaled sensitivities.
     pub condition: Option<f64>,
     /// Responses and residuals; empty when the start values could not be simulated.

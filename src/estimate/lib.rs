@@ -34,6 +34,7 @@ mod solve;
 #[cfg(test)]
 mod specimen;
 mod spectra;
+mod table_nodes;
 mod termination;
 #[cfg(test)]
 mod tests;
@@ -53,7 +54,7 @@ pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
-pub use method::{Domain, Method, Optimizer};
+pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
 pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;
@@ -69,13 +70,13 @@ pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
 pub use residual_vector::ResidualVector;
-pub use smoothness::SmoothBy;
 
 pub use solve::{estimate, estimate_from};
 pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
+pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept};
 pub use uncertainty::identifiability::Direction;

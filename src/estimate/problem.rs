@@ -2,11 +2,10 @@
 
 use crate::affine::affine;
 use crate::derived::DerivedQuantities;
-use crate::method::Optimizer;
+use crate::method::{Optimizer, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::Observer;
 use crate::residuals::NoiseVariation;
-use crate::smoothness::SmoothBy;
 use fdm_grammar::model::{Model, Param, Prior, Table};
 use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_system::spectrum::independent;

@@ -7,8 +7,9 @@
 
 use crate::estimate::Smoothing;
 use crate::iteration::evaluation::Evaluator;
-use crate::iteration::likelihood::LikelihoodCost;
+use crate::iteration::likelihood::{LikelihoodCost, of_parameters, space};
 use crate::iteration::priors::{PriorRow, Priors};
+use crate::method::SmoothBy;
 use crate::noise::Likelihood;
 use crate::observer::Observer;
 use crate::problem::{Options, Problem};
@@ -16,21 +17,9 @@ use crate::uncertainty::cramer_rao::{CramerRao, conclude};
 use crate::unknowns::Unknowns;
 use fdm_grammar::model::{Table, TableNode};
 use fdm_numeric::elementary::{exp, log};
-use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions, Space};
+use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions};
 use nalgebra::DMatrix;
-use serde::Serialize;
 use std::ops::ControlFlow;
-
-/// How the weights of smooth tables are chosen.
-#[derive(Debug, Clone, PartialEq, Default, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum SmoothBy {
-    /// By the greatest marginal likelihood of the data.
-    #[default]
-    Likelihood,
-    /// These: one for each axis of each smooth table, in the order of the model.
-    Weights(Vec<f64>),
-}
 
 /// Most choices of weights before the last one is taken.
 const MOST_ROUNDS: usize = 40;
@@ -337,7 +326,7 @@ impl Search<'_, '_> {
         let mut steps = GaussNewton::new(cost, space(searched), self.steps());
         steps.run(None, |_, _| Ok(false), &mut Quiet(observer)).ok()?;
         if logarithmic.is_some() {
-            steps = crate::solve::of_parameters(steps, unknowns, self.steps());
+            steps = of_parameters(steps, unknowns, self.steps());
         }
         let bound = conclude(&mut steps)?;
         Some((bound, steps.values))
@@ -367,11 +356,6 @@ impl Search<'_, '_> {
         }
         ahead
     }
-}
-
-fn space(unknowns: &Unknowns) -> Space<'_> {
-    let Unknowns { start, lower, upper, affine, .. } = unknowns;
-    Space { start, lower, upper, affine, reach: &[] }
 }
 
 /// Estimations whose iterations are nobody's business, but can be stopped.

@@ -2,7 +2,7 @@
 
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
-use crate::iteration::likelihood::{LikelihoodCost, LikelihoodSteps, Observed};
+use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
 use crate::noise::Likelihood;
@@ -13,13 +13,16 @@ use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
+use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::sandwich::{Sandwich, Uncorrected};
 use crate::uncertainty::spectra::corrected_spectra;
 use crate::uncertainty::varying_noise::{allow, allow_spectra};
 use crate::unknowns::Unknowns;
-use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot, Space};
+use fdm_grammar::model::TableNode;
+use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot};
+use std::collections::HashSet;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
@@ -190,32 +193,22 @@ pub fn estimate_from(
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         bias_corrections,
         undetermined: statistics.directions,
-        determined_by_prior: statistics.by_prior,
+        determined_by_prior: beside_smooth_nodes(problem, statistics.by_prior),
         smoothing,
+        tables: Vec::new(),
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
     })
 }
 
-fn space(unknowns: &Unknowns) -> Space<'_> {
-    let Unknowns { start, lower, upper, affine, .. } = unknowns;
-    Space { start, lower, upper, affine, reach: &[] }
-}
-
-/// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
-pub(crate) fn of_parameters<'c, 'e, 'a>(
-    steps: LikelihoodSteps<'c, 'e, 'a>,
-    unknowns: &'e Unknowns,
-    options: StepOptions,
-) -> LikelihoodSteps<'c, 'e, 'a> {
-    let values = steps.problem.unknowns.parameters(&steps.values);
-    let GaussNewton { problem: mut cost, weights, history, .. } = steps;
-    cost.unknowns = unknowns;
-    cost.evaluator.set_unknowns(unknowns);
-    let mut steps = GaussNewton::new(cost, space(unknowns), options);
-    (steps.values, steps.weights, steps.history) = (values, weights, history);
-    steps
+/// Directions that are not of nodes of smooth tables alone: which of these no run visits is told by itself.
+fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec<Direction> {
+    let smooth = problem.tables.iter().filter(|t| t.smooth.is_some()).flat_map(|t| &t.nodes);
+    let names: HashSet<&str> =
+        smooth.filter_map(|n| if let TableNode::Param(name) = n { Some(name.as_str()) } else { None }).collect();
+    let others = |d: &Direction| d.moves.iter().any(|(name, _)| !names.contains(name.as_str()));
+    directions.into_iter().filter(others).collect()
 }
 
 /// The cost at `start` (all parameters of each run), infinite where a response cannot be computed.

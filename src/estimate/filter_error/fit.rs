@@ -166,6 +166,7 @@ fn concluded(
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
         smoothing: Vec::new(),
+        tables: Vec::new(),
         condition: conclusion.map(|c| c.inverse.condition),
         runs: results,
     };
@@ -326,6 +327,7 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
         undetermined: Vec::new(),
         determined_by_prior: Vec::new(),
         smoothing: Vec::new(),
+        tables: Vec::new(),
         condition: None,
         runs: Vec::new(),
     };

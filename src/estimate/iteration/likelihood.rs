@@ -6,7 +6,7 @@ use super::sums::{Group, Sums};
 use crate::noise::{Likelihood, Weights};
 use crate::observer::{Observer, Stop};
 use crate::unknowns::Unknowns;
-use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Problem};
+use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
 use std::ops::ControlFlow;
 
@@ -130,6 +130,27 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
     fn set_evaluations(&mut self, evaluations: (usize, usize)) {
         (self.evaluator.evaluations, self.evaluator.simulations) = evaluations;
     }
+}
+
+/// Where the unknowns may be.
+pub(crate) fn space(unknowns: &Unknowns) -> Space<'_> {
+    let Unknowns { start, lower, upper, affine, .. } = unknowns;
+    Space { start, lower, upper, affine, reach: &[] }
+}
+
+/// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
+pub(crate) fn of_parameters<'c, 'e, 'a>(
+    steps: LikelihoodSteps<'c, 'e, 'a>,
+    unknowns: &'e Unknowns,
+    options: StepOptions,
+) -> LikelihoodSteps<'c, 'e, 'a> {
+    let values = steps.problem.unknowns.parameters(&steps.values);
+    let GaussNewton { problem: mut cost, weights, history, .. } = steps;
+    cost.unknowns = unknowns;
+    cost.evaluator.set_unknowns(unknowns);
+    let mut steps = GaussNewton::new(cost, space(unknowns), options);
+    (steps.values, steps.weights, steps.history) = (values, weights, history);
+    steps
 }
 
 /// An [`Observer`] as the monitor of an iteration.
