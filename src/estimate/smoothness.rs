@@ -253,7 +253,8 @@ fn choose_for(
     let mut weights = balance.clone();
     let mut last: Vec<f64> = vec![0.0; weights.len()];
     for _ in 0..MOST_ROUNDS {
-        let (bound, values) = search.estimate(problem, &weights, observer)?;
+        // what is wrong with the last estimation it tells itself
+        let Some((bound, values)) = search.estimate(problem, &weights, observer) else { break };
         search.unknowns.start = values;
         if observer.stopped().is_some() {
             break;

@@ -1,6 +1,7 @@
 //! The tables of a model at its estimates: values and errors of their nodes, and which of them any run has visited.
 
-use crate::estimate::{Estimate, Status};
+use crate::estimate::{Estimate, ParameterEstimate, Status};
+use crate::uncertainty::identifiability::Direction;
 use fdm_grammar::model::{Table, TableNode};
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -149,13 +150,15 @@ pub(crate) fn add_tables(estimate: &mut Estimate, model: &Model, runs: &[Run], t
     for (table, samples) in definition.tables.iter().zip(samples) {
         let told = TableEstimate::new(table, samples, estimate);
         if table.smooth.is_some() {
-            for name in told.unknown().filter_map(|n| n.parameter.as_deref()) {
-                let own = estimate.parameters.iter_mut().find(|p| p.name == name && p.status == Status::Estimated);
-                if let Some(p) = own {
-                    p.status = Status::Unvisited;
-                    (p.standard_error, p.corrected_error) = (None, None);
-                }
+            let unknown: Vec<&str> = told.unknown().filter_map(|n| n.parameter.as_deref()).collect();
+            let open = |p: &&mut ParameterEstimate| matches!(p.status, Status::Estimated | Status::NotDetermined);
+            for p in estimate.parameters.iter_mut().filter(open).filter(|p| unknown.contains(&p.name.as_str())) {
+                p.status = Status::Unvisited;
+                (p.standard_error, p.corrected_error) = (None, None);
             }
+            // that these are not determined has been said
+            let others = |d: &Direction| d.moves.iter().any(|(name, _)| !unknown.contains(&name.as_str()));
+            estimate.undetermined.retain(others);
         }
         estimate.tables.push(told);
     }
