@@ -24,14 +24,18 @@ fn rates(x: [f64; 2], delta: f64) -> [f64; 2] {
     [x[1] + (G - K * lift(x[0], delta)) / V, -6.0 * (x[0] - 0.1) - 1.5 * x[1] - 8.0 * delta]
 }
 
+/// Measurement noise: its size as a part of 1 m/s^2, 0.02 rad and 0.03 rad/s, and which draw of it.
+#[derive(Clone, Copy)]
+struct Noise(f64, u64);
+
 /// A manoeuvre of so much elevator about so much trim, flown by Runge-Kutta steps; the elevator is linear between samples.
-fn manoeuvre(name: &str, seed: u64, noise: f64, trim: f64, size: f64) -> Run {
+fn manoeuvre(name: &str, number: u64, Noise(noise, draw): Noise, trim: f64, size: f64) -> Run {
     let (n, dt) = (160, 0.05);
     let time: Vec<f64> = (0..n).map(|k| dt * k as f64).collect();
-    let phase = seed as f64;
+    let phase = number as f64;
     let wave = |t: f64| (1.3 * t + phase).sin() + 0.7 * (2.9 * t + 2.0 * phase).sin() - 0.5 * (0.6 * t - phase).cos();
     let inputs: Vec<f64> = time.iter().map(|t| (trim + size * wave(*t)).clamp(-0.3, 0.2)).collect();
-    let mut normal = Normal(seed);
+    let mut normal = Normal(number + 1000 * draw);
     let (mut x, mut measured) = ([0.1, 0.0], Vec::new());
     for k in 0..n {
         let (alpha, q) = (x[0], x[1]);
@@ -55,14 +59,16 @@ fn manoeuvre(name: &str, seed: u64, noise: f64, trim: f64, size: f64) -> Run {
 }
 
 /// Ten manoeuvres between slow flight and stall.
-fn flights(noise: f64) -> Vec<Run> {
-    let one = |k: u64| manoeuvre(&format!("m{k}"), k, noise, -0.17 + 0.018 * k as f64, 0.03 + 0.004 * (k % 4) as f64);
+fn flights(noise: f64, draw: u64) -> Vec<Run> {
+    let one = |k: u64| {
+        manoeuvre(&format!("m{k}"), k, Noise(noise, draw), -0.17 + 0.018 * k as f64, 0.03 + 0.004 * (k % 4) as f64)
+    };
     (1..=10).map(one).collect()
 }
 
 /// Manoeuvres of the same kind that take no part, without noise.
 fn others() -> Vec<Run> {
-    (1..=4).map(|k| manoeuvre(&format!("v{k}"), 30 + k, 0.0, -0.17 + 0.04 * k as f64, 0.036)).collect()
+    (1..=4).map(|k| manoeuvre(&format!("v{k}"), 30 + k, Noise(0.0, 0), -0.17 + 0.04 * k as f64, 0.036)).collect()
 }
 
 fn aeroplane(method: &str, smooth: &str) -> Model {
@@ -112,30 +118,29 @@ fn validation(found: &Fit, runs: &[Run], noise: f64) -> f64 {
     (squares / f64::from(count)).sqrt() / noise
 }
 
+/// Over three noises the likeliest weights predict within 5 % of the best of a grid of weights. Of a single noise they may miss more: where the
+/// truth is a straight line, noise now and then looks like a bend.
 #[test]
 fn the_smoothness_of_a_surface_is_chosen_as_well_as_by_hand() {
-    let noise = 0.5;
-    let (runs, others) = (flights(noise), others());
-    let model = aeroplane("linear", "smooth CL by order 2;");
-    let own = fitted(&model, &runs, SmoothBy::Likelihood, None);
-    assert!(own.estimate.is_good(), "{}", own.estimate.termination);
-    let [smoothing] = &own.estimate.smoothing[..] else { panic!("one smooth table") };
-    let chosen = validation(&own, &others, noise);
-    println!("{smoothing:?}");
-    println!("own weights: {chosen:.4} noises");
-    let mut best = f64::INFINITY;
-    for along_alpha in [1e-3, 1e-1, 1.0, 1e1, 1e3] {
-        let mut row = String::new();
-        for along_delta in [1e-3, 1.0, 1e3] {
-            let weights = vec![smoothing.weights[0] * along_alpha, smoothing.weights[1] * along_delta];
-            let other = fitted(&model, &runs, SmoothBy::Weights(weights), Some(&own));
-            let error = validation(&other, &others, noise);
-            row += &format!(" {error:.4}");
-            best = best.min(error);
+    const GRID: [[f64; 2]; 6] = [[0.1, 0.1], [0.1, 100.0], [1.0, 1e-3], [1.0, 100.0], [10.0, 10.0], [1e3, 1e3]];
+    let (noise, others, model) = (0.5, others(), aeroplane("linear", "smooth CL by order 2;"));
+    let (mut chosen, mut by_hand) = (0.0, [0.0; GRID.len()]);
+    for draw in 0..3 {
+        let runs = flights(noise, draw);
+        let own = fitted(&model, &runs, SmoothBy::Likelihood, None);
+        assert!(own.estimate.is_good(), "{}", own.estimate.termination);
+        let [smoothing] = &own.estimate.smoothing[..] else { panic!("one smooth table") };
+        assert!((8.0..25.0).contains(&smoothing.effective_parameters), "{smoothing:?}");
+        chosen += validation(&own, &others, noise);
+        for (sum, factors) in by_hand.iter_mut().zip(GRID) {
+            let weights = smoothing.weights.iter().zip(factors).map(|(w, f)| w * f).collect();
+            *sum += validation(&fitted(&model, &runs, SmoothBy::Weights(weights), Some(&own)), &others, noise);
         }
-        println!("alpha x {along_alpha:7}:{row}");
     }
+    println!("chosen {chosen:.4}, by hand {by_hand:.4?}");
+    let best = by_hand.iter().copied().fold(f64::INFINITY, f64::min);
     assert!(chosen < 1.05 * best, "{chosen} instead of {best}");
+    assert!(by_hand[0] > 1.05 * best && by_hand[5] > 2.0 * best, "weights matter: {by_hand:?}");
 }
 
 /// Every partial of the program against a complex step, in all methods.
@@ -171,15 +176,15 @@ fn truth(model: &Model, node: usize) -> f64 {
 #[test]
 fn a_surface_is_regressed_in_one_step() {
     let model = aeroplane("linear", "");
-    let regression = regress(&model, &flights(0.05), &RegressionOptions::default()).unwrap();
+    let regression = regress(&model, &flights(0.05, 0), &RegressionOptions::default()).unwrap();
     assert!(regression.refused.is_empty(), "{:?}", regression.refused);
-    let fit = fitted(&aeroplane("linear", "smooth CL by order 2;"), &flights(0.05), SmoothBy::Likelihood, None);
+    let fit = fitted(&aeroplane("linear", "smooth CL by order 2;"), &flights(0.05, 0), SmoothBy::Likelihood, None);
     let table = &fit.estimate.tables[0];
     let mut found = 0;
     for (node, estimate) in table.nodes.iter().enumerate() {
         let name = estimate.parameter.as_deref().unwrap();
         let Some(p) = regression.fits.iter().flat_map(|f| &f.parameters).find(|p| p.name == name) else { continue };
-        let Some(error) = p.standard_error.filter(|e| *e < 0.03) else { continue };
+        let Some(error) = Some(p.standard_error).filter(|e| *e < 0.03) else { continue };
         let want = truth(&model, node);
         // a straight line between nodes is not the curve
         assert!((p.value - want).abs() < 5.0 * error + 0.05, "{name}: {} \u{b1} {error} instead of {want}", p.value);
@@ -192,13 +197,13 @@ fn a_surface_is_regressed_in_one_step() {
 #[test]
 fn nodes_that_no_run_visits_are_unknown() {
     let (noise, model) = (0.5, aeroplane("linear", "smooth CL by order 2;"));
-    let fit = fitted(&model, &flights(noise), SmoothBy::Likelihood, None);
+    let fit = fitted(&model, &flights(noise, 0), SmoothBy::Likelihood, None);
     let table = &fit.estimate.tables[0];
     let samples: usize = table.samples.iter().sum();
     assert_eq!(samples, 1600, "every sample lies in a cell");
     let unknown: Vec<&str> = table.unknown().filter_map(|n| n.parameter.as_deref()).collect();
     println!("{} unknown: {unknown:?}", unknown.len());
-    assert!(!unknown.is_empty() && unknown.len() < table.nodes.len() / 2);
+    assert!((10..40).contains(&unknown.len()));
     for node in &table.nodes {
         let p = fit.estimate.parameter(node.parameter.as_deref().unwrap(), None).unwrap();
         assert_eq!(node.visited, p.status == Status::Estimated, "{}", p.name);
