@@ -71,7 +71,7 @@ codes! {
     NotFinite       "E0407" "a value that is not finite";
     SingularRates   "E0408" "equations that do not determine the derivatives in them";
     NonlinearRate   "E0409" "an equation that is not linear in a derivative";
-    BadTable        "E0410" "a table whose points are too few or not in order";
+    BadTable        "E0410" "a table whose points are too few, not in order, or do not fit its axes";
     BadBlock        "E0411" "a block that cannot be built of states";
     BadReaction     "E0412" "reactions that make matter, or cannot be read as balances";
     // kinds of values
@@ -83,7 +83,7 @@ codes! {
     UnitArgument    "E0603" "a function applied to a quantity of the wrong unit";
     UnitExponent    "E0604" "an exponent that has a unit, or varies over a base that has one";
     // submodels, vectors and matrices
-    NoFile          "E0801" "a submodel whose file cannot be read";
+    NoFile          "E0801" "a submodel or a table whose file cannot be read";
     NotConnected    "E0802" "an input of a submodel that nothing is connected to";
     WrongShape      "E0803" "vectors and matrices whose shapes do not fit";
     OutsideShape    "E0804" "an index outside a vector or matrix";

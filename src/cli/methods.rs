@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use crate::load::number;
 use clap::{Args, ValueEnum};
-use fdm_estimate::{self as estimate, Noise, Options};
+use fdm_estimate::{self as estimate, Noise, Options, SmoothBy};
 
 /// What is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,6 +120,25 @@ pub(crate) struct Methods {
     /// Factor on every step, above 0, at most 1; steps that are too long are damped anyway
     #[arg(long, value_parser = number, value_name = "G", default_value_t = 1.0, allow_negative_numbers = true)]
     gain: f64,
+    /// How the smoothness of tables (`smooth CL by order 2;`) is chosen: `likelihood`, `validation` (left-out runs are predicted), or a weight for each
+    /// axis
+    #[arg(long, value_name = "likelihood|validation|W1,..", value_parser = smooth_by, default_value = "likelihood")]
+    smooth_by: SmoothBy,
+}
+
+fn smooth_by(text: &str) -> Result<SmoothBy, String> {
+    match text.trim() {
+        "likelihood" => Ok(SmoothBy::Likelihood),
+        "validation" => Ok(SmoothBy::Validation),
+        weights => {
+            let list: Result<Vec<f64>, String> = weights.split(',').map(number).collect();
+            let list = list.map_err(|e| format!("{e}; expected `likelihood`, `validation` or weights above 0"))?;
+            match list.iter().find(|w| !(**w > 0.0)) {
+                Some(weight) => Err(format!("a weight is above 0, {weight} was given")),
+                None => Ok(SmoothBy::Weights(list)),
+            }
+        }
+    }
 }
 
 /// Where the iteration begins.
@@ -181,6 +200,7 @@ impl Methods {
         let iteration = [("--iterations", self.iterations.is_some()), ("--tolerance", self.tolerance != 1e-9)];
         options.extend(given(&iteration));
         options.extend(given(&[("--gain", self.gain != 1.0)]));
+        options.extend(given(&[("--smooth-by", self.smooth_by != SmoothBy::Likelihood)]));
         options.extend(others);
         let refusals = question.refusals(&options);
         if refusals.is_empty() { Ok(question) } else { Err(Failure::input(refusals.iter().map(|r| r.said(&typed)))) }
@@ -211,7 +231,8 @@ impl Methods {
         };
         let (tolerance, gain, total) = (self.tolerance, self.gain, self.iterations);
         let iterations = total.unwrap_or(Options::default().iterations);
-        Options { noise, iterations, total, tolerance, gain, optimizer, ..Options::default() }
+        let smooth_by = self.smooth_by.clone();
+        Options { noise, iterations, total, tolerance, gain, optimizer, smooth_by, ..Options::default() }
     }
 }
 
@@ -230,7 +251,7 @@ const N: bool = false;
 
 /// Which options have a part in which column of [`RUNS`]: output error in time and frequency, filter error, equation error in
 /// time and frequency, frequency responses. Optimizers are rows as well.
-const OPTIONS: [(&str, [bool; 6]); 36] = [
+const OPTIONS: [(&str, [bool; 6]); 37] = [
     ("--optimizer gauss-newton", [Y, Y, Y, Y, Y, Y]),
     ("--optimizer nelder-mead", [Y, Y, N, N, N, Y]),
     ("--optimizer lbfgs", [Y, Y, N, N, N, Y]),
@@ -241,6 +262,7 @@ const OPTIONS: [(&str, [bool; 6]); 36] = [
     ("--iterations", [Y, Y, Y, N, N, Y]),
     ("--tolerance", [Y, Y, Y, N, N, Y]),
     ("--gain", [Y, Y, N, N, N, Y]),
+    ("--smooth-by", [Y, Y, N, N, N, N]),
     ("--starts", [Y, N, N, N, N, N]),
     ("--continuation", [Y, N, N, N, N, N]),
     ("--substitute", [Y, N, N, N, N, N]),

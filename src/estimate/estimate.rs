@@ -4,6 +4,7 @@ pub use crate::uncertainty::parameters::{ParameterEstimate, Status, Symmetric};
 
 use crate::observer::Iteration;
 use crate::residuals::{NoiseVariation, OutputFit};
+use crate::table_nodes::TableEstimate;
 use crate::termination::Termination;
 use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::sandwich::{NoiseColour, Uncorrected};
@@ -34,6 +35,23 @@ pub struct BiasCorrection {
     /// How far from it the reported value is, in corrected standard errors.
     #[serde(rename = "by")]
     pub standard_errors: f64,
+}
+
+/// How smooth a table is, and how many parameters it is worth.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub struct Smoothing {
+    /// Its name.
+    pub table: String,
+    /// The order of the differences that are small.
+    pub order: usize,
+    /// Nodes that are estimated.
+    pub parameters: usize,
+    /// What they are worth: the trace of the share of the data in what is known about them.
+    pub effective_parameters: f64,
+    /// Its arguments.
+    pub arguments: Vec<String>,
+    /// Weight along each argument, whose axis is measured in its range: one over the variance of the derivative of that order.
+    pub weights: Vec<f64>,
 }
 
 /// The result of an estimation.
@@ -86,6 +104,12 @@ pub struct Estimate {
     pub undetermined: Vec<Direction>,
     /// What the data do not determine, so that it is known by its prior alone.
     pub determined_by_prior: Vec<Direction>,
+    /// How smooth tables are; empty where none is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub smoothing: Vec<Smoothing>,
+    /// The model's tables, and what of them was visited; empty where that was not looked at.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tables: Vec<TableEstimate>,
     /// Condition number of the scaled sensitivities.
     pub condition: Option<f64>,
     /// Responses and residuals; empty when the start values could not be simulated.

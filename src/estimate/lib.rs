@@ -29,10 +29,12 @@ mod problem;
 mod recovery;
 mod residual_vector;
 pub mod residuals;
+mod smoothness;
 mod solve;
 #[cfg(test)]
 mod specimen;
 mod spectra;
+mod table_nodes;
 mod termination;
 #[cfg(test)]
 mod tests;
@@ -44,7 +46,7 @@ pub use crate::residuals::OutputFit;
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
 pub use derived::{DerivedName, DerivedQuantities};
-pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Status, Symmetric};
+pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
 pub use fdm_numeric::least_squares::Fallback as Aid;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
 pub use frequency_responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
@@ -52,7 +54,7 @@ pub use identify::{Identified, IdentifyError, identify};
 pub use information::{Information, Silence};
 pub use initial::initial_guess;
 pub use iteration::normal_equations::{NormalEquations, NotFinite};
-pub use method::{Domain, Method, Optimizer};
+pub use method::{Domain, Method, Optimizer, SmoothBy};
 pub use noise::Noise;
 pub use observer::{CheckpointStore, CheckpointStore as Keeper, Iteration, Observer, StartSummary, Stop, UnknownName};
 pub use output_error::defect::FitDefect;
@@ -74,6 +76,7 @@ pub use spectra::{
     BinResponse, Nonlinear, RunSpectrum, SpectralBins, SpectralError, SpectralFit, SpectralOptions, StartingValue,
     Unanswered, UnobservableMode, fit_spectra,
 };
+pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate};
 pub use termination::{Reason, Termination};
 pub use time_domain::{examined, fit, fit_from, fit_kept};
 pub use uncertainty::identifiability::Direction;

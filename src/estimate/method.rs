@@ -84,6 +84,19 @@ impl fmt::Display for Optimizer {
     }
 }
 
+/// How the weights of smooth tables are chosen.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SmoothBy {
+    /// By the greatest marginal likelihood of the data.
+    #[default]
+    Likelihood,
+    /// By predicting runs that were left out, in the time domain.
+    Validation,
+    /// These: one for each axis of each smooth table, in the order of the model.
+    Weights(Vec<f64>),
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

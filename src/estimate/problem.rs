@@ -2,11 +2,11 @@
 
 use crate::affine::affine;
 use crate::derived::DerivedQuantities;
-use crate::method::Optimizer;
+use crate::method::{Optimizer, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::Observer;
 use crate::residuals::NoiseVariation;
-use fdm_grammar::model::{Model, Param, Prior};
+use fdm_grammar::model::{Model, Param, Prior, Table};
 use fdm_system::simulate::{Divergence, PlaneSink, Simulator, Sink};
 use fdm_system::spectrum::independent;
 use serde::Serialize;
@@ -149,6 +149,8 @@ pub struct Problem<'a> {
     /// Parameters (indices) in which all responses are jointly affine, as far as that is known; used when the
     /// iteration needs rescue.
     pub affine: Vec<usize>,
+    /// The model's tables; the nodes of smooth ones have a prior of unknown scale.
+    pub tables: Vec<Table>,
     /// Quantities that follow from the parameters.
     pub derived: DerivedQuantities<'a>,
     /// What noise does besides, where measured records stand in the equations.
@@ -215,7 +217,8 @@ impl<'a> Problem<'a> {
     /// The problem of a model as it stands: its parameters (see [`Changes`](super::Changes)) and outputs.
     pub fn new(model: &Model, runs: Vec<ProblemRun<'a>>, derived: DerivedQuantities<'a>) -> Self {
         let outputs = model.outputs.iter().map(|o| o.quantity.name.clone()).collect();
-        Self { affine: affine(model), ..Self::of(model.params.clone(), outputs, runs, derived) }
+        let (affine, tables) = (affine(model), model.tables.clone());
+        Self { affine, tables, ..Self::of(model.params.clone(), outputs, runs, derived) }
     }
 
     /// The problem of these parameters and outputs, of whose responses nothing else is known.
@@ -225,7 +228,8 @@ impl<'a> Problem<'a> {
         runs: Vec<ProblemRun<'a>>,
         derived: DerivedQuantities<'a>,
     ) -> Self {
-        Self { params, outputs, runs, affine: Vec::new(), derived, regressor_noise: None, noise_in_time: None }
+        let (affine, tables) = Default::default();
+        Self { params, outputs, runs, affine, tables, derived, regressor_noise: None, noise_in_time: None }
     }
 
     /// What a measured number is worth on the average: 1, or less where frequencies are closer than one cycle in the record.
@@ -356,12 +360,20 @@ pub struct Options {
     pub colour: bool,
     /// How the minimum is approached.
     pub optimizer: Optimizer,
+    /// How the weights of smooth tables are chosen.
+    #[serde(skip_serializing_if = "is_by_likelihood")]
+    pub smooth_by: SmoothBy,
+}
+
+fn is_by_likelihood(smooth_by: &SmoothBy) -> bool {
+    *smooth_by == SmoothBy::Likelihood
 }
 
 impl Default for Options {
     fn default() -> Self {
         let (noise, optimizer) = (Noise::Diagonal, Optimizer::default());
-        Self { noise, iterations: 100, total: None, tolerance: 1e-9, gain: 1.0, colour: true, optimizer }
+        let smooth_by = SmoothBy::default();
+        Self { noise, iterations: 100, total: None, tolerance: 1e-9, gain: 1.0, colour: true, optimizer, smooth_by }
     }
 }
 

@@ -2,23 +2,27 @@
 
 use crate::estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Symmetric};
 use crate::iteration::evaluation::{Evaluator, Failure, RunFailure};
-use crate::iteration::likelihood::{LikelihoodCost, LikelihoodSteps, Observed};
+use crate::iteration::likelihood::{LikelihoodCost, Observed, of_parameters, space};
 use crate::iteration::optimizers::approach;
 use crate::iteration::priors::Priors;
 use crate::noise::Likelihood;
 use crate::observer::Observer;
 use crate::problem::{Options, Problem, ProblemError, ProblemRun};
 use crate::residuals::OutputFit;
+use crate::smoothness::{Chosen, SmoothTables, choose};
 use crate::termination::Termination;
 use crate::uncertainty::coloured::corrected;
 use crate::uncertainty::cramer_rao::conclude;
+use crate::uncertainty::identifiability::Direction;
 use crate::uncertainty::parameters::Statistics;
 use crate::uncertainty::sandwich::corrected_known;
 use crate::uncertainty::sandwich::{Sandwich, Uncorrected};
 use crate::uncertainty::spectra::corrected_spectra;
 use crate::uncertainty::varying_noise::{allow, allow_spectra};
 use crate::unknowns::Unknowns;
-use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot, Space};
+use fdm_grammar::model::TableNode;
+use fdm_numeric::least_squares::{GaussNewton, Options as StepOptions, Problem as _, Snapshot};
+use std::collections::HashSet;
 
 /// Estimates the free parameters of a problem by maximum likelihood (output error).
 ///
@@ -59,13 +63,19 @@ pub fn estimate_from(
     if !mistakes.is_empty() {
         return Err(mistakes);
     }
-    let unknowns = Unknowns::new(problem);
+    let mut unknowns = Unknowns::new(problem);
     let resume = resume.map(|bytes| Snapshot::read(bytes, unknowns.len())).transpose();
     let resume = resume.map_err(|reason| vec![ProblemError::ForeignState { reason }])?;
     let q = problem.outputs.len();
     let measured = problem.runs.iter().map(|r| &r.measured[..]);
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
-    let priors = Priors::new(problem, &unknowns);
+    let mut priors = Priors::new(problem, &unknowns);
+    let chosen = choose(problem, &unknowns, &likelihood, options, observer);
+    if let Some(Chosen { weights, values }) = &chosen {
+        let smooth = SmoothTables::new(&problem.tables, problem, &unknowns);
+        priors = priors.with(smooth.rows(weights));
+        unknowns.start.clone_from(values);
+    }
     observer.begin(&|| unknowns.names(problem));
     let logarithmic = unknowns.searched(problem);
     let searched = logarithmic.as_ref().unwrap_or(&unknowns);
@@ -156,6 +166,12 @@ pub fn estimate_from(
         Some(conclusion) => conclusion.noise.as_ref().map(noise_of),
         None => end.is_ok().then(|| noise_of(&weights)),
     };
+    let smoothing = match (&chosen, &conclusion) {
+        (Some(chosen), Some(bound)) => {
+            SmoothTables::new(&problem.tables, problem, &unknowns).told(&chosen.weights, bound)
+        }
+        _ => Vec::new(),
+    };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());
     Ok(Estimate {
         parameters,
@@ -177,31 +193,22 @@ pub fn estimate_from(
         noise_free: exact.map(|(name, _)| name.clone()).collect(),
         bias_corrections,
         undetermined: statistics.directions,
-        determined_by_prior: statistics.by_prior,
+        determined_by_prior: beside_smooth_nodes(problem, statistics.by_prior),
+        smoothing,
+        tables: Vec::new(),
         condition: conclusion.map(|c| c.inverse.condition),
         runs,
         termination: end.unwrap_or_else(|failure| stopped(problem, failure)),
     })
 }
 
-fn space(unknowns: &Unknowns) -> Space<'_> {
-    let Unknowns { start, lower, upper, affine, .. } = unknowns;
-    Space { start, lower, upper, affine, reach: &[] }
-}
-
-/// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
-fn of_parameters<'c, 'e, 'a>(
-    steps: LikelihoodSteps<'c, 'e, 'a>,
-    unknowns: &'e Unknowns,
-    options: StepOptions,
-) -> LikelihoodSteps<'c, 'e, 'a> {
-    let values = steps.problem.unknowns.parameters(&steps.values);
-    let GaussNewton { problem: mut cost, weights, history, .. } = steps;
-    cost.unknowns = unknowns;
-    cost.evaluator.set_unknowns(unknowns);
-    let mut steps = GaussNewton::new(cost, space(unknowns), options);
-    (steps.values, steps.weights, steps.history) = (values, weights, history);
-    steps
+/// Directions that are not of nodes of smooth tables alone: which of these no run visits is told by itself.
+fn beside_smooth_nodes(problem: &Problem<'_>, directions: Vec<Direction>) -> Vec<Direction> {
+    let smooth = problem.tables.iter().filter(|t| t.smooth.is_some()).flat_map(|t| &t.nodes);
+    let names: HashSet<&str> =
+        smooth.filter_map(|n| if let TableNode::Param(name) = n { Some(name.as_str()) } else { None }).collect();
+    let others = |d: &Direction| d.moves.iter().any(|(name, _)| !names.contains(name.as_str()));
+    directions.into_iter().filter(others).collect()
 }
 
 /// The cost at `start` (all parameters of each run), infinite where a response cannot be computed.

@@ -3,15 +3,16 @@
 
 use crate::changes::Changes;
 use crate::estimate::RunFit;
-use crate::method::{Domain, Method};
+use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
-use crate::output_error::error::FitError;
+use crate::output_error::cross_validation::weights_by_validation;
+use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::{deviations, fit_noise_model, without_infinite};
 use crate::output_error::options::{FitOptions, SharedSteps};
 use crate::output_error::robust::{fit_robust, mistake};
-use crate::output_error::single::{changed, chosen_steps, integration_faults, starts};
+use crate::output_error::single::{after, changed, chosen_steps, integration_faults, starts};
 use crate::problem::Options;
 use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
@@ -19,9 +20,11 @@ use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
 use crate::recovery::multi_start::many_starts;
 use crate::residuals::run_quality;
+use crate::table_nodes::add_tables;
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use fdm_system::simulate::Steps;
 
 /// Fits a model to runs: all that `fdm fit` does, but reading and printing.
 ///
@@ -56,6 +59,13 @@ pub fn fit_kept(
     let mut start = starts(&model, runs, &options.changes);
     let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d)).transpose()?;
     let runs = known.as_deref().unwrap_or(runs);
+    if let Some(refused) = smoothing_mistake(&model, &options.options.smooth_by, runs.len()) {
+        return Err(FitError::Strategy(refused));
+    }
+    if options.options.smooth_by == SmoothBy::Validation {
+        let weights = weights_by_validation(&model, runs, &start, &options, observer)?;
+        options.options.smooth_by = weights.map_or(SmoothBy::Likelihood, SmoothBy::Weights);
+    }
     let ledger = CheckpointWriter::new(keeper);
     let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
     if options.starts.count > 1 {
@@ -73,6 +83,19 @@ pub fn fit_kept(
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     Ok(Fit { starts: summaries, ..found? })
+}
+
+/// Why the smoothness of tables cannot be chosen so.
+fn smoothing_mistake(model: &Model, smooth_by: &SmoothBy, runs: usize) -> Option<StrategyError> {
+    let smooth = model.definition().tables.iter().filter(|t| t.smooth.is_some());
+    let wanted = smooth.map(|t| t.arguments.len()).sum();
+    match smooth_by {
+        SmoothBy::Validation if wanted > 0 && runs < 2 => Some(StrategyError::SmoothByOneRun),
+        SmoothBy::Weights(given) if given.len() != wanted || given.iter().any(|w| !(*w > 0.0 && w.is_finite())) => {
+            Some(StrategyError::SmoothWeights { given: given.len(), wanted })
+        }
+        _ => None,
+    }
 }
 
 /// Fits from `starts` (all parameters of each run, see [`starts`]), by the noise that the model states and the loss that was
@@ -132,6 +155,11 @@ pub fn examined(
         fit.quality = runs.iter().zip(&fit.estimate.runs).flat_map(judge).collect();
     }
     fit.integration_faults = integration_faults(&fit, runs, starts)?;
+    if !options.bare {
+        let thetas = after(&fit.model, runs, &fit.estimate, starts);
+        let steps: Vec<Steps> = fit.integration.iter().map(|a| a.steps.clone()).collect();
+        add_tables(&mut fit.estimate, &fit.model, runs, &thetas, &steps);
+    }
     let sound = fit.estimate.termination.is_good();
     if options.confidence && sound && observer.stopped().is_none() {
         observer.doing("fitting shorter records");

@@ -141,15 +141,26 @@ impl Quadratic {
         triangle::reduce(&mut self.triangle, self.size + 1, rows, self.width, work);
     }
 
-    /// Adds one row [J v] of which only the entry of one unknown is other than zero: a prior.
-    pub fn add_row_of(&mut self, unknown: usize, entry: f64, residual: f64, rows: &mut Vec<f64>, work: &mut Vec<f64>) {
+    /// Adds one row [J v] of which only these entries (unknowns that rise) are other than zero: a prior.
+    pub fn add_row_of(
+        &mut self,
+        entries: impl Iterator<Item = (usize, f64)> + Clone,
+        residual: f64,
+        rows: &mut Vec<f64>,
+        work: &mut Vec<f64>,
+    ) {
         if self.triangle.is_empty() {
-            self.hessian[unknown * self.size + unknown] += entry * entry;
-            self.rhs[unknown] += entry * residual;
+            for (k, (unknown, entry)) in entries.clone().enumerate() {
+                for (other, factor) in entries.clone().skip(k) {
+                    self.hessian[unknown * self.size + other] += entry * factor;
+                }
+                self.rhs[unknown] += entry * residual;
+            }
         } else {
             rows.clear();
             rows.resize(self.width, 0.0);
-            (rows[unknown], rows[self.size]) = (entry, residual);
+            entries.for_each(|(unknown, entry)| rows[unknown] = entry);
+            rows[self.size] = residual;
             triangle::reduce(&mut self.triangle, self.size + 1, rows, self.width, work);
         }
     }

@@ -93,6 +93,9 @@ fn error(error: Option<f64>) -> String {
 }
 
 fn value(p: &ParameterEstimate) -> String {
+    if p.status == Status::Unvisited {
+        return "unknown".into();
+    }
     digits(p.value, p.error().and_then(|s| digits_by_error(p.value, s, 5)).unwrap_or(5))
 }
 
@@ -122,6 +125,7 @@ fn status(p: &ParameterEstimate) -> String {
         Status::AtLowerBound => format!("at its lower bound {}{}", bound(p.lower), limit("<", limit_within_bounds(p))),
         Status::AtUpperBound => format!("at its upper bound {}{}", bound(p.upper), limit(">", limit_within_bounds(p))),
         Status::NotDetermined => "not determined".into(),
+        Status::Unvisited => "no run visits it".into(),
         Status::Fixed => "fixed".into(),
         Status::Derived => "derived".into(),
         Status::Tied => "tied".into(),

@@ -28,6 +28,7 @@ mod sensitivities;
 mod spectra_partials;
 mod stiff;
 mod strategies;
+mod surfaces;
 mod tables;
 mod trex550;
 mod verdicts;

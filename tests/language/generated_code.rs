@@ -45,6 +45,22 @@ model late_feedback {
   output one = x, two = delay(y, tau)*x + u*twice;
 }";
 
+/// Tables of several arguments in every method.
+const SURFACES: &str = "
+model surfaces {
+  input a, b;
+  state x, y = 0.3;
+  param k = 0.7, c = -0.2;
+  table C(p, q) = linear { p: [-1, -0.2, 0.3, 1], q: [-2, 0, 1.5],
+    C: [[0.1, k, 2], [1, k*c, -0.3], [c, 0.4, 1], [2, 0, k]] };
+  table D(p, q) = cubic { p: [-1, -0.2, 0.3, 1], q: [-2, 0, 1.5, 2], D: free 0.3 };
+  table E(p, q, r) = pchip { p: [-1, 0.3, 1], q: [-2, 0.1], r: [0, 1],
+    E: [[[0.1, 0.9], [k, 2]], [[1, k], [c, -0.3]], [[c, 0.2], [0.4, 1]]] };
+  der(x) = C(x, a) - k*x*D(x - y, b);
+  der(y) = E(y, x, a*b) - y + c*b;
+  output one = C(a, b) + D(x, y), two = E(x, y, k*b);
+}";
+
 /// Long enough to be cut into several functions.
 fn long() -> String {
     let n = 14;
@@ -133,7 +149,7 @@ fn models() -> Vec<(String, Model)> {
     };
     let mut models: Vec<(String, Model)> = files.iter().map(named).collect();
     assert!(models.len() > 50, "{} models", models.len());
-    for (name, text) in [("functions", FUNCTIONS), ("delayed", DELAYED), ("long", &long())] {
+    for (name, text) in [("functions", FUNCTIONS), ("delayed", DELAYED), ("surfaces", SURFACES), ("long", &long())] {
         models.push((name.into(), Model::from_text(name, text).unwrap_or_else(|e| panic!("{e}"))));
     }
     // some are refused: a number in them is infinite, say

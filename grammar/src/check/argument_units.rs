@@ -4,15 +4,20 @@ use super::measures::{Measure, Measures, factor_between};
 use super::names::{Scope, Symbol, SymbolId, read_unit};
 use super::units::Pass;
 use crate::diagnostic::{Code, Diagnostic};
-use crate::syntax::{Asked, ExprRef, Want};
+use crate::syntax::{Argument, Asked, ExprRef, Want};
 
-/// What the tables take, by symbol; numbers where no unit is declared.
-pub(super) fn declared(scope: &Scope<'_>, measures: &mut Measures, findings: &mut Vec<Diagnostic>) -> Vec<Measure> {
-    let mut unit = |symbol: &Symbol<'_>| match symbol.table.and_then(|t| t.argument_unit.as_ref()) {
+/// What the tables take, by symbol and argument; numbers where no unit is declared.
+pub(super) fn declared(
+    scope: &Scope<'_>,
+    measures: &mut Measures,
+    findings: &mut Vec<Diagnostic>,
+) -> Vec<Vec<Measure>> {
+    let mut unit = |argument: &Argument| match &argument.unit {
         None => Measure::Number,
         Some(text) => read_unit(text, findings).map_or(Measure::Broken, |unit| measures.known(unit)),
     };
-    scope.symbols.iter().map(&mut unit).collect()
+    let mut units = |symbol: &Symbol<'_>| symbol.table.iter().flat_map(|t| &t.arguments).map(&mut unit).collect();
+    scope.symbols.iter().map(&mut units).collect()
 }
 
 /// Whether a block of the language has made a name; its unit is that of what the block reads.
@@ -21,28 +26,34 @@ pub(super) fn is_of_a_block(symbol: &Symbol<'_>) -> bool {
 }
 
 impl Pass<'_, '_, '_> {
-    /// The argument of a table is in the unit that it declares, or in that of its first use.
-    pub(super) fn look_up(&mut self, s: SymbolId, argument: ExprRef) -> Measure {
+    /// An argument of a table is in the unit that it declares, or in that of its first use.
+    pub(super) fn look_up(&mut self, s: SymbolId, arguments: &[ExprRef]) -> Measure {
+        arguments.iter().enumerate().for_each(|(k, argument)| self.argument(s, k, *argument));
+        self.symbols[s]
+    }
+
+    fn argument(&mut self, s: SymbolId, k: usize, argument: ExprRef) {
         let symbol = &self.checked.scope.symbols[s];
-        match self.measures.agreed(self.arguments[s], self.of(argument)) {
-            Ok(measure) => self.arguments[s] = measure,
+        match self.measures.agreed(self.arguments[s][k], self.of(argument)) {
+            Ok(measure) => self.arguments[s][k] = measure,
             Err((x, y)) => {
                 let (own, other) = (self.measures.unit(x), self.measures.unit(y));
                 let factor = factor_between(own, other).map_or(String::new(), |f| format!("; {f}"));
-                let message = format!("the table `{}` takes {own}, this is in {other}{factor}", symbol.name());
+                let own_argument = symbol.table.filter(|t| t.arguments.len() > 1).map(|t| &t.arguments[k].name.text);
+                let for_ = own_argument.map_or(String::new(), |name| format!(" for `{name}`"));
+                let message = format!("the table `{}` takes {own}{for_}, this is in {other}{factor}", symbol.name());
                 let mut finding = Diagnostic::new(Code::UnitMismatch, self.span(argument), message);
-                if let Some(unit) = symbol.table.and_then(|t| t.argument_unit.as_ref()) {
+                if let Some(unit) = symbol.table.and_then(|t| t.arguments[k].unit.as_ref()) {
                     finding = finding.label(unit.span, "the unit of its argument");
                 }
                 self.findings.push(self.conversion(finding, x, y));
             }
         }
-        self.symbols[s]
     }
 
-    pub(super) fn abscissa(&mut self, s: SymbolId, value: Measure, root: ExprRef) {
-        match self.measures.agreed(self.arguments[s], value) {
-            Ok(measure) => self.arguments[s] = measure,
+    pub(super) fn abscissa(&mut self, s: SymbolId, k: usize, value: Measure, root: ExprRef) {
+        match self.measures.agreed(self.arguments[s][k], value) {
+            Ok(measure) => self.arguments[s][k] = measure,
             Err((x, y)) => {
                 let name = self.checked.scope.symbols[s].name();
                 let (own, other) = (self.measures.unit(x), self.measures.unit(y));

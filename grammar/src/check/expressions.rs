@@ -93,7 +93,7 @@ pub(super) struct Expressions {
     /// The number 0.
     pub(super) nothing: ExprId,
     pushed: Delays,
-    tables: Tables,
+    pub(super) tables: Tables,
     /// Expressions at the beginning of a run.
     pub(super) initials: Initials,
     /// By state: its initial value, as far as it is known.
@@ -207,7 +207,7 @@ impl Expressions {
                     Some(k) => self.graph.leaf(Leaf::Input(k)),
                     None => self.of(e),
                 },
-                Meaning::Table(s) => self.look_up(scope, s, arguments[0], e)?,
+                Meaning::Table(s) => self.look_up(scope, s, arguments, e)?,
                 Meaning::Function(Function::Delay) => self.delay(scope, e, arguments[0], arguments[1], findings)?,
                 Meaning::Function(Function::Initial) => {
                     let argument = self.of(arguments[0]);
@@ -224,20 +224,23 @@ impl Expressions {
         })
     }
 
-    /// A table's value; what is wrong with its points is told elsewhere.
+    /// A table's value; what is wrong with its nodes is told elsewhere.
     fn look_up(
         &mut self,
         scope: &Scope<'_>,
         s: SymbolId,
-        argument: ExprRef,
+        arguments: &[ExprRef],
         call: ExprRef,
     ) -> Result<ExprId, Diagnostic> {
-        let points = scope.symbols[s].table.map_or(&[][..], |t| &t.points);
         let nodes = &self.nodes;
-        let points = || points.iter().map(|(x, y)| (nodes[x.0 as usize], nodes[y.0 as usize])).collect();
+        let of = |list: &[ExprRef]| list.iter().map(|e| nodes[e.0 as usize]).collect::<Vec<_>>();
+        let grid = || {
+            let (axes, values) = scope.symbols[s].table.map_or_else(Default::default, |t| t.nodes.grid());
+            (axes.iter().map(|axis| of(axis)).collect(), of(&values))
+        };
         let method = scope.symbols[s].table.and_then(|t| Method::find(&t.method.text));
-        let (graph, argument) = (&mut self.graph, self.nodes[argument.0 as usize]);
-        let value = self.tables.value(graph, s, method, points, argument);
+        let (graph, arguments) = (&mut self.graph, of(arguments));
+        let value = self.tables.value(graph, s, method, grid, &arguments);
         value.map_err(|error| error.told(scope, s, scope.tree.span(call)))
     }
 
@@ -267,9 +270,11 @@ impl Expressions {
 
     /// Brings every node of the text into the new graph, in which all derivatives are known.
     pub(super) fn transfer(&mut self, into: &mut Substitution<'_>) -> Result<(), Obstacle> {
-        let all = || self.nodes.iter().chain(&self.symbols).chain([&self.nothing]);
+        let calls = || self.tables.calls.iter().flat_map(|(_, arguments)| arguments);
+        let all = || self.nodes.iter().chain(&self.symbols).chain([&self.nothing]).chain(calls());
         let moved: Vec<ExprId> = all().map(|e| into.moved(*e)).collect::<Result<_, _>>()?;
-        let all = self.nodes.iter_mut().chain(&mut self.symbols).chain([&mut self.nothing]);
+        let calls = self.tables.calls.iter_mut().flat_map(|(_, arguments)| arguments);
+        let all = self.nodes.iter_mut().chain(&mut self.symbols).chain([&mut self.nothing]).chain(calls);
         all.zip(moved).for_each(|(e, new)| *e = new);
         Ok(())
     }

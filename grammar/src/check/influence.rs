@@ -35,7 +35,7 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
     for block in &blocks.list {
         let own = match block.owner {
             Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) | Owner::Tie(s) => Some(s),
-            Owner::Abscissa(s) | Owner::Ordinate(s) | Owner::Like(s) | Owner::Want(s, _) => Some(s),
+            Owner::Abscissa(s, _) | Owner::Ordinate(s) | Owner::Like(s) | Owner::Want(s, _) => Some(s),
             Owner::Left(_) | Owner::Right(_) | Owner::Known(_) => None,
         };
         for e in blocks.nodes(block) {

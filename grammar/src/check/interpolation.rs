@@ -1,9 +1,13 @@
-//! Curves through points as expressions: polynomials between neighbouring points, linear in their coefficients.
+//! Curves through points, and surfaces through grids, as expressions: polynomials between neighbouring points, linear in their coefficients.
 //!
 //! A table is the sum of what the pieces add, `y0 + sum s*(b + s*(c + s*d))`, where `s` is the part of a piece that the argument has
 //! passed: `clip(x - x_k, 0, h_k)`. No branch is left out of account and none can be NaN beside the others, the end values
 //! hold outside the range, and ordinates enter linearly, so that regression finds them in one step. The coefficients depend on parameters
 //! alone and are computed once per parameter vector.
+//!
+//! A surface of `linear` or `cubic` is the tensor product: each value times a cardinal curve along every axis, which is 1 at the
+//! value's own place and 0 at the others (de Boor, A Practical Guide to Splines, 1978, XVII). `pchip` is no product,
+//! since its slopes are no sums of ordinates: curves along the last axis give the points of curves along the one before it.
 
 use crate::graph::Graph;
 use crate::op::{Build, ExprId, Op};
@@ -58,10 +62,7 @@ impl Pieces {
         let zero = graph.number(0.0);
         let mut sum = self.first;
         for Piece { from, length, coefficients: [b, c, d] } in &self.list {
-            let [from, length] = [*from, *length].map(|v| graph.number(v));
-            let beyond = graph.apply(Op::Sub, &[x, from]);
-            let above = graph.apply(Op::Max, &[beyond, zero]);
-            let s = graph.apply(Op::Min, &[above, length]);
+            let s = passed(graph, zero, (*from, *length), x);
             let mut value = *d;
             for coefficient in [c, b] {
                 let rest = graph.apply(Op::Mul, &[s, value]);
@@ -74,8 +75,141 @@ impl Pieces {
     }
 }
 
+/// The part of a piece that `x` has passed: `clip(x - from, 0, length)`. Where two pieces meet only the one before has a slope: of
+/// equal operands of `max` and `min` the first one's derivative counts.
+fn passed(graph: &mut Graph, zero: ExprId, (from, length): (f64, f64), x: ExprId) -> ExprId {
+    let [from, length] = [from, length].map(|v| graph.number(v));
+    let beyond = graph.apply(Op::Sub, &[x, from]);
+    let above = graph.apply(Op::Max, &[zero, beyond]);
+    graph.apply(Op::Min, &[above, length])
+}
+
+/// A function of one to three arguments through the values at the crossings of its axes.
+pub(super) enum Interpolant {
+    /// Of one argument.
+    Curve(Pieces),
+    /// Of several: values, those of the last argument next to each other.
+    Surface { method: Method, axes: Vec<Axis>, values: Vec<ExprId>, moved: usize },
+}
+
+/// Where the values along an argument are known.
+pub(super) struct Axis {
+    at: Vec<(f64, ExprId)>,
+}
+
+impl Interpolant {
+    /// `None` unless the axes are finite numbers that increase and every crossing has a value.
+    pub(super) fn new(graph: &mut Graph, method: Method, axes: &[Vec<ExprId>], values: Vec<ExprId>) -> Option<Self> {
+        if let [axis] = axes {
+            let points: Vec<(ExprId, ExprId)> = axis.iter().copied().zip(values).collect();
+            return pieces(graph, method, &points).map(Self::Curve);
+        }
+        let number = |e: &ExprId| graph.constant(*e).filter(|x| x.is_finite()).map(|x| (x, *e));
+        let axes = axes.iter().map(|axis| Some(Axis { at: axis.iter().map(number).collect::<Option<_>>()? }));
+        let axes: Vec<Axis> = axes.collect::<Option<_>>()?;
+        let rising = |axis: &Axis| axis.at.len() > 1 && axis.at.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        let count: usize = axes.iter().map(|axis| axis.at.len()).product();
+        if !axes.iter().all(rising) || count != values.len() {
+            return None;
+        }
+        let moved = values.iter().filter(|y| graph.constant(**y).is_none()).count();
+        Some(Self::Surface { method, axes, values, moved })
+    }
+
+    /// What it costs in pieces of curves, derivatives by the values included.
+    pub(super) fn weight(&self) -> usize {
+        match self {
+            Self::Curve(pieces) => pieces.weight(),
+            Self::Surface { method, axes, values, moved } => {
+                let along = |axis: &Axis| match method {
+                    Method::Linear => axis.at.len(),
+                    Method::Cubic => axis.at.len() * axis.at.len(),
+                    Method::Pchip => 0,
+                };
+                let of_each = if *method == Method::Pchip { 10 } else { 1 };
+                axes.iter().map(along).sum::<usize>() + of_each * (values.len() + moved)
+            }
+        }
+    }
+
+    /// Its value.
+    pub(super) fn at(&self, graph: &mut Graph, arguments: &[ExprId]) -> ExprId {
+        match self {
+            Self::Curve(pieces) => pieces.at(graph, arguments[0]),
+            Self::Surface { method, axes, values, .. } => {
+                let mut values = values.clone();
+                for (axis, x) in axes.iter().zip(arguments).rev() {
+                    values = axis.contracted(graph, *method, &values, *x);
+                }
+                values[0]
+            }
+        }
+    }
+}
+
+impl Axis {
+    /// Values along this axis, its own next to each other, to the one value at `x`.
+    fn contracted(&self, graph: &mut Graph, method: Method, values: &[ExprId], x: ExprId) -> Vec<ExprId> {
+        let rows = values.chunks_exact(self.at.len());
+        let cardinals = match method {
+            Method::Linear => self.hats(graph, x),
+            Method::Cubic => self.cardinal_splines(graph, x),
+            Method::Pchip => {
+                let points = |row: &[ExprId]| self.at.iter().map(|(_, x)| *x).zip(row.iter().copied()).collect();
+                let rows: Vec<Vec<(ExprId, ExprId)>> = rows.map(points).collect();
+                let curve = |points: &Vec<_>| match pieces(graph, method, points) {
+                    Some(pieces) => pieces.at(graph, x),
+                    // no axis that `Interpolant::new` let pass
+                    None => points[0].1,
+                };
+                return rows.iter().map(curve).collect();
+            }
+        };
+        let mut sum = |row: &[ExprId]| {
+            let mut sum = graph.number(0.0);
+            for (cardinal, value) in cardinals.iter().zip(row) {
+                let product = graph.apply(Op::Mul, &[*cardinal, *value]);
+                sum = graph.apply(Op::Add, &[sum, product]);
+            }
+            sum
+        };
+        rows.map(&mut sum).collect()
+    }
+
+    /// Cardinal curves of straight lines; exactly 0 where another pair of neighbours holds the value, so that a node that no sample
+    /// comes near has no influence.
+    fn hats(&self, graph: &mut Graph, x: ExprId) -> Vec<ExprId> {
+        let (zero, one) = (graph.number(0.0), graph.number(1.0));
+        let mut left = one;
+        let mut hats = Vec::with_capacity(self.at.len());
+        for pair in self.at.windows(2) {
+            let length = pair[1].0 - pair[0].0;
+            let s = passed(graph, zero, (pair[0].0, length), x);
+            let length = graph.number(length);
+            let share = graph.apply(Op::Div, &[s, length]);
+            hats.push(graph.apply(Op::Sub, &[left, share]));
+            left = share;
+        }
+        hats.push(left);
+        hats
+    }
+
+    /// Cardinal splines, each through 1 at its own place and through 0 elsewhere.
+    fn cardinal_splines(&self, graph: &mut Graph, x: ExprId) -> Vec<ExprId> {
+        let (zero, one) = (graph.number(0.0), graph.number(1.0));
+        let mut splines = Vec::with_capacity(self.at.len());
+        for k in 0..self.at.len() {
+            let point = |(j, (_, x)): (usize, &(f64, ExprId))| (*x, if j == k { one } else { zero });
+            let points: Vec<(ExprId, ExprId)> = self.at.iter().enumerate().map(point).collect();
+            let spline = pieces(graph, Method::Cubic, &points);
+            splines.push(spline.map_or(zero, |spline| spline.at(graph, x)));
+        }
+        splines
+    }
+}
+
 /// The pieces between points; `None` unless the abscissae are finite numbers that increase.
-pub(super) fn pieces(graph: &mut Graph, method: Method, points: &[(ExprId, ExprId)]) -> Option<Pieces> {
+fn pieces(graph: &mut Graph, method: Method, points: &[(ExprId, ExprId)]) -> Option<Pieces> {
     let x: Vec<f64> =
         points.iter().map(|(x, _)| graph.constant(*x).filter(|x| x.is_finite())).collect::<Option<_>>()?;
     if x.len() < 2 || x.windows(2).any(|pair| pair[0] >= pair[1]) {

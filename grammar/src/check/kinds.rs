@@ -100,13 +100,13 @@ impl Kinds {
             Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
             Owner::Known(k) if known[k].part == Part::Noise => Level::Varying,
             Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
-            Owner::Abscissa(_) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
+            Owner::Abscissa(..) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
         };
         let exceeded = !root.broken && root.level > most;
         root.broken |= exceeded;
         let root = self.nodes[block.root.0 as usize];
-        if let Owner::Abscissa(s) | Owner::Ordinate(s) = block.owner {
+        if let Owner::Abscissa(s, _) | Owner::Ordinate(s) = block.owner {
             let table = &mut self.symbols[s];
             (table.level, table.broken) = (table.level.max(root.level), table.broken || root.broken);
         }
@@ -296,7 +296,7 @@ fn too_variable(
             let message = format!("what the param `{}` is tied to cannot depend on {what}", scope.symbols[s].name());
             Diagnostic::new(Code::NotConstant, span, message).hint("a tie is made of params, consts and numbers")
         }
-        Owner::Abscissa(s) | Owner::Ordinate(s) => {
+        Owner::Abscissa(s, _) | Owner::Ordinate(s) => {
             let ordinate = matches!(block.owner, Owner::Ordinate(_));
             let name = scope.symbols[s].name();
             let (part, hint) = match ordinate {

@@ -88,6 +88,7 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let ranges = declarations::ranges(scope, &kinds, &indices, &expressions, findings);
     ties::check(scope, &kinds, &bonds, &known, findings);
     tables::check(scope, &kinds, &expressions, findings);
+    tables::smoothness(scope, &kinds, findings);
     let mut params = model::params(scope, &kinds, &indices, &ranges);
     model::first_samples(scope, &indices, &expressions, &mut params);
     let start = model::start(&params);

@@ -109,7 +109,7 @@ fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
     }
 }
 
-fn quantity(symbol: &Symbol<'_>) -> Quantity {
+pub(super) fn quantity(symbol: &Symbol<'_>) -> Quantity {
     Quantity { name: symbol.name().to_string(), doc: text(&symbol.declaration.doc), unit: symbol.unit.clone() }
 }
 
@@ -157,6 +157,7 @@ pub(super) fn assemble(
         ties,
         outputs: Vec::new(),
         trim: Vec::new(),
+        tables: super::tables::declared(scope, indices, &expressions),
         graph: Default::default(),
     };
     for (s, symbol) in scope.valid() {

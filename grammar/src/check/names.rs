@@ -25,7 +25,7 @@ pub(super) struct Symbol<'a> {
     pub(super) contested: bool,
     /// The declared unit, when it could be read.
     pub(super) unit: Option<Unit>,
-    /// Its argument and its points, when it is a table.
+    /// Its arguments and its nodes, when it is a table.
     pub(super) table: Option<&'a Table>,
 }
 
@@ -111,6 +111,7 @@ impl<'a> Scope<'a> {
                     }
                 },
                 StatementKind::Equation(..)
+                | StatementKind::Smooth(_)
                 | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
@@ -172,7 +173,8 @@ impl<'a> Scope<'a> {
     ) {
         let name = &declaration.name;
         let unit = declaration.unit.as_ref().and_then(|u| read_unit(u, findings));
-        self.has_units |= declaration.unit.is_some() || table.is_some_and(|t| t.argument_unit.is_some());
+        self.has_units |=
+            declaration.unit.is_some() || table.is_some_and(|t| t.arguments.iter().any(|a| a.unit.is_some()));
         let mut valid = false;
         if let Some(use_) = reserved(&name.text) {
             let message = format!("`{}` {use_} and cannot be declared", name.text);
@@ -310,7 +312,7 @@ impl<'a> Resolver<'a, '_> {
 
     fn call(&mut self, name: &Name, arguments: &[ExprRef], span: Span) -> Meaning {
         if let Some(s) = self.scope.find(&name.text).filter(|s| self.scope.symbols[*s].role == Role::Table) {
-            if arguments.len() == 1 {
+            if arguments.len() == self.scope.symbols[s].table.map_or(1, |t| t.arguments.len()) {
                 return Meaning::Table(s);
             }
             self.findings.push(tables::argument_count(&self.scope.symbols[s], arguments.len(), span));

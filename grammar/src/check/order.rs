@@ -25,9 +25,9 @@ pub(super) enum Owner {
     Want(SymbolId, usize),
     /// What a param is tied to.
     Tie(SymbolId),
-    /// The abscissa of a point of a table.
-    Abscissa(SymbolId),
-    /// The ordinate of a point of a table.
+    /// The value of an argument of a table at a node, and which argument.
+    Abscissa(SymbolId, usize),
+    /// The value of a table at a node.
     Ordinate(SymbolId),
     /// The left side of an equation that is solved for derivatives, by index.
     Left(usize),
@@ -74,10 +74,18 @@ impl Blocks {
                 made.like.iter().for_each(|like| add(Owner::Like(s), *like));
                 made.wants.iter().enumerate().for_each(|(k, want)| add(Owner::Want(s, k), want.argument));
             }
-            for (x, y) in symbol.table.iter().flat_map(|t| &t.points) {
-                add(Owner::Abscissa(s), *x);
-                add(Owner::Ordinate(s), *y);
+            let Some((axes, values)) = symbol.table.map(|t| t.nodes.grid()) else { continue };
+            if let [axis] = &axes[..] {
+                for (x, y) in axis.iter().zip(values) {
+                    add(Owner::Abscissa(s, 0), *x);
+                    add(Owner::Ordinate(s), y);
+                }
+                continue;
             }
+            for (k, axis) in axes.iter().enumerate() {
+                axis.iter().for_each(|x| add(Owner::Abscissa(s, k), *x));
+            }
+            values.into_iter().for_each(|y| add(Owner::Ordinate(s), y));
         }
         bonds.iter().for_each(|b| add(Owner::Tie(b.symbol), b.root));
         for (k, equation) in equations.iter().enumerate() {
@@ -150,7 +158,7 @@ pub(super) fn sort(
 fn defines(scope: &Scope<'_>, owner: Owner) -> Option<SymbolId> {
     match owner {
         Owner::Value(s) if !matches!(scope.symbols[s].role, Role::State | Role::Input) => Some(s),
-        Owner::Tie(s) | Owner::Abscissa(s) | Owner::Ordinate(s) => Some(s),
+        Owner::Tie(s) | Owner::Abscissa(s, _) | Owner::Ordinate(s) => Some(s),
         _ => None,
     }
 }

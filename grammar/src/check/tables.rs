@@ -1,19 +1,21 @@
-//! `table CL(alpha) = linear { -0.2: -0.9, 0: CL0 };`: what is wrong with its points, and its values as expressions.
+//! `table CL(alpha) = linear { -0.2: -0.9, 0: CL0 };`: what is wrong with its nodes, and its values as expressions.
 
-use super::expressions::Expressions;
+use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
-use crate::graph::Graph;
+use crate::graph::{Graph, Leaf, Node};
+use crate::model;
 use crate::op::ExprId;
 use crate::source::Span;
-use crate::syntax::{Declaration, StatementKind, SyntaxTree, Table};
+use crate::syntax::{Argument, Declaration, Expr, ExprRef, Role, StatementKind, SyntaxTree, Table};
+use crate::unit::Unit;
 use std::collections::HashMap;
 
+use super::interpolation::Interpolant;
 pub(super) use super::interpolation::Method;
-use super::interpolation::{Pieces, pieces};
 
-/// Most points of one table.
+/// Most points of one table, and values of one axis.
 pub(super) const MOST_POINTS: usize = 1000;
 
 /// Most pieces of all tables in all places where they are called, each counted once more for every param that moves it: a
@@ -35,67 +37,211 @@ pub(super) fn declarations(tree: &SyntaxTree) -> Vec<Declaration> {
 
 /// How a table is called.
 fn form(symbol: &Symbol<'_>) -> String {
-    let argument = symbol.table.map_or("x", |t| &t.argument.text);
-    format!("`{}({argument})`", symbol.name())
+    let arguments = symbol.table.map_or(Vec::new(), |t| t.arguments.iter().map(|a| a.name.text.as_str()).collect());
+    format!("`{}({})`", symbol.name(), arguments.join(", "))
 }
 
 /// The complaint about the name of a table that stands alone.
 pub(super) fn without_argument(symbol: &Symbol<'_>, span: Span) -> Diagnostic {
-    let message = format!("`{}` is a table, and stands here without its argument", symbol.name());
+    let several = symbol.table.is_some_and(|t| t.arguments.len() > 1);
+    let arguments = if several { "arguments" } else { "argument" };
+    let message = format!("`{}` is a table, and stands here without its {arguments}", symbol.name());
     Diagnostic::new(Code::WrongName, span, message).hint(form(symbol))
 }
 
-/// The complaint about a table with none or several arguments.
+/// The complaint about a table with too few or too many arguments.
 pub(super) fn argument_count(symbol: &Symbol<'_>, given: usize, span: Span) -> Diagnostic {
-    let message = format!("the table `{}` takes 1 argument, {given} given", symbol.name());
+    let wanted = match symbol.table.map_or(1, |t| t.arguments.len()) {
+        1 => "1 argument".to_string(),
+        n => format!("{n} arguments"),
+    };
+    let message = format!("the table `{}` takes {wanted}, {given} given", symbol.name());
     Diagnostic::new(Code::ArgumentCount, span, message).hint(form(symbol))
 }
 
-/// Tells methods that do not exist, too few or too many points, and abscissae that do not increase.
+/// Tells methods that do not exist, too few or too many nodes, and axes that do not increase.
 pub(super) fn check(scope: &Scope<'_>, kinds: &Kinds, expressions: &Expressions, findings: &mut Vec<Diagnostic>) {
     for symbol in &scope.symbols {
         let Some(table) = symbol.table else { continue };
         if Method::find(&table.method.text).is_none() {
             findings.push(unknown_method(table));
         }
-        let (name, count) = (&table.name, table.points.len());
-        if count < 2 {
-            let message = format!("the table `{}` has a single point", name.text);
-            let finding = Diagnostic::new(Code::BadTable, name.span, message);
-            findings.push(finding.hint("a table has two points or more; a constant is a `const` or a `param`"));
+        let (axes, _) = table.nodes.grid();
+        for (k, axis) in axes.iter().enumerate() {
+            let names = AxisNames::new(table, k);
+            if axis.len() < 2 {
+                let message = format!("{} has a single {}", names.axis, names.one);
+                let finding = Diagnostic::new(Code::BadTable, table.name.span, message);
+                findings.push(finding.hint(match axes.len() {
+                    1 => "a table has two points or more; a constant is a `const` or a `param`",
+                    _ => "an axis has two values or more; what does not change is no argument",
+                }));
+            }
+            if axis.len() > MOST_POINTS {
+                let message =
+                    format!("{} has {} {}s, more than the limit of {MOST_POINTS}", names.axis, axis.len(), names.one);
+                let finding = Diagnostic::new(Code::TooLarge, table.name.span, message);
+                findings.push(finding.hint("thin it out; a signal of time is an `input`"));
+            }
+            increasing(scope, kinds, expressions, axis, &names, findings);
         }
-        if count > MOST_POINTS {
-            let message = format!("the table `{}` has {count} points, more than the limit of {MOST_POINTS}", name.text);
-            let finding = Diagnostic::new(Code::TooLarge, name.span, message);
-            findings.push(finding.hint("thin it out; a signal of time is an `input`"));
-        }
-        increasing(scope, kinds, expressions, table, findings);
     }
 }
 
-/// Tells the first abscissa that is not greater than the one before it.
+/// How messages call an axis of a table and one of its values.
+struct AxisNames {
+    axis: String,
+    increase: String,
+    one: &'static str,
+}
+
+impl AxisNames {
+    fn new(table: &Table, k: usize) -> Self {
+        let name = &table.name.text;
+        if table.arguments.len() == 1 {
+            let increase = format!("the abscissae of the table `{name}` increase");
+            return Self { axis: format!("the table `{name}`"), increase, one: "point" };
+        }
+        let axis = format!("the axis `{}` of the table `{name}`", table.arguments[k].name.text);
+        Self { increase: format!("the values of {axis} increase"), axis, one: "value" }
+    }
+}
+
+/// Tells the first value of an axis that is not greater than the one before it.
 fn increasing(
     scope: &Scope<'_>,
     kinds: &Kinds,
     expressions: &Expressions,
-    table: &Table,
+    axis: &[ExprRef],
+    names: &AxisNames,
     findings: &mut Vec<Diagnostic>,
 ) {
-    let value = |k: usize| expressions.constant(table.points[k].0).filter(|_| !kinds.of(table.points[k].0).broken);
-    for k in 1..table.points.len() {
+    let value = |k: usize| expressions.constant(axis[k]).filter(|_| !kinds.of(axis[k]).broken);
+    for k in 1..axis.len() {
         let (Some(before), Some(here)) = (value(k - 1), value(k)) else { continue };
         // what is not finite has been told
         if here > before || !before.is_finite() || !here.is_finite() {
             continue;
         }
-        let message = format!("the abscissae of the table `{}` increase, and {here} follows {before}", table.name.text);
-        let finding = Diagnostic::new(Code::BadTable, scope.tree.span(table.points[k].0), message);
-        findings.push(match here == before {
-            true => finding.hint("a table has one value at each point; a jump is steep between two points"),
-            false => finding.hint("sort the points from the least to the greatest abscissa"),
+        let message = format!("{}, and {here} follows {before}", names.increase);
+        let finding = Diagnostic::new(Code::BadTable, scope.tree.span(axis[k]), message);
+        findings.push(match (here == before, names.one) {
+            (true, "point") => finding.hint("a table has one value at each point; a jump is steep between two points"),
+            (true, _) => finding.hint("each value stands there once; a jump is steep between two of them"),
+            (false, "point") => finding.hint("sort the points from the least to the greatest abscissa"),
+            (false, _) => {
+                finding.hint("sort them from the least to the greatest, with the rows or columns behind them")
+            }
         });
         return;
     }
+}
+
+/// The statements `smooth` with the tables that they are about; what is wrong with them is told.
+pub(super) fn smoothness(scope: &Scope<'_>, kinds: &Kinds, findings: &mut Vec<Diagnostic>) {
+    let mut first: HashMap<SymbolId, Span> = HashMap::new();
+    for statement in &scope.tree.statements {
+        let StatementKind::Smooth(smooth) = &statement.kind else { continue };
+        let (name, span) = (&smooth.table.text, smooth.table.span);
+        let Some(s) = scope.find(name) else {
+            if !scope.is_suspended(name) {
+                let finding = Diagnostic::new(Code::UnknownName, span, format!("`{name}` is not declared"));
+                let near = scope.nearest(name, findings.len(), |s| s.role == Role::Table);
+                findings.push(near.into_iter().fold(finding, Diagnostic::hint));
+            }
+            continue;
+        };
+        let symbol = &scope.symbols[s];
+        let Some(table) = symbol.table else {
+            let message = format!("`{name}` is a {}; smoothness is of tables", symbol.role.keyword());
+            let finding = Diagnostic::new(Code::WrongName, span, message);
+            findings.push(finding.hint("`smooth CL by order 2;` where `CL` is a table"));
+            continue;
+        };
+        if let Some(earlier) = first.insert(s, span) {
+            let message = format!("the smoothness of `{name}` is given a second time");
+            let finding = Diagnostic::new(Code::DeclaredTwice, span, message).label(earlier, "first given here");
+            findings.push(finding.hint("remove one of them"));
+        }
+        let (axes, values) = table.nodes.grid();
+        let order = smooth.order as usize;
+        if axes.iter().all(|axis| axis.len() <= order) {
+            let message = format!("differences of order {order} need {} values of an axis of `{name}`", order + 1);
+            let finding = Diagnostic::new(Code::BadTable, smooth.order_span, message);
+            findings.push(finding.label(table.name.span, "the table is here").hint("take a lower order or more nodes"));
+        }
+        let params = values.iter().filter_map(|e| param(scope, kinds, *e)).count();
+        let made = values.iter().find(|e| {
+            !kinds.of(**e).broken
+                && kinds.of(**e).level > super::kinds::Level::Constant
+                && param(scope, kinds, **e).is_none()
+        });
+        if let Some(e) = made {
+            let message = format!("this node of `{name}` is made of params, so that its smoothness cannot be chosen");
+            let finding = Diagnostic::new(Code::BadTable, scope.tree.span(*e), message).label(span, "smooth here");
+            findings.push(
+                finding.hint(
+                    "the nodes of a smooth table are numbers, or params without `log`, `per run` and `per group`",
+                ),
+            );
+        } else if params == 0 && !values.iter().any(|e| kinds.of(*e).broken) {
+            let message = format!("no node of `{name}` is estimated");
+            let finding = Diagnostic::new(Code::BadTable, span, message).label(table.name.span, "the table is here");
+            findings.push(finding.hint(format!("`{name}: free` estimates all of them")));
+        }
+    }
+}
+
+/// The param that a node is, when it has one value for all runs.
+fn param(scope: &Scope<'_>, kinds: &Kinds, e: ExprRef) -> Option<SymbolId> {
+    let Expr::Name(name) = scope.tree.expr(e) else { return None };
+    let s = scope.find(name).filter(|s| !kinds.derived[*s])?;
+    let d = scope.symbols[s].declaration;
+    let shared = d.per_run.is_none() && d.group.is_none();
+    (scope.symbols[s].role == Role::Param && d.log.is_none() && shared).then_some(s)
+}
+
+/// The tables of a model that has passed every check.
+pub(super) fn declared(scope: &Scope<'_>, indices: &Indices, expressions: &Expressions) -> Vec<model::Table> {
+    let mut tables = Vec::new();
+    for (s, symbol) in scope.valid() {
+        let Some(table) = symbol.table else { continue };
+        let (axes, values) = table.nodes.grid();
+        let argument = |(argument, axis): (&Argument, &Vec<ExprRef>)| model::TableArgument {
+            name: argument.name.text.clone(),
+            unit: argument.unit.as_ref().and_then(|u| Unit::parse(&u.text).ok()),
+            axis: axis.iter().filter_map(|e| expressions.constant(*e)).collect(),
+        };
+        let node = |e: &ExprRef| match (expressions.constant(*e), expressions.graph.node(expressions.of(*e))) {
+            (Some(value), _) => model::TableNode::Number(value),
+            (None, Node::Leaf(Leaf::Param(k))) => {
+                match scope.valid().find(|(s, d)| d.role == Role::Param && indices.of[*s] == k) {
+                    Some((_, symbol)) => model::TableNode::Param(symbol.name().into()),
+                    None => model::TableNode::Expression,
+                }
+            }
+            _ => model::TableNode::Expression,
+        };
+        let calls = expressions.tables.calls.iter().filter(|(of, _)| *of == s);
+        let calls: Vec<&Vec<ExprId>> = calls.map(|(_, arguments)| arguments).collect();
+        let all: Vec<ExprId> = calls.iter().flat_map(|arguments| arguments.iter().copied()).collect();
+        let mut graph = Graph::default();
+        let moved = expressions.graph.rebuild(&all, &mut graph, Graph::reference);
+        let arguments = moved.chunks_exact(table.arguments.len()).map(<[ExprId]>::to_vec).collect();
+        let smooth = scope.tree.statements.iter().find_map(|statement| match &statement.kind {
+            StatementKind::Smooth(smooth) if smooth.table.text == table.name.text => Some(smooth.order),
+            _ => None,
+        });
+        tables.push(model::Table {
+            quantity: super::model::quantity(symbol),
+            method: table.method.text.clone(),
+            arguments: table.arguments.iter().zip(&axes).map(argument).collect(),
+            nodes: values.iter().map(node).collect(),
+            calls: model::TableCalls { graph, arguments },
+            smooth,
+        });
+    }
+    tables
 }
 
 fn unknown_method(table: &Table) -> Diagnostic {
@@ -130,36 +276,40 @@ impl TooManyPieces {
 /// The tables of a model as far as they were looked up.
 #[derive(Default)]
 pub(super) struct Tables {
-    pieces: HashMap<SymbolId, Option<Pieces>>,
-    values: HashMap<(SymbolId, ExprId), ExprId>,
+    known: HashMap<SymbolId, Option<Interpolant>>,
+    values: HashMap<(SymbolId, Vec<ExprId>), ExprId>,
+    /// Each table and the arguments that it is called with, in the order of definition.
+    pub(super) calls: Vec<(SymbolId, Vec<ExprId>)>,
     count: usize,
 }
 
 impl Tables {
-    /// The value of a table; that of its argument where its points are faulty, which is told elsewhere.
+    /// The value of a table; that of its first argument where its nodes are faulty, which is told elsewhere.
     pub(super) fn value(
         &mut self,
         graph: &mut Graph,
         table: SymbolId,
         method: Option<Method>,
-        points: impl Fn() -> Vec<(ExprId, ExprId)>,
-        argument: ExprId,
+        grid: impl Fn() -> (Vec<Vec<ExprId>>, Vec<ExprId>),
+        arguments: &[ExprId],
     ) -> Result<ExprId, TooManyPieces> {
-        if let Some(value) = self.values.get(&(table, argument)) {
+        let key = (table, arguments.to_vec());
+        if let Some(value) = self.values.get(&key) {
             return Ok(*value);
         }
-        let known = self.pieces.entry(table).or_insert_with(|| {
-            let points = points();
-            let sound = points.len() <= MOST_POINTS;
-            method.filter(|_| sound).and_then(|method| pieces(graph, method, &points))
+        let known = self.known.entry(table).or_insert_with(|| {
+            let (axes, values) = grid();
+            let sound = axes.iter().all(|axis| axis.len() <= MOST_POINTS) && axes.len() == arguments.len();
+            method.filter(|_| sound).and_then(|method| Interpolant::new(graph, method, &axes, values))
         });
-        let Some(pieces) = known else { return Ok(argument) };
-        self.count += pieces.weight();
+        let Some(interpolant) = known else { return Ok(arguments[0]) };
+        self.count += interpolant.weight();
         if self.count > MOST_PIECES {
             return Err(TooManyPieces);
         }
-        let value = pieces.at(graph, argument);
-        self.values.insert((table, argument), value);
+        let value = interpolant.at(graph, arguments);
+        self.calls.push(key.clone());
+        self.values.insert(key, value);
         Ok(value)
     }
 }

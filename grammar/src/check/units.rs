@@ -91,8 +91,8 @@ pub(super) struct Pass<'a, 'b, 'c> {
     pub(super) checked: &'c Checked<'a, 'b>,
     pub(super) measures: Measures,
     pub(super) symbols: Vec<Measure>,
-    /// By symbol: what a table takes.
-    pub(super) arguments: Vec<Measure>,
+    /// By symbol: what a table takes, by argument.
+    pub(super) arguments: Vec<Vec<Measure>>,
     /// The coefficients of the numerator and the denominator that are being looked at, by time to their power.
     pub(super) polynomials: [Option<Measure>; 2],
     /// Unit of time; `None` in a model without any unit.
@@ -191,7 +191,7 @@ impl Pass<'_, '_, '_> {
             Expr::Call(name, arguments) => match meaning {
                 Meaning::Function(function) => self.call(function, &name.text, arguments, e),
                 Meaning::Record(output) => self.record(output),
-                Meaning::Table(s) => self.look_up(s, arguments[0]),
+                Meaning::Table(s) => self.look_up(s, arguments),
                 _ => Measure::Broken,
             },
             Expr::Vector(_) | Expr::Element(..) => Measure::Broken,
@@ -433,7 +433,7 @@ impl Pass<'_, '_, '_> {
             }
             Owner::Want(s, k) => self.want(s, k, value),
             Owner::Tie(s) => self.compare(s, value, block.root, "what it is tied to"),
-            Owner::Abscissa(s) => self.abscissa(s, value, block.root),
+            Owner::Abscissa(s, k) => self.abscissa(s, k, value, block.root),
             Owner::Ordinate(s) => self.ordinate(s, value, block.root),
             Owner::Left(_) => self.left = Some(survey),
             Owner::Right(k) if self.checked.equations[k].implicit => self.implicit(k, value, survey),

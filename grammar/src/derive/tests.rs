@@ -144,5 +144,66 @@ fn tables_have_the_derivatives_of_their_curves() {
                 assert!((difference / (2.0 * h) - own).abs() < 1e-7, "{method} by param {j} at {x}");
             }
         }
+        for x in [-1.0, -0.2, 0.5, 0.6, 2.0, 3.5] {
+            let own = at(&model, partials.input.entries[0], x, None);
+            let [left, right] = [-h, h].map(|h| (at(&model, y, x + h, None) - at(&model, y, x, None)) / h);
+            let near = [left, right].iter().any(|slope| (slope - own).abs() < 1e-4);
+            assert!(near, "{method} at the point {x}: {own}, from the left {left}, from the right {right}");
+        }
+    }
+}
+
+/// By arguments and by nodes, inside and outside the range, and at nodes, where a derivative is that of one side.
+#[test]
+fn surfaces_have_the_derivatives_of_their_values() {
+    use super::differentiate;
+    use crate::{Model, Source};
+    let grids = [
+        "table C(a, b) = METHOD { a: [-1, -0.2, 0.5, 2], b: [0, 0.4, 1.1],
+         C: [[p, 0.3, q], [1.3, 1.7*q, -2], [0.1, p*q, 0.7], [q, 2, 0.2]] }; output y = C(u, v);",
+        "table C(a, b, c) = METHOD { a: [-1, 0.5, 2], b: [0, 1.1], c: [-2, 0, 1, 3],
+         C: free [[[1, 2, -1, 0], [0.3, p1, 0.2, 2.2]], [[1.1, 0.05, 3, 1.4], [2.3, 2.1, -0.4, 1.2]], [[0.1, 0.2, 0.9, 0.35], [1.6, 1.8, 4, 2.5]]] };
+         const p1 = 0.6; output y = C(u, v, u + 0.5*v);",
+    ];
+    for (grid, method) in grids.iter().flat_map(|g| ["linear", "cubic", "pchip"].map(|m| (g, m))) {
+        let text = format!("model m {{ input u, v; param p = 1, q = -0.5; {} }}", grid.replace("METHOD", method));
+        let mut model = crate::compile(&Source::new("m", text)).expect("a model").model;
+        let partials = differentiate(&mut model).outputs;
+        let at = |model: &Model, e: ExprId, x: [f64; 2], moved: Option<(u32, f64)>| {
+            model.graph.evaluate(e, |leaf| match leaf {
+                Leaf::Input(k) => x[k as usize],
+                Leaf::Param(k) => model.params[k as usize].value + moved.filter(|m| m.0 == k).map_or(0.0, |m| m.1),
+                _ => f64::NAN,
+            })
+        };
+        let (y, h) = (model.outputs[0].expr, 1e-6);
+        for k in 0..40 {
+            let x = [-1.4 + 3.9 * (f64::from(k) + 0.37) / 40.0, -0.3 + 1.8 * (0.381_966 * f64::from(k)).fract()];
+            for (place, j) in partials.input.pattern.row(0) {
+                let moved = |h: f64| {
+                    let mut x = x;
+                    x[j] += h;
+                    at(&model, y, x, None)
+                };
+                let (slope, own) =
+                    ((moved(h) - moved(-h)) / (2.0 * h), at(&model, partials.input.entries[place], x, None));
+                assert!(
+                    (slope - own).abs() < 1e-6 * slope.abs().max(1.0),
+                    "{method} by input {j} at {x:?}: {own} {slope}"
+                );
+            }
+            for (place, j) in partials.param.pattern.row(0) {
+                let difference = at(&model, y, x, Some((j as u32, h))) - at(&model, y, x, Some((j as u32, -h)));
+                let own = at(&model, partials.param.entries[place], x, None);
+                assert!((difference / (2.0 * h) - own).abs() < 1e-7, "{method} by param {j} at {x:?}");
+            }
+        }
+        let kink = [0.5, 0.7];
+        let place = partials.input.pattern.row(0).next().expect("an entry").0;
+        let own = at(&model, partials.input.entries[place], kink, None);
+        let [left, right] =
+            [-h, h].map(|h| (at(&model, y, [kink[0] + h, kink[1]], None) - at(&model, y, kink, None)) / h);
+        let near = [left, right].iter().any(|slope| (slope - own).abs() < 1e-4);
+        assert!(near, "{method} at a kink: {own}, from the left {left}, from the right {right}");
     }
 }

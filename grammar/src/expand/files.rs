@@ -1,8 +1,8 @@
-//! Which files a model uses: names relative to the file that says `use`, and texts gathered before anything is compiled.
+//! Which files a model uses, submodels and tables: names relative to the file that says `use`, and texts gathered before anything is compiled.
 
 use super::library;
 use crate::source::{Source, Text};
-use crate::syntax::{Name, StatementKind, parse_used};
+use crate::syntax::{Name, Nodes, StatementKind, Table, parse_used};
 use std::path::{Component, Path, PathBuf};
 
 /// Most files that a model and the files it uses may use.
@@ -45,12 +45,13 @@ pub fn gather_kept(source: &mut Source, read: &mut dyn FnMut(&str) -> Result<Str
 /// Names of the files that a text uses.
 fn used(text: &Text) -> Vec<(String, Name)> {
     // most models use none, and reading a text takes time
-    if !text.text().contains("use") {
+    if !text.text().contains("use") && !text.text().contains("from") {
         return Vec::new();
     }
     let statements = parse_used(text).0.map_or(Vec::new(), |tree| tree.statements);
     let paths = statements.into_iter().filter_map(|s| match s.kind {
         StatementKind::Use(submodel) => Some(submodel.path),
+        StatementKind::Table(Table { nodes: Nodes::File(path, _), .. }) => Some(path),
         _ => None,
     });
     paths.map(|path| (name_of(text.name(), &path), path)).collect()

@@ -16,6 +16,7 @@ mod library;
 mod maker;
 mod reactions;
 mod submodels;
+mod tables;
 mod transfer;
 
 pub use arrays::{MOST_ELEMENTS, MOST_INVERTED};
@@ -56,6 +57,7 @@ pub fn expand(source: &Source, tree: SyntaxTree, check: &dyn Fn(&SyntaxTree) -> 
     let mut tree = tree;
     let mut findings = Vec::new();
     reactions::reactions(&mut tree, &mut findings);
+    tables::read(source, &mut tree, &mut findings);
     let mut submodels = Submodels::new(source, &judge);
     let tree = submodels.inline(tree, &mut budget);
     findings.extend(submodels.finish());

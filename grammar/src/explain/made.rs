@@ -3,7 +3,8 @@
 use super::{Example, Page};
 
 pub(super) const BAD_TABLE: Page = Page {
-    meaning: "A table has fewer than two points, or its abscissae do not increase from point to point.",
+    meaning: "A table has fewer than two points, its abscissae do not increase from point to point, or its values do not stand at every \
+              crossing of its axes.",
     broken: Example::Text(
         "model wing {
   input alpha;

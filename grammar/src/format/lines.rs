@@ -222,6 +222,10 @@ impl<'a> Statement<'a> {
         Self { pieces, indent, keyword, hang }
     }
 
+    fn is_table(&self) -> bool {
+        self.pieces[0].is("table")
+    }
+
     fn lists(&self) -> bool {
         self.keyword.is_some_and(|k| !k.is_empty())
     }
@@ -283,6 +287,10 @@ impl<'a> Statement<'a> {
             let indent = match () {
                 _ if first => self.indent,
                 _ if begins => self.hang,
+                // lists in the braces of a table stand as deep as they are nested
+                _ if self.is_table() && state.depth > 1 => {
+                    self.indent + STEP * (state.depth - usize::from(rest[0].is_word(TokenKind::Close)))
+                }
                 _ if rest[0].is_word(TokenKind::Close) => self.indent,
                 _ if state.hanging => self.hang + STEP,
                 _ => self.indent + STEP,

@@ -270,3 +270,41 @@ proptest! {
         prop_assert!(!once.contains("\n\n\n"));
     }
 }
+
+/// A grid as people write it stays as it is; a scattered one is put in order.
+#[test]
+fn grids_keep_their_rows() {
+    let laid_out = "\
+model wing {
+  input u [rad], v [rad];
+  table CL(alpha [rad], delta [rad]) \"lift\" [1] = cubic {
+    alpha: [-0.2, 0, 0.2],
+    delta: [-0.3, 0.3],
+    CL: free [
+      [-0.8, -0.7],
+      [ 0.1,  0.2],
+      [ 0.9,  1.0]
+    ]
+  };
+  table CD(alpha [rad], delta [rad]) [1] = linear from \"cd.csv\" free;
+  smooth CL by order 2;
+  output y [1] = CL(u, v) + CD(u, v);
+}
+";
+    assert_eq!(formatted(laid_out), laid_out);
+    let scattered = "model wing {
+input u[rad],v[rad];table CL(alpha[rad],delta[rad])\"lift\"[1]=cubic{
+alpha:[-0.2,0,0.2],
+delta:[-0.3,0.3],
+CL:free[
+[-0.8,-0.7],
+[0.1,0.2],
+[0.9,1.0]
+]
+};
+table CD(alpha [rad],delta [rad]) [1]=linear from \"cd.csv\"free;smooth CL by order 2;
+output y [1]=CL(u,v)+CD(u,v);
+}
+";
+    assert_eq!(formatted(scattered), laid_out);
+}

@@ -6,12 +6,14 @@
 mod forces;
 pub mod reading;
 mod substitution;
+mod table;
 #[cfg(test)]
 mod tests;
 mod ties;
 
 pub use forces::Entry;
 pub use substitution::Unshown;
+pub use table::{Table, TableArgument, TableCalls, TableNode};
 pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Node, Signal};
@@ -217,6 +219,8 @@ pub struct Model {
     /// Where the model is linearised: values of states and inputs, expressions of parameters, from `trim`; what is not
     /// named is found from the equations.
     pub trim: Vec<(Signal, ExprId)>,
+    /// Tables in the order of declaration.
+    pub tables: Vec<Table>,
     /// All expressions.
     pub graph: Graph,
 }

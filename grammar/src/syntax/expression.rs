@@ -93,6 +93,16 @@ impl Builder {
         self.chained.clear();
     }
 
+    /// An expression that was read.
+    pub(super) fn expr(&self, e: ExprRef) -> &Expr {
+        &self.expressions[e.0 as usize].0
+    }
+
+    /// Where it stands.
+    pub(super) fn span(&self, e: ExprRef) -> Span {
+        self.expressions[e.0 as usize].1
+    }
+
     /// Takes the expression that was read last.
     pub(super) fn take(&mut self) -> Option<ExprRef> {
         self.operands.pop().map(|(e, _)| e)

@@ -105,8 +105,10 @@ impl Cutter<'_> {
     }
 
     fn word_use(&self, at: usize) -> Option<WordUse> {
-        // a name elsewhere, `known` declares where another name follows
-        if self.is(at, "known") && self.tokens.get(at + 1).is_some_and(|t| t.kind == Kind::Name) {
+        // names elsewhere: `known` and `smooth` begin a statement where another name follows
+        if (self.is(at, "known") || self.is(at, "smooth"))
+            && self.tokens.get(at + 1).is_some_and(|t| t.kind == Kind::Name)
+        {
             return Some(WordUse::Statement);
         }
         let token = self.tokens.get(at).filter(|t| t.kind == Kind::Keyword)?;

@@ -107,7 +107,9 @@ fn want(rule: Rule) -> Option<Want> {
         | Rule::setting
         | Rule::bond
         | Rule::target => Want::Name,
-        Rule::connection | Rule::method => Want::Name,
+        Rule::connection | Rule::method | Rule::argument => Want::Name,
+        Rule::file | Rule::word_from => Want::From,
+        Rule::word_by | Rule::word_order => Want::Order,
         Rule::infix | Rule::arguments => Want::Infix,
         Rule::doc => Want::Doc,
         Rule::word_as => Want::As,
@@ -143,6 +145,7 @@ fn want(rule: Rule) -> Option<Want> {
         | Rule::trim
         | Rule::tie
         | Rule::table
+        | Rule::smooth
         | Rule::use_model => Want::Statement,
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
@@ -202,6 +205,7 @@ impl<'a> Build<'a> {
                 StatementKind::Tie(bonds.filter_map(|p| self.named(p)).collect())
             }
             Rule::table => StatementKind::Table(self.table(parts)?),
+            Rule::smooth => StatementKind::Smooth(self.smooth(parts)?),
             Rule::use_model => StatementKind::Use(self.submodel(parts)?),
             Rule::reactions => {
                 let (mut volume, mut list) = (None, Vec::new());
@@ -288,7 +292,7 @@ impl<'a> Build<'a> {
         Some(Species { name, count })
     }
 
-    /// `a ~ normal(mean, deviation)`, `x: y`
+    /// `a ~ normal(mean, deviation)`
     fn belief(&mut self, pair: Pair<Rule>) -> Option<(ExprRef, ExprRef)> {
         let mut parts = pair.into_inner();
         let subject = self.expression(parts.next()?)?;
@@ -314,28 +318,116 @@ impl<'a> Build<'a> {
     /// What follows the word `table`.
     fn table(&mut self, parts: Pairs<Rule>) -> Option<Table> {
         let mut names = Vec::new();
-        let (mut argument_unit, mut doc, mut unit, mut method) = (None, None, None, None);
-        let mut points = Vec::new();
-        let mut in_argument = true;
+        let (mut doc, mut unit, mut method) = (None, None, None);
+        let (mut arguments, mut entries, mut file) = (Vec::new(), Vec::new(), None);
         for part in parts {
             let place = span(&part, self.offset);
             match part.as_rule() {
                 Rule::name => names.push(word(&part, self.offset, 0)),
-                Rule::close => in_argument = false,
-                Rule::unit if in_argument => argument_unit = Some(word(&part, self.offset, 1)),
+                Rule::argument => {
+                    let mut parts = part.into_inner();
+                    let name = word(&parts.next()?, self.offset, 0);
+                    arguments.push(Argument { name, unit: parts.next().map(|u| word(&u, self.offset, 1)) });
+                }
                 Rule::unit => self.once(&mut unit, word(&part, self.offset, 1), (Rule::unit, place), &names),
                 Rule::doc => self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names),
                 Rule::method => method = Some(word(&part, self.offset, 0)),
                 Rule::points => {
                     let pairs = part.into_inner().filter(|p| p.as_rule() == Rule::point);
-                    points = pairs.filter_map(|p| self.belief(p)).collect();
+                    entries = pairs.filter_map(|p| self.entry(p)).collect();
+                }
+                Rule::file => {
+                    let mut parts = part.into_inner().skip(1);
+                    let path = word(&parts.next()?, self.offset, 1);
+                    file = Some(Nodes::File(path, parts.next().map(|p| span(&p, self.offset))));
                 }
                 _ => {}
             }
         }
-        let mut names = names.into_iter();
-        let (name, argument) = (names.next()?, names.next()?);
-        Some(Table { name, argument, argument_unit, doc, unit, method: method?, points })
+        let name = names.into_iter().next()?;
+        let nodes = match file {
+            Some(file) => file,
+            None => self.nodes(&name, &arguments, entries)?,
+        };
+        Some(Table { name, arguments, doc, unit, method: method?, nodes })
+    }
+
+    /// What stands between the braces of a table: points of a curve, or axes and values of a grid. A grid is what several arguments have, and
+    /// what gives its values behind the table's own name.
+    fn nodes(&mut self, table: &Name, arguments: &[Argument], entries: Vec<Entry>) -> Option<Nodes> {
+        let named = |e: &Entry| matches!(self.builder.expr(e.key), Expr::Name(name) if *name == table.text);
+        if arguments.len() == 1 && !entries.iter().any(named) {
+            let mut points = Vec::new();
+            for Entry { key, free, value } in entries {
+                if let Some(free) = free {
+                    let message = "`free` stands for all values of a table";
+                    let hint = format!("`{{ {}: [...], {}: free }}`", arguments[0].name.text, table.text);
+                    self.findings.push(Diagnostic::new(Code::BadTable, free, message).hint(hint));
+                    self.sound = false;
+                }
+                points.extend(value.map(|value| (key, value)));
+            }
+            return Some(Nodes::Points(points));
+        }
+        let mut axes = Vec::new();
+        for Entry { key, free, value: values } in entries {
+            let span = self.builder.span(key);
+            let Expr::Name(text) = self.builder.expr(key).clone() else {
+                let message = format!(
+                    "the table `{}` has {} arguments, and this is not the name of one",
+                    table.text,
+                    arguments.len()
+                );
+                let axis = |a: &Argument| format!("{}: [...]", a.name.text);
+                let list: Vec<String> = arguments.iter().map(axis).collect();
+                let hint = format!("`{{ {}, {}: [[...]] }}`", list.join(", "), table.text);
+                self.findings.push(Diagnostic::new(Code::BadTable, span, message).hint(hint));
+                self.sound = false;
+                return None;
+            };
+            // it names an argument, not a quantity
+            self.builder.expressions[key.0 as usize].0 = Expr::Number(0.0);
+            axes.push(Axis { name: Name { text, span }, free, values });
+        }
+        Some(Nodes::Written(axes))
+    }
+
+    /// `x: y`, `alpha: [0, 1]`, `CL: free`
+    fn entry(&mut self, pair: Pair<Rule>) -> Option<Entry> {
+        let mut parts = pair.into_inner().filter(|p| matches!(p.as_rule(), Rule::expression | Rule::free));
+        let key = self.expression(parts.next()?)?;
+        let (mut free, mut value) = (None, None);
+        for part in parts {
+            match part.as_rule() {
+                Rule::free => free = Some(span(&part, self.offset)),
+                _ => value = Some(self.expression(part)?),
+            }
+        }
+        Some(Entry { key, free, value })
+    }
+
+    /// `smooth CL by order 2`
+    fn smooth(&mut self, parts: Pairs<Rule>) -> Option<Smooth> {
+        let (mut table, mut order) = (None, None);
+        for part in parts {
+            match part.as_rule() {
+                Rule::name => table = Some(word(&part, self.offset, 0)),
+                Rule::number => {
+                    let place = span(&part, self.offset);
+                    let value = part.as_str().parse::<u32>().ok().filter(|n| (1..=3).contains(n));
+                    if value.is_none() {
+                        let message = "the order of differences is 1, 2 or 3";
+                        let hint = "order 2 draws towards straight lines, order 1 towards a constant";
+                        self.findings.push(Diagnostic::new(Code::BadTable, place, message).hint(hint));
+                        self.sound = false;
+                    }
+                    order = Some((value.unwrap_or(2), place));
+                }
+                _ => {}
+            }
+        }
+        let (order, order_span) = order?;
+        Some(Smooth { table: table?, order, order_span })
     }
 
     /// Takes an attribute of a table, or tells that it stands there twice.
@@ -526,6 +618,13 @@ impl<'a> Build<'a> {
             f64::NAN
         })
     }
+}
+
+/// One entry between the braces of a table.
+struct Entry {
+    key: ExprRef,
+    free: Option<Span>,
+    value: Option<ExprRef>,
 }
 
 /// The size in brackets behind a name; `[1]` is the unit of pure numbers.

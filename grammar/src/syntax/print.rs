@@ -145,6 +145,7 @@ impl<'a> Printer<'a> {
                 format!("trim {{ {} }}", parts.join(" "))
             }
             StatementKind::Table(table) => self.table(table),
+            StatementKind::Smooth(smooth) => format!("smooth {} by order {};", smooth.table.text, smooth.order),
             StatementKind::Reactions(volume, list) => {
                 let volume = volume.map_or(String::new(), |e| format!(" in {}", self.expression(e)));
                 let parts: Vec<_> = list.iter().map(|r| self.reaction(r)).collect();
@@ -216,17 +217,53 @@ impl<'a> Printer<'a> {
     fn table(&self, table: &Table) -> String {
         let unit = |unit: &Option<Name>| unit.as_ref().map_or(String::new(), |u| format!(" [{}]", u.text));
         let doc = table.doc.as_ref().map_or(String::new(), |d| format!(" \"{}\"", d.text));
-        let point = |(x, y): &(ExprRef, ExprRef)| format!("{}: {}", self.expression(*x), self.expression(*y));
-        let points: Vec<_> = table.points.iter().map(point).collect();
+        let arguments: Vec<String> =
+            table.arguments.iter().map(|a| format!("{}{}", a.name.text, unit(&a.unit))).collect();
         format!(
-            "table {}({}{}){doc}{} = {} {{ {} }};",
+            "table {}({}){doc}{} = {} {};",
             table.name.text,
-            table.argument.text,
-            unit(&table.argument_unit),
+            arguments.join(", "),
             unit(&table.unit),
             table.method.text,
-            points.join(", ")
+            self.nodes(table)
         )
+    }
+
+    fn nodes(&self, table: &Table) -> String {
+        let list = |list: &[ExprRef]| list.iter().map(|e| self.expression(*e)).collect::<Vec<_>>().join(", ");
+        let entries: Vec<String> = match &table.nodes {
+            Nodes::File(path, free) => {
+                let free = if free.is_some() { " free" } else { "" };
+                return format!("from \"{}\"{free}", path.text);
+            }
+            Nodes::Points(points) => {
+                points.iter().map(|(x, y)| format!("{}: {}", self.expression(*x), self.expression(*y))).collect()
+            }
+            Nodes::Written(axes) => {
+                let one = |axis: &Axis| {
+                    let free = axis.free.map(|_| "free".to_string());
+                    let said: Vec<String> = free.into_iter().chain(axis.values.map(|e| self.expression(e))).collect();
+                    format!("{}: {}", axis.name.text, said.join(" "))
+                };
+                axes.iter().map(one).collect()
+            }
+            Nodes::Grid(axes, values) if axes.len() == 1 => {
+                let points = axes[0].iter().zip(values);
+                points.map(|(x, y)| format!("{}: {}", self.expression(*x), self.expression(*y))).collect()
+            }
+            Nodes::Grid(axes, values) => {
+                let axis = |(a, axis): (&Argument, &Vec<ExprRef>)| format!("{}: [{}]", a.name.text, list(axis));
+                let mut entries: Vec<String> = table.arguments.iter().zip(axes).map(axis).collect();
+                // brackets close wherever an axis begins anew
+                let mut parts: Vec<String> = values.iter().map(|e| self.expression(*e)).collect();
+                for axis in axes.iter().skip(1).rev() {
+                    parts = parts.chunks(axis.len().max(1)).map(|part| format!("[{}]", part.join(", "))).collect();
+                }
+                entries.push(format!("{}: [{}]", table.name.text, parts.join(", ")));
+                entries
+            }
+        };
+        format!("{{ {} }}", entries.join(", "))
     }
 
     /// The whole model, a statement to a line.

@@ -35,10 +35,30 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
             list.iter_mut().for_each(|(name, _)| visit(&mut name.span));
         }
         StatementKind::Table(table) => {
-            [&mut table.name, &mut table.argument, &mut table.method].into_iter().for_each(|n| visit(&mut n.span));
-            optional(&mut table.argument_unit, visit);
+            [&mut table.name, &mut table.method].into_iter().for_each(|n| visit(&mut n.span));
+            for argument in &mut table.arguments {
+                visit(&mut argument.name.span);
+                optional(&mut argument.unit, visit);
+            }
+            match &mut table.nodes {
+                Nodes::File(path, free) => {
+                    visit(&mut path.span);
+                    free.iter_mut().for_each(&mut *visit);
+                }
+                Nodes::Written(axes) => {
+                    for axis in axes {
+                        visit(&mut axis.name.span);
+                        axis.free.iter_mut().for_each(&mut *visit);
+                    }
+                }
+                Nodes::Points(_) | Nodes::Grid(..) => {}
+            }
             optional(&mut table.doc, visit);
             optional(&mut table.unit, visit);
+        }
+        StatementKind::Smooth(smooth) => {
+            visit(&mut smooth.table.span);
+            visit(&mut smooth.order_span);
         }
         StatementKind::Use(submodel) => {
             visit(&mut submodel.path.span);

@@ -109,7 +109,7 @@ pub enum Role {
     Let,
     /// `output`
     Output,
-    /// `table`: a function of one argument, declared by a statement of its own
+    /// `table`: a function through nodes, declared by a statement of its own
     Table,
 }
 
@@ -296,18 +296,101 @@ pub struct Wrap {
 pub struct Table {
     /// The name by which it is called.
     pub name: Name,
-    /// The name of its argument, for readers only.
-    pub argument: Name,
-    /// The unit of its argument.
-    pub argument_unit: Option<Name>,
+    /// One to three.
+    pub arguments: Vec<Argument>,
     /// `"doc string"`
     pub doc: Option<Name>,
     /// The unit of its values.
     pub unit: Option<Name>,
     /// The word behind `=`: how values between points are found.
     pub method: Name,
-    /// Abscissa and ordinate.
-    pub points: Vec<(ExprRef, ExprRef)>,
+    /// Where its values are known.
+    pub nodes: Nodes,
+}
+
+/// An argument of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Argument {
+    /// Its name, for readers and before its axis.
+    pub name: Name,
+    /// Its unit.
+    pub unit: Option<Name>,
+}
+
+/// The nodes of a table: where its values are known, and what they are.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Nodes {
+    /// `{ -0.2: -0.9, 0: CL0 }`: abscissa and ordinate.
+    Points(Vec<(ExprRef, ExprRef)>),
+    /// `{ alpha: [0, 0.1], delta: [-1, 1], CL: [[a, b], [c, d]] }`: axes by their arguments, and the values at their crossings.
+    Written(Vec<Axis>),
+    /// `from "cl.csv"`, `from "cl.csv" free`
+    File(Name, Option<Span>),
+    /// Written out: an axis for each argument, and the values at all crossings, those of the last argument next to each other.
+    Grid(Vec<Vec<ExprRef>>, Vec<ExprRef>),
+}
+
+/// `alpha: [0, 0.1]`, `CL: free`, `CL: free 0.3`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// The name of an argument, or of the table: then these are its values.
+    pub name: Name,
+    /// `free`: values to be estimated.
+    pub free: Option<Span>,
+    /// The values; where they are free, those where the estimation starts.
+    pub values: Option<ExprRef>,
+}
+
+impl Nodes {
+    /// Visits its expressions.
+    pub fn each_root(&self, mut visit: impl FnMut(ExprRef)) {
+        match self {
+            Self::Points(points) => points.iter().for_each(|(x, y)| [*x, *y].into_iter().for_each(&mut visit)),
+            Self::Written(axes) => axes.iter().filter_map(|a| a.values).for_each(visit),
+            Self::File(..) => {}
+            Self::Grid(axes, values) => axes.iter().flatten().chain(values).copied().for_each(visit),
+        }
+    }
+
+    /// An axis for each argument, and the values at all crossings, those of the last argument next to each other; empty where they are not
+    /// written out yet. Points are a grid of one axis.
+    pub fn grid(&self) -> (Vec<Vec<ExprRef>>, Vec<ExprRef>) {
+        match self {
+            Self::Points(points) => {
+                let (x, y) = points.iter().copied().unzip();
+                (vec![x], y)
+            }
+            Self::Grid(axes, values) => (axes.clone(), values.clone()),
+            Self::Written(_) | Self::File(..) => (Vec::new(), Vec::new()),
+        }
+    }
+
+    /// The same nodes made of other expressions.
+    #[must_use]
+    pub fn moved(&self, mut to: impl FnMut(ExprRef) -> ExprRef) -> Self {
+        match self {
+            Self::Points(points) => Self::Points(points.iter().map(|(x, y)| (to(*x), to(*y))).collect()),
+            Self::Written(axes) => {
+                Self::Written(axes.iter().map(|a| Axis { values: a.values.map(&mut to), ..a.clone() }).collect())
+            }
+            Self::File(path, free) => Self::File(path.clone(), *free),
+            Self::Grid(axes, values) => {
+                let axes = axes.iter().map(|axis| axis.iter().map(|e| to(*e)).collect()).collect();
+                Self::Grid(axes, values.iter().map(|e| to(*e)).collect())
+            }
+        }
+    }
+}
+
+/// `smooth CL by order 2;`
+#[derive(Debug, Clone, PartialEq)]
+pub struct Smooth {
+    /// The table.
+    pub table: Name,
+    /// Which differences of its values are small.
+    pub order: u32,
+    /// Where the order stands.
+    pub order_span: Span,
 }
 
 /// `use "actuator.fdm" as act(x = dlon, T = T_act);`
@@ -368,6 +451,8 @@ pub enum StatementKind {
     Tie(Vec<(Name, ExprRef)>),
     /// `table NAME(x) = method { x1: y1, ... };`
     Table(Table),
+    /// `smooth CL by order 2;`
+    Smooth(Smooth),
     /// `use "file" as name(a = b);`
     Use(Use),
     /// `reactions in V { ... }`: the volume of amounts, and the reactions
@@ -388,7 +473,7 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
             }
         }
         StatementKind::Equation(a, b) => [*a, *b].into_iter().for_each(visit),
-        StatementKind::Time(_) => {}
+        StatementKind::Time(_) | StatementKind::Smooth(_) => {}
         StatementKind::Prior(pairs) => pairs.iter().for_each(|(a, b)| [*a, *b].into_iter().for_each(&mut visit)),
         StatementKind::Noise(list)
         | StatementKind::Process(list)
@@ -396,7 +481,7 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
         | StatementKind::Tie(list) => {
             list.iter().for_each(|(_, e)| visit(*e));
         }
-        StatementKind::Table(table) => table.points.iter().for_each(|(x, y)| [*x, *y].into_iter().for_each(&mut visit)),
+        StatementKind::Table(table) => table.nodes.each_root(visit),
         StatementKind::Use(submodel) => submodel.connections.iter().for_each(|(_, e)| visit(*e)),
         StatementKind::Reactions(volume, list) => {
             volume.iter().for_each(|e| visit(*e));

@@ -125,10 +125,11 @@ fn known(document: &Document, declared: Declared<'_>) -> String {
     }
 }
 
-/// Whether a statement says something about a name: its equation, its noise, its prior, its trim, a tie.
+/// Whether a statement says something about a name: its equation, its noise, its prior, its trim, a tie, its smoothness.
 fn concerns(tree: &SyntaxTree, kind: &StatementKind, name: &str) -> bool {
     match kind {
         StatementKind::Equation(left, _) => derivatives(tree, *left).any(|state| state == name),
+        StatementKind::Smooth(smooth) => smooth.table.text == name,
         StatementKind::Noise(list) | StatementKind::Process(list) | StatementKind::Tie(list) => {
             list.iter().any(|(n, _)| n.text == name)
         }

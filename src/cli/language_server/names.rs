@@ -4,7 +4,7 @@ use super::document::{Declared, Document};
 use super::findings::changes;
 use fdm_grammar::Span;
 use fdm_grammar::check::reserved;
-use fdm_grammar::syntax::{self, Expr, ExprRef, Name, Role, StatementKind, SyntaxTree, TokenKind};
+use fdm_grammar::syntax::{self, Expr, ExprRef, Name, Nodes, Role, StatementKind, SyntaxTree, TokenKind};
 use lsp_types::{DocumentSymbol, SymbolKind, TextEdit, Uri, WorkspaceEdit};
 
 /// The declared name at a byte, and the span of it there.
@@ -66,7 +66,14 @@ impl Places<'_> {
             | StatementKind::Tie(list) => {
                 list.iter().for_each(|(n, _): &(Name, ExprRef)| self.name(n));
             }
-            StatementKind::Table(table) => self.name(&table.name),
+            StatementKind::Table(table) => {
+                self.name(&table.name);
+                // the names of arguments are no names of the model
+                if let Nodes::Written(axes) = &table.nodes {
+                    axes.iter().filter(|a| a.name.text == table.name.text).for_each(|a| self.name(&a.name));
+                }
+            }
+            StatementKind::Smooth(smooth) => self.name(&smooth.table),
             // what stands left in its brackets are names of the submodel
             StatementKind::Use(submodel) => self.name(&submodel.alias),
             StatementKind::Reactions(_, list) => {

@@ -17,6 +17,11 @@ pub enum FilterError {
     },
     /// The covariance of the measurement noise is diagonal.
     FullNoise,
+    /// The smoothness of tables is chosen by output error alone.
+    SmoothTable {
+        /// Name of the table.
+        table: String,
+    },
     /// An intensity moves by parts of itself, and 0 has none.
     StartsAtZero {
         /// Name of the parameter.
@@ -42,6 +47,11 @@ impl fmt::Display for FilterError {
                 f,
                 "--noise full has no part in the filter-error method: the noise of the outputs is independent there, and what they have \
                  in common is noise of the equations"
+            ),
+            Self::SmoothTable { table } => write!(
+                f,
+                "`smooth {table}` has no part in the filter-error method; fit it with `--method output-error`, fix its nodes at what was found, \
+                 and leave the statement out"
             ),
             Self::StartsAtZero { parameter } => write!(
                 f,

@@ -165,6 +165,8 @@ fn concluded(
         bias_corrections: Vec::new(),
         undetermined: statistics.directions,
         determined_by_prior: statistics.by_prior,
+        smoothing: Vec::new(),
+        tables: Vec::new(),
         condition: conclusion.map(|c| c.inverse.condition),
         runs: results,
     };
@@ -246,7 +248,9 @@ fn conclusion(setting: &Setting<'_>, values: &[f64], information: Vec<f64>) -> O
     let mut believed = information.clone();
     let priors = setting.priors();
     for row in priors.rows(values) {
-        believed[row.unknown * size + row.unknown] += row.weight * row.weight;
+        for (i, a) in row.entries() {
+            row.entries().iter().for_each(|(j, b)| believed[i * size + j] += a * b);
+        }
     }
     let (scale, inverse) = Inverse::of_products(&believed, &inside);
     let noise = Weights {
@@ -322,6 +326,8 @@ fn nothing(model: &Model, setting: &mut Setting<'_>, values: &[f64], lost: Lost)
         bias_corrections: Vec::new(),
         undetermined: Vec::new(),
         determined_by_prior: Vec::new(),
+        smoothing: Vec::new(),
+        tables: Vec::new(),
         condition: None,
         runs: Vec::new(),
     };

@@ -197,6 +197,9 @@ impl<'a> Setting<'a> {
         if definition.states.iter().all(|s| s.noise.is_none()) {
             return Err(FilterError::NoProcessNoise);
         }
+        if let Some(table) = model.definition().tables.iter().find(|t| t.smooth.is_some()) {
+            return Err(FilterError::SmoothTable { table: table.quantity.name.clone() });
+        }
         let state = |s: &Signal| if let Signal::State(k) = s { Some(*k as usize) } else { None };
         if let Some(k) = model.layout().delayed.iter().find_map(state) {
             return Err(FilterError::DelayedState { state: definition.states[k].quantity.name.clone() });

@@ -93,8 +93,10 @@ impl Problem for InnovationsCost<'_, '_> {
         let mut descent: Vec<f64> = self.likelihood.score.gradient.iter().map(|g| -g).collect();
         let mut information = self.likelihood.score.information.clone();
         for row in self.priors.rows(&values) {
-            descent[row.unknown] += row.weight * row.residual;
-            information[row.unknown * size + row.unknown] += row.weight * row.weight;
+            for (i, a) in row.entries() {
+                descent[*i] += a * row.residual;
+                row.entries().iter().for_each(|(j, b)| information[i * size + j] += a * b);
+            }
         }
         let slope: Vec<f64> = (0..size).map(|j| self.coordinates.slope(j, values[j])).collect();
         for i in 0..size {

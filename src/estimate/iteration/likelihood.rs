@@ -6,7 +6,7 @@ use super::sums::{Group, Sums};
 use crate::noise::{Likelihood, Weights};
 use crate::observer::{Observer, Stop};
 use crate::unknowns::Unknowns;
-use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Problem};
+use fdm_numeric::least_squares::{GaussNewton, Iteration, Monitor, Options as StepOptions, Problem, Space};
 use fdm_numeric::quadratic::Quadratic;
 use std::ops::ControlFlow;
 
@@ -132,6 +132,27 @@ impl Problem for LikelihoodCost<'_, '_, '_> {
     }
 }
 
+/// Where the unknowns may be.
+pub(crate) fn space(unknowns: &Unknowns) -> Space<'_> {
+    let Unknowns { start, lower, upper, affine, .. } = unknowns;
+    Space { start, lower, upper, affine, reach: &[] }
+}
+
+/// What logarithms were searched for goes on as parameters, where the search ended: errors are those of the parameters.
+pub(crate) fn of_parameters<'c, 'e, 'a>(
+    steps: LikelihoodSteps<'c, 'e, 'a>,
+    unknowns: &'e Unknowns,
+    options: StepOptions,
+) -> LikelihoodSteps<'c, 'e, 'a> {
+    let values = steps.problem.unknowns.parameters(&steps.values);
+    let GaussNewton { problem: mut cost, weights, history, .. } = steps;
+    cost.unknowns = unknowns;
+    cost.evaluator.set_unknowns(unknowns);
+    let mut steps = GaussNewton::new(cost, space(unknowns), options);
+    (steps.values, steps.weights, steps.history) = (values, weights, history);
+    steps
+}
+
 /// An [`Observer`] as the monitor of an iteration.
 pub(crate) struct Observed<'o, 'u> {
     pub(crate) observer: &'o mut dyn Observer,
@@ -182,9 +203,9 @@ fn gather<'s>(
     if !slopes.is_empty() {
         quadratic.stretch(&slopes);
     }
-    for PriorRow { unknown, weight, residual } in priors {
-        let weight = slopes.get(unknown).map_or(weight, |slope| weight * slope);
-        quadratic.add_row_of(unknown, weight, residual, &mut rows, &mut work);
+    for row in priors {
+        let sloped = |(j, entry): &(usize, f64)| (*j, slopes.get(*j).map_or(*entry, |slope| entry * slope));
+        quadratic.add_row_of(row.entries().iter().map(sloped), row.residual, &mut rows, &mut work);
     }
     quadratic.end();
 }

@@ -92,6 +92,9 @@ pub enum StrategyError {
     ConfidenceOfOwnNoise,
     NoiseModel { method: Method, domain: Domain },
     LossOfMethod { method: Method, domain: Domain },
+    SmoothByOneRun,
+    SmoothByValidation { method: Method, domain: Domain },
+    SmoothWeights { given: usize, wanted: usize },
 }
 
 impl fmt::Display for StrategyError {
@@ -140,6 +143,18 @@ impl fmt::Display for StrategyError {
             Self::LossOfMethod { method, domain } => write!(
                 f,
                 "losses other than squares are of output error in the time domain, not of {method} in the {domain} domain; take --loss squares"
+            ),
+            Self::SmoothByOneRun => write!(
+                f,
+                "--smooth-by validation leaves runs out and predicts them, and there is one run; give more, or take --smooth-by likelihood"
+            ),
+            Self::SmoothByValidation { method, domain } => write!(
+                f,
+                "--smooth-by validation is of output error in the time domain, not of {method} in the {domain} domain; take --smooth-by likelihood"
+            ),
+            Self::SmoothWeights { given, wanted } => write!(
+                f,
+                "--smooth-by gives {given} weights, and the smooth tables of this model have {wanted} axes; give one for each axis, above 0"
             ),
             Self::TooManySegments { cells, most } => write!(
                 f,

@@ -9,24 +9,29 @@ use super::setting::{Setting, band, weight};
 use super::starting_values::{StartingValue, regressed_values};
 use super::unobservable_modes::{UnobservableMode, longest, unobservable_modes};
 use crate::estimate::{Estimate, ParameterEstimate};
-use crate::method::{Domain, Method};
+use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::Observer;
-use crate::output_error::error::FitError;
+use crate::output_error::error::{FitError, StrategyError};
 use crate::output_error::fit::Fit;
 use crate::output_error::noise_model::{refused, without_output_noise};
-use crate::output_error::single::{changed, starts};
+use crate::output_error::single::{after, changed, starts};
 use crate::problem::Options;
 use crate::recovery::budget::{Budget, stop};
 use crate::solve::estimate;
+use crate::table_nodes::add_tables;
 use fdm_grammar::carried::CarriedTerm;
 use fdm_system::linear::Trim;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
+use fdm_system::simulate::{Scheme, Steps};
 use fdm_system::spectrum::{Bridge, Frequencies, Spectrum};
 use nalgebra::DMatrix;
 use num_complex::Complex64;
 use std::sync::PoisonError;
+
+/// Steps of the simulation that says which nodes of tables were visited.
+const STEPS_OF_TABLES: usize = 2;
 
 /// Measured and modelled spectra of one run.
 #[derive(Debug, Clone, PartialEq)]
@@ -115,6 +120,10 @@ pub fn fit_spectra(
     if let Some(refused) = refused(&model, &options.options.noise, Method::OutputError, Domain::Frequency) {
         return Err(SpectralError::Strategy(refused));
     }
+    if options.options.smooth_by == SmoothBy::Validation {
+        let (method, domain) = (Method::OutputError, Domain::Frequency);
+        return Err(SpectralError::Strategy(StrategyError::SmoothByValidation { method, domain }));
+    }
     let model = without_output_noise(&model);
     let mut setting = Setting::new(&model, runs, options)?;
     let start = starts(&model, runs, &options.changes);
@@ -149,7 +158,7 @@ pub fn fit_spectra(
     let unanswered = setting.reason.lock().unwrap_or_else(PoisonError::into_inner).take();
     let unanswered = unanswered.map(|why| setting.named(why));
     let measured_regressors = std::mem::take(&mut setting.measured_regressors);
-    let theta = crate::output_error::single::after(&model, runs, &found, &start);
+    let theta = after(&model, runs, &found, &start);
     let trim = theta.first().map(|theta| setting.linear.trim(theta));
     let inputs = &setting.model.definition().inputs;
     let dependent = if how.noise == Noise::Full { dependent(&found) } else { Vec::new() };
@@ -180,6 +189,9 @@ pub fn fit_spectra(
             Err(e) => fit.unfinished = Some(e),
         }
     }
+    let seen = fit.finish.as_ref().map(|finish| after(&fit.model, runs, &finish.estimate, &theta));
+    let steps = vec![Steps::equal(Scheme::default(), STEPS_OF_TABLES); runs.len()];
+    add_tables(&mut fit.estimate, &fit.model, runs, seen.as_ref().unwrap_or(&theta), &steps);
     Ok(fit)
 }
 

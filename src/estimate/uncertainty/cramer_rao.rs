@@ -2,7 +2,6 @@
 //! freedom that fitting took (Maine and Iliff, NASA RP-1168, 1986).
 
 use crate::iteration::likelihood::LikelihoodSteps;
-use crate::iteration::priors::PriorRow;
 use crate::noise::Weights;
 use crate::uncertainty::bounds::{Held, opened};
 use fdm_numeric::least_squares::ACCURATE;
@@ -77,12 +76,12 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
 /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.
 fn known_before(steps: &LikelihoodSteps<'_, '_, '_>, inverse: &Inverse) -> f64 {
     let n = inverse.chosen.len();
-    let share = |row: PriorRow| {
-        let k = inverse.chosen.iter().position(|j| *j == row.unknown)?;
-        let scaled = row.weight / steps.quadratic.scale[row.unknown];
-        Some((scaled * scaled * inverse.values[k * n + k]).min(1.0))
+    let scale = &steps.quadratic.scale;
+    let covariance = |i: usize, j: usize| match (inverse.chosen.binary_search(&i), inverse.chosen.binary_search(&j)) {
+        (Ok(a), Ok(b)) => inverse.values[a * n + b] / (scale[i] * scale[j]),
+        _ => 0.0,
     };
-    steps.problem.priors.rows(&steps.values).filter_map(share).sum()
+    steps.problem.priors.rows(&steps.values).map(|row| row.variance(covariance).min(1.0)).sum()
 }
 
 /// Scale and inverse as they would be without priors; none when there are no priors.

@@ -8,7 +8,7 @@ use super::gauss_markov::{Clock, GaussMarkov, candidates, log_prior, median_inte
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
 };
-use super::sandwich::{NoiseColour, Sandwich, Uncorrected};
+use super::sandwich::{NoiseColour, PriorInformation, Sandwich, Uncorrected};
 use super::sensitivity_rows::SensitivityRows;
 use crate::noise::Weights;
 use crate::problem::Problem;
@@ -34,7 +34,7 @@ impl ShortRuns {
         runs: &[SensitivityRows],
         sandwich: &Sandwich<'_>,
         noise: &Weights,
-        prior: &[(usize, f64)],
+        prior: &[PriorInformation],
     ) -> Result<Option<Self>, Uncorrected> {
         let (long, short): (Vec<usize>, Vec<usize>) = (0..runs.len()).partition(|r| runs[*r].is_long());
         if short.is_empty() {

@@ -24,6 +24,8 @@ pub enum Status {
     AtUpperBound,
     /// The data do not determine it; see [`Estimate::undetermined`](crate::Estimate::undetermined).
     NotDetermined,
+    /// A node of a smooth table that no run visited: its value follows from its neighbours and is not known.
+    Unvisited,
     /// Known.
     Fixed,
     /// Follows from others.
@@ -41,6 +43,7 @@ impl fmt::Display for Status {
             Self::AtLowerBound => "at lower bound",
             Self::AtUpperBound => "at upper bound",
             Self::NotDetermined => "not determined",
+            Self::Unvisited => "unvisited",
             Self::Fixed => "fixed",
             Self::Derived => "derived",
             Self::Tied => "tied",

@@ -33,21 +33,27 @@ impl Sandwich<'_> {
     }
 
     /// Prior information, which the noise does not touch.
-    pub(crate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<(usize, f64)> {
-        let place = |row: PriorRow| {
-            let k = self.bound.inverse.chosen.binary_search(&row.unknown).ok()?;
-            Some((k, (row.weight / self.bound.scale[row.unknown]).powi(2)))
-        };
-        priors.filter_map(place).collect()
+    pub(crate) fn prior(&self, priors: impl Iterator<Item = PriorRow>) -> Vec<PriorInformation> {
+        let mut prior = Vec::new();
+        for row in priors {
+            let placed = |(j, entry): &(usize, f64)| {
+                let k = self.bound.inverse.chosen.binary_search(j).ok()?;
+                Some((k, entry / self.bound.scale[*j]))
+            };
+            let placed: Vec<(usize, f64)> = row.entries().iter().filter_map(placed).collect();
+            let pairs = placed.iter().flat_map(|a| placed.iter().map(move |b| (a, b)));
+            prior.extend(pairs.map(|((i, a), (j, b))| PriorInformation { place: (*i, *j), value: a * b }));
+        }
+        prior
     }
 
     /// The covariance, chosen by chosen, from the middle of each run (square, its columns first) and the priors.
-    pub(crate) fn covariance(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
+    pub(crate) fn covariance(&self, middles: &[impl AsRef<[f64]>], prior: &[PriorInformation]) -> Vec<f64> {
         self.around(&self.gather(middles, prior))
     }
 
     /// The middle of all, chosen by chosen, from that of each run (square, its columns first) and the priors.
-    pub(crate) fn gather(&self, middles: &[impl AsRef<[f64]>], prior: &[(usize, f64)]) -> Vec<f64> {
+    pub(crate) fn gather(&self, middles: &[impl AsRef<[f64]>], prior: &[PriorInformation]) -> Vec<f64> {
         let n = self.bound.inverse.chosen.len();
         let mut middle = vec![0.0; n * n];
         for (run, own) in middles.iter().map(AsRef::as_ref).enumerate() {
@@ -60,7 +66,7 @@ impl Sandwich<'_> {
                 }
             }
         }
-        prior.iter().for_each(|(k, information)| middle[k * n + k] += information);
+        prior.iter().for_each(|p| middle[p.place.0 * n + p.place.1] += p.value);
         middle
     }
 
@@ -171,6 +177,13 @@ impl fmt::Display for Uncorrected {
             Self::Innovations => f.write_str("innovations of a filter have none where its noise is right"),
         }
     }
+}
+
+/// An entry of the information that priors add, among the chosen unknowns.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PriorInformation {
+    pub(crate) place: (usize, usize),
+    pub(crate) value: f64,
 }
 
 /// Corrects the covariance of a bound at `values`; of all runs the noise is known, and all have one output.

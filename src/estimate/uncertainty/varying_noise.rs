@@ -2,7 +2,7 @@
 //! ([`noise_variation`]) and the correlations C of the residuals over G. What G does to each error is a factor on the one that is corrected for colour.
 
 use super::cramer_rao::CramerRao;
-use super::sandwich::{Corrected, Sandwich, Uncorrected};
+use super::sandwich::{Corrected, PriorInformation, Sandwich, Uncorrected};
 use super::sensitivity_rows::{Colour, SensitivityRows, sampling};
 use super::spectra::noise_by_frequency;
 use crate::iteration::priors::PriorRow;
@@ -161,7 +161,7 @@ fn variances(
     runs: &[SensitivityRows],
     shapes: &[Vec<Vec<f64>>],
     noise: &Weights,
-    prior: &[(usize, f64)],
+    prior: &[PriorInformation],
 ) -> [Vec<f64>; 2] {
     let inverse_noise = noise.inverse();
     let mut middles: [Vec<Vec<f64>>; 2] = Default::default();

@@ -60,7 +60,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
 }
 
 /// One of ten steps of the colour of a sign.
-fn shade(r: f64, own: bool) -> String {
+pub(super) fn shade(r: f64, own: bool) -> String {
     if own || !r.is_finite() {
         return "own".into();
     }

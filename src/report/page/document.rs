@@ -9,7 +9,7 @@ use super::section::Section;
 use super::subject::{Content, Subject};
 use super::{
     convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, progress,
-    regression, reproduction, residuals, spectra, starts, study,
+    regression, reproduction, residuals, spectra, starts, study, surfaces,
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
@@ -146,7 +146,14 @@ pub fn drawings(subject: &Subject) -> Vec<Drawing> {
     if let Some(found) = subject.diagnosis() {
         return diagnosis::figures(subject, found).into_iter().map(|f| Drawing(Drawn::Figure(f))).collect();
     }
-    let before = [study::figures, regression::figures, histories::figures, residuals::figures, spectra::figures];
+    let before = [
+        study::figures,
+        regression::figures,
+        surfaces::figures,
+        histories::figures,
+        residuals::figures,
+        spectra::figures,
+    ];
     let before = before.into_iter().flat_map(|of| of(subject));
     let behind = starts::figure(subject).into_iter().chain(convergence::figures(subject));
     let pictures = modes::pictures(subject).into_iter().map(Drawn::Picture);
@@ -158,6 +165,7 @@ fn of_fit(subject: &Subject) -> Vec<Section> {
     let all = [
         equations::section(subject),
         parameters::section(subject),
+        surfaces::section(subject),
         histories::section(subject),
         residuals::section(subject),
         spectra::section(subject),

@@ -158,6 +158,7 @@ fn weight(about: About) -> (usize, &'static str) {
         About::Drawn | About::Intervals => (5, "parameters"),
         About::Correlated => (6, "correlations"),
         About::Prior => (7, "parameters"),
+        About::Table => (7, "tables"),
         About::Iteration => (8, "convergence"),
         About::NoNoise | About::Untested | About::NotMeasured | About::Bridged => (9, "residuals"),
     }

@@ -33,6 +33,7 @@ mod spectra;
 mod starts;
 mod study;
 mod subject;
+mod surfaces;
 mod table;
 mod thinning;
 

@@ -55,7 +55,7 @@ fn row(subject: &Subject, p: &ParameterEstimate, partners: &[String], several: b
         tr {
             th scope="row" { code { (name) } @if let Some(doc) = doc(subject, name) { span.doc { (doc) } } }
             @if several { td { (p.run.as_deref().unwrap_or_default()) } }
-            td.number { (value_with(value, error)) }
+            td.number { @if p.status == Status::Unvisited { "unknown" } @else { (value_with(value, error)) } }
             td.number { @if let Some(e) = error { (text(2.0 * e, 2)) } }
             td.bar { @if let Some(share) = share { (bar(share)) } }
             td.number.large[share.is_some_and(|s| s > LARGE)] { @if let Some(s) = share { (text(100.0 * s, 2)) } }
@@ -93,6 +93,7 @@ fn flags(p: &ParameterEstimate, partners: &[String]) -> Markup {
         Status::AtLowerBound => Some(("flag", format!("at its lower bound {}{}", shown(p.lower, 4), limit("below")))),
         Status::AtUpperBound => Some(("flag", format!("at its upper bound {}{}", shown(p.upper, 4), limit("above")))),
         Status::NotDetermined => Some(("flag", "not determined by the data".to_string())),
+        Status::Unvisited => Some(("flag", "no run visits it: not known".to_string())),
         other => Some(("quiet", other.to_string())),
     };
     html! {

@@ -12,8 +12,8 @@ use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
 use fdm_estimate::{
     BiasCorrection, Continuity, Direction, Estimate, FilterFit, Fit, Iteration, LengthFit, LengthSensitivity, Loss,
-    NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, SpectralFit, StartSummary, Symmetric,
-    Termination, by_confidence,
+    NoiseColour, ParameterEstimate, Recovery, ResponseFit, Reweighting, Smoothing, SpectralFit, StartSummary,
+    Symmetric, TableEstimate, Termination, by_confidence,
 };
 use fdm_system::Model;
 use fdm_system::simulate::Steps;
@@ -62,6 +62,12 @@ pub struct FitDocument {
     pub uncorrected: Option<String>,
     /// Covariance of the measurement noise (q by q).
     pub noise_covariance: Option<Vec<Vec<f64>>>,
+    /// How smooth tables are; left out where none is.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub smoothing: Vec<Smoothing>,
+    /// Tables at the estimates, and what of them was visited; left out where the model has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tables: Vec<TableEstimate>,
     /// Condition number of the scaled information matrix.
     pub condition: Option<f64>,
     /// The iteration, the start first.
@@ -359,6 +365,8 @@ impl FitDocument {
             noise_colour: e.colours.clone(),
             uncorrected: e.uncorrected.as_ref().map(ToString::to_string),
             noise_covariance: e.noise.as_ref().map(rows),
+            smoothing: e.smoothing.clone(),
+            tables: e.tables.clone(),
             condition: e.condition,
             history: e.history.clone(),
             remarks: estimate_remarks(e),

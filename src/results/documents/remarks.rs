@@ -16,6 +16,8 @@ pub enum About {
     Undetermined,
     /// Parameters that priors determine, not data.
     Prior,
+    /// How smooth tables are, and which of their nodes are not known.
+    Table,
     /// Parameters that the data tell apart badly.
     Correlated,
     /// Parameters at their bounds.
@@ -90,6 +92,7 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         let what = if d.moves.len() == 1 { "what is known of it is its prior" } else { "priors alone tell them apart" };
         remarks.push(Remark::new(About::Prior, format!("not determined by the data: {}; {what}", d.sentence)));
     }
+    remarks.extend(tables(estimate).into_iter().map(|s| Remark::new(About::Table, s)));
     let mut say = |about, said: Vec<String>| remarks.extend(said.into_iter().map(|s| Remark::new(about, s)));
     say(About::NotMeasured, not_measured(&estimate.outputs));
     say(About::Correlated, correlated(estimate));
@@ -104,6 +107,22 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
         say(About::Noise, varying(estimate));
     }
     remarks
+}
+
+/// What tables are worth, and how many of their nodes no run visited.
+fn tables(estimate: &Estimate) -> Vec<String> {
+    let worth = estimate.smoothing.iter().map(|s| {
+        let weights = s.arguments.iter().zip(&s.weights);
+        let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
+        let (count, worth) = (s.parameters, digits(s.effective_parameters, 3));
+        format!("`{}`: {count} nodes worth {worth} effective parameters; weights {}", s.table, weights.join(", "))
+    });
+    let unvisited = estimate.tables.iter().filter_map(|t| {
+        let count = t.unknown().count();
+        (count > 0)
+            .then(|| format!("`{}`: {count} of {} nodes are unknown: no run visits them", t.table, t.nodes.len()))
+    });
+    worth.chain(unvisited).collect()
 }
 
 /// Outputs of which runs hold no value, or none that can be used; one line for each output.

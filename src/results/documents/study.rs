@@ -366,7 +366,7 @@ pub fn is_estimated(p: &ParameterEstimate) -> bool {
     match p.status {
         Status::Estimated | Status::AtLowerBound | Status::AtUpperBound | Status::NotDetermined => true,
         Status::Derived | Status::Tied => p.standard_error.is_some(),
-        Status::Fixed | Status::NotEstimated => false,
+        Status::Unvisited | Status::Fixed | Status::NotEstimated => false,
     }
 }
 

@@ -1,6 +1,7 @@
 //! Tables against a direct evaluation, and what is told about faulty ones.
 
 use super::{good, told};
+use crate::Source;
 use crate::graph::{Leaf, Node};
 use crate::model::Model;
 
@@ -225,4 +226,284 @@ fn tables_do_not_swell_beyond_their_limit() {
     };
     assert!(super::checked(&of("pchip")).is_ok());
     assert_eq!(super::told(&of("cubic")).len(), 1);
+}
+
+/// The model of the statements with everything written out.
+fn compiled(statements: &str) -> Model {
+    let source = Source::new("m", format!("model m {{ {statements} }}"));
+    match crate::compile(&source) {
+        Ok(compiled) => compiled.model,
+        Err(findings) => panic!("{statements}\n{findings:#?}"),
+    }
+}
+
+/// What is told of a whole text.
+fn findings(text: &str) -> Vec<String> {
+    let mut source = Source::new("m", text);
+    crate::gather(&mut source, &mut |_| Err("no such file".into()));
+    let findings = crate::compile(&source).map_or_else(|findings| findings, |compiled| compiled.warnings);
+    findings.iter().map(|f| f.line(&source)).collect()
+}
+
+/// A surface over uneven axes, its values params.
+struct Grid {
+    axes: Vec<Vec<f64>>,
+    values: Vec<f64>,
+}
+
+impl Grid {
+    fn new(numbers: &mut Numbers, lengths: &[usize]) -> Self {
+        let axes: Vec<Vec<f64>> =
+            lengths.iter().map(|n| points(numbers, *n).into_iter().map(|p| p.0).collect()).collect();
+        let values = (0..lengths.iter().product()).map(|_| 4.0 * numbers.next() - 2.0).collect();
+        Self { axes, values }
+    }
+
+    fn model(&self, method: &str) -> Model {
+        let names = ["a", "b", "c"];
+        let d = self.axes.len();
+        let inputs = names[..d].iter().map(|n| format!("u{n}")).collect::<Vec<_>>().join(", ");
+        let axes: String = self.axes.iter().zip(names).map(|(axis, n)| format!("{n}: {axis:?}, ")).collect();
+        let mut parts: Vec<String> = self.values.iter().map(|v| format!("{v:?}")).collect();
+        for axis in self.axes.iter().rev() {
+            parts = parts.chunks(axis.len()).map(|part| format!("[{}]", part.join(", "))).collect();
+        }
+        let arguments = names[..d].join(", ");
+        compiled(&format!(
+            "input {inputs}; table C({arguments}) = {method} {{ {axes} C: free {} }}; output y = C({inputs});",
+            parts[0]
+        ))
+    }
+
+    /// Curves along the last axis give the points of curves along the one before it.
+    fn direct(&self, x: &[f64], curve: impl Fn(&[(f64, f64)], f64) -> f64) -> f64 {
+        let mut values = self.values.clone();
+        for (axis, x) in self.axes.iter().zip(x).rev() {
+            let along = |row: &[f64]| curve(&axis.iter().copied().zip(row.iter().copied()).collect::<Vec<_>>(), *x);
+            values = values.chunks(axis.len()).map(along).collect();
+        }
+        values[0]
+    }
+}
+
+fn surface(model: &Model, x: &[f64]) -> f64 {
+    model.graph.evaluate(model.outputs[0].expr, |leaf| match leaf {
+        Leaf::Input(k) => x[k as usize],
+        Leaf::Param(k) => model.params[k as usize].value,
+        _ => f64::NAN,
+    })
+}
+
+/// One-argument tables of numbers, which other tests compare with their definitions.
+fn curve(method: &str, points: &[(f64, f64)], x: f64) -> f64 {
+    value(&model(method, points), x)
+}
+
+#[test]
+fn surfaces_are_curves_of_curves() {
+    let mut numbers = Numbers(11);
+    for lengths in [&[2, 2][..], &[4, 3], &[3, 5], &[2, 3, 4]] {
+        let grid = Grid::new(&mut numbers, lengths);
+        for method in ["linear", "cubic", "pchip"] {
+            let model = grid.model(method);
+            assert_eq!(model.params.len(), grid.values.len());
+            for _ in 0..25 {
+                let at = |axis: &Vec<f64>, u: f64| axis[0] - 0.3 + (axis[axis.len() - 1] - axis[0] + 0.6) * u;
+                let x: Vec<f64> = grid.axes.iter().map(|axis| at(axis, numbers.next())).collect();
+                let (got, want) = (surface(&model, &x), grid.direct(&x, |p, x| curve(method, p, x)));
+                assert!((got - want).abs() < 1e-11, "{method} {lengths:?} at {x:?}: {got} instead of {want}");
+            }
+            for (node, want) in grid.values.iter().enumerate() {
+                let place = model.tables[0].place(node);
+                let x: Vec<f64> = place.iter().zip(&grid.axes).map(|(k, axis)| axis[*k]).collect();
+                assert!((surface(&model, &x) - want).abs() < 1e-12, "{method} {lengths:?} at node {place:?}");
+            }
+        }
+    }
+}
+
+/// A surface that is a product of parabolas is given back by `cubic`, whichever axis comes first.
+#[test]
+fn products_of_cubics_are_given_back() {
+    let f = |x: f64, y: f64| (1.0 - x + 0.5 * x * x * x) * (0.3 + y - 0.8 * y * y);
+    let axes = vec![vec![-1.0, -0.2, 0.5, 1.3, 2.0], vec![0.0, 0.4, 1.0, 1.1]];
+    let values = axes[0].iter().flat_map(|x| axes[1].iter().map(|y| f(*x, *y))).collect();
+    let model = Grid { axes, values }.model("cubic");
+    for (x, y) in [(-0.9, 0.1), (0.0, 0.7), (1.7, 1.05), (0.5, 0.4)] {
+        assert!((surface(&model, &[x, y]) - f(x, y)).abs() < 1e-12);
+    }
+}
+
+/// Nodes that no argument comes near have no influence at all: what is said of unvisited nodes rests on that.
+#[test]
+fn straight_surfaces_are_local() {
+    let mut numbers = Numbers(5);
+    let grid = Grid::new(&mut numbers, &[6, 5]);
+    let mut model = grid.model("linear");
+    let x = [0.37 * grid.axes[0][3] + 0.63 * grid.axes[0][4], 0.81 * grid.axes[1][1] + 0.19 * grid.axes[1][2]];
+    let before = surface(&model, &x);
+    for k in 0..grid.values.len() {
+        let place = model.tables[0].place(k);
+        let near = (3..=4).contains(&place[0]) && (1..=2).contains(&place[1]);
+        let old = std::mem::replace(&mut model.params[k].value, 1e9);
+        assert_eq!(surface(&model, &x) == before, !near, "{place:?}");
+        model.params[k].value = old;
+    }
+}
+
+#[test]
+fn grids_are_written_in_several_ways() {
+    let text = |nodes: &str| {
+        format!(
+            "param K[2,3] = [[1, 2, 3], [4, 5, 6]] in [-9, 9]; const x[2] = [0, 1]; input u, v; \
+             table C(a, b) = linear {{ {nodes} }}; output y = C(u, v) + K[1,1];"
+        )
+    };
+    let named = compiled(&text("a: x, b: [0, 1, 2], C: K"));
+    let literal =
+        compiled(&text("b: [0, 1, 2], a: [0, 1], C: [[K[1,1], 2, K[1,3]], K[2,:]]").replace("K[2,:]", "[4, 5, 6]"));
+    assert_eq!((surface(&named, &[1.0, 2.0]), surface(&literal, &[0.5, 0.5])), (7.0, 4.0));
+    let free = compiled(
+        &text("a: x, b: [0, 1, 2], C: free 0.5")
+            .replace("K[1,1]", "C[2,3]")
+            .replace("output", "prior C[1,2] ~ normal(0, 1); output"),
+    );
+    let names: Vec<&str> = free.params.iter().map(|p| p.quantity.name.as_str()).collect();
+    assert_eq!(names[names.len() - 6..], ["C[1,1]", "C[1,2]", "C[1,3]", "C[2,1]", "C[2,2]", "C[2,3]"]);
+    assert!(
+        free.params[free.param("C[1,2]").unwrap()].prior.is_some()
+            && free.params[free.param("C[2,3]").unwrap()].value == 0.5
+    );
+    // one argument, and three
+    let curve =
+        compiled("input u; table C(a) = cubic { a: [0, 1, 2], C: free }; smooth C by order 2; output y = C(u);");
+    assert_eq!((curve.params.len(), curve.tables[0].smooth), (3, Some(2)));
+    let three = compiled(
+        "input u; table C(a, b, c) = linear { a: [0, 1], b: [0, 1], c: [0, 1], C: [[[0, 1], [2, 3]], [[4, 5], [6, 7]]] }; output y = C(u, u, 0.5);",
+    );
+    assert_eq!(surface(&three, &[1.0]), 6.5);
+}
+
+#[test]
+fn faulty_grids_are_told() {
+    let list = |statements: &str| {
+        findings(&format!("model m {{ input u, v; param a = 1; {statements} output y = C(u, v) + a; }}"))
+    };
+    let one = |statements: &str, part: &str| {
+        let told = list(statements);
+        assert!(told.len() == 1 && told[0].contains(part), "{statements}: {told:?}");
+    };
+    one(
+        "table C(x, y) = linear { 0: 1, 1: 2 };",
+        "has 2 arguments, and this is not the name of one; `{ x: [...], y: [...], C: [[...]] }`",
+    );
+    one("table C(x, y) = linear { x: [0, 1], C: [[1, 2], [3, 4]] };", "lacks the axis `y`");
+    one("table C(x, y) = linear { x: [0, 1], y: [0, 1] };", "lacks the values");
+    one("table C(x, y) = linear { x: [0, 1], z: [0, 1], C: free };", "`z` is no argument of the table `C`");
+    one("table C(x, y) = linear { x: [0, 1], x: [0, 1], C: free };", "`x` is given a second time");
+    one(
+        "table C(x, y) = linear { x: 1, y: [0, 1], C: free };",
+        "the axis `x` of a table is a vector, this is a number",
+    );
+    one("table C(x, y) = linear { x: [1], y: [0, 1], C: free };", "the axis `x` of the table `C` has a single value");
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 2, 1], C: free };",
+        "the values of the axis `y` of the table `C` increase, and 1 follows 2",
+    );
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: [[1, 2], [3]] };",
+        "`C` has 1 values along `y` here, its axis has 2",
+    );
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: [1, 2, 3, 4] };",
+        "`C` has 4 values along `x` here, its axis has 2",
+    );
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: 3 };",
+        "the values of the table `C` are [2, 2], this is a number",
+    );
+    one("table C(x, y) = linear { x: [0, 1], y: [0, 1], C: [[1, 2], [3, u]] };", "cannot depend on the input `u`");
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: free [[1, 2], [3, a]] };",
+        "the free values of the table `C` start at numbers",
+    );
+    one("table C(x, y) = linear { x: [0, a], y: [0, 1], C: free };", "cannot depend on the param `a`");
+    one("table C(x, x) = linear { x: [0, 1], C: free };", "two arguments of the table `C` have the name `x`");
+    one(
+        "table C(x, y, z, w) = linear { x: [0, 1], y: [0, 1], z: [0, 1], w: [0, 1], C: free };",
+        "the table `C` has 4 arguments, more than the limit of 3",
+    );
+    one("table C(x) = linear { 0: 1, 1: 2 };", "the table `C` takes 1 argument, 2 given");
+    one(
+        "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: free }; let b = C(u); output z = b;",
+        "the table `C` takes 2 arguments, 1 given; `C(x, y)`",
+    );
+    one("table C(x, y) = linear from \"c.csv\";", "the table `C` cannot be read from `c.csv`");
+    let smooth = |end: &str, part: &str| {
+        one(&format!("table C(x, y) = linear {{ x: [0, 1, 2], y: [0, 1], C: free }}; {end}"), part)
+    };
+    smooth("smooth D by order 2;", "`D` is not declared");
+    smooth("smooth a by order 2;", "`a` is a param; smoothness is of tables");
+    smooth("smooth C by order 7;", "the order of differences is 1, 2 or 3");
+    smooth("smooth C by order 3;", "differences of order 3 need 4 values of an axis of `C`");
+    smooth("smooth C by order 2; smooth C by order 1;", "the smoothness of `C` is given a second time");
+    one(
+        "table C(x, y) = linear { x: [0, 1, 2], y: [0, 1], C: [[1, 2], [3, 4], [5, 6]] }; smooth C by order 2;",
+        "no node of `C` is estimated",
+    );
+    one(
+        "table C(x, y) = linear { x: [0, 1, 2], y: [0, 1], C: [[1, 2], [3, 2*a], [5, 6]] }; smooth C by order 2;",
+        "this node of `C` is made of params",
+    );
+    let deg = findings(
+        "model m { input u [rad], v [m]; table C(x [rad], y [s]) [1] = linear { x: [0, 1], y: [0, 1], C: free }; output y [1] = C(u, v); }",
+    );
+    assert!(deg.len() == 1 && deg[0].contains("the table `C` takes s for `y`, this is in m"), "{deg:?}");
+}
+
+/// A model whose table stands in a file.
+fn from_file(csv: &str, table: &str) -> Result<Model, Vec<String>> {
+    let text = format!(
+        "model m {{ input u [rad], v [1]; table C(a [rad], b [1]) [1] = linear {table}; output y [1] = C(u, v); }}"
+    );
+    let mut source = Source::new("folder/m.fdm", text);
+    crate::gather(&mut source, &mut |name| match name {
+        "folder/c.csv" => Ok(csv.into()),
+        _ => Err("no such file".into()),
+    });
+    match crate::compile(&source) {
+        Ok(compiled) => Ok(compiled.model),
+        Err(findings) => {
+            Err(findings.iter().map(|f| format!("{}: {}", source.position(f.span.start).line, f.message)).collect())
+        }
+    }
+}
+
+#[test]
+fn tables_are_read_from_files() {
+    let list = "# lift\na [deg], b, C\n0,0,1\n90,0,3\n\n0,1,2\n90,1,-4e0\n";
+    let read = from_file(list, "from \"c.csv\"").unwrap();
+    let right = std::f64::consts::FRAC_PI_2;
+    assert_eq!((surface(&read, &[0.0, 1.0]), read.params.len()), (2.0, 0));
+    assert!(
+        (surface(&read, &[right, 1.0]) + 4.0).abs() < 1e-12
+            && (surface(&read, &[0.5 * right, 0.0]) - 2.0).abs() < 1e-12
+    );
+    let free = from_file("a\\b;0;1\r\n0;1;2\r\n1;3;-4\r\n", "from \"c.csv\" free").unwrap();
+    let starts: Vec<f64> = free.params.iter().map(|p| p.value).collect();
+    assert_eq!((starts, &*free.params[3].quantity.name), (vec![1.0, 2.0, 3.0, -4.0], "C[2,2]"));
+    let wrong = |csv: &str, want: &str| {
+        let told = from_file(csv, "from \"c.csv\"").unwrap_err();
+        assert!(told.len() == 1 && told[0] == want, "{csv:?}: {told:?}");
+    };
+    wrong("", "1: `folder/c.csv` holds no table: a row of titles and rows of numbers are needed");
+    wrong("a,b\n0,0\n", "1: `c.csv` has no column `C`");
+    wrong("a,b,C\n0,0,1\n0,1,x\n", "3: `x` is not a finite number");
+    wrong("a,b,C\n0,0,1\n0,1,\n", "3: a number is missing here");
+    wrong("a,b,C\n0,0,1\n0,1\n", "3: this row has 2 fields, the titles 3");
+    wrong("a,b,C\n0,0,1\n0,0,2\n", "3: a = 0, b = 0 is given a second time");
+    wrong("a,b,C\n0,0,1\n1,1,2\n", "1: `c.csv` lacks the value at a = 0, b = 1");
+    wrong("a [m],b,C\n0,0,1\n", "1: the column `a` is in m, the table in rad");
+    wrong("a,1,0\n0,0,1\n1,1,2\n", "1: the values of the axis `b` of the table `C` increase, and 0 follows 1");
+    wrong("a,b,C\n0,0,inf\n", "2: `inf` is not a finite number");
 }

@@ -1,5 +1,6 @@
 //! What is declared as a vector or a matrix.
 
+use super::grids::free_nodes;
 use super::shape::{Dims, MOST_ELEMENTS, Outside, Selection, select};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
@@ -60,6 +61,13 @@ impl<'a> Declared<'a> {
                     None => drop(first.insert(name, (d.name.span, d.shape.is_some()))),
                 }
                 declared.add(tree, *role, d, findings);
+            }
+        }
+        let length = |name: &str| declared.arrays.get(name).map(|a| a.dims.count());
+        for (name, dims, span) in free_nodes(tree, length) {
+            let taken = declared.arrays.contains_key(name) || declared.scalars.contains_key(name);
+            if !taken && (1..=MOST_ELEMENTS).contains(&dims.count()) {
+                declared.arrays.insert(name, Array { dims, zeros: Vec::new(), role: Role::Param, span });
             }
         }
         declared

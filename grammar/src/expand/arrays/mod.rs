@@ -5,6 +5,7 @@
 //! is a vector, `value.rs`, `products.rs` and `rotations.rs` what expressions are worth, `statements.rs` writes the elements.
 
 mod declared;
+mod grids;
 mod products;
 mod rotations;
 mod shape;
@@ -18,7 +19,7 @@ pub use shape::MOST_ELEMENTS;
 use super::Expanded;
 use super::budget::Budget;
 use super::elements::Elements;
-use crate::syntax::{Expr, StatementKind, SyntaxTree};
+use crate::syntax::{Expr, Nodes, StatementKind, SyntaxTree};
 use declared::Declared;
 use value::{Evaluator, FUNCTIONS};
 use writer::Writer;
@@ -58,6 +59,7 @@ fn has_arrays(tree: &SyntaxTree) -> bool {
         | StatementKind::Process(list)
         | StatementKind::Trim(list)
         | StatementKind::Tie(list) => list.iter().any(|(name, _)| name.text.contains('[')),
+        StatementKind::Table(table) => matches!(table.nodes, Nodes::Written(_)),
         _ => false,
     });
     shaped

@@ -6,7 +6,7 @@ use super::value::{Evaluator, Val, dims_of, shape_of, single};
 use super::writer::{BROKEN, Item};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
-use crate::syntax::{Bounds, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, Table, Value, operands};
+use crate::syntax::{Bounds, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, Value, operands};
 
 impl Evaluator<'_, '_> {
     /// A statement of the flattened model; names that lose their meaning are added to `suspended`.
@@ -28,19 +28,24 @@ impl Evaluator<'_, '_> {
             StatementKind::Process(list) => keep(StatementKind::Process(self.targets(list))),
             StatementKind::Trim(list) => keep(StatementKind::Trim(self.targets(list))),
             StatementKind::Tie(list) => keep(StatementKind::Tie(self.targets(list))),
-            StatementKind::Table(table) => {
-                let mut number = |e: ExprRef| self.scalar(e, "a point of a table is made of");
-                let points = table.points.iter().map(|(x, y)| (number(*x), number(*y))).collect();
-                keep(StatementKind::Table(Table { points, ..table.clone() }));
-            }
-            StatementKind::Time(_) | StatementKind::Use(_) | StatementKind::Reactions(..) => {
-                keep(statement.kind.clone())
-            }
+            StatementKind::Table(table) => match self.table(table) {
+                Some((table, params)) => {
+                    if !params.is_empty() {
+                        keep(StatementKind::Declare(Role::Param, params));
+                    }
+                    keep(StatementKind::Table(table));
+                }
+                None => suspended.push(table.name.text.clone()),
+            },
+            StatementKind::Time(_)
+            | StatementKind::Smooth(_)
+            | StatementKind::Use(_)
+            | StatementKind::Reactions(..) => keep(statement.kind.clone()),
         }
     }
 
     /// A value that must be a number.
-    fn scalar(&mut self, e: ExprRef, what: &str) -> ExprRef {
+    pub(super) fn scalar(&mut self, e: ExprRef, what: &str) -> ExprRef {
         match self.take(e) {
             Val::Array(dims, _) if dims.count() != 1 => {
                 let shown = self.shown(e, "this");

@@ -1,5 +1,6 @@
 //! What every expression of the text is worth: a number, a vector or a matrix of expressions.
 
+use super::grids::lists_of_values;
 use super::shape::Dims;
 use super::writer::{BROKEN, Item, Place, Writer};
 use crate::diagnostic::{Code, Diagnostic};
@@ -33,8 +34,10 @@ impl<'a, 'w> Evaluator<'a, 'w> {
     /// Operands come first: nothing recurses.
     pub(super) fn new(tree: &'a SyntaxTree, out: &'w mut Writer<'a>) -> Self {
         let mut evaluator = Self { tree, out, values: Vec::with_capacity(tree.expressions.len()) };
-        for k in 0..tree.expressions.len() {
-            let value = evaluator.node(ExprRef(k as u32));
+        // every table reads its own values
+        let lists = lists_of_values(tree);
+        for (k, is_list) in lists.into_iter().enumerate() {
+            let value = if is_list { Val::Broken } else { evaluator.node(ExprRef(k as u32)) };
             evaluator.values.push(value);
         }
         evaluator

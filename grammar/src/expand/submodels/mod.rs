@@ -8,7 +8,7 @@ mod connections;
 mod part;
 
 use super::budget::Budget;
-use super::{files, library};
+use super::{files, library, tables};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::expand::reactions::reactions;
 use crate::source::{Source, Span};
@@ -137,6 +137,7 @@ impl<'a> Submodels<'a> {
         let (tree, mut findings) = parse_used(&self.source.texts()[text]);
         let tree = tree.map(|mut tree| {
             reactions(&mut tree, &mut findings);
+            tables::read(self.source, &mut tree, &mut findings);
             tree
         });
         let told = self.findings.len();

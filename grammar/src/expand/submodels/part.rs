@@ -2,7 +2,7 @@
 
 use super::connections::Connections;
 use crate::syntax::{
-    Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, SyntaxTree, Table, Value, operands,
+    Declaration, Expr, ExprRef, Name, Nodes, Role, Smooth, Statement, StatementKind, SyntaxTree, Table, Value, operands,
 };
 use std::collections::HashMap;
 
@@ -195,6 +195,9 @@ impl Writer<'_> {
             StatementKind::Process(list) => StatementKind::Process(pairs(list, &|_| true)),
             StatementKind::Tie(list) => StatementKind::Tie(pairs(list, &|name| self.connections.get(name).is_none())),
             StatementKind::Table(table) => StatementKind::Table(self.table(table)),
+            StatementKind::Smooth(smooth) => {
+                StatementKind::Smooth(Smooth { table: self.name(&smooth.table), ..smooth.clone() })
+            }
             StatementKind::Time(_) | StatementKind::Noise(_) | StatementKind::Use(_) | StatementKind::Reactions(..) => {
                 return None;
             }
@@ -210,8 +213,11 @@ impl Writer<'_> {
     }
 
     fn table(&self, table: &Table) -> Table {
-        let points = table.points.iter().map(|(x, y)| (self.moved(*x), self.moved(*y))).collect();
-        Table { name: self.name(&table.name), points, ..table.clone() }
+        let mut nodes = table.nodes.moved(|e| self.moved(e));
+        if let Nodes::Written(axes) = &mut nodes {
+            axes.iter_mut().filter(|a| a.name.text == table.name.text).for_each(|a| a.name = self.name(&a.name));
+        }
+        Table { name: self.name(&table.name), nodes, ..table.clone() }
     }
 
     fn declaration(

@@ -1,0 +1,163 @@
+//! The tables of a model at the estimates: curves and surfaces with their errors, as far as any run has visited them.
+
+use super::correlations::shade;
+use super::figure::{Figure, Look, Mark, Panel, Shape};
+use super::number::{bracketed, text};
+use super::section::Section;
+use super::subject::Subject;
+use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
+use fdm_results::documents::digits_by_error;
+use maud::{Markup, html};
+
+/// Tables that are shown.
+const MOST: usize = 20;
+/// Nodes along an axis beyond which a surface has no map: nobody could read it.
+const MOST_NODES: usize = 40;
+
+/// Tables with a node that is estimated.
+fn estimated(subject: &Subject) -> Vec<&TableEstimate> {
+    let tables = subject.fit().into_iter().flat_map(|fit| &fit.tables);
+    tables.filter(|t| t.nodes.iter().any(|n| n.parameter.is_some())).take(MOST).collect()
+}
+
+pub(super) fn section(subject: &Subject) -> Option<Section> {
+    let tables = estimated(subject);
+    if tables.is_empty() {
+        return None;
+    }
+    let smoothing = |name: &str| subject.fit()?.smoothing.iter().find(|s| s.table == name);
+    let content = html! {
+        @for (k, table) in tables.iter().enumerate() {
+            h3 { code { (called(table)) } @if !table.doc.is_empty() { " " (table.doc) } }
+            @if let Some(smoothing) = smoothing(&table.table) { p { (worth(smoothing)) } }
+            @let unknown = table.unknown().count();
+            @if unknown > 0 {
+                p { (unknown) " of " (table.nodes.len()) " nodes are unknown: no sample of any run lies beside them." }
+            }
+            @for part in parts(table) { (map(table, &part)) }
+            @if let Some(figure) = figure(k, table) { (figure.markup()) }
+        }
+        p.note { "Orange is above zero, blue below; a node without a number was not visited by any run. Pointed at, a node tells its standard error." }
+    };
+    Some(Section::new("tables", "Tables", content))
+}
+
+pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
+    estimated(subject).into_iter().enumerate().filter_map(|(k, table)| figure(k, table)).collect()
+}
+
+fn called(table: &TableEstimate) -> String {
+    let arguments: Vec<&str> = table.arguments.iter().map(|a| a.name.as_str()).collect();
+    format!("{}({}){}", table.table, arguments.join(", "), bracketed(table.unit.as_deref()))
+}
+
+fn worth(smoothing: &Smoothing) -> String {
+    let weights = smoothing.arguments.iter().zip(&smoothing.weights);
+    let weights: Vec<String> = weights.map(|(name, weight)| format!("{} along {name}", text(*weight, 3))).collect();
+    format!(
+        "{} nodes worth {} effective parameters; smooth by order {}, weights {}.",
+        smoothing.parameters,
+        text(smoothing.effective_parameters, 3),
+        smoothing.order,
+        weights.join(", ")
+    )
+}
+
+/// A map: what holds of the argument before the last two, and where its nodes begin.
+struct Part {
+    title: Option<String>,
+    from: usize,
+}
+
+/// A surface is one map, a table of three arguments one for each value of the first; a curve has none.
+fn parts(table: &TableEstimate) -> Vec<Part> {
+    let readable = table.arguments.iter().all(|a| a.axis.len() <= MOST_NODES);
+    match &table.arguments[..] {
+        [_, _] if readable => vec![Part { title: None, from: 0 }],
+        [first, second, third] if readable => {
+            let size = second.axis.len() * third.axis.len();
+            let part = |(k, x): (usize, &f64)| Part { title: Some(at(first, *x)), from: k * size };
+            first.axis.iter().enumerate().map(part).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// `alpha = 0.1 rad`
+fn at(axis: &TableAxis, x: f64) -> String {
+    format!("{} = {}{}", axis.name, text(x, 4), axis.unit.as_ref().map_or(String::new(), |u| format!(" {u}")))
+}
+
+fn map(table: &TableEstimate, part: &Part) -> Markup {
+    let [rows, columns] = [2, 1].map(|k| &table.arguments[table.arguments.len() - k]);
+    let size = table.nodes.iter().filter_map(|n| n.value).fold(0.0_f64, |most, v| most.max(v.abs()));
+    html! {
+        @if let Some(title) = &part.title { p { (title) } }
+        div.scroll { table.map {
+            thead { tr { th { (rows.name) " \\ " (columns.name) } @for x in &columns.axis { th { span { (text(*x, 4)) } } } } }
+            tbody { @for (i, x) in rows.axis.iter().enumerate() { tr {
+                th scope="row" { (text(*x, 4)) }
+                @for node in &table.nodes[part.from + i * columns.axis.len()..][..columns.axis.len()] {
+                    td class=(shade(node.value.map_or(f64::NAN, |v| v / size.max(f64::MIN_POSITIVE)), false)) title=(title(node)) {
+                        (value(node))
+                    }
+                }
+            } } }
+        } }
+    }
+}
+
+fn value(node: &NodeEstimate) -> String {
+    node.value.map_or(String::new(), |v| text(v, node.error.and_then(|e| digits_by_error(v, e, 2)).unwrap_or(3)))
+}
+
+fn title(node: &NodeEstimate) -> String {
+    let name = node.parameter.as_deref().unwrap_or("known");
+    match (node.value, node.error) {
+        (None, _) => format!("{name}: unknown"),
+        (Some(v), Some(e)) => format!("{name}: {} \u{b1} {}", text(v, 4), text(e, 2)),
+        (Some(v), None) => format!("{name}: {}", text(v, 4)),
+    }
+}
+
+/// Nodes over the first argument: a curve with two standard errors to either side; of a surface a line for each value of the second argument.
+fn figure(k: usize, table: &TableEstimate) -> Option<Figure> {
+    const LOOKS: [Look; 5] = [Look::Model, Look::Measured, Look::Residual, Look::Input, Look::Other];
+    let (first, others) = table.arguments.split_first()?;
+    let number = |v: Option<f64>| v.unwrap_or(f64::NAN);
+    let marks = match others {
+        [] => {
+            let edge =
+                |side: f64| table.nodes.iter().map(|n| number(n.value) + side * 2.0 * n.error.unwrap_or(0.0)).collect();
+            let values: Vec<f64> = table.nodes.iter().map(|n| number(n.value)).collect();
+            vec![
+                Mark::between("two standard errors", Look::Bound, Shape::Bars, edge(-1.0), edge(1.0)),
+                Mark::line("nodes", Look::Model, values.clone()),
+                Mark::dots("nodes", Look::Model, values),
+            ]
+        }
+        [second] => {
+            // few enough to be told apart
+            let step = second.axis.len().div_ceil(LOOKS.len());
+            let line = |(mark, j): (usize, usize)| {
+                let values = table.nodes[j..].iter().step_by(second.axis.len()).map(|n| number(n.value)).collect();
+                Mark::line(&at(second, second.axis[j]), LOOKS[mark % LOOKS.len()], values)
+            };
+            (0..second.axis.len()).step_by(step).enumerate().map(line).collect()
+        }
+        _ => return None,
+    };
+    let unit = bracketed(first.unit.as_deref());
+    Some(Figure {
+        id: format!("table-{}", k + 1),
+        group: format!("table-{}", k + 1),
+        caption: called(table),
+        label: format!("{}{unit}", first.name),
+        logarithmic: false,
+        at: first.axis.clone(),
+        panels: vec![Panel { label: table.table.clone(), height: 200, logarithmic: false, marks }],
+        names: Vec::new(),
+        half: false,
+        samples: None,
+    })
+}
