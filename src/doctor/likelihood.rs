@@ -4,9 +4,11 @@
 use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
 use crate::kinematics::Kinematics;
 use crate::record::Record;
-use fdm_estimate::{Continuation, Estimate, FitOptions, Options, SharedSteps, fit};
+use crate::spectrum::{Bands, interpolated, lagged_noise};
+use fdm_estimate::{Continuation, Estimate, FitOptions, Iteration, Observer, Options, SharedSteps, Stop, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
+use std::ops::ControlFlow;
 
 /// What hypotheses are judged by: the runs beside their model, where there is one, and the records beside kinematics.
 pub(crate) struct Evidence<'a> {
@@ -17,6 +19,21 @@ pub(crate) struct Evidence<'a> {
     pub(crate) kinematics: Kinematics,
     /// Magnitude of the model's fastest mode times the usual interval, where that is known.
     pub(crate) pace: Option<f64>,
+    /// Whether there is time for more fits; asked while they work.
+    pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// Ends a fit when there is no more time.
+struct While<'a>(&'a (dyn Fn() -> bool + Sync));
+
+impl Observer for While<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        (!(self.0)()).then_some(Stop::TimeLimit)
+    }
 }
 
 /// Iterations of the fits that count.
@@ -30,6 +47,8 @@ pub(crate) struct Trial {
     parts: Vec<f64>,
     /// Independent samples that the residuals are worth, for each part.
     independent: Vec<f64>,
+    /// The sums of squares of the outputs in bands of frequency; none where nothing was measured.
+    bands: Vec<Option<Bands>>,
     /// What the values of parameters cost, and the gains of kinematics, in nats.
     values: [f64; 2],
     /// None where nothing could be simulated.
@@ -65,6 +84,7 @@ impl Evidence<'_> {
             None => Trial {
                 parts: Vec::new(),
                 independent: Vec::new(),
+                bands: Vec::new(),
                 values: [0.0; 2],
                 estimate: None,
                 steps: SharedSteps::default(),
@@ -83,7 +103,11 @@ impl Evidence<'_> {
         let other = |s: Slot| matches!(s, Slot::Other(_));
         self.model.is_some()
             && !edits.iter().all(|edit| match *edit {
-                Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) => other(s),
+                Edit::Affine(s, ..)
+                | Edit::Delay(s, _)
+                | Edit::Drift(s, _)
+                | Edit::Step(s, ..)
+                | Edit::Filter(s, _) => other(s),
                 Edit::Swap(a, b) => other(a) && other(b),
                 Edit::Time(_) => false,
             })
@@ -122,6 +146,9 @@ impl Evidence<'_> {
     }
 
     fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+        if !(self.goes_on)() {
+            return None;
+        }
         let pairs = self.runs.iter().zip(self.records);
         let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
         let new = new.collect::<Result<Vec<_>, _>>().ok()?;
@@ -140,39 +167,50 @@ impl Evidence<'_> {
             ..FitOptions::default()
         }
         .with_declared_noise(model);
-        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut ()).ok()?;
+        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut While(self.goes_on)).ok()?;
+        // a fit that was ended early is worth nothing beside one that was not
+        if !(self.goes_on)() {
+            return None;
+        }
         let (estimate, steps) = (found.estimate, SharedSteps::of(found.integration));
         let q = self.outputs();
         if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
             return None;
         }
-        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
         for output in 0..q {
             let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
+            let mut spectrum = self.no_bands();
             for (run, record) in estimate.runs.iter().zip(self.records) {
-                let e: Vec<f64> =
+                let mut e: Vec<f64> =
                     run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
-                let squares: f64 = e.iter().map(|v| v * v).sum();
-                let next: f64 = e.windows(2).map(|w| w[0] * w[1]).sum();
-                sum += squares / averaged(between_samples(record, edits, Slot::Output(output)), next / squares);
+                sum += e.iter().map(|v| v * v).sum::<f64>();
                 count += e.len();
                 worth += independent_samples(&e);
+                let left = left_of_noise(record, edits, Slot::Output(output));
+                spectrum.add(&mut e, left);
             }
             let measured = new.iter().flat_map(|r| r.measured.iter().skip(output).step_by(q).copied());
             let variance = variance(measured);
             if count > 0 && variance > 0.0 {
                 parts[output] = sum / count as f64 / variance;
                 independent[output] = worth;
+                bands[output] = Some(spectrum.relative_to(variance));
             }
         }
         let values = [cost_of_values(model, &estimate), 0.0];
-        Some(Trial { parts, independent, values, estimate: Some(estimate), steps })
+        Some(Trial { parts, independent, bands, values, estimate: Some(estimate), steps })
+    }
+
+    /// Bands of the longest record, which those of all others fit into.
+    fn no_bands(&self) -> Bands {
+        Bands::new(self.records.iter().map(|r| r.time.len()).max().unwrap_or(0))
     }
 
     /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
     pub(crate) fn unexplained(&self, edits: &[Edit]) -> Option<Trial> {
         let q = self.outputs();
-        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
         for output in 0..q {
             let slot = Slot::Output(output);
             let place = self.channels.place(slot);
@@ -182,14 +220,19 @@ impl Evidence<'_> {
             });
             let values: Vec<f64> = columns.collect();
             let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-            let e: Vec<f64> = values.iter().map(|v| v - mean).collect();
-            if variance(values.iter().copied()) > 0.0 {
+            let mut e: Vec<f64> = values.iter().map(|v| v - mean).collect();
+            let variance = variance(values.iter().copied());
+            if variance > 0.0 {
                 parts[output] = 1.0;
                 independent[output] = independent_samples(&e);
+                let mut spectrum = self.no_bands();
+                spectrum.add(&mut e, |_| 1.0);
+                bands[output] = Some(spectrum.relative_to(variance));
             }
         }
         let measured = parts.iter().any(|s| !s.is_nan());
-        let trial = Trial { parts, independent, values: [0.0; 2], estimate: None, steps: SharedSteps::default() };
+        let steps = SharedSteps::default();
+        let trial = Trial { parts, independent, bands, values: [0.0; 2], estimate: None, steps };
         measured.then(|| self.with_kinematics(trial, edits))
     }
 }
@@ -206,20 +249,13 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
     squares / f64::max(n, 1.0)
 }
 
-/// Part of the variance of noise that is left where values are read between samples: linear interpolation averages noise, which is no merit of a
-/// delay. First-order noise of the correlation that, averaged, has the `correlation` of the residuals; `between` is the mean of `f (1 - f)`.
-pub(crate) fn averaged(between: f64, correlation: f64) -> f64 {
-    let variance = |rho: f64| 1.0 - 2.0 * between * (1.0 - rho);
-    let excess = |rho: f64| ((1.0 - 2.0 * between) * rho + between * (1.0 + rho * rho)) / variance(rho) - correlation;
-    if between <= 0.0 || correlation.is_nan() {
-        return 1.0;
-    }
-    let (mut low, mut high) = (-0.9, 1.0);
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if excess(middle) > 0.0 { high = middle } else { low = middle }
-    }
-    variance(0.5 * (low + high))
+/// The part of noise that edits leave of a channel at an angle per sample: they read it between samples, or lag it.
+fn left_of_noise(record: &Record, edits: &[Edit], slot: Slot) -> impl Fn(f64) -> f64 {
+    let between = between_samples(record, edits, slot);
+    let lag = edits.iter().find_map(|e| if let Edit::Filter(s, lag) = *e { Some(lag).filter(|_| s != slot) } else { None });
+    let intervals = record.time.len().saturating_sub(1).max(1) as f64;
+    let interval = (record.time.last().unwrap_or(&0.0) - record.time.first().unwrap_or(&0.0)) / intervals;
+    move |angle| interpolated(between, angle) * lag.map_or(1.0, |lag| lagged_noise(lag, interval, angle))
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.
@@ -273,10 +309,12 @@ impl Trial {
         model.with_params(params)
     }
 
-    /// Gain in log-likelihood over another trial of the same record, in nats. The sums of squares count by the independent samples of the fit
-    /// with the smaller one: what the other leaves is its own error.
+    /// Gain in log-likelihood over another trial of the same record, in nats. Outputs count by bands of frequency. The sums of squares of
+    /// equations count by the independent windows of the trial with the smaller one: what the other leaves is its own error.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        let parts = (0..self.parts.len()).map(|k| {
+        let outputs = self.bands.iter().zip(&other.bands);
+        let outputs = outputs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();
+        let parts = (self.bands.len()..self.parts.len()).map(|k| {
             let (own, others) = (self.parts[k], other.parts[k]);
             if own.is_nan() || others.is_nan() {
                 return 0.0;
@@ -286,7 +324,7 @@ impl Trial {
             0.5 * worth * (others.max(floor) / own.max(floor)).ln()
         });
         let values = |t: &Self| t.values[0] + t.values[1];
-        parts.sum::<f64>() + values(other) - values(self)
+        outputs + parts.sum::<f64>() + values(other) - values(self)
     }
 
     /// Part of the sums of squares that is left of another's, the least over outputs and equations.
