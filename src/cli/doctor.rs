@@ -10,8 +10,8 @@ use crate::ownership::{Overwriting, refuse_other_tables};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, examine_alone, examine_beside_while, examine_repeats,
-    repaired_map,
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside_while,
+    examine_repeats, repaired_map,
 };
 use fdm_readers::Topic;
 use fdm_report::doctor_text;
@@ -64,7 +64,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = arguments.fix.as_ref().filter(|_| !arguments.overwriting.force) {
         refuse_other_tables(path, BEGINNING.as_bytes())?;
     }
-    let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let judged = arguments.judged(&progress);
     progress.finish();
     // both are told
@@ -172,9 +172,10 @@ impl Arguments {
         findings
     }
 
-    /// The repairs as a map.
+    /// The repairs of the findings as a map; what a remark says may be meant.
     pub(crate) fn map(&self, records: &[Record], document: &DoctorDocument) -> String {
-        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
+        let findings = document.findings.iter().filter(|f| f.severity == Severity::Finding);
+        let repairs = findings.filter_map(|f| f.repair.as_ref());
         let before = self.records.selection.map();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())

@@ -62,7 +62,7 @@ pub fn examine_beside_while(
     runs: &[Run],
     records: &[Record],
     alone: Vec<Finding>,
-    (options, say): (&BesideOptions, &dyn Fn(&str)),
+    (options, say): (&BesideOptions, &(dyn Fn(&str) + Sync)),
     goes_on: &(dyn Fn() -> bool + Sync),
 ) -> Examination {
     let names = Channels::of(records);

@@ -368,7 +368,9 @@ impl Kinematics {
                 return None;
             }
             let (y, x) = match *equation {
-                Equation::Form(k) if !FORMS[k].constant => (self.left_place(*equation)?, self.places[FORMS[k].needs[0] as usize]?.0),
+                Equation::Form(k) if !FORMS[k].constant => {
+                    (self.left_place(*equation)?, self.places[FORMS[k].needs[0] as usize]?.0)
+                }
                 Equation::Form(_) => return None,
                 Equation::Derivative(y, x) => (y, x),
             };
@@ -385,7 +387,9 @@ impl Kinematics {
             let run = if let [record] = records { record.run.as_str() } else { "all" };
             let mut remark = Finding::by_chance(run, &name(x), Fault::Scale, 1.0, what).remark();
             remark.channels.push(name(y));
-            Some(remark.repaired_by(Repair::words("compare the calibration and the filters of both sensors before either is fitted")))
+            Some(remark.repaired_by(Repair::words(
+                "compare the calibration and the filters of both sensors before either is fitted",
+            )))
         };
         self.equations.iter().zip(&balances).filter_map(told).collect()
     }

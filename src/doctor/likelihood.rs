@@ -36,6 +36,16 @@ impl Observer for While<'_> {
     }
 }
 
+/// Parts of all records together in which a fault has to hold up.
+const LEAST_BLOCKS: usize = 4;
+
+/// Of what is no gap.
+fn mean_square(e: &[f64]) -> f64 {
+    let known = e.iter().filter(|v| !v.is_nan());
+    let (sum, count) = known.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
+    sum / count
+}
+
 /// Iterations of the fits that count.
 pub(crate) const THOROUGH: usize = 40;
 
@@ -49,6 +59,8 @@ pub(crate) struct Trial {
     independent: Vec<f64>,
     /// The sums of squares of the outputs in bands of frequency; none where nothing was measured.
     bands: Vec<Option<Bands>>,
+    /// Mean squares of the outputs in parts of the records, over the variance: those of each output one behind the other.
+    blocks: Vec<f64>,
     /// What the values of parameters cost, and the gains of kinematics, in nats.
     values: [f64; 2],
     /// None where nothing could be simulated.
@@ -85,6 +97,7 @@ impl Evidence<'_> {
                 parts: Vec::new(),
                 independent: Vec::new(),
                 bands: Vec::new(),
+                blocks: Vec::new(),
                 values: [0.0; 2],
                 estimate: None,
                 steps: SharedSteps::default(),
@@ -178,12 +191,16 @@ impl Evidence<'_> {
             return None;
         }
         let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
+        let mut blocks = Vec::new();
+        let pieces = LEAST_BLOCKS.div_ceil(self.runs.len().max(1));
         for output in 0..q {
+            let begun = blocks.len();
             let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
             let mut spectrum = self.no_bands();
             for (run, record) in estimate.runs.iter().zip(self.records) {
-                let mut e: Vec<f64> =
-                    run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
+                let all: Vec<f64> = run.residuals.iter().skip(output).step_by(q).copied().collect();
+                blocks.extend(all.chunks(all.len().div_ceil(pieces).max(1)).map(mean_square));
+                let mut e: Vec<f64> = all.into_iter().filter(|v| !v.is_nan()).collect();
                 sum += e.iter().map(|v| v * v).sum::<f64>();
                 count += e.len();
                 worth += independent_samples(&e);
@@ -196,10 +213,11 @@ impl Evidence<'_> {
                 parts[output] = sum / count as f64 / variance;
                 independent[output] = worth;
                 bands[output] = Some(spectrum.relative_to(variance));
+                blocks[begun..].iter_mut().for_each(|b| *b /= variance);
             }
         }
         let values = [cost_of_values(model, &estimate), 0.0];
-        Some(Trial { parts, independent, bands, values, estimate: Some(estimate), steps })
+        Some(Trial { parts, independent, bands, blocks, values, estimate: Some(estimate), steps })
     }
 
     /// Bands of the longest record, which those of all others fit into.
@@ -232,7 +250,8 @@ impl Evidence<'_> {
         }
         let measured = parts.iter().any(|s| !s.is_nan());
         let steps = SharedSteps::default();
-        let trial = Trial { parts, independent, bands, values: [0.0; 2], estimate: None, steps };
+        let (blocks, values) = (Vec::new(), [0.0; 2]);
+        let trial = Trial { parts, independent, bands, blocks, values, estimate: None, steps };
         measured.then(|| self.with_kinematics(trial, edits))
     }
 }
@@ -252,7 +271,8 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
 /// The part of noise that edits leave of a channel at an angle per sample: they read it between samples, or lag it.
 fn left_of_noise(record: &Record, edits: &[Edit], slot: Slot) -> impl Fn(f64) -> f64 {
     let between = between_samples(record, edits, slot);
-    let lag = edits.iter().find_map(|e| if let Edit::Filter(s, lag) = *e { Some(lag).filter(|_| s != slot) } else { None });
+    let lag =
+        edits.iter().find_map(|e| if let Edit::Filter(s, lag) = *e { Some(lag).filter(|_| s != slot) } else { None });
     let intervals = record.time.len().saturating_sub(1).max(1) as f64;
     let interval = (record.time.last().unwrap_or(&0.0) - record.time.first().unwrap_or(&0.0)) / intervals;
     move |angle| interpolated(between, angle) * lag.map_or(1.0, |lag| lagged_noise(lag, interval, angle))
@@ -325,6 +345,31 @@ impl Trial {
         });
         let values = |t: &Self| t.values[0] + t.values[1];
         outputs + parts.sum::<f64>() + values(other) - values(self)
+    }
+
+    /// Gain over another trial of the same record in each part of it, by the independent samples of the outputs.
+    pub(crate) fn gains_by_part(&self, other: &Self) -> Vec<f64> {
+        let outputs = self.bands.len().max(1);
+        let parts = self.blocks.len() / outputs;
+        if parts == 0 || other.blocks.len() != self.blocks.len() {
+            return Vec::new();
+        }
+        let gain = |part: usize| {
+            let of = |output: usize| {
+                let (own, others) = (self.blocks[output * parts + part], other.blocks[output * parts + part]);
+                let worth = self.independent[output].min(other.independent[output]) / parts as f64;
+                let gain = 0.5 * worth * (others.max(f64::MIN_POSITIVE) / own.max(f64::MIN_POSITIVE)).ln();
+                if gain.is_nan() { 0.0 } else { gain }
+            };
+            (0..outputs).map(of).sum()
+        };
+        (0..parts).map(gain).collect()
+    }
+
+    /// Gain over another trial of the same record by kinematics alone.
+    pub(crate) fn gain_of_kinematics(&self, other: &Self) -> f64 {
+        let only = |t: &Self| Self { bands: vec![None; t.bands.len()], values: [0.0, t.values[1]], ..t.clone() };
+        only(self).gain_over(&only(other))
     }
 
     /// Part of the sums of squares that is left of another's, the least over outputs and equations.

@@ -18,7 +18,7 @@ pub(crate) struct Search<'a> {
     pub(crate) timed: bool,
     pub(crate) options: &'a BesideOptions,
     /// Is told what is being done.
-    pub(crate) say: &'a dyn Fn(&str),
+    pub(crate) say: &'a (dyn Fn(&str) + Sync),
 }
 
 /// A hypothesis that was tried.
@@ -90,7 +90,8 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         fits += 1;
         let own = &accepted[k];
         let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
-        let mut finding = search.told(own, log_odds);
+        let everywhere = without.as_ref().is_none_or(|w| search.holds_everywhere(&own.judged, &current, w));
+        let mut finding = search.told(own, log_odds, everywhere);
         finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
         found.push(finding);
     }
@@ -119,7 +120,8 @@ fn late_outputs(search: &Search<'_>, accepted: &mut Vec<Accepted>) {
             let hypothesis = &mut accepted.judged.hypothesis;
             hypothesis.edits = vec![Edit::Delay(slot, own + by)];
             let (size, word) = ((own + by).abs(), if own + by > 0.0 { "late" } else { "early" });
-            hypothesis.what = format!("comes {size:.4} too {word}; with what is late beside it {same} and this one by {own:.4}");
+            hypothesis.what =
+                format!("comes {size:.4} too {word}; with what is late beside it {same} and this one by {own:.4}");
         }
     }
     if alike.is_empty() {
@@ -504,6 +506,20 @@ impl Search<'_> {
             }
     }
 
+    /// Whether a fault with an estimated number holds in all parts of the records: what is always there makes no part less likely, and what the
+    /// model lacks is taken away in some parts at the cost of others. Kinematics knows no model that could lack anything.
+    fn holds_everywhere(&self, judged: &Judged, with: &Trial, without: &Trial) -> bool {
+        /// Of the evidence for it, that against it.
+        const AGAINST: f64 = 0.25;
+        let always = matches!(judged.hypothesis.fault, Fault::Delay | Fault::Offset | Fault::Scale | Fault::Filtered);
+        if !always || with.gain_of_kinematics(without) > self.options.odds.ln() {
+            return true;
+        }
+        let gains = with.gains_by_part(without);
+        let sum = |side: f64| gains.iter().map(|g| (side * g).max(0.0)).sum::<f64>();
+        sum(-1.0) <= AGAINST * sum(1.0)
+    }
+
     /// Whether a channel is all that the model is compared with, and stands in no kinematics.
     fn is_alone(&self, slot: Slot) -> bool {
         let evidence = self.evidence;
@@ -512,7 +528,7 @@ impl Search<'_> {
             && !evidence.kinematics.reads(evidence.channels.place(slot))
     }
 
-    fn told(&self, accepted: &Accepted, log_odds: f64) -> Finding {
+    fn told(&self, accepted: &Accepted, log_odds: f64, everywhere: bool) -> Finding {
         let channels = self.evidence.channels;
         let hypothesis = &accepted.judged.hypothesis;
         let mut names: Vec<String> = hypothesis.slots.iter().map(|s| channels.name(*s).to_string()).collect();
@@ -536,6 +552,9 @@ impl Search<'_> {
                 _ => "; a lag that the model lacks would do the same",
             });
         }
+        if !everywhere {
+            what.push_str("; parts of the record contradict it, so that it may be what the model lacks");
+        }
         let records = self.evidence.records;
         let run = if let [record] = records { record.run.clone() } else { "all".into() };
         let behind = hypothesis.edits.iter().find_map(|e| if let Edit::Step(_, at, _) = e { Some(*at) } else { None });
@@ -548,7 +567,7 @@ impl Search<'_> {
             run,
             channels: names,
             fault: hypothesis.fault,
-            severity: if lacking { Severity::Remark } else { Severity::Finding },
+            severity: if lacking || !everywhere { Severity::Remark } else { Severity::Finding },
             place,
             what,
             log_odds,
