@@ -212,12 +212,28 @@ impl Evidence<'_> {
             if count > 0 && variance > 0.0 {
                 parts[output] = sum / count as f64 / variance;
                 independent[output] = worth;
-                bands[output] = Some(spectrum.relative_to(variance));
+                bands[output] = Some(spectrum.relative_to(&self.measured(edits, Slot::Output(output)), variance));
                 blocks[begun..].iter_mut().for_each(|b| *b /= variance);
             }
         }
         let values = [cost_of_values(model, &estimate), 0.0];
         Some(Trial { parts, independent, bands, blocks, values, estimate: Some(estimate), steps })
+    }
+
+    /// The bands of the column that edits put in the place of a channel, about the mean of each record, before it is moved in time or filtered.
+    fn measured(&self, edits: &[Edit], slot: Slot) -> Bands {
+        let placed = |e: &&Edit| matches!(e, Edit::Affine(..) | Edit::Swap(..));
+        let placed: Vec<Edit> = edits.iter().filter(placed).copied().collect();
+        let mut bands = self.no_bands();
+        for record in self.records {
+            let edited = edited_record(record, self.channels, &placed, &[]);
+            let column = edited.columns[self.channels.place(slot)].iter().copied();
+            let mut values: Vec<f64> = column.filter(|v| v.is_finite()).collect();
+            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            values.iter_mut().for_each(|v| *v -= mean);
+            bands.add(&mut values, |_| 1.0);
+        }
+        bands
     }
 
     /// Bands of the longest record, which those of all others fit into.
@@ -245,7 +261,7 @@ impl Evidence<'_> {
                 independent[output] = independent_samples(&e);
                 let mut spectrum = self.no_bands();
                 spectrum.add(&mut e, |_| 1.0);
-                bands[output] = Some(spectrum.relative_to(variance));
+                bands[output] = Some(spectrum.relative_to(&self.measured(edits, slot), variance));
             }
         }
         let measured = parts.iter().any(|s| !s.is_nan());
@@ -329,22 +345,28 @@ impl Trial {
         model.with_params(params)
     }
 
-    /// Gain in log-likelihood over another trial of the same record, in nats. Outputs count by bands of frequency. The sums of squares of
-    /// equations count by the independent windows of the trial with the smaller one: what the other leaves is its own error.
+    /// Gain in log-likelihood over another trial of the same record, in nats: the less of that beside noise of any spectrum, in bands of frequency,
+    /// and of that beside noise alike in all, by independent samples. A fit that trades one band for another is no likelier. Equations of
+    /// kinematics count by their independent windows.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        let outputs = self.bands.iter().zip(&other.bands);
-        let outputs = outputs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();
-        let parts = (self.bands.len()..self.parts.len()).map(|k| {
-            let (own, others) = (self.parts[k], other.parts[k]);
-            if own.is_nan() || others.is_nan() {
-                return 0.0;
-            }
-            let worth = if own < others { self.independent[k] } else { other.independent[k] };
-            let floor = f64::MIN_POSITIVE;
-            0.5 * worth * (others.max(floor) / own.max(floor)).ln()
-        });
+        let outputs = self.bands.len();
+        let pairs = self.bands.iter().zip(&other.bands);
+        let bands = pairs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();
+        let alike = (0..outputs).map(|k| self.gain_of_part(other, k)).sum::<f64>();
+        let equations = (outputs..self.parts.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
         let values = |t: &Self| t.values[0] + t.values[1];
-        outputs + parts.sum::<f64>() + values(other) - values(self)
+        bands.min(alike) + equations + values(other) - values(self)
+    }
+
+    /// Gain in one sum of squares, by the independent samples of the trial with the smaller one: what the other leaves is its own error.
+    fn gain_of_part(&self, other: &Self, k: usize) -> f64 {
+        let (own, others) = (self.parts[k], other.parts[k]);
+        if own.is_nan() || others.is_nan() {
+            return 0.0;
+        }
+        let worth = if own < others { self.independent[k] } else { other.independent[k] };
+        let floor = f64::MIN_POSITIVE;
+        0.5 * worth * (others.max(floor) / own.max(floor)).ln()
     }
 
     /// Gain over another trial of the same record in each part of it, by the independent samples of the outputs.
@@ -368,8 +390,8 @@ impl Trial {
 
     /// Gain over another trial of the same record by kinematics alone.
     pub(crate) fn gain_of_kinematics(&self, other: &Self) -> f64 {
-        let only = |t: &Self| Self { bands: vec![None; t.bands.len()], values: [0.0, t.values[1]], ..t.clone() };
-        only(self).gain_over(&only(other))
+        let equations = self.bands.len()..self.parts.len();
+        equations.map(|k| self.gain_of_part(other, k)).sum::<f64>() + other.values[1] - self.values[1]
     }
 
     /// Part of the sums of squares that is left of another's, the least over outputs and equations.
@@ -399,7 +421,7 @@ pub(crate) fn search(
     needed: f64,
     at: &(dyn Fn(f64) -> Option<Trial> + Sync),
 ) -> Option<Searched> {
-    const ROUNDS: usize = 6;
+    const ROUNDS: usize = 8;
     let (mut middle, mut width) = ((0.0, base.clone()), step);
     let mut error = f64::INFINITY;
     for round in 0..ROUNDS {

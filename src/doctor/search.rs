@@ -74,7 +74,9 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         // what a model may lack is remembered wherever it stands
         let rival = |j: &Judged| search.is_addition(&j.hypothesis) && j.log_odds > best.log_odds - DOUBT.ln();
         let (first, others) = all.split_at(all.len().min(REFINED));
-        let all: Vec<Judged> = first.iter().chain(others.iter().filter(|j| rival(j))).cloned().collect();
+        let mut all: Vec<Judged> = first.iter().chain(others.iter().filter(|j| rival(j))).cloned().collect();
+        all.extend(lag_in_place(search, &best, &edits(&accepted, None), &current));
+        fits += 3;
         current = best.trial.clone();
         accepted.push(Accepted { judged: best, near: all });
         if accepted.len() > 1 {
@@ -97,6 +99,29 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
     }
     let edits = edits(&accepted, None);
     Found { findings: found, edits, last: current, fits }
+}
+
+/// A lag between inputs and the only output in the place of a fault that makes it late: about as long as that, and half and twice.
+fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current: &Trial) -> Option<Judged> {
+    let [Edit::Delay(slot, by)] = fault.hypothesis.edits[..] else { return None };
+    let output = Slot::Output(0);
+    let late = matches!(slot, Slot::Output(_)) == (by > 0.0);
+    if !late || !search.is_alone(output) {
+        return None;
+    }
+    let tried = [0.5, 1.0, 2.0].into_iter().filter_map(|part| {
+        let edit = Edit::Filter(output, part * by.abs());
+        let hypothesis = Hypothesis {
+            fault: Fault::Filtered,
+            slots: vec![output],
+            edits: vec![edit],
+            what: format!("went through a filter: a lag of {:.4} brings the others to it", part * by.abs()),
+            weight: fault.hypothesis.weight,
+        };
+        let trial = search.trial(&with(accepted, &hypothesis), current)?;
+        Some(Judged { log_odds: trial.gain_over(current) + fault.prior, hypothesis, prior: fault.prior, trial })
+    });
+    tried.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))
 }
 
 /// An input that is early is the same motion as outputs that are all late, and sensors are late: it is told of the outputs, with what was found
@@ -260,7 +285,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             // what the clock of a channel has gained in the end, in intervals
             wanted.push((slot, Fault::Drift, 4.0 * interval / span));
             if !matches!(slot, Slot::Input(_)) {
-                wanted.push((slot, Fault::Filtered, interval));
+                wanted.push((slot, Fault::Filtered, 2.0 * interval));
             }
         }
         wanted.push((slot, Fault::Offset, 0.2 * deviation));
@@ -511,7 +536,10 @@ impl Search<'_> {
     fn holds_everywhere(&self, judged: &Judged, with: &Trial, without: &Trial) -> bool {
         /// Of the evidence for it, that against it.
         const AGAINST: f64 = 0.25;
-        let always = matches!(judged.hypothesis.fault, Fault::Delay | Fault::Offset | Fault::Scale | Fault::Filtered);
+        let always = matches!(
+            judged.hypothesis.fault,
+            Fault::Delay | Fault::Offset | Fault::Scale | Fault::Filtered | Fault::Drift
+        );
         if !always || with.gain_of_kinematics(without) > self.options.odds.ln() {
             return true;
         }

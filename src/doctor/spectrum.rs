@@ -40,19 +40,24 @@ impl Bands {
         }
     }
 
-    /// Divides by a variance.
-    pub(crate) fn relative_to(mut self, variance: f64) -> Self {
-        self.squares.iter_mut().for_each(|s| *s /= variance);
+    /// Beside the same bands of what was measured, about its mean and with this variance: a column that takes the place of another one is judged
+    /// by what is left of itself.
+    pub(crate) fn relative_to(mut self, measured: &Self, variance: f64) -> Self {
+        /// Of a deviation: responses are computed to this part, and what is smaller says nothing.
+        const ACCURACY: f64 = 1e-5;
+        let least = ACCURACY * ACCURACY * variance;
+        let power = |b: &Self, k: usize| (b.squares[k] / b.counts[k]).max(least);
+        for k in 0..self.squares.len() {
+            self.squares[k] = self.counts[k] * power(&self, k) / power(measured, k);
+        }
         self
     }
 
     /// Gain in log-likelihood over another fit of the same samples, in nats.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        /// Of a deviation: responses are computed to this part, and what is smaller says nothing.
-        const ACCURACY: f64 = 1e-5;
-        let power = |b: &Self, k: usize| (b.squares[k] / b.counts[k]).max(ACCURACY * ACCURACY);
-        let bands = (0..self.squares.len()).filter(|k| self.counts[*k] > 0.0 && other.counts[*k] > 0.0);
-        bands.map(|k| 0.5 * self.counts[k].min(other.counts[k]) * (power(other, k) / power(self, k)).ln()).sum()
+        let power = |b: &Self, k: usize| b.squares[k] / b.counts[k];
+        let gain = |k: usize| 0.5 * self.counts[k].min(other.counts[k]) * (power(other, k) / power(self, k)).ln();
+        (0..self.squares.len()).map(gain).filter(|g| g.is_finite()).sum()
     }
 }
 
