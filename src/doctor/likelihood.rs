@@ -355,7 +355,30 @@ impl Trial {
         let alike = (0..outputs).map(|k| self.gain_of_part(other, k)).sum::<f64>();
         let equations = (outputs..self.parts.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
         let values = |t: &Self| t.values[0] + t.values[1];
-        bands.min(alike) + equations + values(other) - values(self)
+        bands.min(alike) - self.merit_of_gaps(other) + equations + values(other) - values(self)
+    }
+
+    /// What a trial gains over another one, in nats, because it is not compared at samples that the other one fits badly: a channel that is
+    /// moved in time leaves its ends open.
+    fn merit_of_gaps(&self, other: &Self) -> f64 {
+        let (Some(own), Some(others)) = (&self.estimate, &other.estimate) else { return 0.0 };
+        let q = self.bands.len();
+        let merit = |output: usize| {
+            let rows = own.runs.iter().zip(&others.runs);
+            let pairs = rows.flat_map(|(a, b)| a.residuals.iter().zip(&b.residuals).skip(output).step_by(q));
+            let ([mut all, mut common], mut counts) = ([0.0; 2], [0.0; 2]);
+            for (own, other) in pairs.filter(|(_, other)| !other.is_nan()) {
+                (all, counts[0]) = (all + other * other, counts[0] + 1.0);
+                if !own.is_nan() {
+                    (common, counts[1]) = (common + other * other, counts[1] + 1.0);
+                }
+            }
+            if counts[0] == counts[1] || common <= 0.0 {
+                return 0.0;
+            }
+            (0.5 * counts[1] * (all / counts[0] / (common / counts[1])).ln()).max(0.0)
+        };
+        (0..q).map(merit).sum()
     }
 
     /// Gain in one sum of squares, by the independent samples of the trial with the smaller one: what the other leaves is its own error.

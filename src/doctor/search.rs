@@ -314,6 +314,8 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             }
         };
         let Searched { value, error, trial } = search(*step, current, needed, &|value| at(fault, value))?;
+        // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
+        let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
         // a delay that may be one sample is a matter of stamps; what leaves more than nine tenths of every output's error is no fault either
         let matters = match fault {
@@ -351,9 +353,11 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
             _ => format!("its numbers have to be multiplied by {size}{error}"),
         };
-        // drifts and scale factors are rarer than delays and offsets; a sensor is late, and no sensor is early
+        // drifts and scale factors are rarer than delays and offsets. An input is early where all sensors are late together; one sensor is
+        // early only where all others and the inputs are late alike
         let weight = match fault {
-            Fault::Delay if value < 0.0 => 0.2,
+            Fault::Delay if value < 0.0 && matches!(slot, Slot::Input(_)) => 0.2,
+            Fault::Delay if value < 0.0 => 0.01,
             Fault::Delay | Fault::Offset => 1.0,
             _ => 0.5,
         };
