@@ -82,6 +82,13 @@ pub fn examine_beside_while(
     add_biases(&evidence, runs, records, &current, &mut done);
     let timed = channels(model.definition()).timed;
     let found = faults(&Search { evidence: &evidence, timed, options, say }, current);
+    if !goes_on() && found.findings.is_empty() {
+        // what needs no fit is told all the same
+        let alone = Evidence { model: None, kinematics: evidence.kinematics.clone(), goes_on: &|| true, ..evidence };
+        let start = alone.trial(Begin::TEXT, &[], 0);
+        let search = Search { evidence: &alone, timed, options, say };
+        done.findings.extend(start.map(|start| faults(&search, start).findings).unwrap_or_default());
+    }
     if !goes_on() {
         done.notes.push("there was no time to look at everything: these are the findings so far".into());
     }

@@ -345,17 +345,20 @@ impl Trial {
         model.with_params(params)
     }
 
-    /// Gain in log-likelihood over another trial of the same record, in nats: the less of that beside noise of any spectrum, in bands of frequency,
-    /// and of that beside noise alike in all, by independent samples. A fit that trades one band for another is no likelier. Equations of
-    /// kinematics count by their independent windows.
+    /// Gain in log-likelihood over another trial of the same record, in nats, beside noise that is alike in all frequencies. Outputs count by
+    /// independent samples, equations of kinematics by independent windows.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        let outputs = self.bands.len();
+        let outputs = (0..self.bands.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
+        outputs + self.gain_of_kinematics(other) + other.values[0] - self.values[0]
+    }
+
+    /// The same for a fault with an estimated number, which a model error may be mistaken for: no more than beside noise, and error, of any
+    /// spectrum, in bands of frequency. A fit that trades one band for another is no likelier.
+    pub(crate) fn cautious_gain_over(&self, other: &Self) -> f64 {
         let pairs = self.bands.iter().zip(&other.bands);
         let bands = pairs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();
-        let alike = (0..outputs).map(|k| self.gain_of_part(other, k)).sum::<f64>();
-        let equations = (outputs..self.parts.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
-        let values = |t: &Self| t.values[0] + t.values[1];
-        bands.min(alike) - self.merit_of_gaps(other) + equations + values(other) - values(self)
+        let alike = (0..self.bands.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
+        self.gain_over(other) + (bands - alike).min(0.0) - self.merit_of_gaps(other)
     }
 
     /// What a trial gains over another one, in nats, because it is not compared at samples that the other one fits badly: a channel that is
@@ -449,7 +452,7 @@ pub(crate) fn search(
     let mut error = f64::INFINITY;
     for round in 0..ROUNDS {
         let (left, right) = (at(middle.0 - width), at(middle.0 + width));
-        let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.gain_over(&middle.1));
+        let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.cautious_gain_over(&middle.1));
         let (l, r) = (gain(&left), gain(&right));
         if l <= 0.0 && r <= 0.0 {
             // within the bracket: the vertex
@@ -462,7 +465,7 @@ pub(crate) fn search(
             }
             error = 1.0 / curvature.sqrt();
             let vertex = middle.0 + 0.5 * (r - l) / width / curvature;
-            if let Some(better) = at(vertex).filter(|t| t.gain_over(&middle.1) > 0.0) {
+            if let Some(better) = at(vertex).filter(|t| t.cautious_gain_over(&middle.1) > 0.0) {
                 middle = (vertex, better);
             }
             if width < 2.0 * error {

@@ -31,6 +31,23 @@ struct Judged {
     trial: Trial,
 }
 
+impl Judged {
+    /// Gain in log-likelihood over a trial without it.
+    fn gain(&self, over: &Trial) -> f64 {
+        gain(self.hypothesis.fault, &self.trial, over)
+    }
+}
+
+/// Gain in log-likelihood that speaks for a fault: those with an estimated number are judged with caution.
+fn gain(fault: Fault, with: &Trial, without: &Trial) -> f64 {
+    match fault {
+        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Offset | Fault::Scale | Fault::ZeroShift => {
+            with.cautious_gain_over(without)
+        }
+        _ => with.gain_over(without),
+    }
+}
+
 /// An accepted fault, with those that were nearly as likely.
 struct Accepted {
     judged: Judged,
@@ -91,7 +108,9 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
             if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
         fits += 1;
         let own = &accepted[k];
-        let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
+        let log_odds = without
+            .as_ref()
+            .map_or(own.judged.log_odds, |w| gain(own.judged.hypothesis.fault, &current, w) + own.judged.prior);
         let everywhere = without.as_ref().is_none_or(|w| search.holds_everywhere(&own.judged, &current, w));
         let mut finding = search.told(own, log_odds, everywhere);
         finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
@@ -119,7 +138,12 @@ fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current:
             weight: fault.hypothesis.weight,
         };
         let trial = search.trial(&with(accepted, &hypothesis), current)?;
-        Some(Judged { log_odds: trial.gain_over(current) + fault.prior, hypothesis, prior: fault.prior, trial })
+        Some(Judged {
+            log_odds: trial.cautious_gain_over(current) + fault.prior,
+            hypothesis,
+            prior: fault.prior,
+            trial,
+        })
     });
     tried.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))
 }
@@ -178,10 +202,11 @@ fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mu
             continue;
         };
         fits += 1 + accepted[k].near.len();
-        accepted[k].judged.log_odds = current.gain_over(&without) + accepted[k].judged.prior;
+        let own = &mut accepted[k].judged;
+        own.log_odds = gain(own.hypothesis.fault, current, &without) + own.prior;
         let again = |near: &Judged| {
             let trial = search.trial(&with(&others, &near.hypothesis), &without)?;
-            Some(Judged { log_odds: trial.gain_over(&without) + near.prior, trial, ..near.clone() })
+            Some(Judged { log_odds: gain(near.hypothesis.fault, &trial, &without) + near.prior, trial, ..near.clone() })
         };
         let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
         if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
@@ -254,8 +279,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         let fitted = search.evidence.trial(Begin::TEXT, &with(accepted, &judged.hypothesis), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
-            judged.log_odds = trial.gain_over(current) + judged.prior;
             judged.trial = trial;
+            judged.log_odds = judged.gain(current) + judged.prior;
         }
     }
     surest_first(&mut all);
@@ -330,7 +355,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         // a drift has to explain what a delay that stays does not
         if fault == Fault::Drift {
             let stays = search(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
-            if stays.is_some_and(|s| trial.gain_over(&s.trial) < search_in.options.odds.ln()) {
+            if stays.is_some_and(|s| trial.cautious_gain_over(&s.trial) < search_in.options.odds.ln()) {
                 return None;
             }
         }
@@ -363,7 +388,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         };
         let prior = f64::ln(weight) - penalty;
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
-        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
     let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
     // two fits at least for each
@@ -420,7 +445,8 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         // fitted parameters have taken some of the shift up: the size is searched from that of the residuals
         let sizes = [-jump, -1.5 * jump, -2.5 * jump];
         let trials = sizes.iter().filter_map(|by| Some((*by, tried(*by)?)));
-        let (by, trial) = trials.max_by(|a, b| a.1.gain_over(current).total_cmp(&b.1.gain_over(current)))?;
+        let (by, trial) =
+            trials.max_by(|a, b| a.1.cautious_gain_over(current).total_cmp(&b.1.cautious_gain_over(current)))?;
         let worth = trial.worth().max(1.0).ln();
         // a size (Schwarz 1978), and a place among the independent samples
         let prior = 0.5f64.ln() - 1.5 * worth;
@@ -432,7 +458,7 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         let what = format!("its zero moves by {:.4}{unit} at {at:.4}", -by);
         let edits = vec![Edit::Step(slot, at, by)];
         let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
-        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
     (0..q).into_par_iter().filter_map(judge).collect()
 }
