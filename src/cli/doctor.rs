@@ -34,10 +34,10 @@ pub(crate) struct Arguments {
     /// Odds that a fault must have beside the model to be told
     #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement")]
     odds: f64,
-    /// Do not estimate delays, offsets, scale factors and drifts of clocks beside the model
+    /// Do not estimate delays, filters, offsets, scale factors and drifts of clocks beside the model
     #[arg(long, requires = "model", help_heading = "Judgement")]
     no_estimated: bool,
-    /// Write a map with all repairs that a map can hold; the record is not touched
+    /// Write a map with the repairs of findings that a map can hold; the record is not touched
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
     pub(crate) fix: Option<PathBuf>,
     /// Write one page for a browser: each finding with its channel drawn

@@ -155,7 +155,7 @@ def made(arguments, kind, tag):
     dice = random.Random(f"{arguments.seed} {kind} {tag}")
     model = arguments.folder / f"{kind}.fdm"
     if not model.exists():
-        subprocess.run([arguments.fdm, "new", model.name, "--kind", kind], cwd=arguments.folder, check=True, capture_output=True)
+        subprocess.run([arguments.fdm, "new", model.name, "--kind", kind.replace("_", "-")], cwd=arguments.folder, check=True, capture_output=True)
     dt, columns = KINDS[kind](dice)
     clock = [round(k * dt, 9) for k in range(len(columns[0][3]))]
     return Sheet(model, [("t", "s", "time", clock), *columns])
