@@ -212,6 +212,7 @@ pub(crate) fn simulate<'py>(
 #[pyclass(frozen, module = "fdm._fdm")]
 pub(crate) struct Doctor {
     judged: Judged,
+    interrupted: bool,
 }
 
 #[pymethods]
@@ -219,7 +220,7 @@ impl Doctor {
     /// What is printed.
     fn answer(&self, py: Python<'_>) -> PyResult<Answer> {
         let answer = py.detach(|| self.judged.answer()).map_err(|e| refused(py, e))?;
-        Ok(Answer::new(py, answer, false))
+        Ok(Answer::new(py, answer, self.interrupted))
     }
 
     /// The page: each finding with its channel drawn.
@@ -237,8 +238,8 @@ impl Doctor {
 #[pyfunction]
 pub(crate) fn doctor(py: Python<'_>, model: &Model, records: Vec<Py<Record>>, words: Vec<String>) -> PyResult<Doctor> {
     let records = all(&records);
-    let (judged, _) = watched(py, None, |_| request::doctor(&model.model, records, &words))?;
-    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))? })
+    let (judged, interrupted) = watched(py, None, |watch| request::doctor(&model.model, records, &words, watch))?;
+    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))?, interrupted })
 }
 
 /// A table in memory: its name, the number of the field that is its time, and name, unit and values of every field.
@@ -260,6 +261,6 @@ pub(crate) fn doctor_alone(
         request::Table { name, time, fields }
     };
     let tables = tables.into_iter().map(table).collect();
-    let (judged, _) = watched(py, None, |_| request::doctor_alone(&files, tables, &words))?;
-    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))? })
+    let (judged, interrupted) = watched(py, None, |_| request::doctor_alone(&files, tables, &words))?;
+    Ok(Doctor { judged: judged.map_err(|e| refused(py, e))?, interrupted })
 }

@@ -3,12 +3,15 @@
 use crate::campaign::RecordFile;
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended};
+use crate::halt::TimeLimit;
 use crate::load::{Records, load_model, read_records};
+
 use crate::ownership::{Overwriting, refuse_other_tables};
+use crate::progress::Progress;
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, examine_alone, examine_beside, examine_repeats,
-    repaired_map,
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside_while,
+    examine_repeats, repaired_map,
 };
 use fdm_readers::Topic;
 use fdm_report::doctor_text;
@@ -31,15 +34,17 @@ pub(crate) struct Arguments {
     /// Odds that a fault must have beside the model to be told
     #[arg(long, value_name = "N", default_value_t = 20.0, value_parser = odds, help_heading = "Judgement")]
     odds: f64,
-    /// Do not estimate delays, offsets, scale factors and drifts of clocks beside the model
+    /// Do not estimate delays, filters, offsets, scale factors and drifts of clocks beside the model
     #[arg(long, requires = "model", help_heading = "Judgement")]
     no_estimated: bool,
-    /// Write a map with all repairs that a map can hold; the record is not touched
+    /// Write a map with the repairs of findings that a map can hold; the record is not touched
     #[arg(long, value_name = "MAP.toml", help_heading = "Result")]
     pub(crate) fix: Option<PathBuf>,
     /// Write one page for a browser: each finding with its channel drawn
     #[arg(long, value_name = "FILE.html", help_heading = "Result")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) limit: TimeLimit,
     #[command(flatten)]
     overwriting: Overwriting,
     #[command(flatten)]
@@ -59,7 +64,12 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = arguments.fix.as_ref().filter(|_| !arguments.overwriting.force) {
         refuse_other_tables(path, BEGINNING.as_bytes())?;
     }
-    let (records, document) = arguments.judged()?;
+    let progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
+    let judged = arguments.judged(&progress);
+    progress.finish();
+    // both are told
+    let (in_time, whole) = (progress.in_time(), progress.halt().uninterrupted());
+    let (records, document) = judged?;
     let printed = arguments.output.print(|| doctor_text(&document), || document.clone())?;
     if let Some(path) = &arguments.fix {
         write(path, arguments.map(&records, &document))?;
@@ -67,12 +77,12 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     if let Some(path) = &arguments.report {
         write(path, fdm_report::page::doctor_page(&document, &records))?;
     }
-    ended(printed && (document.is_clean() || !arguments.records.strict))
+    ended(printed && in_time && whole && (document.is_clean() || !arguments.records.strict))
 }
 
 impl Arguments {
     /// The records and what was found in them.
-    pub(crate) fn judged(&self) -> Result<(Vec<Record>, DoctorDocument), Failure> {
+    fn judged(&self, progress: &Progress) -> Result<(Vec<Record>, DoctorDocument), Failure> {
         let Some(path) = &self.model else { return self.by_themselves() };
         let model = self.records.grouped(&load_model(path)?)?;
         let files = self.records.every(&self.records.selection.options(false), &model)?;
@@ -82,12 +92,17 @@ impl Arguments {
         let records = self.with_other_columns(records, &files, &read);
         let told: Vec<Assumptions> = read.iter().map(|(run, summary)| Assumptions::of(&run.name, summary)).collect();
         let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
-        let document = self.examined((&model, &runs), &records, told);
+        let document = self.examined((&model, &runs), &records, told, progress);
         Ok((records, document))
     }
 
     /// Runs, and what was found while they were read, beside a model.
-    pub(crate) fn beside(&self, model: &Model, read: Vec<(Run, Option<Summary>)>) -> (Vec<Record>, DoctorDocument) {
+    pub(crate) fn beside(
+        &self,
+        model: &Model,
+        read: Vec<(Run, Option<Summary>)>,
+        progress: &Progress,
+    ) -> (Vec<Record>, DoctorDocument) {
         let of_run = |(run, summary): &(Run, Option<Summary>)| {
             let in_memory = || Assumptions::of_samples(&run.name, "arrays", run.len());
             let told = summary.as_ref().map_or_else(in_memory, |summary| Assumptions::of(&run.name, summary));
@@ -95,14 +110,22 @@ impl Arguments {
         };
         let (records, told): (Vec<Record>, Vec<Assumptions>) = read.iter().map(of_run).unzip();
         let runs: Vec<Run> = read.into_iter().map(|(run, _)| run).collect();
-        let document = self.examined((model, &runs), &records, told);
+        let document = self.examined((model, &runs), &records, told, progress);
         (records, document)
     }
 
-    fn examined(&self, (model, runs): (&Model, &[Run]), records: &[Record], told: Vec<Assumptions>) -> DoctorDocument {
+    fn examined(
+        &self,
+        (model, runs): (&Model, &[Run]),
+        records: &[Record],
+        told: Vec<Assumptions>,
+        progress: &Progress,
+    ) -> DoctorDocument {
         let found = self.by_records(records);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
-        let found = examine_beside(model, runs, records, found, &options);
+        let halt = progress.halt();
+        let (say, goes_on) = (|text: &str| progress.say(text), || halt.goes_on());
+        let found = examine_beside_while(model, runs, records, found, (&options, &say), &goes_on);
         DoctorDocument::of(Some(model.name()), told, &found)
     }
 
@@ -149,9 +172,10 @@ impl Arguments {
         findings
     }
 
-    /// The repairs as a map.
+    /// The repairs of the findings as a map; what a remark says may be meant.
     pub(crate) fn map(&self, records: &[Record], document: &DoctorDocument) -> String {
-        let repairs = document.findings.iter().filter_map(|f| f.repair.as_ref());
+        let findings = document.findings.iter().filter(|f| f.severity == Severity::Finding);
+        let repairs = findings.filter_map(|f| f.repair.as_ref());
         let before = self.records.selection.map();
         let map = records.first().map(|record| repaired_map(record, before, repairs)).unwrap_or_default();
         format!("{BEGINNING}; read the record with --map-file and this file\n{}", map.text())

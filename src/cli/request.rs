@@ -700,10 +700,12 @@ pub struct Table {
 ///
 /// # Errors
 /// [`Refusal`]
-pub fn doctor(model: &Model, mut records: Vec<Record>, words: &[String]) -> Result<Judged, Refusal> {
+pub fn doctor(model: &Model, mut records: Vec<Record>, words: &[String], watch: &Watch) -> Result<Judged, Refusal> {
     let arguments = doctor_arguments(&named(model, &records), words)?;
     let summaries: Vec<Option<Summary>> = records.iter().map(|r| r.summary.clone()).collect();
-    let (records, document) = arguments.beside(model, runs(&mut records).into_iter().zip(summaries).collect());
+    let progress = watch.progress(&arguments.limit);
+    let read = runs(&mut records).into_iter().zip(summaries).collect();
+    let (records, document) = arguments.beside(model, read, &progress);
     Ok(Judged { arguments, records, document })
 }
 

@@ -1,6 +1,7 @@
 //! A record by itself: every channel, the time, rows, and rates beside angles.
 
-use crate::beside::BesideOptions;
+use crate::aliasing;
+use crate::beside::{ALIASED, BesideOptions};
 use crate::finding::{Finding, Severity, in_order};
 use crate::hypothesis::Channels;
 use crate::kinematics::Kinematics;
@@ -56,6 +57,7 @@ pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
     findings.extend(by_channel.into_iter().flatten());
     if options.kinematics {
         findings.extend(beside_kinematics(record, &findings));
+        findings.extend(aliasing::examine(record, &findings, ALIASED));
     }
     in_order(&mut findings);
     findings
@@ -73,10 +75,13 @@ fn beside_kinematics(record: &Record, found: &[Finding]) -> Vec<Finding> {
     if kinematics.is_empty() {
         return Vec::new();
     }
-    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace: None };
+    let (goes_on, pace) = (&|| true, None);
+    let evidence = Evidence { model: None, runs: &[], records, channels: &channels, kinematics, pace, goes_on };
     let Some(start) = evidence.trial(Begin::TEXT, &[], 0) else { return Vec::new() };
     let options = BesideOptions::default();
-    faults(&Search { evidence: &evidence, timed: true, options: &options }, start).0
+    let found = faults(&Search { evidence: &evidence, timed: true, options: &options, say: &|_| {} }, start);
+    let remarks = evidence.kinematics.remarks(records, &channels, &found.edits);
+    found.findings.into_iter().chain(remarks).collect()
 }
 
 /// The first lines of what is found, for a command that does something else: at most three, the last of which counts the rest. Remarks are

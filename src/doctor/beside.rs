@@ -1,5 +1,6 @@
 //! A record beside a model: which faults make it likeliest together, and what each does to the parameters.
 
+use crate::aliasing;
 use crate::biases::{biases_of, mask};
 use crate::finding::{Finding, in_order};
 use crate::hypothesis::Channels;
@@ -49,13 +50,29 @@ pub fn examine_beside(
     alone: Vec<Finding>,
     options: &BesideOptions,
 ) -> Examination {
+    examine_beside_while(model, runs, records, alone, (options, &|_| {}), &|| true)
+}
+
+/// Of a line of a channel that is none.
+pub(crate) const ALIASED: f64 = 1e-4;
+
+/// The same as long as `goes_on` says so; then with what was found by then, and a note. `say` is told what is being done.
+pub fn examine_beside_while(
+    model: &Model,
+    runs: &[Run],
+    records: &[Record],
+    alone: Vec<Finding>,
+    (options, say): (&BesideOptions, &(dyn Fn(&str) + Sync)),
+    goes_on: &(dyn Fn() -> bool + Sync),
+) -> Examination {
     let names = Channels::of(records);
     let (masked, clean) = mask(&names, runs, records, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
     let kinematics = Kinematics::of(&clean, &names);
     let pace = information::pace(model, runs).map(|p| p.magnitude * p.interval);
     let mut evidence =
-        Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace };
+        Evidence { model: Some(model), runs: &masked, records: &clean, channels: &names, kinematics, pace, goes_on };
+    say("the record as it is");
     let Some(current) = evidence.trial(Begin::TEXT, &[], THOROUGH).or_else(|| evidence.unexplained(&[])) else {
         done.notes.push("nothing was compared beside the model: no output has samples".into());
         return done;
@@ -64,10 +81,23 @@ pub fn examine_beside(
     let current = evidence.without_broken_equations(current);
     add_biases(&evidence, runs, records, &current, &mut done);
     let timed = channels(model.definition()).timed;
-    let (found, last, fits) = faults(&Search { evidence: &evidence, timed, options }, current);
-    done.fits += fits;
-    done.findings.extend(found);
-    done.findings.extend(information::of(model, runs, records, &last));
+    let found = faults(&Search { evidence: &evidence, timed, options, say }, current);
+    if !goes_on() && found.findings.is_empty() {
+        // what needs no fit is told all the same
+        let alone = Evidence { model: None, kinematics: evidence.kinematics.clone(), goes_on: &|| true, ..evidence };
+        let start = alone.trial(Begin::TEXT, &[], 0);
+        let search = Search { evidence: &alone, timed, options, say };
+        done.findings.extend(start.map(|start| faults(&search, start).findings).unwrap_or_default());
+    }
+    if !goes_on() {
+        done.notes.push("there was no time to look at everything: these are the findings so far".into());
+    }
+    done.fits += found.fits;
+    let lines = records.iter().flat_map(|r| aliasing::examine(r, &done.findings, ALIASED)).collect::<Vec<_>>();
+    done.findings.extend(found.findings);
+    done.findings.extend(evidence.kinematics.remarks(&clean, &names, &found.edits));
+    done.findings.extend(information::of(model, runs, records, &found.last));
+    done.findings.extend(lines);
     in_order(&mut done.findings);
     done
 }
@@ -77,7 +107,8 @@ fn add_biases(masked: &Evidence<'_>, runs: &[Run], records: &[Record], clean: &T
     if !done.findings.iter().any(|f| !f.samples.is_empty()) || runs == masked.runs {
         return;
     }
-    let whole = Evidence { runs, records, kinematics: Kinematics::default(), ..*masked };
+    let kinematics = Kinematics::default();
+    let whole = Evidence { runs, records, kinematics, ..*masked };
     if let Some(dirty) = whole.trial(Begin::TEXT, &[], THOROUGH) {
         done.fits += 1;
         let biases = biases_of(dirty.estimate.as_ref(), clean.estimate.as_ref());

@@ -50,6 +50,10 @@ pub enum Fault {
     ZeroShift,
     /// A factor that is no unit's.
     Scale,
+    /// A channel that is filtered where others are not.
+    Filtered,
+    /// A line of the spectrum that samples this far apart may have folded.
+    Aliased,
     /// An input that never changes.
     Constant,
     /// The same samples in two runs.
@@ -87,6 +91,8 @@ impl Fault {
             Self::Offset => "offset",
             Self::ZeroShift => "shift of zero",
             Self::Scale => "scale factor",
+            Self::Filtered => "filtered channel",
+            Self::Aliased => "aliasing",
             Self::Constant => "constant input",
             Self::Repeated => "same record twice",
             Self::CorrelatedInputs => "correlated inputs",

@@ -29,6 +29,9 @@ pub(crate) enum Edit {
     Drift(Slot, f64),
     /// Constant that is added from a time on.
     Step(Slot, f64, f64),
+    /// The channel went through a first-order lag of this time constant. What went through none goes through it too, so that all are alike
+    /// again: a linear motion does not tell the difference.
+    Filter(Slot, f64),
     /// All times are multiplied.
     Time(f64),
 }
@@ -134,6 +137,12 @@ impl Channels {
                     return Repair::words(&format!(
                         "add {by:.4} to `{}` from {at:.4} on, or fit the parts before and behind as runs of their own: --from, --to",
                         self.name(slot)
+                    ));
+                }
+                Edit::Filter(slot, lag) => {
+                    let name = self.name(slot);
+                    return Repair::words(&format!(
+                        "give the model the filter: state {name}_f; der({name}_f) = (x - {name}_f)/{lag:.4}, where `{name}` measures x"
                     ));
                 }
                 Edit::Time(factor) => time = Some(factor),
@@ -330,6 +339,13 @@ pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: 
                 let column = columns[channels.place(slot)].to_mut();
                 column.iter_mut().zip(time.iter()).filter(|(_, t)| **t >= at).for_each(|(v, _)| *v += by);
             }
+            Edit::Filter(slot, lag) => {
+                let own = channels.place(slot);
+                for (k, column) in columns.iter_mut().enumerate().filter(|(k, _)| *k != own) {
+                    let held = held.get(k).copied().unwrap_or(false);
+                    *column = Cow::Owned(lagged(&time, column, lag, held));
+                }
+            }
             Edit::Time(factor) => time.to_mut().iter_mut().for_each(|t| *t *= factor),
         }
     }
@@ -383,6 +399,31 @@ pub(crate) fn edited(
     }
     new.time = edited.time.into_owned();
     if model.inputs.len() > channels.inputs { new.with_measured(model) } else { Ok(new) }
+}
+
+/// Over an interval, the answer of a first-order lag to what is linear between samples: `a` of its own value, `c - a` of the first value and
+/// `1 - c` of the second.
+pub(crate) fn lag_weights(time_constant: f64, interval: f64) -> (f64, f64) {
+    let ratio = interval / time_constant;
+    let a = (-ratio).exp();
+    (a, if ratio < 1e-6 { 1.0 - 0.5 * ratio } else { -(-ratio).exp_m1() / ratio })
+}
+
+/// A channel behind a first-order lag that begins at rest. Linear between samples, or held; gaps stay.
+pub(crate) fn lagged(time: &[f64], values: &[f64], time_constant: f64, held: bool) -> Vec<f64> {
+    let mut before: Option<(f64, f64, f64)> = None;
+    let answer = |(t, x): (&f64, &f64)| {
+        if !x.is_finite() {
+            return *x;
+        }
+        let y = before.map_or(*x, |(t0, x0, y0)| {
+            let (a, c) = lag_weights(time_constant, t - t0);
+            if held { a * y0 + (1.0 - a) * x0 } else { a * y0 + (c - a) * x0 + (1.0 - c) * x }
+        });
+        before = Some((*t, *x, y));
+        y
+    };
+    time.iter().zip(values).map(answer).collect()
 }
 
 /// Puts samples in the place of a channel's.

@@ -4,9 +4,11 @@
 //! An equation `y' = f` is compared in its weak form: with windows that vanish at both ends, `-integral of w' y = integral of w f` (Shinbrot
 //! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
-use crate::hypothesis::{Channels, Edit, edited_record, plain};
+use crate::finding::{Fault, Finding};
+use crate::hypothesis::{Channels, Edit, edited_record, lagged, plain};
 use crate::likelihood::{independent_samples, variance};
 use crate::record::{Channel, Record};
+use crate::repair::Repair;
 use std::f64::consts::{PI, TAU};
 
 /// What a channel measures, in radians, metres and seconds.
@@ -182,6 +184,8 @@ pub(crate) struct Balance {
     pub(crate) cost: f64,
     /// The factor by which the right side is multiplied.
     pub(crate) gain: f64,
+    /// Between which the factor lies whichever side the noise is on (Frisch 1934), with four standard errors; NaN where it is not known.
+    pub(crate) between: [f64; 2],
 }
 
 /// The equations that hold between the channels of records.
@@ -322,7 +326,72 @@ impl Kinematics {
 
     /// What each equation leaves of the records as the edits make them.
     pub(crate) fn balances(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Balance> {
-        self.sides(records, channels, edits).iter().map(Sides::balance).collect()
+        let sides = self.sides(records, channels, edits);
+        let balance = |(sides, equation): (&Sides, &Equation)| {
+            let mut balance = sides.balance();
+            balance.unexplained /= self.left_of_noise(*equation, records, channels, edits);
+            balance
+        };
+        sides.iter().zip(&self.equations).map(balance).collect()
+    }
+
+    /// The part of the variance of white noise that a filter edit leaves of an equation's windows, the less of both sides that are filtered.
+    fn left_of_noise(&self, equation: Equation, records: &[Record], channels: &Channels, edits: &[Edit]) -> f64 {
+        let filter = |e: &Edit| if let Edit::Filter(slot, lag) = *e { Some((channels.place(slot), lag)) } else { None };
+        let Some(((place, lag), record)) = edits.iter().find_map(filter).zip(records.first()) else { return 1.0 };
+        let (window, n) = (self.window, record.time.len());
+        let interval = (record.time[n - 1] - record.time[0]) / (n - 1) as f64;
+        let times: Vec<f64> = (0..3 * window).map(|k| k as f64 * interval).collect();
+        let part = |derived: bool| {
+            let weight = |k: usize| match k as f64 / window as f64 {
+                s if s > 1.0 => 0.0,
+                s if derived => (TAU * s).sin(),
+                s => (PI * s).sin().powi(2),
+            };
+            let weights: Vec<f64> = (0..3 * window).map(weight).collect();
+            let squares = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
+            squares(&lagged(&times, &weights, lag, false)) / squares(&weights)
+        };
+        if self.left_place(equation) == Some(place) { part(false) } else { part(true).min(part(false)) }
+    }
+
+    /// Remarks about factors between a channel and its derivative that are more than a tenth away from 1: a filter, a factor or the sampling
+    /// interval, none of which the equations tell from another.
+    pub(crate) fn remarks(&self, records: &[Record], channels: &Channels, edits: &[Edit]) -> Vec<Finding> {
+        const LARGE: f64 = 0.1;
+        let balances = self.balances(records, channels, edits);
+        let off = |b: &Balance| b.between[0] > 1.0 + LARGE || b.between[1] < 1.0 / (1.0 + LARGE);
+        let alike = |a: &Balance, b: &Balance| a.between[0] < b.between[1] && b.between[0] < a.between[1];
+        let name = |place: usize| records[0].channels[place].name.clone();
+        let told = |(equation, balance): (&Equation, &Balance)| {
+            if !off(balance) {
+                return None;
+            }
+            let (y, x) = match *equation {
+                Equation::Form(k) if !FORMS[k].constant => {
+                    (self.left_place(*equation)?, self.places[FORMS[k].needs[0] as usize]?.0)
+                }
+                Equation::Form(_) => return None,
+                Equation::Derivative(y, x) => (y, x),
+            };
+            let [low, high] = balance.between;
+            let same = balances.iter().filter(|b| off(b) && alike(b, balance)).count();
+            let mut what = format!(
+                "`{}` changes by {:.3} of it ({low:.3} to {high:.3}): a factor, a filter, or an interval that is not the stamps'",
+                name(y),
+                (low * high).sqrt()
+            );
+            if same > 1 {
+                what.push_str(&format!("; {same} equations of {} are alike", balances.len()));
+            }
+            let run = if let [record] = records { record.run.as_str() } else { "all" };
+            let mut remark = Finding::by_chance(run, &name(x), Fault::Scale, 1.0, what).remark();
+            remark.channels.push(name(y));
+            Some(remark.repaired_by(Repair::words(
+                "compare the calibration and the filters of both sensors before either is fitted",
+            )))
+        };
+        self.equations.iter().zip(&balances).filter_map(told).collect()
     }
 
     /// Without the equations that these columns break: those of a model's own response, whose delays and scale factors are meant.
@@ -484,7 +553,7 @@ impl Sides {
         const WIDEST: f64 = 4.0;
         const FEWEST: usize = 8;
         let (yy, xy, xx, means) = self.sums();
-        let nothing = Balance { unexplained: f64::NAN, independent: 0.0, cost: 0.0, gain: 1.0 };
+        let nothing = Balance { unexplained: f64::NAN, independent: 0.0, cost: 0.0, gain: 1.0, between: [f64::NAN; 2] };
         if self.left.len() < FEWEST || yy <= 0.0 || variance(self.left.iter().copied()) <= 0.0 {
             return nothing;
         }
@@ -502,6 +571,8 @@ impl Sides {
         let steps = 64;
         let at = |k: i32| bound.powf(f64::from(k) / f64::from(steps));
         let gain = (-steps..=steps).map(at).min_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(1.0);
-        Balance { unexplained: left(gain) / yy, independent, cost: cost(gain), gain }
+        let error = if xx > 0.0 { (left(xy / xx) / xx / independent.max(1.0)).sqrt() } else { f64::INFINITY };
+        let between = if xy > 0.0 { [xy / xx - 4.0 * error, yy / xy + 4.0 * error] } else { [f64::NAN; 2] };
+        Balance { unexplained: left(gain) / yy, independent, cost: cost(gain), gain, between }
     }
 }

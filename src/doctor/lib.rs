@@ -2,8 +2,9 @@
 //! **out** [`Finding`]s: channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
 //!
 //! **Never** changes a record, reads files or prints. **Start** at [`examine_alone`] (one pass over the samples: `time`, `values`,
-//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `search`, `beside`).
+//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `spectrum`, `search`, `beside`).
 
+mod aliasing;
 mod alone;
 mod beside;
 mod biases;
@@ -17,6 +18,7 @@ mod repair;
 mod repeats;
 mod runs_of_values;
 mod search;
+mod spectrum;
 mod tail;
 #[cfg(test)]
 mod tests;
@@ -24,7 +26,7 @@ mod time;
 mod values;
 
 pub use alone::{AloneOptions, examine_alone, leading};
-pub use beside::{BesideOptions, Examination, examine_beside};
+pub use beside::{BesideOptions, Examination, examine_beside, examine_beside_while};
 pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
 pub use record::{Channel, Record, Role};
 pub use repair::{Change, Repair, repaired_map};

@@ -4,9 +4,11 @@
 use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
 use crate::kinematics::Kinematics;
 use crate::record::Record;
-use fdm_estimate::{Continuation, Estimate, FitOptions, Options, SharedSteps, fit};
+use crate::spectrum::{Bands, interpolated, lagged_noise};
+use fdm_estimate::{Continuation, Estimate, FitOptions, Iteration, Observer, Options, SharedSteps, Stop, fit};
 use fdm_system::Model;
 use fdm_system::record::Run;
+use std::ops::ControlFlow;
 
 /// What hypotheses are judged by: the runs beside their model, where there is one, and the records beside kinematics.
 pub(crate) struct Evidence<'a> {
@@ -17,6 +19,31 @@ pub(crate) struct Evidence<'a> {
     pub(crate) kinematics: Kinematics,
     /// Magnitude of the model's fastest mode times the usual interval, where that is known.
     pub(crate) pace: Option<f64>,
+    /// Whether there is time for more fits; asked while they work.
+    pub(crate) goes_on: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// Ends a fit when there is no more time.
+struct While<'a>(&'a (dyn Fn() -> bool + Sync));
+
+impl Observer for While<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        (!(self.0)()).then_some(Stop::TimeLimit)
+    }
+}
+
+/// Parts of all records together in which a fault has to hold up.
+const LEAST_BLOCKS: usize = 4;
+
+/// Of what is no gap.
+fn mean_square(e: &[f64]) -> f64 {
+    let known = e.iter().filter(|v| !v.is_nan());
+    let (sum, count) = known.fold((0.0, 0.0), |(s, n), v| (s + v * v, n + 1.0));
+    sum / count
 }
 
 /// Iterations of the fits that count.
@@ -30,6 +57,10 @@ pub(crate) struct Trial {
     parts: Vec<f64>,
     /// Independent samples that the residuals are worth, for each part.
     independent: Vec<f64>,
+    /// The sums of squares of the outputs in bands of frequency; none where nothing was measured.
+    bands: Vec<Option<Bands>>,
+    /// Mean squares of the outputs in parts of the records, over the variance: those of each output one behind the other.
+    blocks: Vec<f64>,
     /// What the values of parameters cost, and the gains of kinematics, in nats.
     values: [f64; 2],
     /// None where nothing could be simulated.
@@ -65,6 +96,8 @@ impl Evidence<'_> {
             None => Trial {
                 parts: Vec::new(),
                 independent: Vec::new(),
+                bands: Vec::new(),
+                blocks: Vec::new(),
                 values: [0.0; 2],
                 estimate: None,
                 steps: SharedSteps::default(),
@@ -83,7 +116,11 @@ impl Evidence<'_> {
         let other = |s: Slot| matches!(s, Slot::Other(_));
         self.model.is_some()
             && !edits.iter().all(|edit| match *edit {
-                Edit::Affine(s, ..) | Edit::Delay(s, _) | Edit::Drift(s, _) | Edit::Step(s, ..) => other(s),
+                Edit::Affine(s, ..)
+                | Edit::Delay(s, _)
+                | Edit::Drift(s, _)
+                | Edit::Step(s, ..)
+                | Edit::Filter(s, _) => other(s),
                 Edit::Swap(a, b) => other(a) && other(b),
                 Edit::Time(_) => false,
             })
@@ -122,6 +159,9 @@ impl Evidence<'_> {
     }
 
     fn beside(&self, model: &Model, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
+        if !(self.goes_on)() {
+            return None;
+        }
         let pairs = self.runs.iter().zip(self.records);
         let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
         let new = new.collect::<Result<Vec<_>, _>>().ok()?;
@@ -140,39 +180,71 @@ impl Evidence<'_> {
             ..FitOptions::default()
         }
         .with_declared_noise(model);
-        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut ()).ok()?;
+        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut While(self.goes_on)).ok()?;
+        // a fit that was ended early is worth nothing beside one that was not
+        if !(self.goes_on)() {
+            return None;
+        }
         let (estimate, steps) = (found.estimate, SharedSteps::of(found.integration));
         let q = self.outputs();
         if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
             return None;
         }
-        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
+        let mut blocks = Vec::new();
+        let pieces = LEAST_BLOCKS.div_ceil(self.runs.len().max(1));
         for output in 0..q {
+            let begun = blocks.len();
             let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
+            let mut spectrum = self.no_bands();
             for (run, record) in estimate.runs.iter().zip(self.records) {
-                let e: Vec<f64> =
-                    run.residuals.iter().skip(output).step_by(q).copied().filter(|v| !v.is_nan()).collect();
-                let squares: f64 = e.iter().map(|v| v * v).sum();
-                let next: f64 = e.windows(2).map(|w| w[0] * w[1]).sum();
-                sum += squares / averaged(between_samples(record, edits, Slot::Output(output)), next / squares);
+                let all: Vec<f64> = run.residuals.iter().skip(output).step_by(q).copied().collect();
+                blocks.extend(all.chunks(all.len().div_ceil(pieces).max(1)).map(mean_square));
+                let mut e: Vec<f64> = all.into_iter().filter(|v| !v.is_nan()).collect();
+                sum += e.iter().map(|v| v * v).sum::<f64>();
                 count += e.len();
                 worth += independent_samples(&e);
+                let left = left_of_noise(record, edits, Slot::Output(output));
+                spectrum.add(&mut e, left);
             }
             let measured = new.iter().flat_map(|r| r.measured.iter().skip(output).step_by(q).copied());
             let variance = variance(measured);
             if count > 0 && variance > 0.0 {
                 parts[output] = sum / count as f64 / variance;
                 independent[output] = worth;
+                bands[output] = Some(spectrum.relative_to(&self.measured(edits, Slot::Output(output)), variance));
+                blocks[begun..].iter_mut().for_each(|b| *b /= variance);
             }
         }
         let values = [cost_of_values(model, &estimate), 0.0];
-        Some(Trial { parts, independent, values, estimate: Some(estimate), steps })
+        Some(Trial { parts, independent, bands, blocks, values, estimate: Some(estimate), steps })
+    }
+
+    /// The bands of the column that edits put in the place of a channel, about the mean of each record, before it is moved in time or filtered.
+    fn measured(&self, edits: &[Edit], slot: Slot) -> Bands {
+        let placed = |e: &&Edit| matches!(e, Edit::Affine(..) | Edit::Swap(..));
+        let placed: Vec<Edit> = edits.iter().filter(placed).copied().collect();
+        let mut bands = self.no_bands();
+        for record in self.records {
+            let edited = edited_record(record, self.channels, &placed, &[]);
+            let column = edited.columns[self.channels.place(slot)].iter().copied();
+            let mut values: Vec<f64> = column.filter(|v| v.is_finite()).collect();
+            let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+            values.iter_mut().for_each(|v| *v -= mean);
+            bands.add(&mut values, |_| 1.0);
+        }
+        bands
+    }
+
+    /// Bands of the longest record, which those of all others fit into.
+    fn no_bands(&self) -> Bands {
+        Bands::new(self.records.iter().map(|r| r.time.len()).max().unwrap_or(0))
     }
 
     /// The outputs about their means: what a model that explains nothing leaves. None where nothing was measured.
     pub(crate) fn unexplained(&self, edits: &[Edit]) -> Option<Trial> {
         let q = self.outputs();
-        let (mut parts, mut independent) = (vec![f64::NAN; q], vec![0.0; q]);
+        let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
         for output in 0..q {
             let slot = Slot::Output(output);
             let place = self.channels.place(slot);
@@ -182,14 +254,20 @@ impl Evidence<'_> {
             });
             let values: Vec<f64> = columns.collect();
             let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
-            let e: Vec<f64> = values.iter().map(|v| v - mean).collect();
-            if variance(values.iter().copied()) > 0.0 {
+            let mut e: Vec<f64> = values.iter().map(|v| v - mean).collect();
+            let variance = variance(values.iter().copied());
+            if variance > 0.0 {
                 parts[output] = 1.0;
                 independent[output] = independent_samples(&e);
+                let mut spectrum = self.no_bands();
+                spectrum.add(&mut e, |_| 1.0);
+                bands[output] = Some(spectrum.relative_to(&self.measured(edits, slot), variance));
             }
         }
         let measured = parts.iter().any(|s| !s.is_nan());
-        let trial = Trial { parts, independent, values: [0.0; 2], estimate: None, steps: SharedSteps::default() };
+        let steps = SharedSteps::default();
+        let (blocks, values) = (Vec::new(), [0.0; 2]);
+        let trial = Trial { parts, independent, bands, blocks, values, estimate: None, steps };
         measured.then(|| self.with_kinematics(trial, edits))
     }
 }
@@ -206,20 +284,14 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
     squares / f64::max(n, 1.0)
 }
 
-/// Part of the variance of noise that is left where values are read between samples: linear interpolation averages noise, which is no merit of a
-/// delay. First-order noise of the correlation that, averaged, has the `correlation` of the residuals; `between` is the mean of `f (1 - f)`.
-pub(crate) fn averaged(between: f64, correlation: f64) -> f64 {
-    let variance = |rho: f64| 1.0 - 2.0 * between * (1.0 - rho);
-    let excess = |rho: f64| ((1.0 - 2.0 * between) * rho + between * (1.0 + rho * rho)) / variance(rho) - correlation;
-    if between <= 0.0 || correlation.is_nan() {
-        return 1.0;
-    }
-    let (mut low, mut high) = (-0.9, 1.0);
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if excess(middle) > 0.0 { high = middle } else { low = middle }
-    }
-    variance(0.5 * (low + high))
+/// The part of noise that edits leave of a channel at an angle per sample: they read it between samples, or lag it.
+fn left_of_noise(record: &Record, edits: &[Edit], slot: Slot) -> impl Fn(f64) -> f64 {
+    let between = between_samples(record, edits, slot);
+    let lag =
+        edits.iter().find_map(|e| if let Edit::Filter(s, lag) = *e { Some(lag).filter(|_| s != slot) } else { None });
+    let intervals = record.time.len().saturating_sub(1).max(1) as f64;
+    let interval = (record.time.last().unwrap_or(&0.0) - record.time.first().unwrap_or(&0.0)) / intervals;
+    move |angle| interpolated(between, angle) * lag.map_or(1.0, |lag| lagged_noise(lag, interval, angle))
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.
@@ -273,20 +345,79 @@ impl Trial {
         model.with_params(params)
     }
 
-    /// Gain in log-likelihood over another trial of the same record, in nats. The sums of squares count by the independent samples of the fit
-    /// with the smaller one: what the other leaves is its own error.
+    /// Gain in log-likelihood over another trial of the same record, in nats, beside noise that is alike in all frequencies. Outputs count by
+    /// independent samples, equations of kinematics by independent windows.
     pub(crate) fn gain_over(&self, other: &Self) -> f64 {
-        let parts = (0..self.parts.len()).map(|k| {
-            let (own, others) = (self.parts[k], other.parts[k]);
-            if own.is_nan() || others.is_nan() {
+        let outputs = (0..self.bands.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
+        outputs + self.gain_of_kinematics(other) + other.values[0] - self.values[0]
+    }
+
+    /// The same for a fault with an estimated number, which a model error may be mistaken for: no more than beside noise, and error, of any
+    /// spectrum, in bands of frequency. A fit that trades one band for another is no likelier.
+    pub(crate) fn cautious_gain_over(&self, other: &Self) -> f64 {
+        let pairs = self.bands.iter().zip(&other.bands);
+        let bands = pairs.filter_map(|(own, other)| Some(own.as_ref()?.gain_over(other.as_ref()?))).sum::<f64>();
+        let alike = (0..self.bands.len()).map(|k| self.gain_of_part(other, k)).sum::<f64>();
+        self.gain_over(other) + (bands - alike).min(0.0) - self.merit_of_gaps(other)
+    }
+
+    /// What a trial gains over another one, in nats, because it is not compared at samples that the other one fits badly: a channel that is
+    /// moved in time leaves its ends open.
+    fn merit_of_gaps(&self, other: &Self) -> f64 {
+        let (Some(own), Some(others)) = (&self.estimate, &other.estimate) else { return 0.0 };
+        let q = self.bands.len();
+        let merit = |output: usize| {
+            let rows = own.runs.iter().zip(&others.runs);
+            let pairs = rows.flat_map(|(a, b)| a.residuals.iter().zip(&b.residuals).skip(output).step_by(q));
+            let ([mut all, mut common], mut counts) = ([0.0; 2], [0.0; 2]);
+            for (own, other) in pairs.filter(|(_, other)| !other.is_nan()) {
+                (all, counts[0]) = (all + other * other, counts[0] + 1.0);
+                if !own.is_nan() {
+                    (common, counts[1]) = (common + other * other, counts[1] + 1.0);
+                }
+            }
+            if counts[0] == counts[1] || common <= 0.0 {
                 return 0.0;
             }
-            let worth = if own < others { self.independent[k] } else { other.independent[k] };
-            let floor = f64::MIN_POSITIVE;
-            0.5 * worth * (others.max(floor) / own.max(floor)).ln()
-        });
-        let values = |t: &Self| t.values[0] + t.values[1];
-        parts.sum::<f64>() + values(other) - values(self)
+            (0.5 * counts[1] * (all / counts[0] / (common / counts[1])).ln()).max(0.0)
+        };
+        (0..q).map(merit).sum()
+    }
+
+    /// Gain in one sum of squares, by the independent samples of the trial with the smaller one: what the other leaves is its own error.
+    fn gain_of_part(&self, other: &Self, k: usize) -> f64 {
+        let (own, others) = (self.parts[k], other.parts[k]);
+        if own.is_nan() || others.is_nan() {
+            return 0.0;
+        }
+        let worth = if own < others { self.independent[k] } else { other.independent[k] };
+        let floor = f64::MIN_POSITIVE;
+        0.5 * worth * (others.max(floor) / own.max(floor)).ln()
+    }
+
+    /// Gain over another trial of the same record in each part of it, by the independent samples of the outputs.
+    pub(crate) fn gains_by_part(&self, other: &Self) -> Vec<f64> {
+        let outputs = self.bands.len().max(1);
+        let parts = self.blocks.len() / outputs;
+        if parts == 0 || other.blocks.len() != self.blocks.len() {
+            return Vec::new();
+        }
+        let gain = |part: usize| {
+            let of = |output: usize| {
+                let (own, others) = (self.blocks[output * parts + part], other.blocks[output * parts + part]);
+                let worth = self.independent[output].min(other.independent[output]) / parts as f64;
+                let gain = 0.5 * worth * (others.max(f64::MIN_POSITIVE) / own.max(f64::MIN_POSITIVE)).ln();
+                if gain.is_nan() { 0.0 } else { gain }
+            };
+            (0..outputs).map(of).sum()
+        };
+        (0..parts).map(gain).collect()
+    }
+
+    /// Gain over another trial of the same record by kinematics alone.
+    pub(crate) fn gain_of_kinematics(&self, other: &Self) -> f64 {
+        let equations = self.bands.len()..self.parts.len();
+        equations.map(|k| self.gain_of_part(other, k)).sum::<f64>() + other.values[1] - self.values[1]
     }
 
     /// Part of the sums of squares that is left of another's, the least over outputs and equations.
@@ -316,12 +447,12 @@ pub(crate) fn search(
     needed: f64,
     at: &(dyn Fn(f64) -> Option<Trial> + Sync),
 ) -> Option<Searched> {
-    const ROUNDS: usize = 6;
+    const ROUNDS: usize = 8;
     let (mut middle, mut width) = ((0.0, base.clone()), step);
     let mut error = f64::INFINITY;
     for round in 0..ROUNDS {
         let (left, right) = (at(middle.0 - width), at(middle.0 + width));
-        let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.gain_over(&middle.1));
+        let gain = |t: &Option<Trial>| t.as_ref().map_or(f64::NEG_INFINITY, |t| t.cautious_gain_over(&middle.1));
         let (l, r) = (gain(&left), gain(&right));
         if l <= 0.0 && r <= 0.0 {
             // within the bracket: the vertex
@@ -334,7 +465,7 @@ pub(crate) fn search(
             }
             error = 1.0 / curvature.sqrt();
             let vertex = middle.0 + 0.5 * (r - l) / width / curvature;
-            if let Some(better) = at(vertex).filter(|t| t.gain_over(&middle.1) > 0.0) {
+            if let Some(better) = at(vertex).filter(|t| t.cautious_gain_over(&middle.1) > 0.0) {
                 middle = (vertex, better);
             }
             if width < 2.0 * error {

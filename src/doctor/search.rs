@@ -6,6 +6,8 @@ use crate::biases::biases_of;
 use crate::finding::{Fault, Finding, Place, Severity};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
 use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search, variance};
+use crate::record::{Record, Role};
+use crate::tail::Tail;
 use fdm_system::Model;
 use rayon::prelude::*;
 
@@ -15,6 +17,8 @@ pub(crate) struct Search<'a> {
     /// Whether the model knows the time.
     pub(crate) timed: bool,
     pub(crate) options: &'a BesideOptions,
+    /// Is told what is being done.
+    pub(crate) say: &'a (dyn Fn(&str) + Sync),
 }
 
 /// A hypothesis that was tried.
@@ -27,6 +31,23 @@ struct Judged {
     trial: Trial,
 }
 
+impl Judged {
+    /// Gain in log-likelihood over a trial without it.
+    fn gain(&self, over: &Trial) -> f64 {
+        gain(self.hypothesis.fault, &self.trial, over)
+    }
+}
+
+/// Gain in log-likelihood that speaks for a fault: those with an estimated number are judged with caution.
+fn gain(fault: Fault, with: &Trial, without: &Trial) -> f64 {
+    match fault {
+        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Offset | Fault::Scale | Fault::ZeroShift => {
+            with.cautious_gain_over(without)
+        }
+        _ => with.gain_over(without),
+    }
+}
+
 /// An accepted fault, with those that were nearly as likely.
 struct Accepted {
     judged: Judged,
@@ -36,37 +57,131 @@ struct Accepted {
 /// Hypotheses that are fitted to the end, and that an accepted one is compared with later.
 const REFINED: usize = 4;
 
-/// The faults that make the records likeliest, each with its odds and biases given all the others; the last trial; and the fits that were made.
-pub(crate) fn faults(search: &Search<'_>, start: Trial) -> (Vec<Finding>, Trial, usize) {
+/// Odds over what a model may lack, a constant or a lag, below which a fault is a remark.
+const DOUBT: f64 = 20.0;
+
+/// What a search ends with.
+pub(crate) struct Found {
+    /// The faults that make the records likeliest, each with its odds and biases given all the others.
+    pub(crate) findings: Vec<Finding>,
+    /// What mends them all.
+    pub(crate) edits: Vec<Edit>,
+    /// The fit of the mended records.
+    pub(crate) last: Trial,
+    /// Fits that were made.
+    pub(crate) fits: usize,
+}
+
+/// Looks for faults as long as there is a likely one.
+pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
     let mut accepted: Vec<Accepted> = Vec::new();
     let (mut current, mut fits) = (start.clone(), 0);
     let needed = search.options.odds.ln();
     while accepted.len() < search.options.most {
         let (mut all, tried) = round(search, &edits(&accepted, None), &current);
         fits += tried;
+        // of a round that was not finished nobody knows which is the likeliest
+        if !(search.evidence.goes_on)() {
+            break;
+        }
         if all.first().is_none_or(|b| b.log_odds <= needed) {
             break;
         }
         let best = all.remove(0);
-        all.truncate(REFINED);
+        // what a model may lack is remembered wherever it stands
+        let rival = |j: &Judged| search.is_addition(&j.hypothesis) && j.log_odds > best.log_odds - DOUBT.ln();
+        let (first, others) = all.split_at(all.len().min(REFINED));
+        let mut all: Vec<Judged> = first.iter().chain(others.iter().filter(|j| rival(j))).cloned().collect();
+        all.extend(lag_in_place(search, &best, &edits(&accepted, None), &current));
+        fits += 3;
         current = best.trial.clone();
         accepted.push(Accepted { judged: best, near: all });
         if accepted.len() > 1 {
+            (search.say)("the faults that were found, each beside what stood near it");
             fits += examine_again(search, &mut accepted, &mut current);
         }
     }
+    late_outputs(search, &mut accepted);
     let mut found = Vec::new();
     for k in 0..accepted.len() {
         let without =
             if accepted.len() == 1 { Some(start.clone()) } else { search.trial(&edits(&accepted, Some(k)), &current) };
         fits += 1;
         let own = &accepted[k];
-        let log_odds = without.as_ref().map_or(own.judged.log_odds, |w| current.gain_over(w) + own.judged.prior);
-        let mut finding = search.told(own, log_odds);
+        let log_odds = without
+            .as_ref()
+            .map_or(own.judged.log_odds, |w| gain(own.judged.hypothesis.fault, &current, w) + own.judged.prior);
+        let everywhere = without.as_ref().is_none_or(|w| search.holds_everywhere(&own.judged, &current, w));
+        let mut finding = search.told(own, log_odds, everywhere);
         finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
         found.push(finding);
     }
-    (found, current, fits)
+    let edits = edits(&accepted, None);
+    Found { findings: found, edits, last: current, fits }
+}
+
+/// A lag between inputs and the only output in the place of a fault that makes it late: about as long as that, and half and twice.
+fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current: &Trial) -> Option<Judged> {
+    let [Edit::Delay(slot, by)] = fault.hypothesis.edits[..] else { return None };
+    let output = Slot::Output(0);
+    let late = matches!(slot, Slot::Output(_)) == (by > 0.0);
+    if !late || !search.is_alone(output) {
+        return None;
+    }
+    let tried = [0.5, 1.0, 2.0].into_iter().filter_map(|part| {
+        let edit = Edit::Filter(output, part * by.abs());
+        let hypothesis = Hypothesis {
+            fault: Fault::Filtered,
+            slots: vec![output],
+            edits: vec![edit],
+            what: format!("went through a filter: a lag of {:.4} brings the others to it", part * by.abs()),
+            weight: fault.hypothesis.weight,
+        };
+        let trial = search.trial(&with(accepted, &hypothesis), current)?;
+        Some(Judged {
+            log_odds: trial.cautious_gain_over(current) + fault.prior,
+            hypothesis,
+            prior: fault.prior,
+            trial,
+        })
+    });
+    tried.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))
+}
+
+/// An input that is early is the same motion as outputs that are all late, and sensors are late: it is told of the outputs, with what was found
+/// late of them beside it. Where other channels or inputs stand still the motion is another one.
+fn late_outputs(search: &Search<'_>, accepted: &mut Vec<Accepted>) {
+    let (evidence, channels) = (search.evidence, search.evidence.channels);
+    let other = |s: Slot| matches!(s, Slot::Other(_)) && evidence.kinematics.reads(channels.place(s));
+    if channels.inputs != 1 || channels.slots().any(other) {
+        return;
+    }
+    let early = |a: &Accepted| match a.judged.hypothesis.edits[..] {
+        [Edit::Delay(slot @ Slot::Input(_), by)] if by < 0.0 => Some((slot, -by)),
+        _ => None,
+    };
+    let Some((k, (input, by))) = accepted.iter().enumerate().find_map(|(k, a)| Some((k, early(a)?))) else { return };
+    let same = format!("the same as `{}` {by:.4} too early", channels.name(input));
+    let mut alike: Vec<Slot> = channels.slots().filter(|s| matches!(s, Slot::Output(_))).collect();
+    for accepted in accepted.iter_mut() {
+        if let [Edit::Delay(slot @ Slot::Output(_), own)] = accepted.judged.hypothesis.edits[..] {
+            alike.retain(|s| *s != slot);
+            let hypothesis = &mut accepted.judged.hypothesis;
+            hypothesis.edits = vec![Edit::Delay(slot, own + by)];
+            let (size, word) = ((own + by).abs(), if own + by > 0.0 { "late" } else { "early" });
+            hypothesis.what =
+                format!("comes {size:.4} too {word}; with what is late beside it {same} and this one by {own:.4}");
+        }
+    }
+    if alike.is_empty() {
+        accepted.remove(k);
+        return;
+    }
+    let hypothesis = &mut accepted[k].judged.hypothesis;
+    let word = if alike.len() > 1 { "come together" } else { "comes" };
+    hypothesis.what = format!("{word} {by:.4} too late, {same}");
+    hypothesis.edits = alike.iter().map(|s| Edit::Delay(*s, by)).collect();
+    hypothesis.slots = alike;
 }
 
 /// The edits of all accepted hypotheses but one.
@@ -87,10 +202,11 @@ fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mu
             continue;
         };
         fits += 1 + accepted[k].near.len();
-        accepted[k].judged.log_odds = current.gain_over(&without) + accepted[k].judged.prior;
+        let own = &mut accepted[k].judged;
+        own.log_odds = gain(own.hypothesis.fault, current, &without) + own.prior;
         let again = |near: &Judged| {
             let trial = search.trial(&with(&others, &near.hypothesis), &without)?;
-            Some(Judged { log_odds: trial.gain_over(&without) + near.prior, trial, ..near.clone() })
+            Some(Judged { log_odds: gain(near.hypothesis.fault, &trial, &without) + near.prior, trial, ..near.clone() })
         };
         let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
         if let Some(better) = likelier.filter(|j| j.log_odds > accepted[k].judged.log_odds + 1.0) {
@@ -125,6 +241,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         let wild = |e: &Edit| matches!(*e, Edit::Time(f) if search.evidence.pace.is_some_and(|p| f * p > FASTEST));
         !known && !h.edits.iter().any(wild)
     };
+    let number = accepted.len() + 1;
+    (search.say)(&format!("a fault beside {} edits: units, signs, places, axes", number - 1));
     let tried: Vec<Hypothesis> = discrete(channels, &slots, search.timed).into_iter().filter(fresh).collect();
     let kinds = if search.options.estimated { SHARE * slots.len() as f64 } else { 0.0 };
     let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
@@ -142,7 +260,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
     };
     let mut all: Vec<Judged> = tried.into_par_iter().filter_map(judge).collect();
-    if search.options.estimated {
+    if search.options.estimated && (search.evidence.goes_on)() {
+        (search.say)(&format!("a fault beside {} edits: delays, filters, zeros, factors, clocks", number - 1));
         let (found, tried) = estimated(search, &slots, accepted, current);
         fits += tried;
         let shifts = shifts_of_zero(search, accepted, current);
@@ -160,8 +279,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
         let fitted = search.evidence.trial(Begin::TEXT, &with(accepted, &judged.hypothesis), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
-            judged.log_odds = trial.gain_over(current) + judged.prior;
             judged.trial = trial;
+            judged.log_odds = judged.gain(current) + judged.prior;
         }
     }
     surest_first(&mut all);
@@ -190,6 +309,9 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             wanted.push((slot, Fault::Delay, 2.0 * interval));
             // what the clock of a channel has gained in the end, in intervals
             wanted.push((slot, Fault::Drift, 4.0 * interval / span));
+            if !matches!(slot, Slot::Input(_)) {
+                wanted.push((slot, Fault::Filtered, 2.0 * interval));
+            }
         }
         wanted.push((slot, Fault::Offset, 0.2 * deviation));
         wanted.push((slot, Fault::Scale, 0.1));
@@ -197,6 +319,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     let edit = |slot: Slot, fault: Fault, value: f64| match fault {
         Fault::Delay => Edit::Delay(slot, value),
         Fault::Drift => Edit::Drift(slot, value),
+        Fault::Filtered => Edit::Filter(slot, value),
         Fault::Offset => Edit::Affine(slot, 1.0, value),
         _ => Edit::Affine(slot, value, 0.0),
     };
@@ -205,6 +328,9 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
         let at = |fault: Fault, value: f64| {
+            if fault == Fault::Filtered && value <= 0.0 {
+                return None;
+            }
             let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
             let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
             match evidence.touches_model(&[edit]) {
@@ -213,10 +339,13 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             }
         };
         let Searched { value, error, trial } = search(*step, current, needed, &|value| at(fault, value))?;
+        // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
+        let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
         // a delay that may be one sample is a matter of stamps; what leaves more than nine tenths of every output's error is no fault either
         let matters = match fault {
             Fault::Delay => value.abs() - 2.0 * error >= interval,
+            Fault::Filtered => value - 2.0 * error >= 0.5 * interval,
             Fault::Drift => value.abs() * span >= 2.0 * interval,
             _ => true,
         };
@@ -226,7 +355,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         // a drift has to explain what a delay that stays does not
         if fault == Fault::Drift {
             let stays = search(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
-            if stays.is_some_and(|s| trial.gain_over(&s.trial) < search_in.options.odds.ln()) {
+            if stays.is_some_and(|s| trial.cautious_gain_over(&s.trial) < search_in.options.odds.ln()) {
                 return None;
             }
         }
@@ -240,20 +369,26 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         };
         let what = match fault {
             Fault::Delay => format!("comes {size} too {}{error}", if value > 0.0 { "late" } else { "early" }),
-            Fault::Drift if value > 0.0 => format!("its clock gains {size} of every unit of time{error}"),
-            Fault::Drift => format!("its clock loses {size} of every unit of time{error}"),
+            Fault::Drift => format!(
+                "its clock {} {size} of every unit of time{error}, {:.4} over the record",
+                if value > 0.0 { "gains" } else { "loses" },
+                value.abs() * span
+            ),
+            Fault::Filtered => format!("went through a filter: a lag of {size}{error} brings the others to it"),
             Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
             _ => format!("its numbers have to be multiplied by {size}{error}"),
         };
-        // drifts and scale factors are rarer than delays and offsets; a sensor is late, and no sensor is early
+        // drifts and scale factors are rarer than delays and offsets. An input is early where all sensors are late together; one sensor is
+        // early only where all others and the inputs are late alike
         let weight = match fault {
-            Fault::Delay if value < 0.0 => 0.2,
+            Fault::Delay if value < 0.0 && matches!(slot, Slot::Input(_)) => 0.2,
+            Fault::Delay if value < 0.0 => 0.01,
             Fault::Delay | Fault::Offset => 1.0,
             _ => 0.5,
         };
         let prior = f64::ln(weight) - penalty;
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
-        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
     let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
     // two fits at least for each
@@ -297,10 +432,9 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
             }
         }
         let (_, k, jump) = best;
-        // a drift or a slow motion differs before and behind as well, but not from one sample to the next
-        let near = (n / 50).clamp(5, k.min(n - k));
-        let mean = |part: &[(usize, f64)]| part.iter().map(|(_, v)| v).sum::<f64>() / part.len() as f64;
-        if (mean(&e[k..k + near]) - mean(&e[k - near..k])) / jump < 0.5 {
+        // model error wanders; a zero that moves does so from one sample to the next, and not where an input jumps
+        let (k, at_once) = jump_near(&e, k)?;
+        if at_once / jump < 0.5 || input_jumps(record, e[k].0) {
             return None;
         }
         let (slot, at) = (Slot::Output(output), record.time[e[k].0]);
@@ -311,20 +445,66 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         // fitted parameters have taken some of the shift up: the size is searched from that of the residuals
         let sizes = [-jump, -1.5 * jump, -2.5 * jump];
         let trials = sizes.iter().filter_map(|by| Some((*by, tried(*by)?)));
-        let (by, trial) = trials.max_by(|a, b| a.1.gain_over(current).total_cmp(&b.1.gain_over(current)))?;
+        let (by, trial) =
+            trials.max_by(|a, b| a.1.cautious_gain_over(current).total_cmp(&b.1.cautious_gain_over(current)))?;
         let worth = trial.worth().max(1.0).ln();
         // a size (Schwarz 1978), and a place among the independent samples
         let prior = 0.5f64.ln() - 1.5 * worth;
-        if trial.least_left(current) > 0.9 {
+        // the jump that is seen at that sample is the one that was fitted
+        if trial.least_left(current) > 0.9 || !(0.5..2.0).contains(&(-by / at_once)) {
             return None;
         }
         let unit = evidence.channels.unit(slot).map_or_else(String::new, |u| format!(" {u}"));
         let what = format!("its zero moves by {:.4}{unit} at {at:.4}", -by);
         let edits = vec![Edit::Step(slot, at, by)];
         let hypothesis = Hypothesis { fault: Fault::ZeroShift, slots: vec![slot], edits, what, weight: 0.5 };
-        Some(Judged { log_odds: trial.gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
     };
     (0..q).into_par_iter().filter_map(judge).collect()
+}
+
+/// Samples on each side of a jump.
+const SIDE: usize = 8;
+
+/// How far lines through the samples before and behind each sample are apart halfway to the sample before it.
+fn jumps(e: &[(usize, f64)]) -> Vec<f64> {
+    // a line through SIDE samples, read half an interval beyond its end
+    let n = SIDE as f64;
+    let middle = 0.5 * (n - 1.0);
+    let spread = n * (n * n - 1.0) / 12.0;
+    let weight = |i: usize| 1.0 / n + (n - 0.5 - middle) * (i as f64 - middle) / spread;
+    let at = |k: usize| {
+        let before: f64 = (0..SIDE).map(|i| weight(i) * e[k - SIDE + i].1).sum();
+        let behind: f64 = (0..SIDE).map(|i| weight(SIDE - 1 - i) * e[k + i].1).sum();
+        behind - before
+    };
+    (SIDE..e.len().saturating_sub(SIDE - 1)).map(at).collect()
+}
+
+/// The sample near this one before which residuals jump, and how far, where that is far beyond all other places.
+fn jump_near(e: &[(usize, f64)], k: usize) -> Option<(usize, f64)> {
+    /// Of a jump as large by chance at any sample.
+    const CHANCE: f64 = 0.01;
+    let all = jumps(e);
+    let places = k.saturating_sub(3).max(SIDE)..(k + 4).min(SIDE + all.len());
+    let at = places.max_by(|a, b| all[a - SIDE].abs().total_cmp(&all[b - SIDE].abs()))?;
+    // the jump itself is seen by all that are near
+    let others = all.iter().enumerate().filter(|(i, _)| (i + SIDE).abs_diff(at) > 2 * SIDE);
+    let mut sizes: Vec<f64> = others.map(|(_, v)| v.abs()).collect();
+    let jump = all[at - SIDE];
+    (Tail::new(&mut sizes)?.exceeded(jump.abs()) < CHANCE).then_some((at, jump))
+}
+
+/// Whether an input jumps within two samples of this one, beside what it does usually.
+fn input_jumps(record: &Record, sample: usize) -> bool {
+    record.channels.iter().filter(|c| c.role == Role::Input).any(|c| {
+        let mut steps: Vec<f64> = c.values.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+        let near = sample.saturating_sub(3)..(sample + 2).min(steps.len());
+        let largest = steps[near].iter().copied().fold(0.0, f64::max);
+        let at = steps.len() * 9 / 10;
+        let usual = if steps.is_empty() { 0.0 } else { *steps.select_nth_unstable_by(at, f64::total_cmp).1 };
+        largest > 2.0 * usual
+    })
 }
 
 /// Hypotheses beside the edits that were accepted before.
@@ -348,13 +528,65 @@ impl Search<'_> {
         let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
         let one = self.evidence.trial(Begin::TEXT, edits, THOROUGH);
         let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: None }, edits, THOROUGH);
+        if !(self.evidence.goes_on)() {
+            return None;
+        }
         match (one, other) {
             (Some(one), Some(other)) => Some(if other.gain_over(&one) > 0.0 { other } else { one }),
             (one, other) => one.or(other).or_else(|| self.evidence.unexplained(edits)),
         }
     }
 
-    fn told(&self, accepted: &Accepted, log_odds: f64) -> Finding {
+    /// Whether it is as well something that the model may lack: a constant that moves its inputs, or a lag between all inputs and all outputs.
+    fn is_addition(&self, hypothesis: &Hypothesis) -> bool {
+        match (hypothesis.fault, &hypothesis.slots[..]) {
+            (Fault::Offset, [Slot::Input(_)]) => true,
+            (Fault::Filtered, [slot]) => self.is_alone(*slot),
+            _ => false,
+        }
+    }
+
+    /// Whether what a model may lack does what the fault does: constants are constants, and lags are late.
+    fn is_addition_for(&self, addition: &Hypothesis, fault: &Hypothesis) -> bool {
+        let late = |h: &Hypothesis| match (h.fault, &h.slots[..], &h.edits[..]) {
+            (Fault::Filtered, ..) => true,
+            (Fault::Delay, [slot @ Slot::Output(_)], [Edit::Delay(_, by)]) => *by > 0.0 && self.is_alone(*slot),
+            (Fault::Delay, [Slot::Input(_)], [Edit::Delay(_, by)]) => *by < 0.0,
+            _ => false,
+        };
+        self.is_addition(addition)
+            && match addition.fault {
+                Fault::Offset => fault.fault == Fault::Offset,
+                _ => late(fault),
+            }
+    }
+
+    /// Whether a fault with an estimated number holds in all parts of the records: what is always there makes no part less likely, and what the
+    /// model lacks is taken away in some parts at the cost of others. Kinematics knows no model that could lack anything.
+    fn holds_everywhere(&self, judged: &Judged, with: &Trial, without: &Trial) -> bool {
+        /// Of the evidence for it, that against it.
+        const AGAINST: f64 = 0.25;
+        let always = matches!(
+            judged.hypothesis.fault,
+            Fault::Delay | Fault::Offset | Fault::Scale | Fault::Filtered | Fault::Drift
+        );
+        if !always || with.gain_of_kinematics(without) > self.options.odds.ln() {
+            return true;
+        }
+        let gains = with.gains_by_part(without);
+        let sum = |side: f64| gains.iter().map(|g| (side * g).max(0.0)).sum::<f64>();
+        sum(-1.0) <= AGAINST * sum(1.0)
+    }
+
+    /// Whether a channel is all that the model is compared with, and stands in no kinematics.
+    fn is_alone(&self, slot: Slot) -> bool {
+        let evidence = self.evidence;
+        matches!(slot, Slot::Output(_))
+            && evidence.model.is_some_and(|m| m.layout().outputs == 1)
+            && !evidence.kinematics.reads(evidence.channels.place(slot))
+    }
+
+    fn told(&self, accepted: &Accepted, log_odds: f64, everywhere: bool) -> Finding {
         let channels = self.evidence.channels;
         let hypothesis = &accepted.judged.hypothesis;
         let mut names: Vec<String> = hypothesis.slots.iter().map(|s| channels.name(*s).to_string()).collect();
@@ -367,13 +599,19 @@ impl Search<'_> {
         if !list.is_empty() {
             what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }
-        // a constant that the balances lack moves inputs and outputs alike: a fault of the record is what no zero of an input explains as well
-        let constant =
-            |j: &Judged| j.hypothesis.fault == Fault::Offset && matches!(j.hypothesis.slots[..], [Slot::Input(_)]);
-        let doubted = accepted.near.iter().any(|j| constant(j) && j.log_odds > accepted.judged.log_odds - 20f64.ln());
-        let lacking = hypothesis.fault == Fault::Offset && (constant(&accepted.judged) || doubted);
+        // a fault of the record is what nothing that the model may lack explains as well
+        let doubted = accepted.near.iter().any(|j| {
+            self.is_addition_for(&j.hypothesis, hypothesis) && j.log_odds > accepted.judged.log_odds - DOUBT.ln()
+        });
+        let lacking = self.is_addition_for(hypothesis, hypothesis) || doubted;
         if lacking {
-            what.push_str("; a constant that the model lacks, a trim, would do the same");
+            what.push_str(match hypothesis.fault {
+                Fault::Offset => "; a constant that the model lacks, a trim, would do the same",
+                _ => "; a lag that the model lacks would do the same",
+            });
+        }
+        if !everywhere {
+            what.push_str("; parts of the record contradict it, so that it may be what the model lacks");
         }
         let records = self.evidence.records;
         let run = if let [record] = records { record.run.clone() } else { "all".into() };
@@ -387,7 +625,7 @@ impl Search<'_> {
             run,
             channels: names,
             fault: hypothesis.fault,
-            severity: if lacking { Severity::Remark } else { Severity::Finding },
+            severity: if lacking || !everywhere { Severity::Remark } else { Severity::Finding },
             place,
             what,
             log_odds,

@@ -385,20 +385,154 @@ fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
 }
 
 #[test]
-fn averaging_between_samples_is_taken_off_the_gain_of_a_delay() {
-    use crate::likelihood::averaged;
-    // first-order noise read a part of an interval later: its variance is the part that is subtracted
-    for (rho, part) in [(0.0, 0.5), (0.0, 0.2), (0.8, 0.5), (0.5, 0.3)] {
-        let mut noise = Noise::new(17);
-        let mut x = vec![0.0; 20_000];
-        for k in 1..x.len() {
-            x[k] = rho * x[k - 1] + noise.next();
+fn what_is_read_between_samples_or_lagged_counts_without_the_averaging() {
+    use crate::hypothesis::{lag_weights, lagged};
+    use crate::spectrum::{Bands, interpolated, lagged_noise};
+    let mut noise = Noise::new(17);
+    let white: Vec<f64> = (0..4096).map(|_| noise.next()).collect();
+    let whole = |values: &[f64], left: &dyn Fn(f64) -> f64| {
+        let mut bands = Bands::new(values.len());
+        bands.add(&mut values.to_vec(), left);
+        let mut plain = Bands::new(values.len());
+        plain.add(&mut white[..values.len()].to_vec(), |_| 1.0);
+        bands.gain_over(&plain)
+    };
+    for part in [0.2, 0.5] {
+        let read: Vec<f64> = white.windows(2).map(|w| w[0] + part * (w[1] - w[0])).collect();
+        // half a thousandth of a nat for each sample, where the uncorrected gain is a hundred times that
+        let found = whole(&read, &|angle| interpolated(part * (1.0 - part), angle));
+        assert!(found.abs() < 0.02 * read.len() as f64 && whole(&read, &|_| 1.0) > 0.1 * read.len() as f64, "{found}");
+    }
+    let times: Vec<f64> = (0..white.len()).map(|k| k as f64 * DT).collect();
+    let slow = lagged(&times, &white, 0.1, false);
+    let found = whole(&slow, &|angle| lagged_noise(0.1, DT, angle));
+    assert!(found.abs() < 0.02 * slow.len() as f64 && whole(&slow, &|_| 1.0) > 0.5 * slow.len() as f64, "{found}");
+    // the answer to a ramp stays behind by the time constant
+    let ramp = lagged(&times, &times, 0.1, false);
+    assert!((times[400] - ramp[400] - 0.1).abs() < 1e-9);
+    let (a, c) = lag_weights(1e9, DT);
+    assert!(a < 1.0 && (c - 1.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_filtered_channel_is_named_by_kinematics_and_beside_a_model() {
+    let mut record = attitude(6);
+    let lag = 0.25;
+    let slow = crate::hypothesis::lagged(&record.time, &record.channels[3].values, lag, false);
+    let mut noise = Noise::new(60);
+    record.channels[3].values = slow.iter().map(|v| v + 0.002 * noise.next()).collect();
+    let found = judged(&record);
+    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, "p"), "{found:?}");
+
+    let (model, mut run) = driven(8);
+    let v: Vec<f64> = run.measured.iter().skip(1).step_by(2).copied().collect();
+    let slow = crate::hypothesis::lagged(&run.time, &v, lag, false);
+    run.measured.iter_mut().skip(1).step_by(2).zip(slow).for_each(|(v, slow)| *v = slow + 0.02 * noise.next());
+    let found = beside(&run, &model);
+    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, "v_m"), "{found:?}");
+}
+
+#[test]
+fn two_late_outputs_are_named_as_such() {
+    let (model, clean) = driven(9);
+    let mut late = clean.clone();
+    for k in (0..N).rev() {
+        late.measured[2 * k] = clean.measured[2 * k.saturating_sub(5)];
+        late.measured[2 * k + 1] = clean.measured[2 * k.saturating_sub(9) + 1];
+    }
+    let found = beside(&late, &model);
+    for (channel, by) in [("x_m", 5.0 * DT), ("v_m", 9.0 * DT)] {
+        let named = found.iter().find(|f| f.channels.iter().any(|c| c == channel));
+        let delay = named.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels[channel].delay);
+        assert!((delay - by).abs() < DT, "{channel} {delay}: {found:?}");
+    }
+}
+
+#[test]
+fn a_model_that_lacks_a_lag_is_no_fault_of_its_record() {
+    // the input passes an actuator and the output a second lag; neither stands in the model
+    let text = "model m { input u; state s; param k = 1 [1/s], c = 0.4 [1/s]; der(s) = k*u - c*s; output y = s; }";
+    let model = Model::from_text("m.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
+    for seed in 0..4 {
+        let mut noise = Noise::new(70 + seed);
+        let u = |t: f64| if (t / (3.0 + 0.7 * seed as f64)) as u64 % 2 == 1 { 1.0 } else { 0.0 };
+        let (mut a, mut s, mut y) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut inputs, mut measured, mut time) = (Vec::new(), Vec::new(), Vec::new());
+        for k in 0..N {
+            let t = k as f64 * DT;
+            time.push(t);
+            // commands fall between samples, and the record says ramps
+            inputs.push(u(t));
+            measured.push(y + 0.01 * noise.next());
+            for i in 0..50 {
+                let h = DT / 50.0;
+                a += h * (u(t + f64::from(i) * h) - a) / 0.3;
+                s += h * (a - 0.35 * s);
+                y += h * (s - y) / 0.4;
+            }
         }
-        let read: Vec<f64> = x.windows(2).map(|w| w[0] + part * (w[1] - w[0])).collect();
-        let squares = |v: &[f64]| v.iter().map(|a| a * a).sum::<f64>();
-        let next = read.windows(2).map(|w| w[0] * w[1]).sum::<f64>() / squares(&read);
-        let left = squares(&read) / squares(&x[..read.len()]);
-        let found = averaged(part * (1.0 - part), next);
-        assert!((found - left).abs() < 0.03, "{rho} {part}: {found} {left}");
+        let run = Run {
+            name: "r".into(),
+            time,
+            inputs,
+            held: vec![false],
+            measured,
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+        };
+        let found = beside(&run, &model);
+        assert!(found.is_empty(), "{seed}: {found:?}");
+    }
+}
+
+#[test]
+fn factors_lines_and_leads_are_remarks() {
+    let remarks = |record: &Record| -> Vec<Finding> {
+        let found = examine_alone(record, &AloneOptions::default());
+        found.into_iter().filter(|f| f.severity == Severity::Remark).collect()
+    };
+    assert!(remarks(&attitude(7)).is_empty(), "{:?}", remarks(&attitude(7)));
+    let mut scaled = attitude(7);
+    scaled.channels[3].values.iter_mut().for_each(|v| *v *= 0.8);
+    let found = remarks(&scaled);
+    assert!(found.iter().any(|f| f.fault == Fault::Scale && f.channels == ["p", "phi"]), "{found:?}");
+
+    let mut shaken = record(8);
+    // 27.3 turns a second, sampled 20 times: 7.3 are seen
+    let times = shaken.time.clone();
+    let shake = |t: &f64| 0.05 * (std::f64::consts::TAU * 27.3 * t).sin();
+    shaken.channels[1].values.iter_mut().zip(&times).for_each(|(v, t)| *v += shake(t));
+    let found = remarks(&shaken);
+    assert!(found.len() == 1 && found[0].fault == Fault::Aliased && found[0].channels == ["b"], "{found:?}");
+    assert!(found[0].what.contains("7.3"), "{}", found[0].what);
+
+    let mut lead = record(9);
+    lead.time.iter_mut().skip(1).for_each(|t| *t += 4.0 * DT);
+    let found = examine_alone(&lead, &AloneOptions::default());
+    assert_eq!((found[0].fault, found[0].severity), (Fault::Gap, Severity::Remark), "{found:?}");
+}
+
+#[test]
+fn a_search_without_time_ends_with_what_it_has() {
+    use crate::examine_beside_while;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    let (model, mut run) = driven(4);
+    run.measured.iter_mut().step_by(2).for_each(|v| *v /= 0.3048);
+    run.measured.iter_mut().skip(1).step_by(2).for_each(|v| *v = -*v);
+    let records = vec![Record::of_run(model.definition(), &run, None)];
+    let asked = AtomicUsize::new(0);
+    let judge = |most: usize| {
+        asked.store(0, Ordering::Relaxed);
+        let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;
+        let runs = std::slice::from_ref(&run);
+        examine_beside_while(&model, runs, &records, Vec::new(), (&BesideOptions::default(), &|_| {}), &goes_on)
+    };
+    let whole = judge(usize::MAX);
+    let all = asked.load(Ordering::Relaxed);
+    assert!(whole.notes.is_empty() && whole.findings.len() >= 2, "{whole:?}");
+    for most in [0, 3, all / 4, all / 2, all - 1] {
+        let part = judge(most);
+        assert!(part.notes.len() == 1, "{most} of {all}: {part:?}");
+        assert!(part.findings.len() <= whole.findings.len() + 1);
     }
 }

@@ -7,6 +7,8 @@ use crate::repair::Repair;
 /// Dropouts and jitter. Intervals that differ by design (chemistry, decades of time) are neither.
 pub(crate) fn examine(record: &Record, alpha: f64) -> Vec<Finding> {
     const FEWEST: usize = 20;
+    /// Samples at an end of the record that are a lead or a tail.
+    const FEW: usize = 3;
     if !record.clocked || record.time.len() < FEWEST {
         return Vec::new();
     }
@@ -51,11 +53,18 @@ pub(crate) fn examine(record: &Record, alpha: f64) -> Vec<Finding> {
         let last = long.last().copied().unwrap_or(*first);
         let place = (record.time[*first], record.time[last + 1]);
         let finding = Finding::by_chance(&record.run, "t", Fault::Gap, alpha * (-longest / median).exp(), what);
-        findings.push(
-            finding
-                .at(place.0, place.1, missing as usize)
-                .repaired_by(Repair::words("fit the parts before and behind as runs of their own: --from, --to")),
-        );
+        // a few samples before or behind all others are cut off, and nothing is missing between those that are left
+        let lead = if let [one] = long[..] { one < FEW || steps.len() - one <= FEW } else { false };
+        let mut finding = finding.at(place.0, place.1, missing as usize);
+        let repair = if lead {
+            let (side, option) = if *first < FEW { ("before", "--from") } else { ("behind", "--to") };
+            finding = finding.remark();
+            finding.what.push_str(&format!("; the record is whole without the few samples {side} it"));
+            format!("leave them out: {option}")
+        } else {
+            "fit the parts before and behind as runs of their own: --from, --to".into()
+        };
+        findings.push(finding.repaired_by(Repair::words(&repair)));
     }
     let allowed = (0.02 * median).max(1.5 * digit);
     if spread > allowed {

@@ -44,6 +44,11 @@ pub(crate) fn sentinel(record: &Record, channel: &Channel, alpha: f64) -> Option
         if rest < 3 || range <= 0.0 || distance < 2.0 * range || !(known || count > 1 && 2 * count < rest) {
             continue;
         }
+        // a level that a command keeps is no mark in single samples
+        let starts = |k: &usize| channel.values[*k] == extreme && (*k == 0 || channel.values[*k - 1] != extreme);
+        if !known && 2 * (0..channel.values.len()).filter(starts).count() <= count {
+            continue;
+        }
         let p = (1.0 / rest as f64).powf(distance / range) * if known { 1e-3 } else { 1.0 };
         if p > alpha {
             continue;

@@ -321,7 +321,8 @@ def candidates(record, inputs, outputs, wanted, units):
 
 
 def judge(arguments, model, path):
-    done = fdm(arguments, "doctor", model, "--data", path, "--json")
+    limit = ["--time-limit", arguments.limit] if arguments.limit else []
+    done = fdm(arguments, "doctor", model, "--data", path, "--json", *limit)
     if done.returncode == 2:
         return None, done.stderr.strip().splitlines()[:1]
     found = json.loads(done.stdout)["findings"]
@@ -359,6 +360,7 @@ def main():
     parser.add_argument("--generator", choices=["multistep", "multisine"], default="multistep")
     parser.add_argument("--fdm", default=str(ROOT / "target/release/fdm"))
     parser.add_argument("--only", default="clean,single,pairs")
+    parser.add_argument("--limit", help="longest time for a record, such as 60s")
     arguments = parser.parse_args()
     folder = arguments.folder
     folder.mkdir(parents=True, exist_ok=True)

@@ -396,7 +396,9 @@ def matches(finding, wanted):
 def judged(arguments, table, path):
     table.write(path)
     begin = time.time()
-    done = subprocess.run([arguments.fdm, "doctor", str(table.model), "--data", str(path), "--json"], capture_output=True, text=True)
+    limit = ["--time-limit", arguments.limit] if arguments.limit else []
+    command = [arguments.fdm, "doctor", str(table.model), "--data", str(path), "--json", *limit]
+    done = subprocess.run(command, capture_output=True, text=True)
     took = time.time() - begin
     if done.returncode == 2:
         return None, took, done.stderr.strip().splitlines()[:2]
@@ -409,6 +411,7 @@ def main():
     parser.add_argument("--fdm", default=str(ROOT / "target/release/fdm"))
     parser.add_argument("--seed", type=int, default=77)
     parser.add_argument("--part", choices=["clean", "cases"], help="only the records without a fault, or only the faults")
+    parser.add_argument("--limit", help="longest time for a record, such as 60s")
     parser.add_argument("--list", action="store_true", help="write the records and what is planted, judge nothing")
     arguments = parser.parse_args()
     folder = arguments.folder
