@@ -384,7 +384,7 @@ impl<'a> ForwardSelection<'a> {
 
     /// Takes down what a search told.
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
-        let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
+        let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped).growing(&step.growth);
         let mut left_out = std::mem::take(&mut step.left_out);
         let places = self.shared.catalogue.places(&step.current.subject);
         let crowded =

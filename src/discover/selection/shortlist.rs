@@ -140,7 +140,7 @@ impl ForwardStep<'_> {
     /// Marginal log-likelihood of residuals (one for each run) as noise.
     pub(super) fn likelihood(&self, residuals: &[Vec<f64>]) -> f64 {
         let outputs = self.current.outputs();
-        let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0);
+        let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0).growing(&self.growth);
         let mut bins: Vec<Vec<ResidualPower>> = vec![Vec::new(); outputs];
         for ((run, predictor), residual) in self.runs.train().iter().zip(&self.current.predictors).zip(residuals) {
             let mut whitener = predictor.whitener(run, outputs, &flat);

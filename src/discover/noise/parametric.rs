@@ -1,0 +1,320 @@
+//! Spectra with few numbers: what most sensors' noise is, and what tells of the lowest bins where fit and candidates have eaten them.
+//!
+//! Autoregressive noise of order 0 (white) to 4, first-order Gauss-Markov noise with and without white noise beside it, and a power of
+//! the frequency beside white noise. log S depends on two to five numbers, found by Whittle's likelihood with Fisher's scoring. Their
+//! marginal likelihoods (Laplace) are comparable with those of smooth spectra, so that a family is believed as far as the bins speak for
+//! it. A level at zero frequency is then known by all bins, not by the lowest three (Burg 1975; Beran 1994 for powers).
+
+use super::ResidualPower;
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use std::f64::consts::PI;
+
+/// Most numbers of a family.
+const MOST: usize = 5;
+type Values = SVector<f64, MOST>;
+type Square = SMatrix<f64, MOST, MOST>;
+
+const ROUNDS: usize = 25;
+const HALVINGS: usize = 6;
+/// Decrease of the loss that is not worth another round.
+const SETTLED: f64 = 1e-5;
+/// Real numbers of residual power for each number of a family, at least.
+const TOLD: f64 = 4.0;
+/// Deviations of log S that is drawn or asked within a family: a linear law in its numbers goes no further.
+const LARGEST: f64 = 6.0;
+/// Prior of an exponent: between white and a random walk.
+const EXPONENT: (f64, f64) = (1.0, 0.7);
+/// Deviations of autoregressive coefficients and of a white level (logarithm) before any bin is seen.
+const COEFFICIENT: f64 = 1.0;
+const WHITE: f64 = 3.0;
+
+/// What log S depends on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Family {
+    /// c - log |1 + a_1 e^-iw + ...|^2.
+    Autoregressive(usize),
+    /// Level, logarithm of the corner; level of the white noise, where there is any.
+    GaussMarkov { white: bool },
+    /// Level, exponent, level of the white noise.
+    Power,
+}
+
+const FAMILIES: [Family; 8] = [
+    Family::Autoregressive(0),
+    Family::Autoregressive(1),
+    Family::Autoregressive(2),
+    Family::Autoregressive(3),
+    Family::Autoregressive(4),
+    Family::GaussMarkov { white: false },
+    Family::GaussMarkov { white: true },
+    Family::Power,
+];
+
+/// A spectrum of a family at its fit.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Parametric {
+    /// Logarithm of the marginal likelihood.
+    pub(super) likelihood: f64,
+    family: Family,
+    numbers: Values,
+    /// R with R R' the covariance of the numbers.
+    root: Square,
+    /// Logarithm of the highest frequency, that of the middle.
+    highest: f64,
+    middle: f64,
+}
+
+/// What one bin or band is asked with.
+#[derive(Clone, Copy)]
+struct Place {
+    /// log f less that of the middle.
+    along: f64,
+    /// cos and sin of the phase from one sample to the next, and sin^2 of its half.
+    phase: (f64, f64),
+    half: f64,
+}
+
+impl Place {
+    fn new(log_frequency: f64, (highest, middle): (f64, f64)) -> Self {
+        let phase = PI * (log_frequency - highest).min(0.0).exp();
+        let (sin, cos) = phase.sin_cos();
+        Self { along: log_frequency - middle, phase: (cos, sin), half: (0.5 * phase).sin().powi(2) }
+    }
+}
+
+impl Family {
+    fn size(self) -> usize {
+        match self {
+            Self::Autoregressive(order) => 1 + order,
+            Self::GaussMarkov { white } => 2 + usize::from(white),
+            Self::Power => 3,
+        }
+    }
+
+    /// log S and its derivatives.
+    fn of(self, numbers: &Values, place: &Place) -> (f64, Values) {
+        let mut slope = Values::zeros();
+        match self {
+            Self::Autoregressive(order) => {
+                let (cos, sin) = place.phase;
+                let (mut re, mut im, mut c, mut s) = (1.0, 0.0, 1.0, 0.0);
+                let mut waves = [(0.0, 0.0); MOST];
+                for k in 1..=order {
+                    (c, s) = (c * cos - s * sin, s * cos + c * sin);
+                    waves[k] = (c, s);
+                    re += numbers[k] * c;
+                    im -= numbers[k] * s;
+                }
+                let square = (re * re + im * im).max(1e-12);
+                slope[0] = 1.0;
+                for k in 1..=order {
+                    slope[k] = -2.0 * (re * waves[k].0 - im * waves[k].1) / square;
+                }
+                (numbers[0] - square.ln(), slope)
+            }
+            Self::GaussMarkov { white } => {
+                let ratio = place.half * (-2.0 * numbers[1]).exp();
+                let markov = numbers[0] - ratio.ln_1p();
+                let corner = 2.0 * ratio / (1.0 + ratio);
+                if !white {
+                    (slope[0], slope[1]) = (1.0, corner);
+                    return (markov, slope);
+                }
+                let (sum, share) = added(markov, numbers[2]);
+                (slope[0], slope[1], slope[2]) = (share, share * corner, 1.0 - share);
+                (sum, slope)
+            }
+            Self::Power => {
+                let power = numbers[0] - numbers[1] * place.along;
+                let (sum, share) = added(power, numbers[2]);
+                (slope[0], slope[1], slope[2]) = (share, -share * place.along, 1.0 - share);
+                (sum, slope)
+            }
+        }
+    }
+
+    /// Means and deviations of the numbers before any bin is seen: level by level of the whole.
+    fn prior(self, (level, deviation): (f64, f64), lowest: f64) -> (Values, Values) {
+        let (mut mean, mut own) = (Values::zeros(), Values::repeat(1.0));
+        (mean[0], own[0]) = (level, deviation);
+        match self {
+            Self::Autoregressive(order) => (1..=order).for_each(|k| own[k] = COEFFICIENT),
+            Self::GaussMarkov { .. } => (mean[1], own[1]) = (0.5 * lowest, (-0.5 * lowest).max(1.0)),
+            Self::Power => (mean[1], own[1]) = EXPONENT,
+        }
+        if matches!(self, Self::GaussMarkov { white: true } | Self::Power) {
+            (mean[2], own[2]) = (level, WHITE);
+        }
+        (mean, own)
+    }
+
+    /// Where the iteration begins.
+    fn starts(self, left: &[ResidualPower], places: &[Place], level: f64) -> Vec<Values> {
+        let own = |order: usize| autoregression(left, places, order);
+        let mean = |range: std::ops::Range<usize>| {
+            let (sum, freedom) = left[range]
+                .iter()
+                .fold((0.0, 0.0), |(sum, freedom), l| (sum + l.freedom * l.power, freedom + l.freedom));
+            if freedom > 0.0 && sum > 0.0 { (sum / freedom).ln() } else { level }
+        };
+        let third = left.len().div_ceil(3);
+        let (low, high) = (mean(0..third), mean(left.len() - third..left.len()));
+        match self {
+            Self::Autoregressive(order) => vec![own(order)],
+            Self::GaussMarkov { white } => {
+                let first = own(1);
+                let phi = (-first[1]).clamp(0.05, 0.995);
+                let corner = ((1.0 - phi) / (2.0 * phi.sqrt())).ln();
+                let markov = first[0] - 2.0 * (1.0 - phi).ln();
+                let near = Values::from_column_slice(&[markov, corner, high, 0.0, 0.0]);
+                let slow = Values::from_column_slice(&[low + 1.0, corner - 1.5, high, 0.0, 0.0]);
+                if white { vec![near, slow] } else { vec![near] }
+            }
+            Self::Power => vec![Values::from_column_slice(&[level, 1.0, high - 0.5, 0.0, 0.0])],
+        }
+    }
+}
+
+/// Logarithm of e^a + e^b, and the share of the first.
+fn added(a: f64, b: f64) -> (f64, f64) {
+    let share = 1.0 / (1.0 + (b - a).exp());
+    (a.max(b) + (-(a - b).abs()).exp().ln_1p(), share)
+}
+
+/// Yule and Walker's coefficients from the power of bins (Levinson).
+fn autoregression(left: &[ResidualPower], places: &[Place], order: usize) -> Values {
+    let mut lags = [0.0; MOST];
+    for (cell, place) in left.iter().zip(places) {
+        let (cos, sin) = place.phase;
+        let (mut c, mut s) = (1.0, 0.0);
+        for lag in lags.iter_mut().take(order + 1) {
+            *lag += cell.freedom * cell.power * c;
+            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        }
+    }
+    let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+    let mut found = Values::zeros();
+    let mut variance = lags[0].max(f64::MIN_POSITIVE);
+    for k in 1..=order {
+        let reflection = -(lags[k] + (1..k).map(|j| found[j] * lags[k - j]).sum::<f64>()) / variance;
+        let reflection = reflection.clamp(-0.98, 0.98);
+        let before = found;
+        (1..k).for_each(|j| found[j] += reflection * before[k - j]);
+        found[k] = reflection;
+        variance *= 1.0 - reflection * reflection;
+    }
+    found[0] = (variance / freedom.max(f64::MIN_POSITIVE)).ln();
+    found
+}
+
+/// A loss with its gradient and information.
+struct Scored {
+    loss: f64,
+    gradient: Values,
+    information: Square,
+}
+
+/// All that a fit of one family is asked with.
+struct Fit<'a> {
+    family: Family,
+    left: &'a [ResidualPower],
+    places: &'a [Place],
+    mean: Values,
+    precision: Values,
+}
+
+impl Fit<'_> {
+    fn scored(&self, numbers: &Values) -> Scored {
+        let away = numbers - self.mean;
+        let prior = self.precision.component_mul(&away);
+        let mut found = Scored {
+            loss: 0.5 * prior.dot(&away),
+            gradient: prior,
+            information: Square::from_diagonal(&self.precision),
+        };
+        for (cell, place) in self.left.iter().zip(self.places).filter(|(cell, _)| cell.freedom > 0.0) {
+            let (log, slope) = self.family.of(numbers, place);
+            let (weight, ratio) = (0.5 * cell.freedom, cell.power * (-log).exp());
+            found.loss += weight * (log + ratio);
+            found.gradient += slope * (weight * (1.0 - ratio));
+            found.information.ger(weight, &slope, &slope, 1.0);
+        }
+        found
+    }
+
+    fn from(&self, mut numbers: Values) -> Option<(Values, Scored)> {
+        let mut at = self.scored(&numbers);
+        for _ in 0..ROUNDS {
+            let mut step = at.information.cholesky()?.solve(&at.gradient);
+            let promised = 0.5 * step.dot(&at.gradient);
+            if !promised.is_finite() || promised < SETTLED {
+                break;
+            }
+            let mut better = None;
+            for _ in 0..HALVINGS {
+                let next = numbers - step;
+                let there = self.scored(&next);
+                if there.loss < at.loss {
+                    better = Some((next, there));
+                    break;
+                }
+                step *= 0.4;
+            }
+            let Some((next, there)) = better else { break };
+            (numbers, at) = (next, there);
+        }
+        at.loss.is_finite().then_some((numbers, at))
+    }
+}
+
+impl Parametric {
+    /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand.
+    pub(super) fn all(left: &[ResidualPower], deviation: f64) -> Vec<Self> {
+        let (Some(first), Some(last)) = (left.first(), left.last()) else { return Vec::new() };
+        let (lowest, highest) = (first.log_frequency, last.log_frequency);
+        let middle = 0.5 * (lowest + highest);
+        let places: Vec<Place> = left.iter().map(|l| Place::new(l.log_frequency, (highest, middle))).collect();
+        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+        let level = (left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom).ln();
+        let of = |family: Family| {
+            let size = family.size();
+            if freedom < TOLD * size as f64 || left.len() < 2 * size {
+                return None;
+            }
+            let corner = 0.5 * places[0].half.max(f64::MIN_POSITIVE).ln();
+            let (mean, deviation) = family.prior((level, deviation), corner);
+            let fit = Fit { family, left, places: &places, mean, precision: deviation.map(|d| 1.0 / (d * d)) };
+            let ends = family.starts(left, &places, level).into_iter().filter_map(|start| fit.from(start));
+            let (numbers, at) = ends.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?;
+            let factor = at.information.cholesky()?.unpack();
+            let root = factor.transpose().solve_upper_triangular(&Square::identity())?;
+            let priors: f64 = fit.precision.map(f64::ln).sum() / 2.0;
+            let likelihood = priors - factor.diagonal().map(f64::ln).sum() - at.loss;
+            likelihood.is_finite().then_some(Self { likelihood, family, numbers, root, highest, middle })
+        };
+        FAMILIES.into_iter().filter_map(of).collect()
+    }
+
+    /// log S at a frequency, and its derivatives by independent standard normal numbers.
+    pub(super) fn at(&self, log_frequency: f64) -> (f64, Values) {
+        let (log, slope) = self.family.of(&self.numbers, &Place::new(log_frequency, (self.highest, self.middle)));
+        let mut slope = self.root.tr_mul(&slope);
+        let size = slope.norm();
+        if size > LARGEST {
+            slope *= LARGEST / size;
+        }
+        (log, slope)
+    }
+
+    /// The same at all of these.
+    pub(super) fn along(&self, log_frequencies: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+        let mut values = DVector::zeros(log_frequencies.len());
+        let mut slopes = DMatrix::zeros(log_frequencies.len(), MOST);
+        for (k, log_frequency) in log_frequencies.iter().enumerate() {
+            let (value, slope) = self.at(*log_frequency);
+            values[k] = value;
+            slopes.row_mut(k).tr_copy_from(&slope);
+        }
+        (values, slopes)
+    }
+}
