@@ -7,8 +7,8 @@
 //! likelihood. What the bins do not tell (a band that was fitted away, whether a slope goes on) stays uncertain that way,
 //! where a choice of the number of knots would call it known.
 //!
-//! Beside smooth spectra stand those with few numbers (autoregressive, Gauss-Markov, powers of the frequency): with the same prior
-//! probability together, each believed by its marginal likelihood. Where the lowest bins were fitted away these say what all others tell
+//! Beside smooth spectra stand those with few numbers (autoregressive, Gauss-Markov, powers of the frequency): each family with the prior
+//! probability of all smooth ones together, and believed by its marginal likelihood. Where the lowest bins were fitted away these say what all others tell
 //! of them, and how surely.
 
 use super::ResidualPower;
@@ -34,6 +34,8 @@ const GENTLE: f64 = 0.2;
 const APART: f64 = 1.2;
 /// How much less likely than the likeliest so far a curvature is, in log-likelihood, beyond which rougher ones are not tried.
 const HOPELESS: f64 = 4.0;
+/// Prior probability of all smooth spectra together: as much as that of each of the five families with few numbers.
+const SMOOTH: f64 = 1.0 / 6.0;
 /// The same beyond which a spectrum is forgotten.
 const NEGLIGIBLE: f64 = 12.0;
 /// Deviation of the slope d log S / d log f.
@@ -96,6 +98,32 @@ struct Smooth {
     weight: f64,
     values: DVector<f64>,
     spread: Spread,
+    /// log S at the means and its deviation.
+    mean: (f64, f64),
+}
+
+impl Smooth {
+    /// log S so far below the lowest knot as it continues, and its variance.
+    fn continued(&self, knots: &[f64], below: f64) -> (f64, f64) {
+        if let Spread::Few(family, _) = &self.spread {
+            let (value, slope) = family.at(knots[0] - below);
+            return (value, slope.norm_squared());
+        }
+        let near = NEAR.min(knots.len() - 1);
+        let mut level = DVector::zeros(knots.len());
+        level[0] = 1.0;
+        let mut line = level.clone();
+        let mut rise = 0.0;
+        if near > 0 {
+            let span = knots[near] - knots[0];
+            line[0] += below / span;
+            line[near] -= below / span;
+            rise = ((self.values[0] - self.values[near]) / span).clamp(0.0, STEEPEST);
+        }
+        let (line, level) = (self.spread.variance(line), self.spread.variance(level));
+        let variance = level + (line - level).clamp(0.0, (SLOPES * below).powi(2));
+        (self.values[0] + rise * below, variance)
+    }
 }
 
 /// How uncertain the values at the knots are.
@@ -151,7 +179,7 @@ impl LogSpectrum {
         let mut values = None;
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
-        let equal = 0.5 / CURVATURES.len() as f64;
+        let equal = SMOOTH / CURVATURES.len() as f64;
         for curvature in &CURVATURES {
             let prior = prior(&knots, *curvature);
             let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
@@ -164,11 +192,11 @@ impl LogSpectrum {
             }
         }
         let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt());
-        let equal = 0.5 / families.len().max(1) as f64;
+        let equal = (1.0 - SMOOTH) / families.len().max(1) as f64;
         parts.extend(families.into_iter().map(|family| {
             let (values, slopes) = family.along(&knots);
             let likelihood = family.likelihood + equal.ln();
-            (likelihood, Smooth { weight: 1.0, values, spread: Spread::Few(Box::new(family), slopes) })
+            (likelihood, Smooth { weight: 1.0, values, spread: Spread::Few(Box::new(family), slopes), mean: (0.0, 0.0) })
         }));
         let best = parts.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
         parts.retain(|p| p.0 > best - NEGLIGIBLE);
@@ -207,52 +235,36 @@ impl LogSpectrum {
     fn continued(mut self, means: &[ResidualPower]) -> Self {
         let Some(first) = means.iter().map(|m| m.log_frequency).min_by(f64::total_cmp) else { return self };
         let below = self.knots[0] - first;
-        let parts: Vec<(f64, f64, f64)> = self.parts.iter().map(|part| self.part_continued(part, below)).collect();
-        let value = parts.iter().map(|(weight, value, _)| weight * value).sum::<f64>();
-        let variance =
-            parts.iter().map(|(weight, own, variance)| weight * (variance + (own - value).powi(2))).sum::<f64>();
-        let (value, variance) = if parts.is_empty() { (self.values[0], 0.0) } else { (value, variance) };
-        self.mean = Continued { below, value, deviation: variance.sqrt() };
         let freedom: f64 = means.iter().map(|m| m.freedom).sum();
-        if freedom > 0.0 && !parts.is_empty() {
-            let power: f64 = means.iter().map(|m| m.freedom * m.power).sum();
-            // zeros that wander from run to run are in no spectrum: what runs say of each other is believed
-            let steady = Told::new((value, variance), (freedom, power));
-            let wandering = Told::new((value, variance + WANDER * WANDER), (freedom, power));
-            let (a, b) = (steady.likelihood + (1.0 - WANDERING).ln(), wandering.likelihood + WANDERING.ln());
-            let share = 1.0 / (1.0 + (b - a).exp());
-            // the means of few records may be near zero by chance: S falls nowhere below its lowest bin
-            let least = self.values[0].min(value);
-            let (a_value, b_value) = (steady.value.max(least), wandering.value.max(least));
-            let value = share * a_value + (1.0 - share) * b_value;
-            let apart = |own: f64, told: &Told| told.variance + (own - value).powi(2);
-            let variance = share * apart(a_value, &steady) + (1.0 - share) * apart(b_value, &wandering);
-            self.evidence += a.max(b) + (-(a - b).abs()).exp().ln_1p();
-            self.mean = Continued { below, value, deviation: variance.sqrt() };
+        let power: f64 = means.iter().map(|m| m.freedom * m.power).sum();
+        let (knots, mut parts) = (std::mem::take(&mut self.knots), std::mem::take(&mut self.parts));
+        let mut likelihood = Vec::with_capacity(parts.len());
+        for part in &mut parts {
+            let (value, variance) = part.continued(&knots, below);
+            part.mean = (value, variance.sqrt());
+            let told = (freedom > 0.0)
+                .then(|| Told::of((value, variance), (freedom, power), part.values[0].min(value)));
+            if let Some(told) = &told {
+                part.mean = (told.value, told.variance.sqrt());
+            }
+            likelihood.push(told.map_or(0.0, |told| told.likelihood));
         }
+        let best = likelihood.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if best.is_finite() {
+            parts.iter_mut().zip(&likelihood).for_each(|(part, own)| part.weight *= (own - best).exp());
+            let total: f64 = parts.iter().map(|part| part.weight).sum();
+            parts.iter_mut().for_each(|part| part.weight /= total);
+            self.evidence += best + total.ln();
+            self.values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
+        }
+        let value = match parts.is_empty() {
+            true => self.values[0],
+            false => parts.iter().map(|part| part.weight * part.mean.0).sum(),
+        };
+        let deviation = parts.iter().map(|part| part.weight * part.mean.1.hypot(part.mean.0 - value)).sum();
+        (self.knots, self.parts) = (knots, parts);
+        self.mean = Continued { below, value, deviation };
         self
-    }
-
-    /// Weight of a part, log S so far below the lowest knot as it continues, and its variance.
-    fn part_continued(&self, part: &Smooth, below: f64) -> (f64, f64, f64) {
-        if let Spread::Few(family, _) = &part.spread {
-            let (value, slope) = family.at(self.knots[0] - below);
-            return (part.weight, value, slope.norm_squared());
-        }
-        let near = NEAR.min(self.size() - 1);
-        let mut level = DVector::zeros(self.size());
-        level[0] = 1.0;
-        let mut line = level.clone();
-        let mut rise = 0.0;
-        if near > 0 {
-            let span = self.knots[near] - self.knots[0];
-            line[0] += below / span;
-            line[near] -= below / span;
-            rise = ((part.values[0] - part.values[near]) / span).clamp(0.0, STEEPEST);
-        }
-        let (line, level) = (part.spread.variance(line), part.spread.variance(level));
-        let variance = level + (line - level).clamp(0.0, (SLOPES * below).powi(2));
-        (part.weight, part.values[0] + rise * below, variance)
     }
 
     /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on to that of the means, or as it rose there, if
@@ -305,22 +317,22 @@ impl LogSpectrum {
         self.knots.len()
     }
 
-    /// Deviation of log S from what it would be, averaged over cells with these weights.
+    /// Deviation of log S from what it would be, averaged over cells with these weights: the mean over what the spectrum may be.
     pub(crate) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
         // the means have a deviation of their own
         let beyond = |log_frequency: f64| (self.knots[0] - log_frequency).max(0.0) * f64::from(self.mean.below > 0.0);
-        let means = weights.iter().filter(|w| beyond(w.0) > 0.0);
-        let means: f64 =
-            means.map(|(f, weight)| weight * self.mean.deviation * (beyond(*f) / self.mean.below).min(1.0)).sum();
+        let share = |log_frequency: f64| (beyond(log_frequency) / self.mean.below).min(1.0);
+        let means: f64 = weights.iter().filter(|w| beyond(w.0) > 0.0).map(|(f, weight)| weight * share(*f)).sum();
         let of = |part: &Smooth| {
             let mut mean = DVector::zeros(self.size());
             for (log_frequency, weight) in weights.iter().filter(|w| beyond(w.0) == 0.0) {
                 Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
             }
             let shift = mean.dot(&(&part.values - &self.values));
-            part.weight * (part.spread.variance(mean) + shift * shift)
+            let at_means = means * part.mean.1.hypot(part.mean.0 - self.mean.value);
+            part.weight * (part.spread.variance(mean) + shift * shift + at_means * at_means).sqrt()
         };
-        (self.parts.iter().map(of).sum::<f64>() + means * means).sqrt()
+        self.parts.iter().map(of).sum()
     }
 
     /// A spectrum as likely as this one.
@@ -334,7 +346,7 @@ impl LogSpectrum {
         let values = &part.values + part.spread.drawn(normal, self.size());
         let mut mean = Continued { deviation: 0.0, ..self.mean };
         if mean.below > 0.0 {
-            mean.value += EXCESS * self.mean.deviation * normal.normal_of_pair();
+            mean.value = part.mean.0 + EXCESS * part.mean.1 * normal.normal_of_pair();
         }
         Self { knots: self.knots.clone(), values, parts: Vec::new(), evidence: 0.0, mean }
     }
@@ -349,6 +361,20 @@ struct Told {
 }
 
 impl Told {
+    /// Where zeros may wander from run to run, which is in no spectrum: what runs say of each other is believed. The means of few records
+    /// may be near zero by chance: S is no lower than at the lowest bin, `least`.
+    fn of((value, variance): (f64, f64), told: (f64, f64), least: f64) -> Self {
+        let steady = Self::new((value, variance), told);
+        let wandering = Self::new((value, variance + WANDER * WANDER), told);
+        let (a, b) = (steady.likelihood + (1.0 - WANDERING).ln(), wandering.likelihood + WANDERING.ln());
+        let share = 1.0 / (1.0 + (b - a).exp());
+        let (first, second) = (steady.value.max(least), wandering.value.max(least));
+        let value = share * first + (1.0 - share) * second;
+        let apart = |own: f64, told: &Self| told.variance + (own - value).powi(2);
+        let variance = share * apart(first, &steady) + (1.0 - share) * apart(second, &wandering);
+        Self { value, variance, likelihood: a.max(b) + (-(a - b).abs()).exp().ln_1p() }
+    }
+
     fn new((value, variance): (f64, f64), (freedom, power): (f64, f64)) -> Self {
         let mut shift = 0.0_f64;
         let ratio = |shift: f64| power * (-value - shift).exp();
@@ -486,7 +512,7 @@ impl Smooth {
         let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
         let precision = information.factor()?;
         let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
-        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision) }))
+        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision), mean: (0.0, 0.0) }))
     }
 }
 

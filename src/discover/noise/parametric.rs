@@ -1,7 +1,7 @@
 //! Spectra with few numbers: what most sensors' noise is, and what tells of the lowest bins where fit and candidates have eaten them.
 //!
-//! Autoregressive noise of order 0 (white) to 4, first-order Gauss-Markov noise with and without white noise beside it, and a power of
-//! the frequency beside white noise. log S depends on two to five numbers, found by Whittle's likelihood with Fisher's scoring. Their
+//! Autoregressive noise of order 0 (white), 1 (first-order Gauss-Markov) and 2 (a resonance), first-order Gauss-Markov noise beside white
+//! noise, and a power of the frequency beside white noise. log S depends on one to three numbers, found by Whittle's likelihood with Fisher's scoring. Their
 //! marginal likelihoods (Laplace) are comparable with those of smooth spectra, so that a family is believed as far as the bins speak for
 //! it. A level at zero frequency is then known by all bins, not by the lowest three (Burg 1975; Beran 1994 for powers).
 
@@ -10,43 +10,43 @@ use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::PI;
 
 /// Most numbers of a family.
-const MOST: usize = 5;
+const MOST: usize = 3;
 type Values = SVector<f64, MOST>;
 type Square = SMatrix<f64, MOST, MOST>;
 
-const ROUNDS: usize = 25;
-const HALVINGS: usize = 6;
+const ROUNDS: usize = 15;
+const HALVINGS: usize = 5;
 /// Decrease of the loss that is not worth another round.
-const SETTLED: f64 = 1e-5;
+const SETTLED: f64 = 1e-3;
 /// Real numbers of residual power for each number of a family, at least.
 const TOLD: f64 = 4.0;
 /// Deviations of log S that is drawn or asked within a family: a linear law in its numbers goes no further.
 const LARGEST: f64 = 6.0;
+/// Deviations at which a normal approximation is held against the loss, and the parts of it that are tried.
+const TAIL: f64 = 2.0;
+const PARTS: [f64; 6] = [1.0, 0.8, 0.6, 0.45, 0.3, 0.2];
 /// Prior of an exponent: between white and a random walk.
 const EXPONENT: (f64, f64) = (1.0, 0.7);
-/// Deviations of autoregressive coefficients and of a white level (logarithm) before any bin is seen.
+/// Deviations of autoregressive coefficients, and of the level of what stands beside white noise (logarithm), before any bin is seen.
 const COEFFICIENT: f64 = 1.0;
-const WHITE: f64 = 3.0;
+const BESIDE: f64 = 3.0;
 
 /// What log S depends on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Family {
     /// c - log |1 + a_1 e^-iw + ...|^2.
     Autoregressive(usize),
-    /// Level, logarithm of the corner; level of the white noise, where there is any.
-    GaussMarkov { white: bool },
-    /// Level, exponent, level of the white noise.
+    /// Level, logarithm of the corner, log odds of its part (at low frequency) against white noise.
+    GaussMarkov,
+    /// Level, exponent, log odds of its part (at the middle frequency) against white noise.
     Power,
 }
 
-const FAMILIES: [Family; 8] = [
+const FAMILIES: [Family; 5] = [
     Family::Autoregressive(0),
     Family::Autoregressive(1),
     Family::Autoregressive(2),
-    Family::Autoregressive(3),
-    Family::Autoregressive(4),
-    Family::GaussMarkov { white: false },
-    Family::GaussMarkov { white: true },
+    Family::GaussMarkov,
     Family::Power,
 ];
 
@@ -86,8 +86,7 @@ impl Family {
     fn size(self) -> usize {
         match self {
             Self::Autoregressive(order) => 1 + order,
-            Self::GaussMarkov { white } => 2 + usize::from(white),
-            Self::Power => 3,
+            Self::GaussMarkov | Self::Power => 3,
         }
     }
 
@@ -112,24 +111,12 @@ impl Family {
                 }
                 (numbers[0] - square.ln(), slope)
             }
-            Self::GaussMarkov { white } => {
+            Self::GaussMarkov => {
                 let ratio = place.half * (-2.0 * numbers[1]).exp();
-                let markov = numbers[0] - ratio.ln_1p();
                 let corner = 2.0 * ratio / (1.0 + ratio);
-                if !white {
-                    (slope[0], slope[1]) = (1.0, corner);
-                    return (markov, slope);
-                }
-                let (sum, share) = added(markov, numbers[2]);
-                (slope[0], slope[1], slope[2]) = (share, share * corner, 1.0 - share);
-                (sum, slope)
+                beside_white(numbers, -ratio.ln_1p(), corner)
             }
-            Self::Power => {
-                let power = numbers[0] - numbers[1] * place.along;
-                let (sum, share) = added(power, numbers[2]);
-                (slope[0], slope[1], slope[2]) = (share, -share * place.along, 1.0 - share);
-                (sum, slope)
-            }
+            Self::Power => beside_white(numbers, -numbers[1] * place.along, -place.along),
         }
     }
 
@@ -139,11 +126,11 @@ impl Family {
         (mean[0], own[0]) = (level, deviation);
         match self {
             Self::Autoregressive(order) => (1..=order).for_each(|k| own[k] = COEFFICIENT),
-            Self::GaussMarkov { .. } => (mean[1], own[1]) = (0.5 * lowest, (-0.5 * lowest).max(1.0)),
+            Self::GaussMarkov => (mean[1], own[1]) = (0.5 * lowest, (-0.5 * lowest).max(1.0)),
             Self::Power => (mean[1], own[1]) = EXPONENT,
         }
-        if matches!(self, Self::GaussMarkov { white: true } | Self::Power) {
-            (mean[2], own[2]) = (level, WHITE);
+        if matches!(self, Self::GaussMarkov | Self::Power) {
+            own[2] = BESIDE;
         }
         (mean, own)
     }
@@ -161,24 +148,31 @@ impl Family {
         let (low, high) = (mean(0..third), mean(left.len() - third..left.len()));
         match self {
             Self::Autoregressive(order) => vec![own(order)],
-            Self::GaussMarkov { white } => {
+            Self::GaussMarkov => {
                 let first = own(1);
                 let phi = (-first[1]).clamp(0.05, 0.995);
                 let corner = ((1.0 - phi) / (2.0 * phi.sqrt())).ln();
                 let markov = first[0] - 2.0 * (1.0 - phi).ln();
-                let near = Values::from_column_slice(&[markov, corner, high, 0.0, 0.0]);
-                let slow = Values::from_column_slice(&[low + 1.0, corner - 1.5, high, 0.0, 0.0]);
-                if white { vec![near, slow] } else { vec![near] }
+                let odds = |part: f64, white: f64| Values::new(added(part, white), corner, part - white);
+                let slow = odds(low, high);
+                vec![odds(markov, high - 1.0), Values::new(slow[0], corner - 1.5, slow[2])]
             }
-            Self::Power => vec![Values::from_column_slice(&[level, 1.0, high - 0.5, 0.0, 0.0])],
+            Self::Power => vec![Values::new(added(level, high - 0.5), 1.0, level - high + 0.5)],
         }
     }
 }
 
-/// Logarithm of e^a + e^b, and the share of the first.
-fn added(a: f64, b: f64) -> (f64, f64) {
-    let share = 1.0 / (1.0 + (b - a).exp());
-    (a.max(b) + (-(a - b).abs()).exp().ln_1p(), share)
+/// Logarithm of e^a + e^b.
+fn added(a: f64, b: f64) -> f64 {
+    a.max(b) + (-(a - b).abs()).exp().ln_1p()
+}
+
+/// log S of a level times a part of this shape (logarithm, derivative by its number) and white noise, and its derivatives.
+fn beside_white(numbers: &Values, shape: f64, by_number: f64) -> (f64, Values) {
+    let part = 1.0 / (1.0 + (-numbers[2]).exp());
+    let (own, white) = (shape - (-numbers[2]).exp().ln_1p(), -numbers[2].exp().ln_1p());
+    let share = 1.0 / (1.0 + (white - own).exp());
+    (numbers[0] + added(own, white), Values::new(1.0, share * by_number, share - part))
 }
 
 /// Yule and Walker's coefficients from the power of bins (Levinson).
@@ -267,6 +261,26 @@ impl Fit<'_> {
     }
 }
 
+impl Fit<'_> {
+    /// Part of the deviations of a normal approximation within which the loss rises as it says, in the direction that moves the lowest bin
+    /// most, upwards: how much slow noise may hide below white noise is bounded more sharply than that.
+    fn believed(&self, numbers: &Values, root: &Square, least: f64) -> f64 {
+        let Some(place) = self.places.first().filter(|_| self.family.size() > 2) else { return 1.0 };
+        let slope = root.tr_mul(&self.family.of(numbers, place).1);
+        let norm = slope.norm();
+        if norm.is_nan() || norm <= 0.0 {
+            return 1.0;
+        }
+        let direction = root * slope / norm;
+        let rises = |part: &f64| self.scored(&(numbers + direction * (TAIL * part))).loss - least;
+        let enough = |part: &f64| {
+            let rise = rises(part);
+            rise.is_finite() && rise < 0.5 * TAIL * TAIL
+        };
+        PARTS.into_iter().find(enough).unwrap_or(PARTS[PARTS.len() - 1])
+    }
+}
+
 impl Parametric {
     /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand.
     pub(super) fn all(left: &[ResidualPower], deviation: f64) -> Vec<Self> {
@@ -288,6 +302,7 @@ impl Parametric {
             let (numbers, at) = ends.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?;
             let factor = at.information.cholesky()?.unpack();
             let root = factor.transpose().solve_upper_triangular(&Square::identity())?;
+            let root = root * fit.believed(&numbers, &root, at.loss);
             let priors: f64 = fit.precision.map(f64::ln).sum() / 2.0;
             let likelihood = priors - factor.diagonal().map(f64::ln).sum() - at.loss;
             likelihood.is_finite().then_some(Self { likelihood, family, numbers, root, highest, middle })
