@@ -360,12 +360,13 @@ impl FrontProblem<'_> {
     fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
         let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
         let Some(gained) = self.advantage(large, small, naive) else { return false };
-        if gained.reduction > gained.error.max(USELESS) || self.clearly_likelier(large, small) {
-            return false;
-        }
         let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
         let mut without = best.accepted.iter().filter(|a| !kept(a));
         let physical = without.any(|a| a.candidate.effect().class() != Class::StandIn);
+        let least = if physical { gained.error } else { gained.error.max(USELESS) };
+        if gained.reduction > least || self.clearly_likelier(large, small) {
+            return false;
+        }
         let expected = self.expected(large, small, naive);
         let contradicted = gained.reduction < (expected - CONTRADICTED * gained.error).max(-gained.error);
         contradicted || !physical
