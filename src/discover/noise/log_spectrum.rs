@@ -126,6 +126,27 @@ impl Smooth {
     }
 }
 
+/// The median over what the spectrum may be, at each knot: a family that is a little likely and far away moves it little.
+fn medians(parts: &[Smooth], knots: usize) -> DVector<f64> {
+    DVector::from_fn(knots, |k, _| median(parts.iter().map(|part| (part.values[k], part.weight)).collect()))
+}
+
+/// The median of values with weights: between the two around half of the weight, in proportion.
+fn median(mut values: Vec<(f64, f64)>) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let (mut below, mut last): (f64, Option<(f64, f64)>) = (0.0, None);
+    for (value, weight) in values {
+        // weight up to the middle of this one
+        let middle = below + 0.5 * weight;
+        if middle >= half {
+            return last.map_or(value, |(other, at)| other + (value - other) * (half - at) / (middle - at));
+        }
+        (below, last) = (below + weight, Some((value, middle)));
+    }
+    last.map_or(0.0, |(value, _)| value)
+}
+
 /// How uncertain the values at the knots are.
 #[derive(Debug, Clone, PartialEq)]
 enum Spread {
@@ -205,7 +226,7 @@ impl LogSpectrum {
             .into_iter()
             .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
             .collect();
-        let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
+        let values = medians(&parts, knots.len());
         let evidence = best + total.ln();
         Self { knots, values, parts, evidence, mean: Continued::default() }.raised().continued(&means)
     }
@@ -255,11 +276,11 @@ impl LogSpectrum {
             let total: f64 = parts.iter().map(|part| part.weight).sum();
             parts.iter_mut().for_each(|part| part.weight /= total);
             self.evidence += best + total.ln();
-            self.values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
+            self.values = medians(&parts, knots.len());
         }
         let value = match parts.is_empty() {
             true => self.values[0],
-            false => parts.iter().map(|part| part.weight * part.mean.0).sum(),
+            false => median(parts.iter().map(|part| (part.mean.0, part.weight)).collect()),
         };
         let deviation = parts.iter().map(|part| part.weight * part.mean.1.hypot(part.mean.0 - value)).sum();
         (self.knots, self.parts) = (knots, parts);

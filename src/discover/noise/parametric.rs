@@ -24,7 +24,7 @@ const TOLD: f64 = 4.0;
 const LARGEST: f64 = 6.0;
 /// Deviations at which a normal approximation is held against the loss, and the parts of it that are tried.
 const TAIL: f64 = 2.0;
-const PARTS: [f64; 6] = [1.0, 0.8, 0.6, 0.45, 0.3, 0.2];
+const PARTS: [f64; 4] = [1.0, 0.8, 0.65, 0.5];
 /// Prior of an exponent: between white and a random walk.
 const EXPONENT: (f64, f64) = (1.0, 0.7);
 /// Deviations of autoregressive coefficients, and of the level of what stands beside white noise (logarithm), before any bin is seen.
@@ -331,5 +331,84 @@ impl Parametric {
             slopes.row_mut(k).tr_copy_from(&slope);
         }
         (values, slopes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fdm_numeric::random::Stream;
+
+    /// Derivatives of log S against central differences, for all families.
+    #[test]
+    fn derivatives_are_those_of_differences() {
+        let numbers = Values::new(0.3, -0.7, 0.45);
+        for family in FAMILIES {
+            for log_frequency in [-6.0, -3.0, -1.0, -0.1] {
+                let place = Place::new(log_frequency, (0.0, -3.0));
+                let (_, slope) = family.of(&numbers, &place);
+                for k in 0..MOST {
+                    let moved = |step: f64| {
+                        let mut moved = numbers;
+                        moved[k] += step;
+                        family.of(&moved, &place).0
+                    };
+                    let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                    let expected = if k < family.size() { slope[k] } else { 0.0 };
+                    assert!((difference - expected).abs() < 1e-8, "{family:?} {k}: {difference} {expected}");
+                }
+            }
+        }
+    }
+
+    /// Gamma variates of mean S with so many degrees of freedom at every bin, but for the lowest, which were fitted away.
+    fn left(seed: u64, eaten: usize, density: impl Fn(f64) -> f64) -> Vec<ResidualPower> {
+        let mut normal = Stream::seeded(seed);
+        let bin = |k: usize| {
+            let f = k as f64 / 400.0;
+            let power = (0..4).map(|_| normal.normal_of_pair().powi(2)).sum::<f64>() / 4.0;
+            let freedom = if k <= eaten { 0.0 } else { 4.0 };
+            ResidualPower { log_frequency: f.ln(), power: density(f) * power, freedom }
+        };
+        (1..400).map(bin).collect()
+    }
+
+    fn likeliest(left: &[ResidualPower]) -> Parametric {
+        let all = Parametric::all(left, 100.0);
+        all.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood)).expect("a family")
+    }
+
+    #[test]
+    fn the_family_is_found_and_goes_on_below_what_was_fitted_away() {
+        let markov = |f: f64| 1.0 / (1.0 - 1.8 * (PI * f).cos() + 0.81);
+        let power = |f: f64| 0.5 + 0.02 / f;
+        let resonance = |f: f64| {
+            let (c, s) = ((PI * f).cos(), (PI * f).sin());
+            let (re, im) = (1.0 - 1.6 * c + 0.9 * (2.0 * c * c - 1.0), 1.6 * s - 0.9 * 2.0 * s * c);
+            1.0 / (re * re + im * im)
+        };
+        type Case<'a> = (&'a dyn Fn(f64) -> f64, Family, f64);
+        let cases: [Case<'_>; 4] = [
+            (&|_| 2.0, Family::Autoregressive(0), 0.2),
+            (&markov, Family::Autoregressive(1), 1.2),
+            (&resonance, Family::Autoregressive(2), 0.4),
+            (&power, Family::Power, 2.0),
+        ];
+        for (density, family, off) in cases {
+            let found: Vec<Parametric> = (0..20).map(|seed| likeliest(&left(seed, 6, density))).collect();
+            let right = found.iter().filter(|own| own.family == family).count();
+            assert!(right >= 15, "{family:?} {right}");
+            let f = 1.0_f64 / 400.0;
+            let truth = density(f).ln();
+            let near = found.iter().filter(|own| (own.at(f.ln()).0 - truth).abs() < off).count();
+            assert!(near >= 17, "{family:?} {near}");
+            // as uncertain as it says
+            let squares = found.iter().filter(|own| own.family == family).map(|own| {
+                let (value, slope) = own.at(f.ln());
+                ((value - truth) / slope.norm()).powi(2)
+            });
+            let mean = squares.sum::<f64>() / right as f64;
+            assert!(mean < 4.0, "{family:?} {mean}");
+        }
     }
 }
