@@ -129,8 +129,7 @@ fn smoothed(measured: &[f64], (o, q): (usize, usize)) -> Vec<f64> {
 
 /// The mean of what was measured.
 fn mean(values: &[f64]) -> f64 {
-    let (sum, count) =
-        values.iter().filter(|v| !v.is_nan()).fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
+    let (sum, count) = values.iter().filter(|v| !v.is_nan()).fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
     sum / count
 }
 

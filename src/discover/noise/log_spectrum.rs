@@ -176,9 +176,7 @@ impl Spread {
                 precision.solve_upper(&mut change);
                 change
             }
-            Self::Few(_, slopes) => {
-                slopes * DVector::from_fn(slopes.ncols(), |_, _| EXCESS * normal.normal_of_pair())
-            }
+            Self::Few(_, slopes) => slopes * DVector::from_fn(slopes.ncols(), |_, _| EXCESS * normal.normal_of_pair()),
         }
     }
 }
@@ -217,7 +215,10 @@ impl LogSpectrum {
         parts.extend(families.into_iter().map(|family| {
             let (values, slopes) = family.along(&knots);
             let likelihood = family.likelihood + equal.ln();
-            (likelihood, Smooth { weight: 1.0, values, spread: Spread::Few(Box::new(family), slopes), mean: (0.0, 0.0) })
+            (
+                likelihood,
+                Smooth { weight: 1.0, values, spread: Spread::Few(Box::new(family), slopes), mean: (0.0, 0.0) },
+            )
         }));
         let best = parts.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
         parts.retain(|p| p.0 > best - NEGLIGIBLE);
@@ -263,8 +264,8 @@ impl LogSpectrum {
         for part in &mut parts {
             let (value, variance) = part.continued(&knots, below);
             part.mean = (value, variance.sqrt());
-            let told = (freedom > 0.0)
-                .then(|| Told::of((value, variance), (freedom, power), part.values[0].min(value)));
+            let told =
+                (freedom > 0.0).then(|| Told::of((value, variance), (freedom, power), part.values[0].min(value)));
             if let Some(told) = &told {
                 part.mean = (told.value, told.variance.sqrt());
             }
@@ -533,7 +534,9 @@ impl Smooth {
         let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
         let precision = information.factor()?;
         let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
-        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision), mean: (0.0, 0.0) }))
+        likelihood
+            .is_finite()
+            .then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision), mean: (0.0, 0.0) }))
     }
 }
 

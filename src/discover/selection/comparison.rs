@@ -153,7 +153,8 @@ impl ForwardStep<'_> {
 
     /// The first noise, and the base model by it.
     fn begun(&mut self) -> Result<(CommonNoise, Fitting), DiagnosisError> {
-        let noise = CommonNoise::new(&self.screening.spectra, self.options.dropped).growing(&self.growth).within(self.left());
+        let noise =
+            CommonNoise::new(&self.screening.spectra, self.options.dropped).growing(&self.growth).within(self.left());
         let base = self.base(&noise, &self.current.theta[..self.runs.train])?;
         Ok((noise, base))
     }

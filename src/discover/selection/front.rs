@@ -114,7 +114,9 @@ impl Level {
                 let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
                 let worse = || {
                     let percent = 100.0 * (self.error.filter(|e| *e > 1.0)?.sqrt() - 1.0);
-                    Some(format!("its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"))
+                    Some(format!(
+                        "its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"
+                    ))
                 };
                 self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence)).or_else(worse)
             }),
@@ -165,7 +167,8 @@ pub(super) struct Front {
 impl FrontProblem<'_> {
     fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
         let (aside, written) = (false, Err(String::new()));
-        let mut level = Level { path, aside, accepted, current, split, written, repeats: None, predicted: None, error: None };
+        let mut level =
+            Level { path, aside, accepted, current, split, written, repeats: None, predicted: None, error: None };
         level.written = self.written(&level, Thoroughness::Near);
         if level.has(Class::StandIn) {
             level.repeats = repeated_in_the_end(
