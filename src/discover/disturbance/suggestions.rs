@@ -80,7 +80,7 @@ pub(crate) fn suggestions(model: &Model, fitted_runs: &[FittedRun<'_>]) -> Resul
             residual: residual.clone(),
             fitted: fitted.clone(),
             directions,
-            deviations: None,
+            deviations: fitted_run.record.deviations.clone(),
         });
     }
     let directions: Vec<Direction> = (0..functions * places.len())

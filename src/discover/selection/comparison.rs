@@ -229,7 +229,7 @@ impl ForwardStep<'_> {
     /// The noise that is left by a candidate model, all directions taken out; where these leave too little to tell, what it leaves itself.
     fn renewed(&mut self, best: &CandidateModel) -> Option<CommonNoise> {
         let mut records = records(&best.model, self.runs.train(), &best.predictors, &best.fitting.theta).ok()?;
-        weigh(&mut records, self.runs, &self.growth);
+        weigh(&mut records, self.runs.train(), &self.growth);
         let left = self.current.noise(&records, &self.options).unwrap_or_default();
         // directions are large: they are lent
         let lend = |a: &mut [Record], b: &mut [Record]| {

@@ -583,11 +583,11 @@ impl<'a> ForwardSelection<'a> {
             accepted.renew(&after.fitting);
         }
         (self.progress)("looking for disturbances, residual analysis");
-        let residuals = ResidualRecords::new(first, self.runs, &before.theta)?;
+        let residuals = ResidualRecords::new(first, self.runs, &before.theta, noise)?;
         let lack_of_fit = residuals.lack_of_fit();
         let evidence = residuals.evidence();
         let explained = match &last {
-            Some(current) => ResidualRecords::new(current, self.runs, &after.theta)?.evidence(),
+            Some(current) => ResidualRecords::new(current, self.runs, &after.theta, noise)?.evidence(),
             None => None,
         };
         let cost = self.accepted.iter().map(Accepted::cost).sum();

@@ -14,6 +14,7 @@ use crate::noise::Growth;
 use crate::screening::{Direction, Screening, ScreeningOptions};
 use fdm_grammar::effect::{Candidate, Kind};
 use fdm_grammar::syntax::Class;
+use fdm_system::record::Run;
 use std::sync::Arc;
 
 /// A search for one more effect.
@@ -73,7 +74,7 @@ impl<'a> ForwardStep<'a> {
         let free = current.columns(runs);
         let mut records = records(&current.model, runs.train(), &current.predictors, &current.theta)?;
         let growth = growth(&records, runs, current.outputs());
-        weigh(&mut records, runs, &growth);
+        weigh(&mut records, runs.train(), &growth);
         let (mut directions, mut owner) = (Vec::new(), Vec::new());
         for (t, trace) in simulated.iter_mut().enumerate() {
             for (k, (point, parts)) in trace.points.iter().zip(std::mem::take(&mut trace.signals)).enumerate() {
@@ -99,12 +100,12 @@ fn growth(records: &[Record], runs: Runs<'_>, q: usize) -> Arc<[Option<Growth>]>
 }
 
 /// Gives records the relative deviations of their noise.
-pub(super) fn weigh(records: &mut [Record], runs: Runs<'_>, growth: &[Option<Growth>]) {
+pub(super) fn weigh(records: &mut [Record], runs: &[Run], growth: &[Option<Growth>]) {
     if growth.iter().all(Option::is_none) {
         return;
     }
     let q = growth.len();
-    for (record, run) in records.iter_mut().zip(runs.train()) {
+    for (record, run) in records.iter_mut().zip(runs) {
         let mut all = vec![1.0; run.measured.len()];
         for (o, growth) in growth.iter().enumerate().filter_map(|(o, growth)| Some((o, growth.as_ref()?))) {
             let own = growth.deviations(&run.measured, (o, q));

@@ -256,6 +256,11 @@ impl CommonNoise {
         Self { growth: Arc::clone(growth), ..self.clone() }
     }
 
+    /// How the noise of each output grows with its signal; empty where none does.
+    pub(super) fn growths(&self) -> &[Option<Growth>] {
+        &self.growth
+    }
+
     /// How the noise of an output grows with its signal.
     fn growth(&self, output: usize) -> Option<&Growth> {
         self.growth.get(output)?.as_ref()
