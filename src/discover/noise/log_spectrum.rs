@@ -11,8 +11,8 @@
 //! probability of all smooth ones together, and believed by its marginal likelihood. Where the lowest bins were fitted away these say what all others tell
 //! of them, and how surely.
 
-use super::ResidualPower;
 use super::parametric::Parametric;
+use super::residual_power::ResidualPower;
 use fdm_numeric::dense::{Factor, Pentadiagonal};
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector};

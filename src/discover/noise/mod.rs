@@ -3,23 +3,14 @@
 mod growth;
 mod log_spectrum;
 mod parametric;
+mod residual_power;
 mod smooth_spectrum;
 
 pub(crate) use growth::Growth;
 pub use log_spectrum::LogSpectrum;
 use nalgebra::DMatrix;
+pub use residual_power::ResidualPower;
 pub(crate) use smooth_spectrum::{PENALTY, SmoothSpectrum};
-
-/// What is left of the bins of a cell.
-#[derive(Debug, Clone, Copy)]
-pub struct ResidualPower {
-    /// log f
-    pub log_frequency: f64,
-    /// Mean square of what is left: its sum over `freedom`.
-    pub power: f64,
-    /// Bins less leverage, n - h.
-    pub freedom: f64,
-}
 
 /// L of a correlation L L' of outputs; correlations are made smaller until there is one.
 pub(super) fn correlation_factor(mut correlation: DMatrix<f64>) -> Option<DMatrix<f64>> {

@@ -5,7 +5,7 @@
 //! marginal likelihoods (Laplace) are comparable with those of smooth spectra, so that a family is believed as far as the bins speak for
 //! it. A level at zero frequency is then known by all bins, not by the lowest three (Burg 1975; Beran 1994 for powers).
 
-use super::ResidualPower;
+use super::residual_power::ResidualPower;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::PI;
 

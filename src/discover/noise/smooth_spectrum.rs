@@ -4,7 +4,7 @@
 //! are free to do. log S is a sum of hats over log f; what is left of n bins beside a leverage h has the mean S (n - h): gamma
 //! variates (Whittle), solved by reweighted least squares.
 
-use super::ResidualPower;
+use super::residual_power::ResidualPower;
 use nalgebra::{DMatrix, DVector};
 
 /// Numbers of hat functions that are tried.
