@@ -41,6 +41,8 @@ pub struct Record {
     pub fitted: Vec<Option<Signals>>,
     /// What each direction adds to the response, in the order of the directions.
     pub directions: Vec<Signals>,
+    /// Deviation of the noise at each sample in that of its output (N by q), where it is not even; all signals are divided by it.
+    pub deviations: Option<Signals>,
 }
 
 impl Record {
@@ -132,7 +134,8 @@ impl OutputBins {
         let mut buffer = vec![0.0; n];
         let mut transform = |signal: &Signals, bins: &mut [f64]| {
             for (value, k) in buffer.iter_mut().zip(&samples) {
-                *value = signal[k * channels + channel];
+                let deviation = record.deviations.as_ref().map_or(1.0, |own| own[k * channels + channel]);
+                *value = signal[k * channels + channel] / deviation;
             }
             dct.forward(&mut buffer);
             for (bin, value) in bins.iter_mut().zip(&buffer[dropped..]) {

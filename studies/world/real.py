@@ -21,6 +21,10 @@ STAND_INS = {"output_scale", "sensor_position", *re.findall(
     r"^effect (\w+)\([^{]*\bas stand_in\b", (ROOT / "models" / "effects.fdm").read_text(), re.M)}
 
 
+# seconds after which a diagnosis ends with the best so far, below the limit of processor time
+TIME = "50"
+
+
 @dataclass
 class Record:
     name: str
@@ -419,7 +423,7 @@ def main():
                 tables[name] = {h.split("[")[0].strip(): rows[:, j] for j, h in enumerate(head.split(","))}
             files, checks = written(folder, runs), written(folder, validation)
             (folder / "model.fdm").write_text(form(record.text, newton))
-            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options, further)
+            found = answer(asked.fdm, folder / "model.fdm", files, checks, folder, record.options, ("--time-limit", TIME, *further))
             answered, wrong, errors = judged(record, found, tables)
             d = found["diagnosis"]
             names.append(d and [(c["effect"], c["targets"]) for c in d["causes"]])

@@ -5,7 +5,7 @@
 use super::localisation::{Localisation, localise};
 use super::nonlinearity::{Curve, Nonlinearities, nonlinearities};
 use super::null_model::NullModel;
-use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceEvidence, PlaceKind, rank};
+use super::place::{BELIEVED, CLEAR, DisturbanceError, FittedRun, Place, PlaceEvidence, PlaceKind, rank};
 use super::residual_analysis::{Coherence, ResidualAnalysis, residual_analysis};
 use fdm_system::model::Model;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 const PENALTY: f64 = 3.0;
 /// Evidence for a disturbance above which something is there, although no effect has a name for it.
 const UNKNOWN: f64 = 10.0;
-/// Evidence above which a nonlinearity is there: of 112 records without an effect three had more, by a likelihood that had fewer kinds
+/// Evidence above which a nonlinearity is told of: of 112 records without an effect three had more, by a likelihood that had fewer kinds
 /// of nonlinearities to choose from.
 const NONLINEARITY: f64 = 1.5;
 /// The part of that evidence that a named effect must explain.
@@ -90,7 +90,7 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
     let by_both = best.map(|e| e.evidence.places.with_disturbance - null - penalty(&e));
     let warnings = warnings(best.map_or(base, |e| e.evidence));
     let effect = by_effect.unwrap_or(0.0).max(0.0);
-    let disturbance = by_disturbance > CLEAR && by_disturbance > effect + CLEAR;
+    let disturbance = by_disturbance > BELIEVED && by_disturbance > effect + CLEAR;
     let unexplained = |e: &Explained<'_>| {
         let left = e.evidence.repeats() || e.evidence.places.evidence() > UNKNOWN;
         left && effect < PART * (effect + e.evidence.rest())
@@ -148,7 +148,7 @@ impl ResidualAnalysis {
 impl ResidualEvidence {
     /// Whether something is left that is the same in every run.
     fn repeats(&self) -> bool {
-        self.residual_analysis.found() || self.nonlinearities.evidence() > NONLINEARITY
+        self.residual_analysis.found() || self.nonlinearities.evidence() > BELIEVED
     }
 
     /// Evidence for what is left, in log-likelihood: of a disturbance, or of the band that looks least like noise.

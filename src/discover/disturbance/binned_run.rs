@@ -32,8 +32,10 @@ pub(super) struct BinnedRun {
     pub(super) residual: DMatrix<f64>,
     /// Fitted sensitivities of each output (L by p).
     pub(super) fitted: Vec<DMatrix<f64>>,
-    /// What was measured (N by q).
-    seen: Vec<bool>,
+    /// What every sample is multiplied by (N by q): 0 where nothing was measured, else 1 over the relative deviation of its noise.
+    weight: Vec<f64>,
+    /// Whether the noise of some output is not even. Signals are then centred, as a constant would not be in the first bins alone.
+    uneven: bool,
     /// What its outputs were turned by.
     mixing: Option<Mixing>,
 }
@@ -44,14 +46,14 @@ impl BinnedRun {
         let samples = record.residual.len() / q;
         let bins = samples - DROPPED;
         let mut cosines = Cosines::new(samples);
-        let seen: Vec<bool> = record.residual.iter().map(|r| !r.is_nan()).collect();
+        let deviation = |at: usize| record.deviations.as_ref().map_or(1.0, |own| own[at]);
+        let seen = |(at, r): (usize, &f64)| if r.is_nan() { 0.0 } else { 1.0 / deviation(at) };
+        let weight: Vec<f64> = record.residual.iter().enumerate().map(seen).collect();
+        let uneven = record.deviations.is_some();
         let mut residual = DMatrix::zeros(bins, q);
         let mut fitted = vec![DMatrix::zeros(bins, record.fitted.len()); q];
         for (channel, fitted) in fitted.iter_mut().enumerate() {
-            let own = |values: &[f64]| -> Vec<f64> {
-                let cells = (channel..samples * q).step_by(q);
-                cells.map(|at| if seen[at] { values[at] } else { 0.0 }).collect()
-            };
+            let own = |values: &[f64]| weighed(&weight, uneven, (channel, q), |k| values[k * q + channel]);
             cosines.bins(own(&record.residual).into_iter(), residual.column_mut(channel).as_mut_slice());
             for (k, column) in record.fitted.iter().enumerate() {
                 if let Some(column) = column {
@@ -67,7 +69,7 @@ impl BinnedRun {
         }
         let interval = record.interval;
         let frequency = (DROPPED..samples).map(|k| k as f64 / (2.0 * samples as f64 * interval)).collect();
-        Self { samples, interval, frequency, residual, fitted, seen, mixing: None }
+        Self { samples, interval, frequency, residual, fitted, weight, uneven, mixing: None }
     }
 
     /// Number of outputs q.
@@ -84,8 +86,8 @@ impl BinnedRun {
     pub(super) fn sensed(&self, cosines: &mut Cosines, signal: &[f64], channel: usize, low: usize) -> Vec<Vec<f64>> {
         let q = self.channels();
         let mut columns = vec![vec![0.0; low]; q];
-        let seen = self.seen.iter().skip(channel).step_by(q);
-        cosines.bins(signal.iter().zip(seen).map(|(v, seen)| if *seen { *v } else { 0.0 }), &mut columns[channel]);
+        let own = weighed(&self.weight, self.uneven, (channel, q), |k| signal[k]);
+        cosines.bins(own.into_iter(), &mut columns[channel]);
         self.turn(columns)
     }
 
@@ -94,8 +96,8 @@ impl BinnedRun {
         let q = self.channels();
         let columns = (0..q).map(|channel| {
             let mut bins = vec![0.0; low];
-            let cells = (channel..self.samples * q).step_by(q);
-            cosines.bins(cells.map(|at| if self.seen[at] { response[at] } else { 0.0 }), &mut bins);
+            let own = weighed(&self.weight, self.uneven, (channel, q), |k| response[k * q + channel]);
+            cosines.bins(own.into_iter(), &mut bins);
             bins
         });
         let columns = columns.collect();
@@ -125,6 +127,19 @@ impl BinnedRun {
         }
         turned
     }
+}
+
+/// Samples of one output by the weights of its noise.
+fn weighed(weight: &[f64], centred: bool, (channel, q): (usize, usize), value: impl Fn(usize) -> f64) -> Vec<f64> {
+    let own = || weight.iter().skip(channel).step_by(q).enumerate();
+    let mean = if centred {
+        let (sum, count) =
+            own().filter(|(_, w)| **w > 0.0).fold((0.0, 0.0), |(sum, count), (k, _)| (sum + value(k), count + 1.0));
+        if count > 0.0 { sum / count } else { 0.0 }
+    } else {
+        0.0
+    };
+    own().map(|(k, w)| if *w > 0.0 { (value(k) - mean) * w } else { 0.0 }).collect()
 }
 
 /// All runs as bins, their fitted sensitivities as orthogonal combinations.

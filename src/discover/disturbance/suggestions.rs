@@ -75,7 +75,13 @@ pub(crate) fn suggestions(model: &Model, fitted_runs: &[FittedRun<'_>]) -> Resul
             },
         )?;
         let Record { interval, residual, fitted, .. } = fitted_run.record;
-        records.push(Record { interval: *interval, residual: residual.clone(), fitted: fitted.clone(), directions });
+        records.push(Record {
+            interval: *interval,
+            residual: residual.clone(),
+            fitted: fitted.clone(),
+            directions,
+            deviations: fitted_run.record.deviations.clone(),
+        });
     }
     let directions: Vec<Direction> = (0..functions * places.len())
         .map(|candidate| Direction { candidate, size: 1.0, shape: Shape::Linear })

@@ -4,6 +4,7 @@
 
 use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, records};
+use super::forward_step::weigh;
 use super::predictor::Predictor;
 use super::runs::{Runs, interval};
 use super::whitening::CommonNoise;
@@ -27,8 +28,15 @@ pub(super) struct ResidualRecords<'a> {
 
 impl<'a> ResidualRecords<'a> {
     /// All runs at these values: what is left is asked of validation runs as well, the fitted parameters free in all of them.
-    pub(super) fn new(current: &'a FittedModel, runs: Runs<'a>, theta: &'a [Vec<f64>]) -> Result<Self, DiagnosisError> {
-        let records = records(&current.model, runs.all, &current.predictors, theta)?;
+    /// Its noise grows with the signals as this one does.
+    pub(super) fn new(
+        current: &'a FittedModel,
+        runs: Runs<'a>,
+        theta: &'a [Vec<f64>],
+        noise: &CommonNoise,
+    ) -> Result<Self, DiagnosisError> {
+        let mut records = records(&current.model, runs.all, &current.predictors, theta)?;
+        weigh(&mut records, runs.all, noise.growths());
         Ok(Self { current, runs, theta, records })
     }
 

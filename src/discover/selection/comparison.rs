@@ -11,7 +11,7 @@ use super::candidate_model::CandidateModel;
 use super::error::DiagnosisError;
 use super::fitted_model::{records, shared_from};
 use super::fitting::{FitProblem, Fitting};
-use super::forward_step::ForwardStep;
+use super::forward_step::{ForwardStep, weigh};
 use super::predictor::{Predictor, responses};
 use super::projection::Projection;
 use super::runs::Progress;
@@ -153,7 +153,8 @@ impl ForwardStep<'_> {
 
     /// The first noise, and the base model by it.
     fn begun(&mut self) -> Result<(CommonNoise, Fitting), DiagnosisError> {
-        let noise = CommonNoise::new(&self.screening.spectra, self.options.dropped).within(self.left());
+        let noise =
+            CommonNoise::new(&self.screening.spectra, self.options.dropped).growing(&self.growth).within(self.left());
         let base = self.base(&noise, &self.current.theta[..self.runs.train])?;
         Ok((noise, base))
     }
@@ -228,6 +229,7 @@ impl ForwardStep<'_> {
     /// The noise that is left by a candidate model, all directions taken out; where these leave too little to tell, what it leaves itself.
     fn renewed(&mut self, best: &CandidateModel) -> Option<CommonNoise> {
         let mut records = records(&best.model, self.runs.train(), &best.predictors, &best.fitting.theta).ok()?;
+        weigh(&mut records, self.runs.train(), &self.growth);
         let left = self.current.noise(&records, &self.options).unwrap_or_default();
         // directions are large: they are lent
         let lend = |a: &mut [Record], b: &mut [Record]| {
@@ -236,7 +238,7 @@ impl ForwardStep<'_> {
         lend(&mut records, &mut self.records);
         let found = self.current.noise(&records, &self.options);
         lend(&mut records, &mut self.records);
-        Some(CommonNoise::new(&found.ok()?, self.options.dropped).within(left))
+        Some(CommonNoise::new(&found.ok()?, self.options.dropped).growing(&self.growth).within(left))
     }
 }
 

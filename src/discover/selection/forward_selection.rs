@@ -384,7 +384,7 @@ impl<'a> ForwardSelection<'a> {
 
     /// Takes down what a search told.
     fn known<'e>(&self, end: &'e mut Option<End>, step: &mut ForwardStep<'a>, p: f64) -> &'e mut End {
-        let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped);
+        let noise = CommonNoise::new(&step.screening.spectra, self.options.screening.dropped).growing(&step.growth);
         let mut left_out = std::mem::take(&mut step.left_out);
         let places = self.shared.catalogue.places(&step.current.subject);
         let crowded =
@@ -583,19 +583,24 @@ impl<'a> ForwardSelection<'a> {
             accepted.renew(&after.fitting);
         }
         (self.progress)("looking for disturbances, residual analysis");
-        let residuals = ResidualRecords::new(first, self.runs, &before.theta)?;
+        let residuals = ResidualRecords::new(first, self.runs, &before.theta, noise)?;
         let lack_of_fit = residuals.lack_of_fit();
         let evidence = residuals.evidence();
         let explained = match &last {
-            Some(current) => ResidualRecords::new(current, self.runs, &after.theta)?.evidence(),
+            Some(current) => ResidualRecords::new(current, self.runs, &after.theta, noise)?.evidence(),
             None => None,
         };
         let cost = self.accepted.iter().map(Accepted::cost).sum();
         let mut attribution =
             evidence.as_ref().map(|h| against(&first.model, h, explained.as_ref().map(|e| (e, cost))));
         let verdict = self.verdict(attribution.as_ref(), end.family_wise, confirmed);
-        if verdict == Verdict::Disturbance {
-            self.withdraw();
+        let overruled = match verdict {
+            Verdict::Disturbance => Some("a disturbance (process noise) explains more"),
+            Verdict::UnknownCause => Some("one function of a state or input, the same in every run, explains more"),
+            _ => None,
+        };
+        if let Some(reason) = overruled {
+            self.withdraw(reason);
             front.iter_mut().for_each(|model| model.recommended = false);
             (last, new, written) = (None, old.clone(), None);
         }
@@ -649,6 +654,8 @@ impl<'a> ForwardSelection<'a> {
         match attribution.map(|a| a.verdict) {
             Some(Origin::Disturbance) if confirmed => Verdict::EffectFound,
             Some(Origin::Disturbance) => Verdict::Disturbance,
+            // effects that are the nearest likeness of a law, which is far likelier
+            Some(Origin::UnknownCause) if !confirmed && attribution.is_some_and(is_law) => Verdict::UnknownCause,
             // what an accepted effect leaves is told beside it
             _ if found => Verdict::EffectFound,
             Some(Origin::UnknownCause) => Verdict::UnknownCause,
@@ -657,11 +664,11 @@ impl<'a> ForwardSelection<'a> {
         }
     }
 
-    /// Takes back what was accepted: it was the nearest likeness of a disturbance.
-    fn withdraw(&mut self) {
+    /// Takes back what was accepted: it was the nearest likeness of something else.
+    fn withdraw(&mut self, reason: &str) {
         for (k, accepted) in self.accepted.drain(..).enumerate() {
             let Cause { place, gain_training, gain_validation, .. } = accepted.cause;
-            let reason = "a disturbance (process noise) explains more".into();
+            let reason = reason.to_string();
             self.rejected.push(Rejected { place, step: k + 1, gain_training, gain_validation, reason });
         }
     }
@@ -677,6 +684,11 @@ fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, fit: &[usize]
         (attached.candidate.clone(), written(attached, &c.fitting.theta[0]))
     };
     comparison.models.iter().enumerate().filter(close).take(NEAR).map(of).collect()
+}
+
+/// Whether a curve over one variable is likelier than the effects, by odds of 100 : 1.
+fn is_law(attribution: &Attribution) -> bool {
+    attribution.law.is_some() && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + LEAD
 }
 
 /// Everything that the user gave a name.

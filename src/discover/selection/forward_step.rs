@@ -7,12 +7,14 @@ use super::error::DiagnosisError;
 use super::extended_model::{SignalScales, place};
 use super::fitted_model::{FittedModel, records};
 use super::forced_tiles::all_directions;
-use super::runs::{DiagnosisOptions, GoesOn, Runs};
+use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use crate::bins::Record;
 use crate::diagnosis::{Detectable, LeftOut, Screened};
+use crate::noise::Growth;
 use crate::screening::{Direction, Screening, ScreeningOptions};
 use fdm_grammar::effect::{Candidate, Kind};
 use fdm_grammar::syntax::Class;
+use fdm_system::record::Run;
 use std::sync::Arc;
 
 /// A search for one more effect.
@@ -26,6 +28,8 @@ pub(super) struct ForwardStep<'a> {
     pub(super) screening: Screening,
     pub(super) records: Vec<Record>,
     pub(super) options: ScreeningOptions,
+    /// How the noise of each output grows with its signal.
+    pub(super) growth: Arc<[Option<Growth>]>,
     goes_on: &'a GoesOn<'a>,
     /// What the columns of the records are derivatives by: what all runs share, what belongs to each run (behind the parameters stands
     /// what belongs to a run and is none).
@@ -69,6 +73,8 @@ impl<'a> ForwardStep<'a> {
         }
         let free = current.columns(runs);
         let mut records = records(&current.model, runs.train(), &current.predictors, &current.theta)?;
+        let growth = growth(&records, runs, current.outputs());
+        weigh(&mut records, runs.train(), &growth);
         let (mut directions, mut owner) = (Vec::new(), Vec::new());
         for (t, trace) in simulated.iter_mut().enumerate() {
             for (k, (point, parts)) in trace.points.iter().zip(std::mem::take(&mut trace.signals)).enumerate() {
@@ -79,7 +85,33 @@ impl<'a> ForwardStep<'a> {
         }
         let screening = current.screened(&records, &directions, &options.screening)?;
         let options = options.screening;
-        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, goes_on, free })
+        Ok(Self { current, runs, simulated, left_out, owner, screening, records, options, growth, goes_on, free })
+    }
+}
+
+/// How the noise of each output grows with its signal; nothing in the frequency domain.
+fn growth(records: &[Record], runs: Runs<'_>, q: usize) -> Arc<[Option<Growth>]> {
+    if *runs.domain != Domain::Time {
+        return Arc::new([]);
+    }
+    let train = runs.train().iter().map(|run| &run.measured[..]);
+    let pairs: Vec<(&[f64], &[f64])> = records.iter().map(|r| &r.residual[..]).zip(train).collect();
+    (0..q).map(|o| Growth::found(&pairs, (o, q))).collect()
+}
+
+/// Gives records the relative deviations of their noise.
+pub(super) fn weigh(records: &mut [Record], runs: &[Run], growth: &[Option<Growth>]) {
+    if growth.iter().all(Option::is_none) {
+        return;
+    }
+    let q = growth.len();
+    for (record, run) in records.iter_mut().zip(runs) {
+        let mut all = vec![1.0; run.measured.len()];
+        for (o, growth) in growth.iter().enumerate().filter_map(|(o, growth)| Some((o, growth.as_ref()?))) {
+            let own = growth.deviations(&run.measured, (o, q));
+            own.into_iter().enumerate().for_each(|(k, deviation)| all[k * q + o] = deviation);
+        }
+        record.deviations = Some(all);
     }
 }
 

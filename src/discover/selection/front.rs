@@ -6,9 +6,12 @@
 //! runs each run by a fit to the others; of a single run its last third by a fit to the rest.
 //!
 //! Recommended is the smallest model that predicts as well as the best, within one standard error of the difference of squared errors (the
-//! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995) or 1 % of the root mean square. What runs that were not fitted make clearly likelier stays all
-//! the same. So does a mechanism of which so little was to be expected, unless the prediction is clearly worse with it: a small one that the
-//! likelihood has found is there, whether it is worth much or not.
+//! one-standard-error rule, Breiman et al. 1984; Diebold & Mariano 1995). What runs that were not fitted make clearly likelier stays all
+//! the same. So does a mechanism or an effect of a sensor which plain errors do not contradict. If its effect d on the prediction is right,
+//! the squared error falls by the sum of d^2 on average; if it is of no use at all, by nothing. Where the fall is within two standard
+//! errors of that sum, and no loss of one, plain errors cannot say that it is not there, and the likelihood has said that it is.
+//!
+//! What predicts worse than the model as it was given is never recommended.
 //!
 //! Physics first: a set with a stand-in in it is recommended only where it predicts better than the best set without, by more than one standard
 //! error of the difference, and is likelier with all penalties counted; a set with an effect of a sensor beside mechanisms where it is likelier
@@ -37,11 +40,10 @@ const FOLDS: usize = 3;
 const EACH: usize = 4;
 /// Of them those that are fitted plainly, the likeliest by the joint fit; others only where all of these fail.
 const FITTED: usize = 2;
-/// Gain in log-likelihood below which an effect is not to be seen in plain errors: its improvement is about half the root of twice the gain, in
-/// standard errors, where noise is white.
-const SMALL: f64 = 18.0;
-/// Part of the squared error below which an improvement is of no use, however significant.
+/// Part of the squared error below which an improvement by a stand-in is of no use, however significant.
 const USELESS: f64 = 0.02;
+/// Standard errors beyond which plain errors contradict an effect.
+const CONTRADICTED: f64 = 2.0;
 /// Deviations of a gain in log-likelihood on validation runs from which it is clear.
 const CLEAR: f64 = 2.0;
 
@@ -79,6 +81,8 @@ pub(super) struct Level {
     repeats: Option<Repeated>,
     /// What it predicts.
     predicted: Option<Predicted>,
+    /// Squared error of that over that of the model as it was given; none where nothing was predicted.
+    error: Option<f64>,
 }
 
 /// What a model leaves of runs that it was not fitted to.
@@ -108,7 +112,13 @@ impl Level {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
                 let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
-                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence))
+                let worse = || {
+                    let percent = 100.0 * (self.error.filter(|e| *e > 1.0)?.sqrt() - 1.0);
+                    Some(format!(
+                        "its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"
+                    ))
+                };
+                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence)).or_else(worse)
             }),
             Err(why) => Some(why.clone()),
         }
@@ -157,7 +167,8 @@ pub(super) struct Front {
 impl FrontProblem<'_> {
     fn level(&self, path: usize, accepted: Vec<Accepted>, current: Arc<FittedModel>, split: SplitFit) -> Level {
         let (aside, written) = (false, Err(String::new()));
-        let mut level = Level { path, aside, accepted, current, split, written, repeats: None, predicted: None };
+        let mut level =
+            Level { path, aside, accepted, current, split, written, repeats: None, predicted: None, error: None };
         level.written = self.written(&level, Thoroughness::Near);
         if level.has(Class::StandIn) {
             level.repeats = repeated_in_the_end(
@@ -241,7 +252,10 @@ impl FrontProblem<'_> {
         if let Some(naive) = self.predicted(self.first, self.first, &self.first.theta) {
             let found: Vec<Option<Predicted>> = levels.iter().map(of).collect();
             if levels.iter().zip(&found).all(|(level, found)| found.is_some() || level.objection().is_some()) {
-                levels.iter_mut().zip(found).for_each(|(level, found)| level.predicted = found);
+                for (level, found) in levels.iter_mut().zip(found) {
+                    level.error = found.as_ref().map(|found| self.relative(found, &naive));
+                    level.predicted = found;
+                }
                 return Prediction { naive, fitted: false };
             }
         }
@@ -349,14 +363,34 @@ impl FrontProblem<'_> {
     fn is_as_good(&self, smaller: &Level, best: &Level, naive: &Predicted) -> bool {
         let (Some(small), Some(large)) = (&smaller.predicted, &best.predicted) else { return false };
         let Some(gained) = self.advantage(large, small, naive) else { return false };
-        if gained.reduction > gained.error.max(USELESS) || self.clearly_likelier(large, small) {
+        let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
+        let mut without = best.accepted.iter().filter(|a| !kept(a));
+        let physical = without.any(|a| a.candidate.effect().class() != Class::StandIn);
+        let least = if physical { gained.error } else { gained.error.max(USELESS) };
+        if gained.reduction > least || self.clearly_likelier(large, small) {
             return false;
         }
-        let kept = |a: &Accepted| smaller.accepted.iter().any(|b| b.cause.place == a.cause.place);
-        let without = best.accepted.iter().filter(|a| !kept(a));
-        let small_mechanism =
-            |a: &Accepted| a.candidate.effect().class() == Class::Mechanism && a.cause.gain_training < SMALL;
-        gained.reduction < -gained.error || !without.into_iter().any(small_mechanism)
+        let expected = self.expected(large, small, naive);
+        let contradicted = gained.reduction < (expected - CONTRADICTED * gained.error).max(-gained.error);
+        contradicted || !physical
+    }
+
+    /// By how much the squared error of a larger model's prediction would be less if what it adds were right: the mean square of that, in
+    /// the part of the smaller model's error.
+    fn expected(&self, large: &Predicted, small: &Predicted, naive: &Predicted) -> f64 {
+        let scale = self.mean_squares(naive);
+        let q = self.first.outputs();
+        let (mut added, mut whole) = (0.0, 0.0);
+        for large in large {
+            let Some(small) = small.iter().find(|p| p.run == large.run) else { continue };
+            for (k, (l, s)) in large.residual.iter().zip(&small.residual).enumerate() {
+                if scale[k % q] > 0.0 && !l.is_nan() && !s.is_nan() {
+                    added += (s - l).powi(2) / scale[k % q];
+                    whole += s * s / scale[k % q];
+                }
+            }
+        }
+        if whole > 0.0 { added / whole } else { 0.0 }
     }
 
     /// Whether runs that were not fitted are clearly likelier by the larger model, by the noise found. A part of a run that was fitted is no

@@ -155,7 +155,7 @@ impl Predictor {
             fitted.extend((0..own.len()).map(|c| (other == place).then(|| column(shared.len() + c))));
         }
         let residual = self.measured(run).iter().zip(&y).map(|(z, y)| z - y).collect();
-        Ok(Record { interval: interval(run), residual, fitted, directions: Vec::new() })
+        Ok(Record { interval: interval(run), residual, fitted, directions: Vec::new(), deviations: None })
     }
 
     /// Of free parameters (those that all runs share, those of each run) those that its responses show; behind the parameters (p) what

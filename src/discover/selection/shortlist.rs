@@ -64,12 +64,16 @@ impl ForwardStep<'_> {
         PENALTY * attached.cost() as f64 + prior(attached.candidate.effect().class())
     }
 
-    /// The best by lead, and all whose predicted gain is within reach of the best.
+    /// The best by lead, and then by predicted gain, penalties taken off, all whose predicted gain is within reach of the best: where the
+    /// noise under an effect is known by few bins, its chance is discounted, but what it gains is not.
     fn promising(&self, count: &RangeInclusive<usize>) -> Vec<usize> {
         let candidates = &self.screening.candidates;
         let usable = |t: &&usize| candidates[**t].direction.is_some() && candidates[**t].statistic > 0.0;
-        let ranked: Vec<usize> = self.screening.ranking.iter().filter(usable).copied().collect();
+        let mut ranked: Vec<usize> = self.screening.ranking.iter().filter(usable).copied().collect();
         let best = ranked.iter().map(|t| candidates[*t].statistic).fold(0.0, f64::max);
+        let first = ranked.len().min(*count.start());
+        let promised = |t: &usize| candidates[*t].gain() - self.penalty(*t);
+        ranked[first..].sort_by(|a, b| promised(b).total_cmp(&promised(a)).then(a.cmp(b)));
         let near = |(k, t): (usize, usize)| (k < *count.start() || candidates[t].statistic > REACH * best).then_some(t);
         ranked.into_iter().enumerate().filter_map(near).take(*count.end()).collect()
     }
@@ -140,7 +144,7 @@ impl ForwardStep<'_> {
     /// Marginal log-likelihood of residuals (one for each run) as noise.
     pub(super) fn likelihood(&self, residuals: &[Vec<f64>]) -> f64 {
         let outputs = self.current.outputs();
-        let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0);
+        let flat = CommonNoise::new(&vec![LogSpectrum::flat(1.0); outputs], 0).growing(&self.growth);
         let mut bins: Vec<Vec<ResidualPower>> = vec![Vec::new(); outputs];
         for ((run, predictor), residual) in self.runs.train().iter().zip(&self.current.predictors).zip(residuals) {
             let mut whitener = predictor.whitener(run, outputs, &flat);

@@ -5,7 +5,7 @@
 
 use super::runs::interval;
 use crate::bins::{ordinal, spacing};
-use crate::noise::LogSpectrum;
+use crate::noise::{Growth, LogSpectrum};
 use fdm_estimate::Response;
 use fdm_numeric::fourier::CosineTransform;
 use fdm_system::record::Run;
@@ -33,6 +33,8 @@ struct OutputWhitener {
     weight: Vec<f64>,
     /// Logarithm of the frequency of every bin.
     log_frequency: Vec<f64>,
+    /// Relative deviation of the noise at each sample; none where it is even.
+    deviations: Option<Vec<f64>>,
 }
 
 impl OutputWhitener {
@@ -43,7 +45,8 @@ impl OutputWhitener {
         let orthonormal = |k: usize| if k == 0 { 1.0 / n as f64 } else { 2.0 / n as f64 };
         let weight = (0..n).map(|k| orthonormal(k).sqrt() / noise.deviation(o, k, n, dt)).collect();
         let log_frequency = (0..n).map(|k| (ordinal(k) / (2.0 * n as f64 * dt)).ln()).collect();
-        Self { dct: Some(CosineTransform::new(n.max(1))), samples, weight, log_frequency }
+        let deviations = noise.growth(o).map(|growth| growth.deviations(&run.measured, (o, q)));
+        Self { dct: Some(CosineTransform::new(n.max(1))), samples, weight, log_frequency, deviations }
     }
 
     /// Of bins at these frequencies.
@@ -51,7 +54,7 @@ impl OutputWhitener {
         let samples: Vec<usize> = (0..frequencies.len()).filter(|k| !measured[k * q + o].is_nan()).collect();
         let weight = samples.iter().map(|k| 1.0 / noise.at(o, frequencies[*k])).collect();
         let log_frequency = samples.iter().map(|k| frequencies[*k].ln()).collect();
-        Self { dct: None, samples, weight, log_frequency }
+        Self { dct: None, samples, weight, log_frequency, deviations: None }
     }
 }
 
@@ -78,6 +81,9 @@ impl Whitener {
             return bin;
         }
         own.iter_mut().zip(&view.samples).for_each(|(value, k)| *value = signal(*k));
+        if let Some(deviations) = &view.deviations {
+            own.iter_mut().zip(&view.samples).for_each(|(value, k)| *value /= deviations[*k]);
+        }
         if let Some(dct) = &mut view.dct {
             dct.forward(own);
         }
@@ -235,11 +241,29 @@ pub(super) struct CommonNoise {
     excess: Vec<ExcessNoise>,
     /// What validation runs are judged by; none where it is the same.
     validation: Option<Arc<CommonNoise>>,
+    /// How the noise of each output grows with its signal; empty where none does.
+    growth: Arc<[Option<Growth>]>,
 }
 
 impl CommonNoise {
     pub(super) fn new(spectra: &[LogSpectrum], dropped: usize) -> Self {
-        Self { spectra: spectra.to_vec(), bounds: Vec::new(), dropped, excess: Vec::new(), validation: None }
+        let growth = Arc::new([]);
+        Self { spectra: spectra.to_vec(), bounds: Vec::new(), dropped, excess: Vec::new(), validation: None, growth }
+    }
+
+    /// The same noise, whose deviation grows with the signals: the spectra are those of what is left of it then.
+    pub(super) fn growing(&self, growth: &Arc<[Option<Growth>]>) -> Self {
+        Self { growth: Arc::clone(growth), ..self.clone() }
+    }
+
+    /// How the noise of each output grows with its signal; empty where none does.
+    pub(super) fn growths(&self) -> &[Option<Growth>] {
+        &self.growth
+    }
+
+    /// How the noise of an output grows with its signal.
+    fn growth(&self, output: usize) -> Option<&Growth> {
+        self.growth.get(output)?.as_ref()
     }
 
     /// The same noise, but nowhere more than this.

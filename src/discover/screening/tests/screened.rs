@@ -21,6 +21,7 @@ fn records(runs: usize, samples: usize, channels: usize, colour: Colour, seed: u
             residual: (0..samples * channels).map(|k| noise[k % channels][k / channels]).collect(),
             fitted: [5.3, 9.1].iter().map(|c| Some(wave(samples, channels, *c))).collect(),
             directions: (0..6).map(|k| wave(samples, channels, 6.0 + 3.7 * k as f64)).collect(),
+            deviations: None,
         }
     };
     let directions = (0..6).map(|candidate| Direction { candidate, size: 2.0, shape: Shape::Linear }).collect();

@@ -7,18 +7,18 @@
 //! likelihood. What the bins do not tell (a band that was fitted away, whether a slope goes on) stays uncertain that way,
 //! where a choice of the number of knots would call it known.
 //!
-//! Symmetric matrices with two diagonals beside the main one: second differences of values side by side.
-//!
-//! The noise of one output as a smooth logarithm of its spectrum with as few hat functions as its likelihood is content with.
-//!
-//! A disturbance is weighed against noise of any smooth spectrum; each hat function has a penalty, so that both pay for what they
-//! are free to do. log S is a sum of hats over log f; what is left of n bins beside a leverage h has the mean S (n - h): gamma
-//! variates (Whittle), solved by reweighted least squares.
+//! Beside smooth spectra stand those with few numbers (autoregressive, Gauss-Markov, powers of the frequency): each family with the prior
+//! probability of all smooth ones together, and believed by its marginal likelihood. Where the lowest bins were fitted away these say what all others tell
+//! of them, and how surely.
 
+use super::parametric::Parametric;
+use super::residual_power::ResidualPower;
 use fdm_numeric::dense::{Factor, Pentadiagonal};
 use fdm_numeric::random::Stream;
 use nalgebra::{DMatrix, DVector};
 
+/// Bins that are nearer in log f have one S.
+const ALIKE: f64 = 0.02;
 /// Distance of knots in log f.
 const SPACING: f64 = 0.14;
 /// Most knots.
@@ -34,6 +34,10 @@ const GENTLE: f64 = 0.2;
 const APART: f64 = 1.2;
 /// How much less likely than the likeliest so far a curvature is, in log-likelihood, beyond which rougher ones are not tried.
 const HOPELESS: f64 = 4.0;
+/// Prior probability of all smooth spectra together: as much as that of each of the five families with few numbers.
+const SMOOTH: f64 = 1.0 / 6.0;
+/// The same beyond which a spectrum is forgotten.
+const NEGLIGIBLE: f64 = 12.0;
 /// Deviation of the slope d log S / d log f.
 const SLOPE: f64 = 1.0;
 /// Deviation of the level: any.
@@ -46,8 +50,9 @@ const NEAR: usize = 4;
 const STEEPEST: f64 = 2.0;
 /// Deviation of the slope below the lowest bin, at most: between 0 and the steepest all are alike.
 const SLOPES: f64 = 0.6;
-/// Least variance of log S at the means, where there are several.
-const WANDER: f64 = 0.4;
+/// Prior probability that zeros wander from run to run, which is in no spectrum, and how far log S may be off then (deviation).
+const WANDERING: f64 = 0.1;
+const WANDER: f64 = 2.5;
 const ROUNDS: usize = 40;
 /// Change of the log-spectrum below which the iteration ends: the next would be about its square.
 const SETTLED: f64 = 1e-3;
@@ -61,17 +66,6 @@ const KNOWN: f64 = 1.0;
 const DOUBT: f64 = 12.0;
 /// Bins without which not even a level is known.
 const LEAST: f64 = 2.0;
-
-/// What is left of the bins of a cell.
-#[derive(Debug, Clone, Copy)]
-pub struct ResidualPower {
-    /// log f
-    pub log_frequency: f64,
-    /// Mean square of what is left: its sum over `freedom`.
-    pub power: f64,
-    /// Bins less leverage, n - h.
-    pub freedom: f64,
-}
 
 /// The spectrum of one output's noise.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,21 +85,100 @@ pub struct LogSpectrum {
 /// A spectrum continued below its lowest bin, to the means of records.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Continued {
-    /// Distance in log f to which the others belong; 0 where there is no mean.
+    /// Distance in log f of the means from the lowest bin; 0 where there is no mean.
     below: f64,
-    /// What the means add to the continued log S.
-    shift: f64,
-    /// Deviation of log S there.
+    /// log S there and its deviation.
+    value: f64,
     deviation: f64,
 }
 
-/// The spectrum of one smoothness.
+/// The spectrum of one smoothness, or of one family.
 #[derive(Debug, Clone, PartialEq)]
 struct Smooth {
     weight: f64,
     values: DVector<f64>,
-    /// L of the precision L L' of `values`.
-    precision: Factor,
+    spread: Spread,
+    /// log S at the means and its deviation.
+    mean: (f64, f64),
+}
+
+impl Smooth {
+    /// log S so far below the lowest knot as it continues, and its variance.
+    fn continued(&self, knots: &[f64], below: f64) -> (f64, f64) {
+        if let Spread::Few(family, _) = &self.spread {
+            let (value, slope) = family.at(knots[0] - below);
+            return (value, slope.norm_squared());
+        }
+        let near = NEAR.min(knots.len() - 1);
+        let mut level = DVector::zeros(knots.len());
+        level[0] = 1.0;
+        let mut line = level.clone();
+        let mut rise = 0.0;
+        if near > 0 {
+            let span = knots[near] - knots[0];
+            line[0] += below / span;
+            line[near] -= below / span;
+            rise = ((self.values[0] - self.values[near]) / span).clamp(0.0, STEEPEST);
+        }
+        let (line, level) = (self.spread.variance(line), self.spread.variance(level));
+        let variance = level + (line - level).clamp(0.0, (SLOPES * below).powi(2));
+        (self.values[0] + rise * below, variance)
+    }
+}
+
+/// The median over what the spectrum may be, at each knot: a family that is a little likely and far away moves it little.
+fn medians(parts: &[Smooth], knots: usize) -> DVector<f64> {
+    DVector::from_fn(knots, |k, _| median(parts.iter().map(|part| (part.values[k], part.weight)).collect()))
+}
+
+/// The median of values with weights: between the two around half of the weight, in proportion.
+fn median(mut values: Vec<(f64, f64)>) -> f64 {
+    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = 0.5 * values.iter().map(|v| v.1).sum::<f64>();
+    let (mut below, mut last): (f64, Option<(f64, f64)>) = (0.0, None);
+    for (value, weight) in values {
+        // weight up to the middle of this one
+        let middle = below + 0.5 * weight;
+        if middle >= half {
+            return last.map_or(value, |(other, at)| other + (value - other) * (half - at) / (middle - at));
+        }
+        (below, last) = (below + weight, Some((value, middle)));
+    }
+    last.map_or(0.0, |(value, _)| value)
+}
+
+/// How uncertain the values at the knots are.
+#[derive(Debug, Clone, PartialEq)]
+enum Spread {
+    /// L of their precision L L'.
+    Knots(Factor),
+    /// Of a family: derivatives of the values by independent standard normal numbers (knots by numbers).
+    Few(Box<Parametric>, DMatrix<f64>),
+}
+
+impl Spread {
+    /// Variance of a sum of the values with these weights.
+    fn variance(&self, mut weights: DVector<f64>) -> f64 {
+        match self {
+            Self::Knots(precision) => {
+                precision.solve_lower(&mut weights);
+                weights.norm_squared()
+            }
+            Self::Few(_, slopes) => slopes.tr_mul(&weights).norm_squared(),
+        }
+    }
+
+    /// A change of the values that is as likely as any.
+    fn drawn(&self, normal: &mut Stream, knots: usize) -> DVector<f64> {
+        match self {
+            Self::Knots(precision) => {
+                let mut change = DVector::from_fn(knots, |_, _| EXCESS * normal.normal_of_pair());
+                precision.solve_upper(&mut change);
+                change
+            }
+            Self::Few(_, slopes) => slopes * DVector::from_fn(slopes.ncols(), |_, _| EXCESS * normal.normal_of_pair()),
+        }
+    }
 }
 
 impl LogSpectrum {
@@ -114,7 +187,7 @@ impl LogSpectrum {
         let lowest = lowest(left);
         let (means, left): (Vec<ResidualPower>, Vec<ResidualPower>) =
             left.iter().partition(|l| l.log_frequency < lowest);
-        let left = &left[..];
+        let left = &gathered(left)[..];
         let freedom: f64 = left.iter().map(|l| l.freedom).sum();
         let power = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
         if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
@@ -125,24 +198,37 @@ impl LogSpectrum {
         let mut values = None;
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
+        let equal = SMOOTH / CURVATURES.len() as f64;
         for curvature in &CURVATURES {
             let prior = prior(&knots, *curvature);
             let start = values.unwrap_or_else(|| start(left, &hats, &prior, power, knots.len()));
             let Some((likelihood, part)) = Smooth::fit(left, &hats, &prior, start) else { return Self::flat(power) };
             values = Some(part.values.clone());
-            parts.push((likelihood, part));
+            parts.push((likelihood + equal.ln(), part));
             best = best.max(likelihood);
             if likelihood < best - HOPELESS {
                 break;
             }
         }
+        let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt());
+        let equal = (1.0 - SMOOTH) / families.len().max(1) as f64;
+        parts.extend(families.into_iter().map(|family| {
+            let (values, slopes) = family.along(&knots);
+            let likelihood = family.likelihood + equal.ln();
+            (
+                likelihood,
+                Smooth { weight: 1.0, values, spread: Spread::Few(Box::new(family), slopes), mean: (0.0, 0.0) },
+            )
+        }));
+        let best = parts.iter().map(|p| p.0).fold(f64::NEG_INFINITY, f64::max);
+        parts.retain(|p| p.0 > best - NEGLIGIBLE);
         let total: f64 = parts.iter().map(|p| (p.0 - best).exp()).sum();
         let parts: Vec<Smooth> = parts
             .into_iter()
             .map(|(likelihood, part)| Smooth { weight: (likelihood - best).exp() / total, ..part })
             .collect();
-        let values = parts.iter().fold(DVector::zeros(knots.len()), |sum, p| sum + &p.values * p.weight);
-        let evidence = best + (total / CURVATURES.len() as f64).ln();
+        let values = medians(&parts, knots.len());
+        let evidence = best + total.ln();
         Self { knots, values, parts, evidence, mean: Continued::default() }.raised().continued(&means)
     }
 
@@ -167,75 +253,58 @@ impl LogSpectrum {
         }
     }
 
-    /// Down to the means of records: what the lowest bins say, and what the means themselves say beside all that explains them.
+    /// Down to the means of records: what the bins say of them, and what the means themselves say beside all that explains them.
     fn continued(mut self, means: &[ResidualPower]) -> Self {
         let Some(first) = means.iter().map(|m| m.log_frequency).min_by(f64::total_cmp) else { return self };
         let below = self.knots[0] - first;
-        let told: f64 = means.iter().map(|m| m.freedom).sum();
-        // zeros that wander from run to run are in no spectrum: what runs say of each other is believed
-        let variance = self.continued_variance(below).max(if told > 0.0 { WANDER } else { 0.0 });
-        let value = self.at(first).ln();
-        // the means of few records may be near zero by chance: S falls nowhere below its lowest bin
-        let least = self.values[0] - value;
-        let freedom = told;
-        let ratio = |shift: f64| means.iter().map(|m| m.freedom * m.power).sum::<f64>() * (-value - shift).exp();
-        let mut shift = 0.0_f64;
-        if variance > 0.0 && freedom > 0.0 {
-            for _ in 0..ROUNDS {
-                let slope = shift / variance + 0.5 * (freedom - ratio(shift));
-                let curvature = 1.0 / variance + 0.5 * ratio(shift).max(LEAST_CURVATURE * freedom);
-                let step = (slope / curvature).clamp(-2.0, 2.0);
-                shift = (shift - step).max(least);
-                if step.abs() < SETTLED {
-                    break;
-                }
+        let freedom: f64 = means.iter().map(|m| m.freedom).sum();
+        let power: f64 = means.iter().map(|m| m.freedom * m.power).sum();
+        let (knots, mut parts) = (std::mem::take(&mut self.knots), std::mem::take(&mut self.parts));
+        let mut likelihood = Vec::with_capacity(parts.len());
+        for part in &mut parts {
+            let (value, variance) = part.continued(&knots, below);
+            part.mean = (value, variance.sqrt());
+            let told =
+                (freedom > 0.0).then(|| Told::of((value, variance), (freedom, power), part.values[0].min(value)));
+            if let Some(told) = &told {
+                part.mean = (told.value, told.variance.sqrt());
             }
-            let precision = 1.0 / variance + 0.5 * freedom;
-            self.evidence -= 0.5 * (shift * shift / variance + freedom * (value + shift) + ratio(shift))
-                + 0.5 * (precision * variance).ln();
-            self.mean = Continued { below, shift, deviation: precision.recip().sqrt() };
-        } else {
-            self.mean = Continued { below, shift, deviation: variance.sqrt() };
+            likelihood.push(told.map_or(0.0, |told| told.likelihood));
         }
+        let best = likelihood.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if best.is_finite() {
+            parts.iter_mut().zip(&likelihood).for_each(|(part, own)| part.weight *= (own - best).exp());
+            let total: f64 = parts.iter().map(|part| part.weight).sum();
+            parts.iter_mut().for_each(|part| part.weight /= total);
+            self.evidence += best + total.ln();
+            self.values = medians(&parts, knots.len());
+        }
+        let value = match parts.is_empty() {
+            true => self.values[0],
+            false => median(parts.iter().map(|part| (part.mean.0, part.weight)).collect()),
+        };
+        let deviation = parts.iter().map(|part| part.weight * part.mean.1.hypot(part.mean.0 - value)).sum();
+        (self.knots, self.parts) = (knots, parts);
+        self.mean = Continued { below, value, deviation };
         self
     }
 
-    /// Variance of log S so far below the lowest knot, as the bins tell it.
-    fn continued_variance(&self, below: f64) -> f64 {
-        let near = NEAR.min(self.size() - 1);
-        let of = |part: &Smooth| {
-            let variance = |mut v: DVector<f64>| {
-                part.precision.solve_lower(&mut v);
-                v.norm_squared()
-            };
-            let mut level = DVector::zeros(self.size());
-            level[0] = 1.0;
-            let mut line = level.clone();
-            if near > 0 {
-                let share = below / (self.knots[near] - self.knots[0]);
-                line[0] += share;
-                line[near] -= share;
-            }
-            let (line, level) = (variance(line), variance(level));
-            let apart = part.values[0] - self.values[0];
-            part.weight * (level + (line - level).clamp(0.0, (SLOPES * below).powi(2)) + apart * apart)
-        };
-        self.parts.iter().map(of).sum()
-    }
-
-    /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on as it rose there, if it did.
+    /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on to that of the means, or as it rose there, if
+    /// it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
         let known = Hat::at(&self.knots, log_frequency).of(&self.values);
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
         if below == 0.0 {
             return known.exp();
         }
-        let shift = if self.mean.below > 0.0 { self.mean.shift * (below / self.mean.below).min(1.0) } else { 0.0 };
+        if self.mean.below > 0.0 {
+            return (known + (self.mean.value - known) * (below / self.mean.below).min(1.0)).exp();
+        }
         if near == 0 {
-            return (known + shift).exp();
+            return known.exp();
         }
         let rise = (self.values[0] - self.values[near]) / (self.knots[near] - self.knots[0]);
-        (known + rise.clamp(0.0, STEEPEST) * below + shift).exp()
+        (known + rise.clamp(0.0, STEEPEST) * below).exp()
     }
 
     /// S by which a bin is weighed: higher where the bins tell so little of S that its logarithm may be off by much. Otherwise bins
@@ -246,7 +315,7 @@ impl LogSpectrum {
     }
 
     /// Where it stands out most, as the logarithm of a frequency: by so much in log S of what lies on either side.
-    pub(super) fn peak(&self, prominence: f64) -> Option<f64> {
+    pub(crate) fn peak(&self, prominence: f64) -> Option<f64> {
         let largest = |range: std::ops::Range<usize>| range.max_by(|a, b| self.values[*a].total_cmp(&self.values[*b]));
         let least = |range: std::ops::Range<usize>| range.map(|k| self.values[k]).fold(f64::INFINITY, f64::min);
         let size = self.size();
@@ -270,50 +339,108 @@ impl LogSpectrum {
         self.knots.len()
     }
 
-    /// Deviation of log S from what it would be, averaged over cells with these weights.
-    pub(super) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
+    /// Deviation of log S from what it would be, averaged over cells with these weights: the mean over what the spectrum may be.
+    pub(crate) fn uncertainty(&self, weights: &[(f64, f64)]) -> f64 {
         // the means have a deviation of their own
         let beyond = |log_frequency: f64| (self.knots[0] - log_frequency).max(0.0) * f64::from(self.mean.below > 0.0);
-        let means = weights.iter().filter(|w| beyond(w.0) > 0.0);
-        let means: f64 =
-            means.map(|(f, weight)| weight * self.mean.deviation * (beyond(*f) / self.mean.below).min(1.0)).sum();
+        let share = |log_frequency: f64| (beyond(log_frequency) / self.mean.below).min(1.0);
+        let means: f64 = weights.iter().filter(|w| beyond(w.0) > 0.0).map(|(f, weight)| weight * share(*f)).sum();
         let of = |part: &Smooth| {
             let mut mean = DVector::zeros(self.size());
             for (log_frequency, weight) in weights.iter().filter(|w| beyond(w.0) == 0.0) {
                 Hat::at(&self.knots, *log_frequency).parts().for_each(|(k, hat)| mean[k] += hat * weight);
             }
             let shift = mean.dot(&(&part.values - &self.values));
-            part.precision.solve_lower(&mut mean);
-            part.weight * (mean.norm_squared() + shift * shift)
+            let at_means = means * part.mean.1.hypot(part.mean.0 - self.mean.value);
+            part.weight * (part.spread.variance(mean) + shift * shift + at_means * at_means).sqrt()
         };
-        (self.parts.iter().map(of).sum::<f64>() + means * means).sqrt()
+        self.parts.iter().map(of).sum()
     }
 
     /// A spectrum as likely as this one.
-    pub(super) fn drawn(&self, normal: &mut Stream) -> Self {
+    pub(crate) fn drawn(&self, normal: &mut Stream) -> Self {
         let mut place = normal.uniform();
         let chosen = self.parts.iter().find(|part| {
             place -= part.weight;
             place < 0.0
         });
         let Some(part) = chosen.or(self.parts.last()) else { return self.clone() };
-        let mut change = DVector::from_fn(self.size(), |_, _| EXCESS * normal.normal_of_pair());
-        part.precision.solve_upper(&mut change);
-        let own = Continued { shift: 0.0, deviation: 0.0, ..self.mean };
-        let mut drawn = Self {
-            knots: self.knots.clone(),
-            values: &part.values + change,
-            parts: Vec::new(),
-            evidence: 0.0,
-            mean: own,
-        };
-        if self.mean.below > 0.0 {
-            let first = self.knots[0] - self.mean.below;
-            let value = self.at(first).ln() + EXCESS * self.mean.deviation * normal.normal_of_pair();
-            drawn.mean.shift = value - drawn.at(first).ln();
+        let values = &part.values + part.spread.drawn(normal, self.size());
+        let mut mean = Continued { deviation: 0.0, ..self.mean };
+        if mean.below > 0.0 {
+            mean.value = part.mean.0 + EXCESS * part.mean.1 * normal.normal_of_pair();
         }
-        drawn
+        Self { knots: self.knots.clone(), values, parts: Vec::new(), evidence: 0.0, mean }
     }
+}
+
+/// log S at the means, from what it would be and what they say of it themselves.
+struct Told {
+    value: f64,
+    variance: f64,
+    /// Logarithm of the marginal likelihood of what they say.
+    likelihood: f64,
+}
+
+impl Told {
+    /// Where zeros may wander from run to run, which is in no spectrum: what runs say of each other is believed. The means of few records
+    /// may be near zero by chance: S is no lower than at the lowest bin, `least`.
+    fn of((value, variance): (f64, f64), told: (f64, f64), least: f64) -> Self {
+        let steady = Self::new((value, variance), told);
+        let wandering = Self::new((value, variance + WANDER * WANDER), told);
+        let (a, b) = (steady.likelihood + (1.0 - WANDERING).ln(), wandering.likelihood + WANDERING.ln());
+        let share = 1.0 / (1.0 + (b - a).exp());
+        let (first, second) = (steady.value.max(least), wandering.value.max(least));
+        let value = share * first + (1.0 - share) * second;
+        let apart = |own: f64, told: &Self| told.variance + (own - value).powi(2);
+        let variance = share * apart(first, &steady) + (1.0 - share) * apart(second, &wandering);
+        Self { value, variance, likelihood: a.max(b) + (-(a - b).abs()).exp().ln_1p() }
+    }
+
+    fn new((value, variance): (f64, f64), (freedom, power): (f64, f64)) -> Self {
+        let mut shift = 0.0_f64;
+        let ratio = |shift: f64| power * (-value - shift).exp();
+        if variance > 0.0 {
+            for _ in 0..ROUNDS {
+                let slope = shift / variance + 0.5 * (freedom - ratio(shift));
+                let curvature = 1.0 / variance + 0.5 * ratio(shift).max(LEAST_CURVATURE * freedom);
+                let step = (slope / curvature).clamp(-2.0, 2.0);
+                shift -= step;
+                if step.abs() < SETTLED {
+                    break;
+                }
+            }
+        }
+        let precision = 1.0 + 0.5 * freedom * variance;
+        let prior = if variance > 0.0 { shift * shift / variance } else { 0.0 };
+        let likelihood = -0.5 * (prior + freedom * (value + shift) + ratio(shift) + precision.ln());
+        Self { value: value + shift, variance: variance / precision, likelihood }
+    }
+}
+
+/// In the order of their frequencies, those together that no spectrum tells apart.
+fn gathered(mut left: Vec<ResidualPower>) -> Vec<ResidualPower> {
+    left.sort_by(|a, b| a.log_frequency.total_cmp(&b.log_frequency));
+    let mut found: Vec<ResidualPower> = Vec::new();
+    let mut begun = f64::NEG_INFINITY;
+    for own in left {
+        match found.last_mut() {
+            Some(last) if own.log_frequency < begun + ALIKE => {
+                let freedom = last.freedom + own.freedom;
+                if freedom > 0.0 {
+                    let share = own.freedom / freedom;
+                    last.power += share * (own.power - last.power);
+                    last.log_frequency += share * (own.log_frequency - last.log_frequency);
+                }
+                last.freedom = freedom;
+            }
+            _ => {
+                begun = own.log_frequency;
+                found.push(own);
+            }
+        }
+    }
+    found
 }
 
 /// Evenly from the lowest to the highest cell.
@@ -407,21 +534,10 @@ impl Smooth {
         let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
         let precision = information.factor()?;
         let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
-        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, precision }))
+        likelihood
+            .is_finite()
+            .then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision), mean: (0.0, 0.0) }))
     }
-}
-
-/// L of a correlation L L' of outputs; correlations are made smaller until there is one.
-pub(super) fn correlation_factor(mut correlation: DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let size = correlation.nrows();
-    for _ in 0..100 {
-        if (&correlation - DMatrix::identity(size, size) * 0.01).cholesky().is_some() {
-            break;
-        }
-        correlation *= 0.95;
-        correlation.fill_diagonal(1.0);
-    }
-    correlation.cholesky().map(|c| c.unpack())
 }
 
 /// The two hat functions that are not zero at a frequency.
@@ -463,106 +579,6 @@ impl Hat {
             information.add(self.below + 1, self.below, weight * self.above * (1.0 - self.above));
         }
     }
-}
-
-/// Numbers of hat functions that are tried.
-const SIZES: [usize; 6] = [1, 2, 3, 5, 8, 12];
-/// What a hat function costs in log-likelihood.
-pub(super) const PENALTY: f64 = 1.5;
-const PASSES: usize = 60;
-/// Change of the log-spectrum below which the iteration ends.
-const CONVERGED: f64 = 1e-9;
-
-/// A smooth spectrum.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SmoothSpectrum {
-    /// Logarithms of frequencies, evenly spaced; one for white noise.
-    knots: Vec<f64>,
-    /// log S at the knots.
-    values: Vec<f64>,
-}
-
-impl SmoothSpectrum {
-    /// The spectrum of the least penalty and loss.
-    pub(super) fn fit(left: &[ResidualPower]) -> Self {
-        let tried = SIZES.iter().filter_map(|size| Self::of_size(left, *size));
-        let penalised = tried.map(|s| (s.twice_loss(left) + 2.0 * PENALTY * s.size() as f64, s));
-        let best = penalised.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map_or_else(|| Self::level(left), |(_, spectrum)| spectrum)
-    }
-
-    /// White noise of a given density.
-    pub(super) fn white(density: f64) -> Self {
-        Self { knots: vec![0.0], values: vec![density.max(f64::MIN_POSITIVE).ln()] }
-    }
-
-    /// White noise as strong as what is left.
-    pub(super) fn level(left: &[ResidualPower]) -> Self {
-        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
-        Self::white(left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom.max(f64::MIN_POSITIVE))
-    }
-
-    /// The spectrum with so many hat functions; none where the bins do not determine it.
-    fn of_size(left: &[ResidualPower], size: usize) -> Option<Self> {
-        let logs = || left.iter().map(|l| l.log_frequency);
-        let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
-        let step = if size > 1 { (high - low) / (size - 1) as f64 } else { 0.0 };
-        let freedom: f64 = left.iter().map(|l| l.freedom).sum();
-        let mean = left.iter().map(|l| l.freedom * l.power).sum::<f64>() / freedom;
-        let told = left.len() >= 2 * size && freedom >= 8.0 * size as f64 && (size == 1 || step > 0.0);
-        if !told || mean <= 0.0 || !mean.is_finite() {
-            return None;
-        }
-        let knots: Vec<f64> = (0..size).map(|k| low + k as f64 * step).collect();
-        let hats = DMatrix::from_fn(left.len(), size, |i, k| tent(&knots, left[i].log_frequency, k));
-        let mut values = DVector::from_element(size, mean.ln());
-        for _ in 0..PASSES {
-            let logs = &hats * &values;
-            let weighed = DMatrix::from_fn(left.len(), size, |i, k| left[i].freedom * hats[(i, k)]);
-            let excess = DVector::from_fn(left.len(), |i, _| left[i].power * (-logs[i]).exp() - 1.0);
-            let mut change = weighed.tr_mul(&hats).cholesky()?.solve(&weighed.tr_mul(&excess));
-            // a knot that starts far too high overshoots: at most one step in the logarithm at once
-            let largest = change.amax();
-            if largest > 1.0 {
-                change /= largest;
-            }
-            values += &change;
-            if largest < CONVERGED {
-                break;
-            }
-        }
-        Some(Self { knots, values: values.as_slice().to_vec() })
-    }
-
-    /// S at a frequency given by its logarithm.
-    pub fn at(&self, log_frequency: f64) -> f64 {
-        let hats = self.values.iter().enumerate().map(|(k, v)| v * tent(&self.knots, log_frequency, k));
-        hats.sum::<f64>().exp()
-    }
-
-    /// Number of hat functions; 1 is white.
-    pub fn size(&self) -> usize {
-        self.knots.len()
-    }
-
-    /// Minus twice the logarithm of the likelihood of what is left.
-    pub(super) fn twice_loss(&self, left: &[ResidualPower]) -> f64 {
-        let loss = |l: &ResidualPower| {
-            let density = self.at(l.log_frequency);
-            l.freedom * (density.ln() + l.power / density)
-        };
-        left.iter().map(loss).sum()
-    }
-}
-
-/// The k-th hat function, constant beyond the outer knots.
-fn tent(knots: &[f64], log_frequency: f64, k: usize) -> f64 {
-    let last = knots.len() - 1;
-    if last == 0 {
-        return 1.0;
-    }
-    let place = ((log_frequency - knots[0]) / (knots[1] - knots[0])).clamp(0.0, last as f64);
-    (1.0 - (place - k as f64).abs()).max(0.0)
 }
 
 #[cfg(test)]

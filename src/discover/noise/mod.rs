@@ -1,0 +1,26 @@
+//! The noise of one output: its spectrum, from what is left of its bins.
+
+mod growth;
+mod log_spectrum;
+mod parametric;
+mod residual_power;
+mod smooth_spectrum;
+
+pub(crate) use growth::Growth;
+pub use log_spectrum::LogSpectrum;
+use nalgebra::DMatrix;
+pub use residual_power::ResidualPower;
+pub(crate) use smooth_spectrum::{PENALTY, SmoothSpectrum};
+
+/// L of a correlation L L' of outputs; correlations are made smaller until there is one.
+pub(super) fn correlation_factor(mut correlation: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let size = correlation.nrows();
+    for _ in 0..100 {
+        if (&correlation - DMatrix::identity(size, size) * 0.01).cholesky().is_some() {
+            break;
+        }
+        correlation *= 0.95;
+        correlation.fill_diagonal(1.0);
+    }
+    correlation.cholesky().map(|c| c.unpack())
+}
