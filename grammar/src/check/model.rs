@@ -7,9 +7,13 @@ use super::knowledge::Knowledge;
 use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
-use crate::model::{Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Tie};
+use crate::model::{
+    Derived, Input, Model, Origin, Output, Param, Quantity, Slope, State, Table, TableArgument, TableCalls, TableNode,
+    Tie,
+};
 use crate::op::{Build, ExprId};
-use crate::syntax::{Name, Role, Value};
+use crate::syntax::{Argument, ExprRef, Name, Role, StatementKind, Value};
+use crate::unit::Unit;
 
 /// Parameters in the order of the model: the declared ones and the free initial values.
 pub(super) fn params(scope: &Scope<'_>, kinds: &Kinds, indices: &Indices, ranges: &[Range]) -> Vec<Param> {
@@ -109,7 +113,7 @@ fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
     }
 }
 
-pub(super) fn quantity(symbol: &Symbol<'_>) -> Quantity {
+fn quantity(symbol: &Symbol<'_>) -> Quantity {
     Quantity { name: symbol.name().to_string(), doc: text(&symbol.declaration.doc), unit: symbol.unit.clone() }
 }
 
@@ -157,7 +161,7 @@ pub(super) fn assemble(
         ties,
         outputs: Vec::new(),
         trim: Vec::new(),
-        tables: super::tables::declared(scope, indices, &expressions),
+        tables: tables(scope, kinds, indices, &expressions),
         graph: Default::default(),
     };
     for (s, symbol) in scope.valid() {
@@ -196,6 +200,50 @@ pub(super) fn assemble(
     show_slopes(&mut model, indices.inputs as usize);
     drop_unused_delays(&mut model);
     model
+}
+
+/// The tables of a model that has passed every check.
+fn tables(scope: &Scope<'_>, kinds: &Kinds, indices: &Indices, expressions: &Expressions) -> Vec<Table> {
+    let mut tables = Vec::new();
+    for (s, symbol) in scope.valid() {
+        let Some(table) = symbol.table else { continue };
+        let (axes, values) = table.nodes.grid();
+        let argument = |(argument, axis): (&Argument, &Vec<ExprRef>)| TableArgument {
+            name: argument.name.text.clone(),
+            unit: argument.unit.as_ref().and_then(|u| Unit::parse(&u.text).ok()),
+            axis: axis.iter().filter_map(|e| expressions.constant(*e)).collect(),
+        };
+        let node = |e: &ExprRef| match (expressions.constant(*e), expressions.graph.node(expressions.of(*e))) {
+            (Some(value), _) => TableNode::Number(value),
+            (None, Node::Leaf(Leaf::Param(k))) => {
+                let own = |s: SymbolId| !kinds.derived[s] && indices.of[s] == k;
+                match scope.valid().find(|(s, d)| d.role == Role::Param && own(*s)) {
+                    Some((_, symbol)) => TableNode::Param(symbol.name().into()),
+                    None => TableNode::Expression,
+                }
+            }
+            _ => TableNode::Expression,
+        };
+        let calls = expressions.tables.calls.iter().filter(|(of, _)| *of == s);
+        let calls: Vec<&Vec<ExprId>> = calls.map(|(_, arguments)| arguments).collect();
+        let all: Vec<ExprId> = calls.iter().flat_map(|arguments| arguments.iter().copied()).collect();
+        let mut graph = Graph::default();
+        let moved = expressions.graph.rebuild(&all, &mut graph, Graph::reference);
+        let arguments = moved.chunks_exact(table.arguments.len()).map(<[ExprId]>::to_vec).collect();
+        let smooth = scope.tree.statements.iter().find_map(|statement| match &statement.kind {
+            StatementKind::Smooth(smooth) if smooth.table.text == table.name.text => Some(smooth.order),
+            _ => None,
+        });
+        tables.push(Table {
+            quantity: quantity(symbol),
+            method: table.method.text.clone(),
+            arguments: table.arguments.iter().zip(&axes).map(argument).collect(),
+            nodes: values.iter().map(node).collect(),
+            calls: TableCalls { graph, arguments },
+            smooth,
+        });
+    }
+    tables
 }
 
 /// Adds what is known beside the equations.

@@ -1,15 +1,13 @@
 //! `table CL(alpha) = linear { -0.2: -0.9, 0: CL0 };`: what is wrong with its nodes, and its values as expressions.
 
-use super::expressions::{Expressions, Indices};
+use super::expressions::Expressions;
 use super::kinds::Kinds;
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
-use crate::graph::{Graph, Leaf, Node};
-use crate::model;
+use crate::graph::Graph;
 use crate::op::ExprId;
 use crate::source::Span;
-use crate::syntax::{Argument, Declaration, Expr, ExprRef, Role, StatementKind, SyntaxTree, Table};
-use crate::unit::Unit;
+use crate::syntax::{Declaration, Expr, ExprRef, Role, StatementKind, SyntaxTree, Table};
 use std::collections::HashMap;
 
 use super::interpolation::Interpolant;
@@ -199,49 +197,6 @@ fn param(scope: &Scope<'_>, kinds: &Kinds, e: ExprRef) -> Option<SymbolId> {
     let d = scope.symbols[s].declaration;
     let shared = d.per_run.is_none() && d.group.is_none();
     (scope.symbols[s].role == Role::Param && d.log.is_none() && shared).then_some(s)
-}
-
-/// The tables of a model that has passed every check.
-pub(super) fn declared(scope: &Scope<'_>, indices: &Indices, expressions: &Expressions) -> Vec<model::Table> {
-    let mut tables = Vec::new();
-    for (s, symbol) in scope.valid() {
-        let Some(table) = symbol.table else { continue };
-        let (axes, values) = table.nodes.grid();
-        let argument = |(argument, axis): (&Argument, &Vec<ExprRef>)| model::TableArgument {
-            name: argument.name.text.clone(),
-            unit: argument.unit.as_ref().and_then(|u| Unit::parse(&u.text).ok()),
-            axis: axis.iter().filter_map(|e| expressions.constant(*e)).collect(),
-        };
-        let node = |e: &ExprRef| match (expressions.constant(*e), expressions.graph.node(expressions.of(*e))) {
-            (Some(value), _) => model::TableNode::Number(value),
-            (None, Node::Leaf(Leaf::Param(k))) => {
-                match scope.valid().find(|(s, d)| d.role == Role::Param && indices.of[*s] == k) {
-                    Some((_, symbol)) => model::TableNode::Param(symbol.name().into()),
-                    None => model::TableNode::Expression,
-                }
-            }
-            _ => model::TableNode::Expression,
-        };
-        let calls = expressions.tables.calls.iter().filter(|(of, _)| *of == s);
-        let calls: Vec<&Vec<ExprId>> = calls.map(|(_, arguments)| arguments).collect();
-        let all: Vec<ExprId> = calls.iter().flat_map(|arguments| arguments.iter().copied()).collect();
-        let mut graph = Graph::default();
-        let moved = expressions.graph.rebuild(&all, &mut graph, Graph::reference);
-        let arguments = moved.chunks_exact(table.arguments.len()).map(<[ExprId]>::to_vec).collect();
-        let smooth = scope.tree.statements.iter().find_map(|statement| match &statement.kind {
-            StatementKind::Smooth(smooth) if smooth.table.text == table.name.text => Some(smooth.order),
-            _ => None,
-        });
-        tables.push(model::Table {
-            quantity: super::model::quantity(symbol),
-            method: table.method.text.clone(),
-            arguments: table.arguments.iter().zip(&axes).map(argument).collect(),
-            nodes: values.iter().map(node).collect(),
-            calls: model::TableCalls { graph, arguments },
-            smooth,
-        });
-    }
-    tables
 }
 
 fn unknown_method(table: &Table) -> Diagnostic {

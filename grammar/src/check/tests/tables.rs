@@ -3,7 +3,7 @@
 use super::{good, told};
 use crate::Source;
 use crate::graph::{Leaf, Node};
-use crate::model::Model;
+use crate::model::{Model, TableNode};
 
 /// Deterministic numbers between 0 and 1.
 struct Numbers(u64);
@@ -374,6 +374,11 @@ fn grids_are_written_in_several_ways() {
         free.params[free.param("C[1,2]").unwrap()].prior.is_some()
             && free.params[free.param("C[2,3]").unwrap()].value == 0.5
     );
+    let derived = compiled(
+        "param d = 2*e, e = 1, f = 3; input u; table C(a) = linear { a: [0, 1], C: [e, f] }; output y = C(u) + d;",
+    );
+    let names: Vec<&TableNode> = derived.tables[0].nodes.iter().collect();
+    assert_eq!(names, [&TableNode::Param("e".into()), &TableNode::Param("f".into())]);
     // one argument, and three
     let curve =
         compiled("input u; table C(a) = cubic { a: [0, 1, 2], C: free }; smooth C by order 2; output y = C(u);");
