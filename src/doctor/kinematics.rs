@@ -335,10 +335,20 @@ impl Kinematics {
         sides.iter().zip(&self.equations).map(balance).collect()
     }
 
-    /// The part of the variance of white noise that a filter edit leaves of an equation's windows, the less of both sides that are filtered.
+    /// The part of the variance of white noise that a filter edit leaves of an equation's windows, on the side without the channel.
     fn left_of_noise(&self, equation: Equation, records: &[Record], channels: &Channels, edits: &[Edit]) -> f64 {
         let filter = |e: &Edit| if let Edit::Filter(slot, lag) = *e { Some((channels.place(slot), lag)) } else { None };
         let Some(((place, lag), record)) = edits.iter().find_map(filter).zip(records.first()) else { return 1.0 };
+        // all of an equation without the channel is filtered alike
+        let read = match equation {
+            Equation::Form(k) => {
+                FORMS[k].needs.iter().any(|q| self.places[*q as usize].is_some_and(|(p, _)| p == place))
+            }
+            Equation::Derivative(_, x) => x == place,
+        };
+        if !read && self.left_place(equation) != Some(place) {
+            return 1.0;
+        }
         let (window, n) = (self.window, record.time.len());
         let interval = (record.time[n - 1] - record.time[0]) / (n - 1) as f64;
         let times: Vec<f64> = (0..3 * window).map(|k| k as f64 * interval).collect();
@@ -352,7 +362,7 @@ impl Kinematics {
             let squares = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>();
             squares(&lagged(&times, &weights, lag, false)) / squares(&weights)
         };
-        if self.left_place(equation) == Some(place) { part(false) } else { part(true).min(part(false)) }
+        part(self.left_place(equation) != Some(place))
     }
 
     /// Remarks about factors between a channel and its derivative that are more than a tenth away from 1: a filter, a factor or the sampling

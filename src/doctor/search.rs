@@ -93,7 +93,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         let (first, others) = all.split_at(all.len().min(REFINED));
         let mut all: Vec<Judged> = first.iter().chain(others.iter().filter(|j| rival(j))).cloned().collect();
         all.extend(lag_in_place(search, &best, &edits(&accepted, None), &current));
-        fits += 3;
+        fits += 6;
         current = best.trial.clone();
         accepted.push(Accepted { judged: best, near: all });
         if accepted.len() > 1 {
@@ -120,7 +120,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
     Found { findings: found, edits, last: current, fits }
 }
 
-/// A lag between inputs and the only output in the place of a fault that makes it late: about as long as that, and half and twice.
+/// Lags between inputs and the only output in the place of a fault that makes it late: one or two, about as long as that.
 fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current: &Trial) -> Option<Judged> {
     let [Edit::Delay(slot, by)] = fault.hypothesis.edits[..] else { return None };
     let output = Slot::Output(0);
@@ -128,22 +128,16 @@ fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current:
     if !late || !search.is_alone(output) {
         return None;
     }
-    let tried = [0.5, 1.0, 2.0].into_iter().filter_map(|part| {
-        let edit = Edit::Filter(output, part * by.abs());
-        let hypothesis = Hypothesis {
-            fault: Fault::Filtered,
-            slots: vec![output],
-            edits: vec![edit],
-            what: format!("went through a filter: a lag of {:.4} brings the others to it", part * by.abs()),
-            weight: fault.hypothesis.weight,
-        };
+    // a body and its sensor are two lags in a chain
+    const CHAINS: [(usize, f64); 6] = [(1, 0.5), (1, 1.0), (1, 2.0), (2, 0.35), (2, 0.5), (2, 1.0)];
+    let tried = CHAINS.into_iter().filter_map(|(count, part)| {
+        let lag = part * by.abs();
+        let what = format!("went through {count} lag(s) of {lag:.4}, as the others then do");
+        let (edits, weight) = (vec![Edit::Filter(output, lag); count], fault.hypothesis.weight);
+        let hypothesis = Hypothesis { fault: Fault::Filtered, slots: vec![output], edits, what, weight };
         let trial = search.trial(&with(accepted, &hypothesis), current)?;
-        Some(Judged {
-            log_odds: trial.cautious_gain_over(current) + fault.prior,
-            hypothesis,
-            prior: fault.prior,
-            trial,
-        })
+        let (prior, log_odds) = (fault.prior, trial.cautious_gain_over(current) + fault.prior);
+        Some(Judged { log_odds, hypothesis, prior, trial })
     });
     tried.max_by(|a, b| a.log_odds.total_cmp(&b.log_odds))
 }
