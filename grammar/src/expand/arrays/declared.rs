@@ -1,10 +1,9 @@
 //! What is declared as a vector or a matrix.
 
-use super::grids::free_nodes;
 use super::shape::{Dims, MOST_ELEMENTS, Outside, Selection, select};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
-use crate::syntax::{Declaration, Expr, ExprRef, Role, Slice, StatementKind, SyntaxTree, Value};
+use crate::syntax::{Declaration, Expr, ExprRef, Name, Nodes, Role, Slice, StatementKind, SyntaxTree, Table, Value};
 use std::collections::{HashMap, HashSet};
 
 /// A vector or a matrix.
@@ -178,4 +177,29 @@ fn zeros(tree: &SyntaxTree, root: ExprRef, dims: Dims) -> Vec<bool> {
     }
     // what does not fit is told where the value is compared with the shape
     if zeros.len() == dims.count() && zeros.contains(&true) { zeros } else { Vec::new() }
+}
+
+/// Names and shapes of the free values of tables of one or two arguments, which other statements may name.
+fn free_nodes<'a>(tree: &'a SyntaxTree, length_of: impl Fn(&str) -> Option<usize>) -> Vec<(&'a str, Dims, Span)> {
+    let shape = |table: &'a Table| {
+        let Nodes::Written(axes) = &table.nodes else { return None };
+        axes.iter().find(|a| a.name.text == table.name.text)?.free?;
+        let length = |name: &Name| match tree.expr(axes.iter().find(|a| a.name.text == name.text)?.values?) {
+            Expr::Vector(list) => Some(list.len()),
+            Expr::Name(name) => length_of(name),
+            _ => None,
+        };
+        let lengths: Option<Vec<usize>> = table.arguments.iter().map(|a| length(&a.name)).collect();
+        let dims = match lengths?[..] {
+            [rows] => Dims::vector(rows),
+            [rows, columns] => Dims::matrix(rows, columns),
+            _ => return None,
+        };
+        Some((table.name.text.as_str(), dims, table.name.span))
+    };
+    let tables = tree.statements.iter().filter_map(|s| match &s.kind {
+        StatementKind::Table(table) => shape(table),
+        _ => None,
+    });
+    tables.collect()
 }

@@ -6,7 +6,7 @@ use super::value::{Evaluator, Val, dims_of};
 use super::writer::BROKEN;
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
-use crate::syntax::{Axis, Declaration, Expr, ExprRef, Name, Nodes, StatementKind, SyntaxTree, Table, Value};
+use crate::syntax::{Axis, Declaration, Expr, ExprRef, Name, Nodes, Table, Value};
 
 /// Most arguments of one table.
 const MOST_ARGUMENTS: usize = 3;
@@ -21,56 +21,6 @@ fn element(name: &str, lengths: &[usize], place: usize) -> String {
     }
     indices.reverse();
     format!("{name}[{}]", indices.join(","))
-}
-
-/// Names and shapes of the free values of tables of one or two arguments, which other statements may name.
-pub(super) fn free_nodes<'a>(
-    tree: &'a SyntaxTree,
-    length_of: impl Fn(&str) -> Option<usize>,
-) -> Vec<(&'a str, Dims, Span)> {
-    let shape = |table: &'a Table| {
-        let Nodes::Written(axes) = &table.nodes else { return None };
-        axes.iter().find(|a| a.name.text == table.name.text)?.free?;
-        let length = |name: &Name| match tree.expr(axes.iter().find(|a| a.name.text == name.text)?.values?) {
-            Expr::Vector(list) => Some(list.len()),
-            Expr::Name(name) => length_of(name),
-            _ => None,
-        };
-        let lengths: Option<Vec<usize>> = table.arguments.iter().map(|a| length(&a.name)).collect();
-        let dims = match lengths?[..] {
-            [rows] => Dims::vector(rows),
-            [rows, columns] => Dims::matrix(rows, columns),
-            _ => return None,
-        };
-        Some((table.name.text.as_str(), dims, table.name.span))
-    };
-    let tables = tree.statements.iter().filter_map(|s| match &s.kind {
-        StatementKind::Table(table) => shape(table),
-        _ => None,
-    });
-    tables.collect()
-}
-
-/// For each expression whether it is a list that holds the values of a table: nested to any depth, it is no matrix.
-pub(super) fn lists_of_values(tree: &SyntaxTree) -> Vec<bool> {
-    let mut lists = vec![false; tree.expressions.len()];
-    for statement in &tree.statements {
-        let StatementKind::Table(Table { name, nodes: Nodes::Written(axes), arguments, .. }) = &statement.kind else {
-            continue;
-        };
-        let roots = axes.iter().filter(|a| a.name.text == name.text).filter_map(|a| a.values);
-        let mut open: Vec<(ExprRef, usize)> = roots.map(|e| (e, 0)).collect();
-        while let Some((e, depth)) = open.pop() {
-            if let Expr::Vector(list) = tree.expr(e)
-                && depth < arguments.len()
-                && !list.is_empty()
-            {
-                lists[e.0 as usize] = true;
-                open.extend(list.iter().map(|e| (*e, depth + 1)));
-            }
-        }
-    }
-    lists
 }
 
 impl Evaluator<'_, '_> {

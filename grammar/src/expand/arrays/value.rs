@@ -1,11 +1,12 @@
 //! What every expression of the text is worth: a number, a vector or a matrix of expressions.
 
-use super::grids::lists_of_values;
 use super::shape::Dims;
 use super::writer::{BROKEN, Item, Place, Writer};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
-use crate::syntax::{BinarySign, Expr, ExprRef, Name, Printer, Slice, SyntaxTree, UnarySign};
+use crate::syntax::{
+    BinarySign, Expr, ExprRef, Name, Nodes, Printer, Slice, StatementKind, SyntaxTree, Table, UnarySign,
+};
 
 /// The value of an expression.
 #[derive(Debug, Clone)]
@@ -362,4 +363,26 @@ pub(super) fn dims_of(value: &Val) -> Dims {
 /// Whether a value has one element.
 pub(super) fn single(value: &Val) -> bool {
     dims_of(value).count() == 1
+}
+
+/// For each expression whether it is a list that holds the values of a table: nested to any depth, it is no matrix.
+fn lists_of_values(tree: &SyntaxTree) -> Vec<bool> {
+    let mut lists = vec![false; tree.expressions.len()];
+    for statement in &tree.statements {
+        let StatementKind::Table(Table { name, nodes: Nodes::Written(axes), arguments, .. }) = &statement.kind else {
+            continue;
+        };
+        let roots = axes.iter().filter(|a| a.name.text == name.text).filter_map(|a| a.values);
+        let mut open: Vec<(ExprRef, usize)> = roots.map(|e| (e, 0)).collect();
+        while let Some((e, depth)) = open.pop() {
+            if let Expr::Vector(list) = tree.expr(e)
+                && depth < arguments.len()
+                && !list.is_empty()
+            {
+                lists[e.0 as usize] = true;
+                open.extend(list.iter().map(|e| (*e, depth + 1)));
+            }
+        }
+    }
+    lists
 }
