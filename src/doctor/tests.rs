@@ -415,17 +415,6 @@ fn what_is_read_between_samples_or_lagged_counts_without_the_averaging() {
 }
 
 #[test]
-fn a_filtered_channel_is_named_beside_a_model() {
-    let (lag, mut noise) = (0.25, Noise::new(60));
-    let (model, mut run) = driven(8);
-    let v: Vec<f64> = run.measured.iter().skip(1).step_by(2).copied().collect();
-    let slow = crate::hypothesis::lagged(&run.time, &v, lag, false);
-    run.measured.iter_mut().skip(1).step_by(2).zip(slow).for_each(|(v, slow)| *v = slow + 0.02 * noise.next());
-    let found = beside(&run, &model);
-    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, "v_m"), "{found:?}");
-}
-
-#[test]
 fn two_late_outputs_are_named_as_such() {
     let (model, clean) = driven(9);
     let mut late = clean.clone();
