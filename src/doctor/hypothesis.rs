@@ -317,6 +317,9 @@ pub(crate) struct Edited<'a> {
     pub(crate) columns: Vec<Cow<'a, [f64]>>,
 }
 
+/// Time constants after which a lag has forgotten where it began, but for less than a hundredth.
+const FORGOTTEN: f64 = 5.0;
+
 /// A record as the edits make it; `held` says which inputs keep their value between samples.
 pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: &[Edit], held: &[bool]) -> Edited<'a> {
     let mut columns: Vec<Cow<'a, [f64]>> = record.channels.iter().map(|c| Cow::Borrowed(&c.values[..])).collect();
@@ -343,7 +346,13 @@ pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: 
                 let own = channels.place(slot);
                 for (k, column) in columns.iter_mut().enumerate().filter(|(k, _)| *k != own) {
                     let held = held.get(k).copied().unwrap_or(false);
-                    *column = Cow::Owned(lagged(&time, column, lag, held));
+                    let mut slow = lagged(&time, column, lag, held);
+                    // nobody knows where the filter stood before the record; inputs are taken for at rest
+                    if k >= channels.inputs {
+                        let known = time[0] + FORGOTTEN * lag;
+                        slow.iter_mut().zip(time.iter()).filter(|(_, t)| **t < known).for_each(|(v, _)| *v = f64::NAN);
+                    }
+                    *column = Cow::Owned(slow);
                 }
             }
             Edit::Time(factor) => time.to_mut().iter_mut().for_each(|t| *t *= factor),

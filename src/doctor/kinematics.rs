@@ -278,6 +278,17 @@ impl Kinematics {
         }
     }
 
+    /// Whether a channel stands on the left side of an equation, or is what the right side needs.
+    fn has(&self, equation: Equation, place: usize) -> bool {
+        let needed = match equation {
+            Equation::Form(k) => {
+                FORMS[k].needs.iter().any(|q| self.places[*q as usize].is_some_and(|(p, _)| p == place))
+            }
+            Equation::Derivative(_, x) => x == place,
+        };
+        needed || self.left_place(equation) == Some(place)
+    }
+
     fn left_place(&self, equation: Equation) -> Option<usize> {
         match equation {
             Equation::Form(k) => self.places[FORMS[k].left as usize].map(|(place, _)| place),
@@ -339,14 +350,7 @@ impl Kinematics {
     fn left_of_noise(&self, equation: Equation, records: &[Record], channels: &Channels, edits: &[Edit]) -> f64 {
         let filter = |e: &Edit| if let Edit::Filter(slot, lag) = *e { Some((channels.place(slot), lag)) } else { None };
         let Some(((place, lag), record)) = edits.iter().find_map(filter).zip(records.first()) else { return 1.0 };
-        // all of an equation without the channel is filtered alike
-        let read = match equation {
-            Equation::Form(k) => {
-                FORMS[k].needs.iter().any(|q| self.places[*q as usize].is_some_and(|(p, _)| p == place))
-            }
-            Equation::Derivative(_, x) => x == place,
-        };
-        if !read && self.left_place(equation) != Some(place) {
+        if !self.has(equation, place) {
             return 1.0;
         }
         let (window, n) = (self.window, record.time.len());
@@ -425,8 +429,18 @@ impl Kinematics {
         let mut all: Vec<Sides> = self.equations.iter().map(|e| Sides::new(*e)).collect();
         for record in records.iter().filter(|r| r.time.len() > self.window) {
             let edited = edited_record(record, channels, edits, &[]);
-            let columns = self.quantities(&edited.columns);
+            // what does not have the filtered channel in it stays as it is: products are not what a lag leaves of them
+            let filtered = edits.iter().find_map(|e| if let Edit::Filter(slot, _) = e { Some(*slot) } else { None });
+            let others: Vec<Edit> = edits.iter().filter(|e| !matches!(e, Edit::Filter(..))).copied().collect();
+            let unfiltered = filtered.map(|slot| (channels.place(slot), edited_record(record, channels, &others, &[])));
+            let both =
+                [Some(self.quantities(&edited.columns)), unfiltered.as_ref().map(|(_, r)| self.quantities(&r.columns))];
             for (sides, equation) in all.iter_mut().zip(&self.equations) {
+                let (edited, columns) = match (&unfiltered, &both) {
+                    (Some((place, plain)), [_, Some(columns)]) if !self.has(*equation, *place) => (plain, columns),
+                    (_, [Some(columns), _]) => (&edited, columns),
+                    _ => continue,
+                };
                 let n = edited.time.len();
                 let (left, right): (Vec<f64>, Vec<f64>) = match *equation {
                     Equation::Form(k) => {

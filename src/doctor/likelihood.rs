@@ -457,7 +457,12 @@ pub(crate) fn search(
         if l <= 0.0 && r <= 0.0 {
             // within the bracket: the vertex
             if !l.is_finite() || !r.is_finite() {
-                break;
+                // beyond what the number may be: nearer, where anything was gained at all
+                if middle.0 == 0.0 {
+                    break;
+                }
+                width *= 0.5;
+                continue;
             }
             let curvature = -(l + r) / (width * width);
             if curvature <= 0.0 || round == 0 && (r - l).powi(2) < -8.0 * (l + r) * 0.5 * needed {

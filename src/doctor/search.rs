@@ -5,7 +5,7 @@ use crate::beside::BesideOptions;
 use crate::biases::biases_of;
 use crate::finding::{Fault, Finding, Place, Severity};
 use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
-use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search, variance};
+use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search as search_number, variance};
 use crate::record::{Record, Role};
 use crate::tail::Tail;
 use fdm_system::Model;
@@ -93,7 +93,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         let (first, others) = all.split_at(all.len().min(REFINED));
         let mut all: Vec<Judged> = first.iter().chain(others.iter().filter(|j| rival(j))).cloned().collect();
         all.extend(lag_in_place(search, &best, &edits(&accepted, None), &current));
-        fits += 6;
+        fits += 8;
         current = best.trial.clone();
         accepted.push(Accepted { judged: best, near: all });
         if accepted.len() > 1 {
@@ -129,13 +129,16 @@ fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current:
         return None;
     }
     // a body and its sensor are two lags in a chain
-    const CHAINS: [(usize, f64); 6] = [(1, 0.5), (1, 1.0), (1, 2.0), (2, 0.35), (2, 0.5), (2, 1.0)];
-    let tried = CHAINS.into_iter().filter_map(|(count, part)| {
-        let lag = part * by.abs();
-        let what = format!("went through {count} lag(s) of {lag:.4}, as the others then do");
-        let (edits, weight) = (vec![Edit::Filter(output, lag); count], fault.hypothesis.weight);
+    let tried = [1, 2].into_iter().filter_map(|count| {
+        let edits = |lag: f64| vec![Edit::Filter(output, lag); count];
+        let at = |lag: f64| {
+            let all: Vec<Edit> = accepted.iter().copied().chain(edits(lag)).collect();
+            if lag > 0.0 { search.trial(&all, current) } else { None }
+        };
+        let Searched { value, trial, .. } = search_number(0.6 * by.abs() / count as f64, current, 0.0, &at)?;
+        let what = format!("went through {count} lag(s) of {value:.4}, as the others then do");
+        let (edits, weight) = (edits(value), fault.hypothesis.weight);
         let hypothesis = Hypothesis { fault: Fault::Filtered, slots: vec![output], edits, what, weight };
-        let trial = search.trial(&with(accepted, &hypothesis), current)?;
         let (prior, log_odds) = (fault.prior, trial.cautious_gain_over(current) + fault.prior);
         Some(Judged { log_odds, hypothesis, prior, trial })
     });
@@ -332,7 +335,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
                 false => Some(evidence.unfitted(current, &all)),
             }
         };
-        let Searched { value, error, trial } = search(*step, current, needed, &|value| at(fault, value))?;
+        let Searched { value, error, trial } = search_number(*step, current, needed, &|value| at(fault, value))?;
         // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
         let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
@@ -348,7 +351,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         }
         // a drift has to explain what a delay that stays does not
         if fault == Fault::Drift {
-            let stays = search(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
+            let stays = search_number(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
             if stays.is_some_and(|s| trial.cautious_gain_over(&s.trial) < search_in.options.odds.ln()) {
                 return None;
             }

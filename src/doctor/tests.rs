@@ -415,24 +415,6 @@ fn what_is_read_between_samples_or_lagged_counts_without_the_averaging() {
 }
 
 #[test]
-fn a_filtered_channel_is_named_by_kinematics_and_beside_a_model() {
-    let mut record = attitude(6);
-    let lag = 0.25;
-    let slow = crate::hypothesis::lagged(&record.time, &record.channels[3].values, lag, false);
-    let mut noise = Noise::new(60);
-    record.channels[3].values = slow.iter().map(|v| v + 0.002 * noise.next()).collect();
-    let found = judged(&record);
-    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, "p"), "{found:?}");
-
-    let (model, mut run) = driven(8);
-    let v: Vec<f64> = run.measured.iter().skip(1).step_by(2).copied().collect();
-    let slow = crate::hypothesis::lagged(&run.time, &v, lag, false);
-    run.measured.iter_mut().skip(1).step_by(2).zip(slow).for_each(|(v, slow)| *v = slow + 0.02 * noise.next());
-    let found = beside(&run, &model);
-    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, "v_m"), "{found:?}");
-}
-
-#[test]
 fn two_late_outputs_are_named_as_such() {
     let (model, clean) = driven(9);
     let mut late = clean.clone();
