@@ -9,7 +9,7 @@ mod smooth_spectrum;
 pub(crate) use growth::Growth;
 pub use log_spectrum::LogSpectrum;
 use nalgebra::DMatrix;
-pub use residual_power::ResidualPower;
+pub(crate) use residual_power::ResidualPower;
 pub(crate) use smooth_spectrum::{PENALTY, SmoothSpectrum};
 
 /// L of a correlation L L' of outputs; correlations are made smaller until there is one.
