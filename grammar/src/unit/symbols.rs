@@ -328,9 +328,17 @@ mod tests {
 
     #[test]
     fn the_nearest_symbol_is_offered() {
-        for (text, near) in
-            [("Kg", "kg"), ("KPA", "kPa"), ("meters", "m"), ("feet", "ft"), ("degg", "deg"), ("radd", "rad"), ("metr", "m"), ("kelvins", "K"), ("newtn", "N")]
-        {
+        for (text, near) in [
+            ("Kg", "kg"),
+            ("KPA", "kPa"),
+            ("meters", "m"),
+            ("feet", "ft"),
+            ("degg", "deg"),
+            ("radd", "rad"),
+            ("metr", "m"),
+            ("kelvins", "K"),
+            ("newtn", "N"),
+        ] {
             assert_eq!(nearest(text).as_deref(), Some(near), "{text}");
         }
         for (text, product) in [("Nm", "N*m"), ("Nms", "N*m*s"), ("kWh", "kW*h"), ("kgm", "kg*m"), ("mps", "m/s")] {
