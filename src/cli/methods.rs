@@ -133,7 +133,7 @@ fn smooth_by(text: &str) -> Result<SmoothBy, String> {
         weights => {
             let list: Result<Vec<f64>, String> = weights.split(',').map(number).collect();
             let list = list.map_err(|e| format!("{e}; expected `likelihood`, `validation` or weights above 0"))?;
-            match list.iter().find(|w| !(**w > 0.0)) {
+            match list.iter().find(|w| w.is_nan() || **w <= 0.0) {
                 Some(weight) => Err(format!("a weight is above 0, {weight} was given")),
                 None => Ok(SmoothBy::Weights(list)),
             }

@@ -114,15 +114,15 @@ fn increasing(
     names: &AxisNames,
     findings: &mut Vec<Diagnostic>,
 ) {
-    let value = |k: usize| expressions.constant(axis[k]).filter(|_| !kinds.of(axis[k]).broken);
-    for k in 1..axis.len() {
-        let (Some(before), Some(here)) = (value(k - 1), value(k)) else { continue };
+    let value = |e: ExprRef| expressions.constant(e).filter(|_| !kinds.of(e).broken);
+    for pair in axis.windows(2) {
+        let (Some(before), Some(here)) = (value(pair[0]), value(pair[1])) else { continue };
         // what is not finite has been told
         if here > before || !before.is_finite() || !here.is_finite() {
             continue;
         }
         let message = format!("{}, and {here} follows {before}", names.increase);
-        let finding = Diagnostic::new(Code::BadTable, scope.tree.span(axis[k]), message);
+        let finding = Diagnostic::new(Code::BadTable, scope.tree.span(pair[1]), message);
         findings.push(match (here == before, names.one) {
             (true, "point") => finding.hint("a table has one value at each point; a jump is steep between two points"),
             (true, _) => finding.hint("each value stands there once; a jump is steep between two of them"),

@@ -45,7 +45,7 @@ fn a_model_on_one_line_stays_a_model() {
     }
     let text = extended(SHORT, "output_bias_drift(y)").text().to_string();
     assert!(text.starts_with("model a { input u; state x; param k = 1;\n"), "{text}");
-    assert!(text.contains("output y = x + drift_y*(t/T_y - 0.5); }"), "{text}");
+    assert!(text.contains("output y = x + drift_y*t/T_y; }"), "{text}");
 }
 
 #[test]

@@ -12,6 +12,13 @@ pub(super) fn text(v: f64, significant: usize) -> String {
     digits(v, significant).replace('-', "\u{2212}")
 }
 
+/// A number that somebody wrote, with the digits that it needs: six at most.
+pub(super) fn written(v: f64) -> String {
+    let rounded = digits(v, 6);
+    let short = rounded.parse::<f64>().map_or(rounded, |v| v.to_string());
+    short.replace('-', "\u{2212}")
+}
+
 /// A probability; below what a table of the distribution can tell, its bound.
 pub(super) fn probability(value: impl Into<Option<f64>>) -> String {
     match value.into().filter(|p| p.is_finite()) {

@@ -2,7 +2,7 @@
 
 use super::correlations::shade;
 use super::figure::{Figure, Look, Mark, Panel, Shape};
-use super::number::{bracketed, text};
+use super::number::{bracketed, text, written};
 use super::section::Section;
 use super::subject::Subject;
 use fdm_estimate::{NodeEstimate, Smoothing, TableAxis, TableEstimate};
@@ -85,7 +85,7 @@ fn parts(table: &TableEstimate) -> Vec<Part> {
 
 /// `alpha = 0.1 rad`
 fn at(axis: &TableAxis, x: f64) -> String {
-    format!("{} = {}{}", axis.name, text(x, 4), axis.unit.as_ref().map_or(String::new(), |u| format!(" {u}")))
+    format!("{} = {}{}", axis.name, written(x), axis.unit.as_ref().map_or(String::new(), |u| format!(" {u}")))
 }
 
 fn map(table: &TableEstimate, part: &Part) -> Markup {
@@ -93,10 +93,10 @@ fn map(table: &TableEstimate, part: &Part) -> Markup {
     let size = table.nodes.iter().filter_map(|n| n.value).fold(0.0_f64, |most, v| most.max(v.abs()));
     html! {
         @if let Some(title) = &part.title { p { (title) } }
-        div.scroll { table.map {
-            thead { tr { th { (rows.name) " \\ " (columns.name) } @for x in &columns.axis { th { span { (text(*x, 4)) } } } } }
+        div.scroll { table.map.nodes {
+            thead { tr { th { (rows.name) " \\ " (columns.name) } @for x in &columns.axis { th { span { (written(*x)) } } } } }
             tbody { @for (i, x) in rows.axis.iter().enumerate() { tr {
-                th scope="row" { (text(*x, 4)) }
+                th scope="row" { (written(*x)) }
                 @for node in &table.nodes[part.from + i * columns.axis.len()..][..columns.axis.len()] {
                     td class=(shade(node.value.map_or(f64::NAN, |v| v / size.max(f64::MIN_POSITIVE)), false)) title=(title(node)) {
                         (value(node))
