@@ -229,8 +229,7 @@ pub(super) fn read_unit(text: &Name, findings: &mut Vec<Diagnostic>) -> Option<U
     let finding = Diagnostic::new(Code::UnknownUnit, span, error.message);
     findings.push(match error.nearest {
         Some(near) => finding.hint(format!("did you mean `{near}`?")),
-        None => finding
-            .hint("units are symbols such as `m`, `s`, `rad`, `kg`, `K`, and products and powers of them: `kg*m/s^2`"),
+        None => finding,
     });
     None
 }
