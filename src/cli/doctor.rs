@@ -5,12 +5,11 @@ use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, ended};
 use crate::halt::TimeLimit;
 use crate::load::{Records, load_model, read_records};
-
 use crate::ownership::{Overwriting, refuse_other_tables};
 use crate::progress::Progress;
 use clap::Args;
 use fdm_doctor::{
-    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, examine_alone, examine_beside_while,
+    AloneOptions, BesideOptions, Examination, Finding, Record, Severity, Watch, examine_alone, examine_beside_while,
     examine_repeats, repaired_map,
 };
 use fdm_readers::Topic;
@@ -124,8 +123,8 @@ impl Arguments {
         let found = self.by_records(records);
         let options = BesideOptions { odds: self.odds, estimated: !self.no_estimated, ..BesideOptions::default() };
         let halt = progress.halt();
-        let (say, goes_on) = (|text: &str| progress.say(text), || halt.goes_on());
-        let found = examine_beside_while(model, runs, records, found, (&options, &say), &goes_on);
+        let watch = Watch { say: &|text| progress.say(text), goes_on: &|| halt.goes_on() };
+        let found = examine_beside_while(model, runs, records, found, &options, &watch);
         DoctorDocument::of(Some(model.name()), told, &found)
     }
 

@@ -7,10 +7,12 @@ use fdm_numeric::fourier::CosineTransform;
 
 /// Intervals that differ by more have no one Nyquist frequency.
 const EVEN: f64 = 0.1;
+/// Chance of a line in a channel that has none.
+const CHANCE: f64 = 1e-4;
 
 /// Lines in the upper half of the frequencies that the record shows, in channels that no input drives there: vibration above the Nyquist
 /// frequency looks so, and is lost among slower motion when it is folded further.
-pub(crate) fn examine(record: &Record, found: &[Finding], alpha: f64) -> Vec<Finding> {
+pub(crate) fn examine(record: &Record, found: &[Finding]) -> Vec<Finding> {
     const FEWEST: usize = 128;
     let n = record.time.len();
     if !record.clocked || n < FEWEST {
@@ -26,10 +28,9 @@ pub(crate) fn examine(record: &Record, found: &[Finding], alpha: f64) -> Vec<Fin
         let own = found.iter().filter(|f| f.channels.first() == Some(&c.name));
         own.into_iter().any(|f| matches!(f.fault, Fault::Quantised | Fault::HeldSamples | Fault::Spikes | Fault::Stuck))
     };
-    let driven: Vec<f64> =
-        record.channels.iter().filter(|c| c.role == Role::Input).filter_map(|c| line(c, alpha)).collect();
+    let driven: Vec<f64> = record.channels.iter().filter(|c| c.role == Role::Input).filter_map(|c| line(c)).collect();
     let told = |c: &Channel| {
-        let part = line(c, alpha).filter(|p| driven.iter().all(|d| (p - d).abs() > 0.02))?;
+        let part = line(c).filter(|p| driven.iter().all(|d| (p - d).abs() > 0.02))?;
         let (frequency, rate) = (0.5 * part / interval, 1.0 / interval);
         let what = format!(
             "a line at {frequency:.4} per unit of time, in the upper half of what {rate:.4} samples show: vibration, or folded from {:.4} or {:.4}",
@@ -44,7 +45,7 @@ pub(crate) fn examine(record: &Record, found: &[Finding], alpha: f64) -> Vec<Fin
 
 /// The highest line of the upper half, as a part of the Nyquist frequency: pairs of coefficients of the cosine transform beside their
 /// neighbours, whose powers have an exponential law (as Fisher 1929 judges the largest).
-fn line(channel: &Channel, alpha: f64) -> Option<f64> {
+fn line(channel: &Channel) -> Option<f64> {
     /// Pairs on each side that a pair is compared with.
     const NEAR: usize = 16;
     let mut x: Vec<f64> = channel.values.iter().copied().filter(|v| v.is_finite()).collect();
@@ -66,5 +67,5 @@ fn line(channel: &Channel, alpha: f64) -> Option<f64> {
     };
     let all = (pairs / 2..pairs).map(|k| (k, height(k)));
     let (k, h) = all.filter(|(_, h)| h.is_finite()).max_by(|a, b| a.1.total_cmp(&b.1))?;
-    ((pairs as f64 / 2.0) * (-h).exp() < alpha).then(|| (k as f64 + 0.5) / pairs as f64)
+    ((pairs as f64 / 2.0) * (-h).exp() < CHANCE).then(|| (k as f64 + 0.5) / pairs as f64)
 }

@@ -1,7 +1,7 @@
 //! A record by itself: every channel, the time, rows, and rates beside angles.
 
 use crate::aliasing;
-use crate::beside::{ALIASED, BesideOptions};
+use crate::beside::BesideOptions;
 use crate::finding::{Finding, Severity, in_order};
 use crate::hypothesis::Channels;
 use crate::kinematics::Kinematics;
@@ -57,7 +57,7 @@ pub fn examine_alone(record: &Record, options: &AloneOptions) -> Vec<Finding> {
     findings.extend(by_channel.into_iter().flatten());
     if options.kinematics {
         findings.extend(beside_kinematics(record, &findings));
-        findings.extend(aliasing::examine(record, &findings, ALIASED));
+        findings.extend(aliasing::examine(record, &findings));
     }
     in_order(&mut findings);
     findings

@@ -50,21 +50,28 @@ pub fn examine_beside(
     alone: Vec<Finding>,
     options: &BesideOptions,
 ) -> Examination {
-    examine_beside_while(model, runs, records, alone, (options, &|_| {}), &|| true)
+    examine_beside_while(model, runs, records, alone, options, &Watch { say: &|_| {}, goes_on: &|| true })
 }
 
-/// Of a line of a channel that is none.
-pub(crate) const ALIASED: f64 = 1e-4;
+/// Who follows a search.
+#[derive(Clone, Copy)]
+pub struct Watch<'a> {
+    /// Is told what is being done.
+    pub say: &'a (dyn Fn(&str) + Sync),
+    /// Whether the search goes on.
+    pub goes_on: &'a (dyn Fn() -> bool + Sync),
+}
 
-/// The same as long as `goes_on` says so; then with what was found by then, and a note. `say` is told what is being done.
+/// The same as long as `watch` lets it go on; then with what was found by then, and a note.
 pub fn examine_beside_while(
     model: &Model,
     runs: &[Run],
     records: &[Record],
     alone: Vec<Finding>,
-    (options, say): (&BesideOptions, &(dyn Fn(&str) + Sync)),
-    goes_on: &(dyn Fn() -> bool + Sync),
+    options: &BesideOptions,
+    watch: &Watch<'_>,
 ) -> Examination {
+    let Watch { say, goes_on } = *watch;
     let names = Channels::of(records);
     let (masked, clean) = mask(&names, runs, records, &alone);
     let mut done = Examination { findings: alone, ..Examination::default() };
@@ -93,7 +100,7 @@ pub fn examine_beside_while(
         done.notes.push("there was no time to look at everything: these are the findings so far".into());
     }
     done.fits += found.fits;
-    let lines = records.iter().flat_map(|r| aliasing::examine(r, &done.findings, ALIASED)).collect::<Vec<_>>();
+    let lines = records.iter().flat_map(|r| aliasing::examine(r, &done.findings)).collect::<Vec<_>>();
     done.findings.extend(found.findings);
     done.findings.extend(evidence.kinematics.remarks(&clean, &names, &found.edits));
     done.findings.extend(information::of(model, runs, records, &found.last));

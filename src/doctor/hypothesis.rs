@@ -30,7 +30,7 @@ pub(crate) enum Edit {
     /// Constant that is added from a time on.
     Step(Slot, f64, f64),
     /// The channel went through a first-order lag of this time constant. What went through none goes through it too, so that all are alike
-    /// again: a linear motion does not tell the difference.
+    /// again: for a linear motion there is no difference.
     Filter(Slot, f64),
     /// All times are multiplied.
     Time(f64),

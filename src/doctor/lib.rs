@@ -26,7 +26,7 @@ mod time;
 mod values;
 
 pub use alone::{AloneOptions, examine_alone, leading};
-pub use beside::{BesideOptions, Examination, examine_beside, examine_beside_while};
+pub use beside::{BesideOptions, Examination, Watch, examine_beside, examine_beside_while};
 pub use finding::{Bias, Fault, Finding, Place, Severity, in_order as sort};
 pub use record::{Channel, Record, Role};
 pub use repair::{Change, Repair, repaired_map};

@@ -503,7 +503,7 @@ fn factors_lines_and_leads_are_remarks() {
 
 #[test]
 fn a_search_without_time_ends_with_what_it_has() {
-    use crate::examine_beside_while;
+    use crate::{Watch, examine_beside_while};
     use std::sync::atomic::{AtomicUsize, Ordering};
     let (model, mut run) = driven(4);
     run.measured.iter_mut().step_by(2).for_each(|v| *v /= 0.3048);
@@ -514,7 +514,8 @@ fn a_search_without_time_ends_with_what_it_has() {
         asked.store(0, Ordering::Relaxed);
         let goes_on = || asked.fetch_add(1, Ordering::Relaxed) < most;
         let runs = std::slice::from_ref(&run);
-        examine_beside_while(&model, runs, &records, Vec::new(), (&BesideOptions::default(), &|_| {}), &goes_on)
+        let watch = Watch { say: &|_| {}, goes_on: &goes_on };
+        examine_beside_while(&model, runs, &records, Vec::new(), &BesideOptions::default(), &watch)
     };
     let whole = judge(usize::MAX);
     let all = asked.load(Ordering::Relaxed);

@@ -37,7 +37,7 @@ pub struct BiasCorrection {
     pub standard_errors: f64,
 }
 
-/// How smooth a table is, and how many parameters it is worth.
+/// How smooth a table is, and its effective number of parameters.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub struct Smoothing {
     /// Its name.
@@ -46,7 +46,7 @@ pub struct Smoothing {
     pub order: usize,
     /// Nodes that are estimated.
     pub parameters: usize,
-    /// What they are worth: the trace of the share of the data in what is known about them.
+    /// Their effective number: the trace of the share of the data in what is known about them.
     pub effective_parameters: f64,
     /// Its arguments.
     pub arguments: Vec<String>,

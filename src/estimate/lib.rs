@@ -43,6 +43,7 @@ mod uncertainty;
 mod unknowns;
 
 pub use crate::residuals::OutputFit;
+pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
 pub use derived::{DerivedName, DerivedQuantities};

@@ -71,11 +71,10 @@ impl<'t> SmoothTables<'t> {
 
     /// What there is to be said about every table at these weights.
     pub(crate) fn told(&self, weights: &[f64], bound: &CramerRao) -> Vec<Smoothing> {
-        let covariance = Covariance::new(bound);
         let mut weights = weights.iter();
         let one = |table: &SmoothTable<'_>| {
             let own: Vec<f64> = weights.by_ref().take(table.axes.len()).copied().collect();
-            let known = table.axes.iter().zip(&own).map(|(rows, weight)| weight * covariance.trace(rows));
+            let known = table.axes.iter().zip(&own).map(|(rows, weight)| weight * trace(rows, bound));
             Smoothing {
                 table: table.table.quantity.name.clone(),
                 order: table.order,
@@ -185,28 +184,9 @@ fn difference(places: &[f64], members: &[(Option<usize>, f64)]) -> Option<PriorR
     (!entries.is_empty()).then(|| PriorRow::new(&entries, residual))
 }
 
-/// The covariance of the unknowns in their units.
-struct Covariance<'b> {
-    bound: &'b CramerRao,
-}
-
-impl<'b> Covariance<'b> {
-    fn new(bound: &'b CramerRao) -> Self {
-        Self { bound }
-    }
-
-    fn at(&self, i: usize, j: usize) -> f64 {
-        let (inverse, scale) = (&self.bound.inverse, &self.bound.scale);
-        match (inverse.chosen.binary_search(&i), inverse.chosen.binary_search(&j)) {
-            (Ok(a), Ok(b)) => inverse.values[a * inverse.chosen.len() + b] / (scale[i] * scale[j]),
-            _ => 0.0,
-        }
-    }
-
-    /// The trace of the penalty of these rows times the covariance.
-    fn trace(&self, rows: &[PriorRow]) -> f64 {
-        rows.iter().map(|row| row.variance(|i, j| self.at(i, j))).sum()
-    }
+/// The trace of the penalty of these rows times the covariance of the unknowns.
+fn trace(rows: &[PriorRow], bound: &CramerRao) -> f64 {
+    rows.iter().map(|row| row.variance(|i, j| bound.inverse.covariance(&bound.scale, (i, j)))).sum()
 }
 
 /// Weights, and where the unknowns are with them.
@@ -335,7 +315,6 @@ impl Search<'_, '_> {
 
     /// For every axis how far the logarithm of its weight moves, and by how many effective parameters the table bends along it.
     fn ahead(&self, weights: &[f64], penalties: &[Vec<DMatrix<f64>>], bound: &CramerRao) -> Vec<(f64, f64)> {
-        let covariance = Covariance::new(bound);
         let values = &self.unknowns.start;
         let mut ahead = Vec::with_capacity(weights.len());
         let mut rest = weights;
@@ -345,7 +324,7 @@ impl Search<'_, '_> {
             let shares = table.shares(penalties, own);
             for ((rows, weight), share) in table.axes.iter().zip(own).zip(shares) {
                 let squares: f64 = rows.iter().map(|row| row.at(values).residual.powi(2)).sum();
-                let bends = share - weight * covariance.trace(rows);
+                let bends = share - weight * trace(rows, bound);
                 if rows.is_empty() {
                     ahead.push((0.0, 0.0));
                     continue;

@@ -56,7 +56,7 @@ struct Decomposition {
 /// The inverse of the scaled information matrix on chosen unknowns.
 #[derive(Debug, Clone, Default)]
 pub struct Inverse {
-    /// The chosen unknowns.
+    /// The chosen unknowns, which rise.
     pub chosen: Vec<usize>,
     /// The (pseudo-)inverse, chosen by chosen.
     pub values: Vec<f64>,
@@ -67,6 +67,14 @@ pub struct Inverse {
 }
 
 impl Inverse {
+    /// Covariance of two unknowns in their units, by the `scale` of all unknowns; 0 of one that was not chosen.
+    pub fn covariance(&self, scale: &[f64], (i, j): (usize, usize)) -> f64 {
+        match (self.chosen.binary_search(&i), self.chosen.binary_search(&j)) {
+            (Ok(a), Ok(b)) => self.values[a * self.chosen.len() + b] / (scale[i] * scale[j]),
+            _ => 0.0,
+        }
+    }
+
     /// Roots of the diagonal, and the inverse of the information scaled by them on the unknowns inside their bounds.
     pub fn of_products(information: &[f64], inside: &[bool]) -> (Vec<f64>, Self) {
         let size = inside.len();

@@ -11,6 +11,7 @@
 //! probability of all smooth ones together, and believed by its marginal likelihood. Where the lowest bins were fitted away these say what all others tell
 //! of them, and how surely.
 
+use super::added;
 use super::parametric::Parametric;
 use super::residual_power::ResidualPower;
 use fdm_numeric::dense::{Factor, Pentadiagonal};
@@ -394,7 +395,7 @@ impl Told {
         let value = share * first + (1.0 - share) * second;
         let apart = |own: f64, told: &Self| told.variance + (own - value).powi(2);
         let variance = share * apart(first, &steady) + (1.0 - share) * apart(second, &wandering);
-        Self { value, variance, likelihood: a.max(b) + (-(a - b).abs()).exp().ln_1p() }
+        Self { value, variance, likelihood: added(a, b) }
     }
 
     fn new((value, variance): (f64, f64), (freedom, power): (f64, f64)) -> Self {

@@ -12,6 +12,11 @@ use nalgebra::DMatrix;
 pub(crate) use residual_power::ResidualPower;
 pub(crate) use smooth_spectrum::{PENALTY, SmoothSpectrum};
 
+/// Logarithm of e^a + e^b.
+fn added(a: f64, b: f64) -> f64 {
+    a.max(b) + (-(a - b).abs()).exp().ln_1p()
+}
+
 /// L of a correlation L L' of outputs; correlations are made smaller until there is one.
 pub(super) fn correlation_factor(mut correlation: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let size = correlation.nrows();

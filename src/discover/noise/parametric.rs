@@ -5,7 +5,9 @@
 //! marginal likelihoods (Laplace) are comparable with those of smooth spectra, so that a family is believed as far as the bins speak for
 //! it. A level at zero frequency is then known by all bins, not by the lowest three (Burg 1975; Beran 1994 for powers).
 
+use super::added;
 use super::residual_power::ResidualPower;
+use fdm_estimate::LevinsonDurbin;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use std::f64::consts::PI;
 
@@ -162,11 +164,6 @@ impl Family {
     }
 }
 
-/// Logarithm of e^a + e^b.
-fn added(a: f64, b: f64) -> f64 {
-    a.max(b) + (-(a - b).abs()).exp().ln_1p()
-}
-
 /// log S of a level times a part of this shape (logarithm, derivative by its number) and white noise, and its derivatives.
 fn beside_white(numbers: &Values, shape: f64, by_number: f64) -> (f64, Values) {
     let part = 1.0 / (1.0 + (-numbers[2]).exp());
@@ -175,29 +172,22 @@ fn beside_white(numbers: &Values, shape: f64, by_number: f64) -> (f64, Values) {
     (numbers[0] + added(own, white), Values::new(1.0, share * by_number, share - part))
 }
 
-/// Yule and Walker's coefficients from the power of bins (Levinson).
+/// Yule and Walker's coefficients from the power of bins.
 fn autoregression(left: &[ResidualPower], places: &[Place], order: usize) -> Values {
+    let freedom: f64 = left.iter().map(|l| l.freedom).sum();
     let mut lags = [0.0; MOST];
     for (cell, place) in left.iter().zip(places) {
         let (cos, sin) = place.phase;
         let (mut c, mut s) = (1.0, 0.0);
         for lag in lags.iter_mut().take(order + 1) {
-            *lag += cell.freedom * cell.power * c;
+            *lag += cell.freedom * cell.power * c / freedom.max(f64::MIN_POSITIVE);
             (c, s) = (c * cos - s * sin, s * cos + c * sin);
         }
     }
-    let freedom: f64 = left.iter().map(|l| l.freedom).sum();
+    let model = LevinsonDurbin::of(&lags[..=order]).model(order);
     let mut found = Values::zeros();
-    let mut variance = lags[0].max(f64::MIN_POSITIVE);
-    for k in 1..=order {
-        let reflection = -(lags[k] + (1..k).map(|j| found[j] * lags[k - j]).sum::<f64>()) / variance;
-        let reflection = reflection.clamp(-0.98, 0.98);
-        let before = found;
-        (1..k).for_each(|j| found[j] += reflection * before[k - j]);
-        found[k] = reflection;
-        variance *= 1.0 - reflection * reflection;
-    }
-    found[0] = (variance / freedom.max(f64::MIN_POSITIVE)).ln();
+    found[0] = model.variance.max(f64::MIN_POSITIVE).ln();
+    found.iter_mut().skip(1).zip(&model.coefficients).for_each(|(own, a)| *own = -a);
     found
 }
 
@@ -259,9 +249,7 @@ impl Fit<'_> {
         }
         at.loss.is_finite().then_some((numbers, at))
     }
-}
 
-impl Fit<'_> {
     /// Part of the deviations of a normal approximation within which the loss rises as it says, in the direction that moves the lowest bin
     /// most, upwards: how much slow noise may hide below white noise is bounded more sharply than that.
     fn believed(&self, numbers: &Values, root: &Square, least: f64) -> f64 {

@@ -6,11 +6,11 @@ use fdm_numeric::lanes::{Simd, WithSimd, dispatch};
 
 /// `v(i) = sum of a(k) v(i - k), k = 1.., + e(i)` with white e.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct AutoRegression {
+pub struct AutoRegression {
     /// a(1), a(2), ...
-    pub(crate) coefficients: Vec<f64>,
+    pub coefficients: Vec<f64>,
     /// Variance of e.
-    pub(crate) variance: f64,
+    pub variance: f64,
     /// Autocovariances of v at lags 0 to the order, which the model has exactly.
     autocovariances: Vec<f64>,
 }
@@ -106,7 +106,7 @@ impl AutoRegression {
 const PREDICTABLE: f64 = 1e-10;
 
 /// The models of order 0, 1, ... that have the given autocovariances, as far as they belong to a stationary process.
-pub(crate) struct LevinsonDurbin<'r> {
+pub struct LevinsonDurbin<'r> {
     autocovariances: &'r [f64],
     /// The last coefficient of the models of order 1, 2, ...
     reflections: Vec<f64>,
@@ -116,7 +116,7 @@ pub(crate) struct LevinsonDurbin<'r> {
 
 impl<'r> LevinsonDurbin<'r> {
     /// Climbs as high as the autocovariances at lags 0, 1, ... allow.
-    pub(crate) fn of(autocovariances: &'r [f64]) -> Self {
+    pub fn of(autocovariances: &'r [f64]) -> Self {
         let total = autocovariances.first().copied().filter(|v| *v > 0.0 && v.is_finite());
         let mut models = Self { autocovariances, reflections: Vec::new(), variances: vec![total.unwrap_or(0.0)] };
         let Some(total) = total else { return models };
@@ -147,7 +147,7 @@ impl<'r> LevinsonDurbin<'r> {
     }
 
     /// The model of an order, at most the highest.
-    pub(crate) fn model(&self, order: usize) -> AutoRegression {
+    pub fn model(&self, order: usize) -> AutoRegression {
         let order = order.min(self.highest());
         if order == 0 {
             return AutoRegression::white(self.variances[0]);

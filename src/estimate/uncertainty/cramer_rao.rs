@@ -75,12 +75,7 @@ pub(crate) fn conclude(steps: &mut LikelihoodSteps<'_, '_, '_>) -> Option<Cramer
 
 /// How many unknowns the priors determine rather than the data: the trace of prior information times covariance.
 fn known_before(steps: &LikelihoodSteps<'_, '_, '_>, inverse: &Inverse) -> f64 {
-    let n = inverse.chosen.len();
-    let scale = &steps.quadratic.scale;
-    let covariance = |i: usize, j: usize| match (inverse.chosen.binary_search(&i), inverse.chosen.binary_search(&j)) {
-        (Ok(a), Ok(b)) => inverse.values[a * n + b] / (scale[i] * scale[j]),
-        _ => 0.0,
-    };
+    let covariance = |i, j| inverse.covariance(&steps.quadratic.scale, (i, j));
     steps.problem.priors.rows(&steps.values).map(|row| row.variance(covariance).min(1.0)).sum()
 }
 

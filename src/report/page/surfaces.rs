@@ -29,7 +29,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     let content = html! {
         @for (k, table) in tables.iter().enumerate() {
             h3 { code { (called(table)) } @if !table.doc.is_empty() { " " (table.doc) } }
-            @if let Some(smoothing) = smoothing(&table.table) { p { (worth(smoothing)) } }
+            @if let Some(smoothing) = smoothing(&table.table) { p { (smoothness(smoothing)) } }
             @let unknown = table.unknown().count();
             @if unknown > 0 {
                 p { (unknown) " of " (table.nodes.len()) " nodes are unknown: no sample of any run lies beside them." }
@@ -51,11 +51,11 @@ fn called(table: &TableEstimate) -> String {
     format!("{}({}){}", table.table, arguments.join(", "), bracketed(table.unit.as_deref()))
 }
 
-fn worth(smoothing: &Smoothing) -> String {
+fn smoothness(smoothing: &Smoothing) -> String {
     let weights = smoothing.arguments.iter().zip(&smoothing.weights);
     let weights: Vec<String> = weights.map(|(name, weight)| format!("{} along {name}", text(*weight, 3))).collect();
     format!(
-        "{} nodes worth {} effective parameters; smooth by order {}, weights {}.",
+        "{} nodes, {} effective parameters; smooth by order {}, weights {}.",
         smoothing.parameters,
         text(smoothing.effective_parameters, 3),
         smoothing.order,

@@ -109,20 +109,20 @@ pub fn estimate_remarks(estimate: &Estimate) -> Vec<Remark> {
     remarks
 }
 
-/// What tables are worth, and how many of their nodes no run visited.
+/// The effective number of parameters of tables, and how many of their nodes no run visited.
 fn tables(estimate: &Estimate) -> Vec<String> {
-    let worth = estimate.smoothing.iter().map(|s| {
+    let effective = estimate.smoothing.iter().map(|s| {
         let weights = s.arguments.iter().zip(&s.weights);
         let weights: Vec<String> = weights.map(|(name, w)| format!("{} along {name}", digits(*w, 3))).collect();
-        let (count, worth) = (s.parameters, digits(s.effective_parameters, 3));
-        format!("`{}`: {count} nodes worth {worth} effective parameters; weights {}", s.table, weights.join(", "))
+        let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
+        format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
     });
     let unvisited = estimate.tables.iter().filter_map(|t| {
         let count = t.unknown().count();
         (count > 0)
             .then(|| format!("`{}`: {count} of {} nodes are unknown: no run visits them", t.table, t.nodes.len()))
     });
-    worth.chain(unvisited).collect()
+    effective.chain(unvisited).collect()
 }
 
 /// Outputs of which runs hold no value, or none that can be used; one line for each output.
