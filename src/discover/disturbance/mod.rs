@@ -25,7 +25,7 @@ pub use attribution::{Attribution, Law, Origin};
 pub(crate) use attribution::{Explained, ResidualEvidence, attribute, residual_evidence};
 pub use localisation::{Localisation, Ordinate, Site};
 pub use nonlinearity::{Curve, CurvePoint};
-pub(crate) use place::FittedRun;
+pub(crate) use place::{BELIEVED, FittedRun};
 pub use place::{Place, PlaceEvidence, PlaceKind};
 pub(crate) use suggestions::suggestions;
 pub use suggestions::{Suggestion, Suggestions};

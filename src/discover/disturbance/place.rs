@@ -12,8 +12,8 @@ use serde::{Deserialize, Serialize};
 
 /// Evidence above which a disturbance is there: odds of 20 to 1.
 pub(super) const CLEAR: f64 = 3.0;
-/// Evidence above which a disturbance or a law is the verdict: odds of 100 : 1, as for an effect.
-pub(super) const BELIEVED: f64 = 4.6;
+/// Log-likelihood by which a cause is believed, or is before another: odds of 100 : 1, as at a chance of 0.01.
+pub(crate) const BELIEVED: f64 = 4.6;
 
 /// What kind of place it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]

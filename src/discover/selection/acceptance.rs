@@ -9,12 +9,11 @@ use super::forward_step::{ForwardStep, prior};
 use super::free_motion::repeated;
 use super::projection::cosine;
 use crate::diagnosis::{Alternative, Cause, EffectAt, NewValue, Rejected};
+use crate::disturbance::BELIEVED;
 use fdm_estimate::ParameterEstimate;
 use fdm_grammar::effect::NewParam;
 use fdm_grammar::syntax::Class;
 
-/// Scores that differ by less cannot be told apart: odds of 100 : 1, as a cause is believed at a chance of 0.01.
-pub(super) const LEAD: f64 = 4.6;
 /// Least score of an effect that is named.
 const LEAST: f64 = 3.0;
 /// Least gain on the training runs: that of a size of two standard errors. (Wald's size itself says little where an
@@ -81,7 +80,7 @@ pub(super) fn at_bound(params: &[NewParam], value: impl Fn(&NewParam) -> Option<
 pub(super) fn cause(step: &ForwardStep<'_>, comparison: &Comparison, (chosen, p): (usize, f64)) -> Cause {
     let candidate = &comparison.models[chosen];
     let attached = &step.simulated[candidate.candidate].attached;
-    let least = candidate.score() - LEAD;
+    let least = candidate.score() - BELIEVED;
     let others = comparison.models.iter().enumerate();
     let close = others.filter(|(k, c)| *k == chosen || c.score() > least.max(0.0));
     let alternative = |(_, c): (usize, &CandidateModel)| Alternative {

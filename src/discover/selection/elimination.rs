@@ -7,7 +7,7 @@
 //! A nonlinearity that the catalogue does not have (hysteresis, a friction that falls with the speed, a product of three) is nearly the sum of two or
 //! three that it has, so nearly that nothing is left which would tell of it. That they meet in one place is what can be told.
 
-use super::acceptance::{LEAD, separating, value_of};
+use super::acceptance::{separating, value_of};
 use super::error::DiagnosisError;
 use super::extended_model::{AttachedEffect, SignalScales, grown, place, written};
 use super::fitted_model::{FittedModel, split_fit};
@@ -16,6 +16,7 @@ use super::forward_step::{PENALTY, prior};
 use super::runs::Runs;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Alternative, Cause, EffectAt, Rejected};
+use crate::disturbance::BELIEVED;
 use fdm_grammar::effect::{Candidate, Choice, NewParam};
 use fdm_system::model::Model;
 use rayon::prelude::*;
@@ -192,10 +193,10 @@ pub(super) fn revise(
             }
         };
         let mut group: Vec<Alternative> = Vec::new();
-        if own > best - LEAD {
+        if own > best - BELIEVED {
             group.push(alternative(accepted[k].cause.place.clone(), own, -fit.fitting.cost));
         }
-        let close = tried.iter().filter(|t| t.score > best - LEAD);
+        let close = tried.iter().filter(|t| t.score > best - BELIEVED);
         group.extend(close.map(|t| alternative(place(&t.candidate), t.score, t.gain)));
         group.sort_by(|a, b| b.score.total_cmp(&a.score));
         if group.is_empty() {

@@ -1,6 +1,6 @@
 //! Forward selection of effects, from the base model to a diagnosis.
 
-use super::acceptance::{LEAD, cause, objection, rejected, separating};
+use super::acceptance::{cause, objection, rejected, separating};
 use super::assessment::{ResidualRecords, against, biased, output_gains, overlays, run_gains};
 use super::candidate_model::CandidateModel;
 use super::comparison::Comparison;
@@ -18,7 +18,7 @@ use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared, thi
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
-use crate::disturbance::{Attribution, Origin};
+use crate::disturbance::{Attribution, BELIEVED, Origin};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
@@ -480,7 +480,7 @@ impl<'a> ForwardSelection<'a> {
             let mut accepted = self.accepted.clone();
             let mut cause = cause(step, comparison, (*k, p));
             // what is clearly likelier alone can be told from it
-            let most = cause.score + LEAD;
+            let most = cause.score + BELIEVED;
             cause.group.retain(|member| member.score < most);
             cause.separating_experiment = cause.group.get(1).map(|other| separating(&cause.place, &other.place));
             accepted.push(Accepted::new(attached, &models[*k].fitting, cause, Vec::new()));
@@ -688,7 +688,7 @@ fn near(step: &ForwardStep<'_>, comparison: &Comparison, k: usize, fit: &[usize]
 
 /// Whether a curve over one variable is likelier than the effects, by odds of 100 : 1.
 fn is_law(attribution: &Attribution) -> bool {
-    attribution.law.is_some() && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + LEAD
+    attribution.law.is_some() && attribution.by_nonlinearity > attribution.by_effect.unwrap_or(0.0).max(0.0) + BELIEVED
 }
 
 /// Everything that the user gave a name.
