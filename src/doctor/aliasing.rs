@@ -28,7 +28,7 @@ pub(crate) fn examine(record: &Record, found: &[Finding]) -> Vec<Finding> {
         let own = found.iter().filter(|f| f.channels.first() == Some(&c.name));
         own.into_iter().any(|f| matches!(f.fault, Fault::Quantised | Fault::HeldSamples | Fault::Spikes | Fault::Stuck))
     };
-    let driven: Vec<f64> = record.channels.iter().filter(|c| c.role == Role::Input).filter_map(|c| line(c)).collect();
+    let driven: Vec<f64> = record.channels.iter().filter(|c| c.role == Role::Input).filter_map(line).collect();
     let told = |c: &Channel| {
         let part = line(c).filter(|p| driven.iter().all(|d| (p - d).abs() > 0.02))?;
         let (frequency, rate) = (0.5 * part / interval, 1.0 / interval);
