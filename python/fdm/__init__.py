@@ -13,7 +13,7 @@ Words, defaults and numbers are those of the command ``fdm``, to the bit. Long w
 and ends at Ctrl-C with the best so far.
 
 Models: `Model`, `model`, and the cell magic ``%%fdm`` (``%load_ext fdm``). Records: `Run`, `RunTable`, `Signal`, `doctor`. Results: `Fit`, `load`.
-Other packages: `fdm.adapters`. Mistakes: `Error` and what follows from it.
+Many machines: `map`. Other packages: `fdm.adapters`. Mistakes: `Error` and what follows from it.
 """
 
 from ._errors import (
@@ -35,6 +35,7 @@ from ._errors import (
 from ._fdm import VERSION as __version__
 from ._fdm import set_threads, threads
 from ._fit import Fit, History, Parameter, Params, Prediction, load
+from ._map import Mapped, map
 from ._model import Channel, Model, Param, Residuals, Response
 from ._notebook import load_ipython_extension, model
 from ._progress import telling as progress
@@ -56,6 +57,7 @@ __all__ = [
     "InputError",
     "InterruptedWarning",
     "Linear",
+    "Mapped",
     "Model",
     "ModelError",
     "ModelWarning",
@@ -84,6 +86,7 @@ __all__ = [
     "doctor",
     "load",
     "load_ipython_extension",
+    "map",
     "model",
     "progress",
     "set_threads",

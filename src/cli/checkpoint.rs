@@ -4,8 +4,10 @@ use crate::failure::{Failure, OrFailure, remark};
 use crate::methods::given;
 use clap::Args;
 use fdm_estimate::Keeper;
+use fdm_lab::job::Memory;
 use fdm_results::store::{Checkpoint, Identity};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Where the state of long work is kept.
@@ -15,13 +17,21 @@ pub(crate) struct Checkpoints {
     /// Keep a checkpoint in a folder: the same command resumes where it was interrupted, and ends with the same numbers
     #[arg(long, value_name = "DIR")]
     checkpoint: Option<PathBuf>,
+    /// What was done elsewhere, where this is the end of a job.
+    #[arg(skip)]
+    pub(crate) done: Option<Arc<Memory>>,
 }
 
 /// An open checkpoint, or none.
-pub(crate) struct OpenCheckpoint(Option<Watched>);
+pub(crate) enum OpenCheckpoint {
+    None,
+    Folder(Watched),
+    /// The results of tasks that were done elsewhere.
+    Done(Arc<Memory>),
+}
 
 /// A checkpoint that says once when it can no longer be written.
-struct Watched {
+pub(crate) struct Watched {
     checkpoint: Checkpoint,
     failed: AtomicBool,
 }
@@ -39,13 +49,16 @@ impl Checkpoints {
 
     /// Opens the folder before any work is done.
     pub(crate) fn open(&self, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
-        self.checkpoint.as_deref().map_or(Ok(OpenCheckpoint(None)), |folder| open(folder, identity, quiet))
+        if let Some(done) = &self.done {
+            return Ok(OpenCheckpoint::Done(Arc::clone(done)));
+        }
+        self.checkpoint.as_deref().map_or(Ok(OpenCheckpoint::None), |folder| open(folder, identity, quiet))
     }
 
     /// Opens a folder in it: one of several that one command needs.
     pub(crate) fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
         let folder = self.checkpoint.as_ref().map(|folder| folder.join(name));
-        folder.map_or(Ok(OpenCheckpoint(None)), |folder| open(&folder, identity, quiet))
+        folder.map_or(Ok(OpenCheckpoint::None), |folder| open(&folder, identity, quiet))
     }
 }
 
@@ -54,17 +67,21 @@ fn open(folder: &Path, identity: &Identity, quiet: bool) -> Result<OpenCheckpoin
     if checkpoint.resumed() && !quiet {
         remark(format_args!("note: resuming from the checkpoint in {}", folder.display()));
     }
-    Ok(OpenCheckpoint(Some(Watched { checkpoint, failed: AtomicBool::new(false) })))
+    Ok(OpenCheckpoint::Folder(Watched { checkpoint, failed: AtomicBool::new(false) }))
 }
 
 impl OpenCheckpoint {
     pub(crate) fn keeper(&self) -> Option<&dyn Keeper> {
-        self.0.as_ref().map(|k| k as &dyn Keeper)
+        match self {
+            Self::None => None,
+            Self::Folder(watched) => Some(watched),
+            Self::Done(done) => Some(&**done),
+        }
     }
 
     /// Says at the end what was damaged and what could not be kept; whether the last state was kept.
     pub(crate) fn close(self) -> bool {
-        let Some(Watched { checkpoint, .. }) = self.0 else { return true };
+        let Self::Folder(Watched { checkpoint, .. }) = self else { return true };
         checkpoint.notes().iter().for_each(|n| remark(format_args!("note: {n}")));
         let Some(failure) = checkpoint.failure() else { return true };
         remark(format_args!(

@@ -14,7 +14,7 @@ use fdm_results::documents::{OutputDocument, ResultDocument};
 use fdm_results::store::{Contents, Destination, Identity, Manifest, make_folder, write_file};
 use fdm_system::Model;
 use fdm_system::record::{Column, Dialect, Run, write_to};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// A file: its name and its contents.
@@ -57,6 +57,22 @@ pub(crate) struct Places {
     /// stay in any case
     #[arg(long)]
     force: bool,
+    /// The words that a result is to tell as its command, where they are not those of this process.
+    #[arg(skip)]
+    pub(crate) typed: Option<Vec<String>>,
+}
+
+/// A result as it is printed and written: nothing has to be computed any more.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Rendered {
+    /// Text or JSON, whatever was asked for.
+    pub(crate) printed: Result<String, String>,
+    /// What goes to standard error behind it.
+    pub(crate) remarks: Vec<String>,
+    /// The drawing, where it is wanted.
+    pub(crate) plot: Option<String>,
+    /// The files of the folder, where a folder or a page is wanted.
+    pub(crate) files: Option<Result<Vec<NamedFile>, String>>,
 }
 
 /// What is printed and written of a fit.
@@ -121,7 +137,41 @@ impl Delivery {
     }
 }
 
+impl Delivery {
+    /// A result as it will be delivered.
+    pub(crate) fn rendered(&self, outcome: Outcome<'_>) -> Rendered {
+        rendered(outcome, &self.output, self.plot.is_some(), &self.places)
+    }
+}
+
+fn rendered(mut outcome: Outcome<'_>, output: &Output, plot: bool, places: &Places) -> Rendered {
+    if output.json || places.any() {
+        outcome.find_modes();
+    }
+    Rendered {
+        printed: if output.json { outcome.json.text().map_err(|e| e.to_string()) } else { Ok(outcome.text.clone()) },
+        remarks: outcome.remarks.clone(),
+        plot: plot.then(|| picture(&outcome)),
+        files: places.any().then(|| contents(outcome).files().map_err(|e| e.to_string())),
+    }
+}
+
 impl Places {
+    /// What a result was made from: this model, these runs, these options, this command.
+    pub(crate) fn manifest(&self, model: &Model, identity: Identity, noise: Noise, campaign: &Campaign) -> Manifest {
+        let mut manifest = Manifest::new(model, identity, noise);
+        manifest.command = self.command();
+        if self.any() {
+            campaign.describe(&mut manifest);
+        }
+        manifest
+    }
+
+    /// The command that a result tells.
+    pub(crate) fn command(&self) -> Vec<String> {
+        self.typed.clone().unwrap_or_else(crate::command_line)
+    }
+
     /// Whether it will be asked what the result was made from.
     pub(crate) fn any(&self) -> bool {
         self.out.is_some() || self.report.is_some()
@@ -172,37 +222,35 @@ impl Prepared<'_> {
 
     /// What a result was made from: this model, these runs, these options, this command.
     pub(crate) fn manifest(&self, model: &Model, identity: Identity, noise: Noise, campaign: &Campaign) -> Manifest {
-        let mut manifest = Manifest::new(model, identity, noise);
-        manifest.command = crate::command_line();
-        if self.places.any() {
-            campaign.describe(&mut manifest);
-        }
-        manifest
+        self.places.manifest(model, identity, noise, campaign)
     }
 
     /// Prints the result, then writes what was asked for. What cannot be written is told; says whether all was.
-    pub(crate) fn deliver(&self, mut outcome: Outcome<'_>) -> bool {
-        if self.output.json || self.places.any() {
-            outcome.find_modes();
-        }
-        let printed = match self.output.json {
-            true => outcome.json.text().map_err(|e| remark(format_args!("error: {e}"))).is_ok_and(|json| print(&json)),
-            false => print(&outcome.text),
+    pub(crate) fn deliver(&self, outcome: Outcome<'_>) -> bool {
+        self.hand_over(rendered(outcome, self.output, self.plot.is_some(), self.places))
+    }
+
+    /// The same of what was rendered before.
+    pub(crate) fn hand_over(&self, result: Rendered) -> bool {
+        let printed = match &result.printed {
+            Ok(text) => print(text),
+            Err(e) => {
+                remark(format_args!("error: {e}"));
+                false
+            }
         };
-        outcome.remarks.iter().for_each(|r| remark(format_args!("{r}")));
-        let plot = self.plot.map_or(Ok(()), |path| write(path, picture(&outcome)));
-        let failed = [plot.err().map(|e| e.to_string()), self.keep(outcome).err()];
+        result.remarks.iter().for_each(|r| remark(format_args!("{r}")));
+        let drawing = self.plot.zip(result.plot);
+        let plot = drawing.map_or(Ok(()), |(path, drawing)| write(path, drawing));
+        let failed = [plot.err().map(|e| e.to_string()), result.files.and_then(|files| self.keep(files).err())];
         let say = |e: &String| remark(format_args!("error: {e}; the result is what is printed"));
         failed.iter().flatten().for_each(say);
         printed && failed.iter().all(Option::is_none)
     }
 
     /// Writes folder and page, where they are wanted, from the same files.
-    fn keep(&self, outcome: Outcome<'_>) -> Result<(), String> {
-        if !self.places.any() {
-            return Ok(());
-        }
-        let files = contents(outcome).files().map_err(|e| e.to_string())?;
+    fn keep(&self, files: Result<Vec<NamedFile>, String>) -> Result<(), String> {
+        let files = files?;
         let page = self.places.write_page(&files);
         let folder = self.destination.as_ref().map_or(Ok(()), |place| place.fill(&files));
         folder.map_err(|e| e.to_string()).and(page)

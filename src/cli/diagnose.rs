@@ -2,24 +2,28 @@
 
 use crate::deliver::{NamedFile, Output, Places, overlay_table, run_file, write};
 use crate::effects::{Chosen, Effects, difference};
-use crate::failure::{Ending, Failure, as_json, ended, print, remark};
-use crate::halt::TimeLimit;
+use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::halt::{Halt, TimeLimit};
+use crate::job::{Visit, WholeCommand};
 use crate::load::{Campaign, Estimated, ModelFile, Records, data_files, number};
 use crate::methods::Domain;
 use crate::options::DiagnosedSpectra;
 use crate::progress::Progress;
+use crate::progress_file::Course;
 use clap::Args;
 use fdm_discover::screening::ScreeningOptions;
 use fdm_discover::{self as discover, Diagnosis, DiagnosisError, DiagnosisOptions, diagnose_while};
 use fdm_estimate::FitOptions;
 use fdm_grammar::effect::Catalogue;
+use fdm_lab::job;
 use fdm_report::diagnosis_text;
 use fdm_results::documents::{DiagnosisDocument, JudgedRecords};
 use fdm_results::store::{Destination, Identity, Manifest};
 use fdm_system::Model;
 use fdm_system::record::Run;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// What `fdm diagnose` takes.
 #[derive(Debug, Args)]
@@ -59,6 +63,9 @@ pub(crate) struct Arguments {
     places: Places,
     #[command(flatten)]
     output: Output,
+    /// What was done elsewhere, where this is the end of a job.
+    #[arg(skip)]
+    done: Option<Arc<job::Memory>>,
 }
 
 /// A number between 0 and 1.
@@ -76,6 +83,13 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // places that cannot be written are told before the work
     let destination = arguments.places.destination(&names(&model, runs, &validation))?;
     let options = arguments.options(&model, domain);
+    if let Some(whole) = arguments.done.as_deref().and_then(|done| job::Kind::whole(done)) {
+        let Whole { good, printed, files } = postcard::from_bytes(&whole).or_failure()?;
+        let failed = files.and_then(|files| arguments.write_files(&files, destination.as_ref()).err());
+        let whole = print(&printed);
+        failed.iter().for_each(|failure| remark(format_args!("error: {failure}")));
+        return ended(whole && good && failed.is_none());
+    }
     let mut progress = Progress::new(arguments.output.quiet).within(&arguments.limit);
     let (_writer, _) = progress.follow(destination.iter().map(|d| d.folder().to_path_buf()).collect(), &model);
     let (found, in_time) = search(&model, (runs, &validation), (&catalogue, &options), progress);
@@ -90,6 +104,16 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let manifest = arguments.places.any().then(|| arguments.manifest(&model, &campaign, &validation, &options));
     let ending = arguments.deliver(&model, (&found, campaign.judged), manifest, destination.as_ref())?;
     if in_time && !found.stopped { Ok(ending) } else { ended(false) }
+}
+
+/// A diagnosis that was made elsewhere.
+#[derive(Serialize, Deserialize)]
+struct Whole {
+    good: bool,
+    /// Text or JSON, whatever was asked for.
+    printed: String,
+    /// Of the folder, where it or a page is wanted.
+    files: Option<Vec<NamedFile>>,
 }
 
 /// The search, and whether it ended in time.
@@ -129,6 +153,64 @@ pub(crate) fn refused(error: DiagnosisError) -> Failure {
 }
 
 impl Arguments {
+    /// Makes ready what a diagnosis begins with, and shows it as one task.
+    pub(crate) fn tasks(&self, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+        let (domain, catalogue) = self.searched()?;
+        let model = self.model.load_for(&self.records)?;
+        let (campaign, validation) = self.records.read_with_validation(&model, &self.validation, true)?;
+        let options = self.options(&model, domain);
+        let all: Vec<Run> = campaign.runs.iter().chain(&validation).cloned().collect();
+        let identity = Identity::of(&model, &all, &options);
+        let whole = |goes_on: &(dyn Fn() -> bool + Sync)| -> Result<Option<Vec<u8>>, Failure> {
+            let progress = Progress::hidden(halt.clone(), Course::default());
+            let (found, _) = search(&model, (&campaign.runs, &validation), (&catalogue, &options), progress);
+            if !goes_on() {
+                return Ok(None);
+            }
+            let found = found.map_err(|e| match is_of_numbers(&e) {
+                true => Failure::Numbers(e.to_string()),
+                false => refused(e),
+            })?;
+            let difference = self.difference(&model, &found);
+            let (text, json) = self.told(&found, (campaign.judged.clone(), None), &difference)?;
+            let files = self.places.any().then(|| {
+                let manifest = self.manifest(&model, &campaign, &validation, &options);
+                manifest.sealed(files(&model, (&text, &json), &difference, &found))
+            });
+            let printed = if self.output.json { json } else { text };
+            let whole = Whole { good: !found.stopped, printed, files: files.transpose().or_failure()? };
+            postcard::to_allocvec(&whole).or_failure().map(Some)
+        };
+        visit(&WholeCommand(&whole), &identity)
+    }
+
+    /// The same arguments at the end of a job, or as a task of it.
+    pub(crate) fn finishing(mut self, done: Option<Arc<job::Memory>>, typed: Vec<String>) -> Self {
+        (self.done, self.places.typed) = (done, Some(typed));
+        self
+    }
+
+    /// What the extension changes in the model's text.
+    fn difference(&self, model: &Model, found: &Diagnosis) -> String {
+        let changed = |text: &String| difference(model.source().text(), text, &self.model.model);
+        found.extended.as_ref().map(changed).unwrap_or_default()
+    }
+
+    /// A diagnosis for people and for programs.
+    fn told(
+        &self,
+        found: &Diagnosis,
+        (judged, path): (Option<JudgedRecords>, Option<&str>),
+        difference: &str,
+    ) -> Result<(String, String), Failure> {
+        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path) })?;
+        let mut text = diagnosis_text(found);
+        if !difference.is_empty() {
+            text.push_str(&format!("\n{difference}"));
+        }
+        Ok((text, json))
+    }
+
     /// Where models are compared with records, and the effects that are searched.
     pub(crate) fn searched(&self) -> Result<(discover::Domain, Catalogue), Failure> {
         Ok((self.domain()?, self.chosen.of(self.effects.read()?)?))
@@ -163,7 +245,7 @@ impl Arguments {
         let all: Vec<Run> = campaign.runs.iter().chain(validation).cloned().collect();
         let noise = options.fit.options.noise.clone();
         let mut manifest = Manifest::of_diagnosis(model, Identity::of(model, &all, options), noise);
-        manifest.command = crate::command_line();
+        manifest.command = self.places.command();
         manifest.reading = campaign.reading.clone();
         manifest.data = data_files(&campaign.files, &all, &campaign.reading);
         manifest
@@ -177,10 +259,7 @@ impl Arguments {
         manifest: Option<Manifest>,
         destination: Option<&Destination>,
     ) -> Ending {
-        let difference = found
-            .extended
-            .as_ref()
-            .map_or(String::new(), |text| difference(model.source().text(), text, &self.model.model));
+        let difference = self.difference(model, found);
         let mut failed = Vec::new();
         let mut path = None;
         if let (Some(file), Some(text)) = (&self.write, &found.extended) {
@@ -189,11 +268,7 @@ impl Arguments {
                 Err(e) => failed.push(e.to_string()),
             }
         }
-        let json = as_json(&DiagnosisDocument { records: judged, ..DiagnosisDocument::of(found, path.as_deref()) })?;
-        let mut text = diagnosis_text(found);
-        if !difference.is_empty() {
-            text.push_str(&format!("\n{difference}"));
-        }
+        let (mut text, json) = self.told(found, (judged, path.as_deref()), &difference)?;
         if self.write.is_some() && found.extended.is_none() {
             text.push_str("nothing was written: no effect was accepted\n");
         }

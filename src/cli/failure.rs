@@ -30,6 +30,8 @@ pub(crate) enum Failure {
     Records(Vec<RecordError>),
     /// Anything else, one sentence each.
     Input(Vec<String>),
+    /// Nothing is wrong with the input, but with the numbers.
+    Numbers(String),
     /// Something was found in the records, and `--strict` refuses to go on.
     Strict,
     /// Nothing is wrong with the input, but a file could not be written.
@@ -74,6 +76,10 @@ impl Failure {
             },
             Self::Records(errors) => errors.iter().for_each(|e| remark(format_args!("error: {e}"))),
             Self::Input(reasons) => reasons.iter().for_each(|r| remark(format_args!("error: {}", with_files(r)))),
+            Self::Numbers(said) => {
+                remark(format_args!("error: {said}"));
+                return ExitCode::from(NUMBERS);
+            }
             Self::Strict => {
                 remark(format_args!(
                     "error: the records have findings, and --strict refuses to go on; `fdm doctor` tells them all"

@@ -1,20 +1,23 @@
 //! `fdm fit`: parameters, their standard errors and the quality of the match, from one or several runs, by any method.
 
 use crate::checkpoint::Checkpoints;
-use crate::deliver::{Delivery, NamedFile, Outcome, Output, csv, histories, title};
+use crate::deliver::{Delivery, NamedFile, Outcome, Output, Rendered, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
-use crate::halt::TimeLimit;
+use crate::halt::{Halt, TimeLimit};
+use crate::job::{Visit, WholeCommand};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
+use crate::progress_file::Course;
 use crate::regress::equation_error;
 use clap::Args;
 use fdm_estimate::{
     BestOptions, Changes, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise,
     ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
-    fit_kept, fit_responses, fit_spectra,
+    fit_kept, fit_responses, fit_spectra, start_search,
 };
+use fdm_lab::job;
 use fdm_report::{
     TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
     history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
@@ -25,8 +28,9 @@ use fdm_system::Model;
 use fdm_system::record::Run;
 use fdm_system::spectrum::Frequencies;
 use num_complex::Complex64;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// What `fdm fit` takes.
 #[derive(Debug, Args)]
@@ -140,6 +144,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let task = Task::new(arguments, options, &model, runs)?;
     // places that cannot be written are told before the work
     let prepared = arguments.delivery.prepare(&model, runs)?;
+    if let Some(whole) = arguments.checkpoints.done.as_deref().and_then(|done| job::Kind::whole(done)) {
+        let Whole { good, rendered } = postcard::from_bytes(&whole).or_failure()?;
+        return ended(prepared.hand_over(rendered) && good);
+    }
     let checkpoint = arguments.checkpoints.open(&task.identity, quiet)?;
     let (_writer, _) = prepared.follow(&model, arguments.checkpoints.folder(), &mut progress);
     let result = task.work(&model, runs, checkpoint.keeper(), &mut progress);
@@ -153,6 +161,58 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     // told in any case
     let in_time = progress.in_time();
     ended(in_time && good && delivered && whole)
+}
+
+/// A fit that was made elsewhere.
+#[derive(Serialize, Deserialize)]
+struct Whole {
+    good: bool,
+    rendered: Rendered,
+}
+
+impl Arguments {
+    /// Makes ready what the tasks have in common, and shows them: the starts where there are many, or the fit as one task.
+    pub(crate) fn tasks(&self, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+        let question = self.question()?;
+        if question.method == Method::EquationError {
+            let said = "--method equation-error takes no longer than reading its records: `fdm fit` does it at once";
+            return Err(Failure::input([said]));
+        }
+        let model = self.model.load_for(&self.records)?;
+        let (campaign, validation) = self.records.read_with_validation(&model, &self.validation, true)?;
+        let runs = &campaign.runs[..];
+        let options = self.options(question, &model)?;
+        let task = Task::new(self, options, &model, runs)?;
+        let mut progress = Progress::hidden(halt.clone(), Course::default());
+        if let Chosen::Output(options) = &task.options
+            && options.starts.count > 1
+        {
+            let search = start_search(&model, runs, options, &mut progress).or_failure()?;
+            return visit(&job::Starts(search), &task.identity);
+        }
+        let whole = |goes_on: &(dyn Fn() -> bool + Sync)| -> Result<Option<Vec<u8>>, Failure> {
+            let mut progress = Progress::hidden(halt.clone(), Course::default());
+            let task = Task::new(self, self.options(self.question()?, &model)?, &model, runs)?;
+            let found = task.work(&model, runs, None, &mut progress)?;
+            let made = task.made(found, (runs, &validation), &mut progress)?.with_records(campaign.judged.clone());
+            if !goes_on() {
+                return Ok(None);
+            }
+            let places = &self.delivery.places;
+            let manifest = places.manifest(&model, made.identity.clone(), made.noise.clone(), &campaign);
+            let (manifest, frequencies) = (made.manifest(manifest), made.found.frequencies());
+            let rendered = self.delivery.rendered(made.outcome(runs, &frequencies, manifest));
+            postcard::to_allocvec(&Whole { good: made.is_good(), rendered }).or_failure().map(Some)
+        };
+        visit(&WholeCommand(&whole), &task.identity)
+    }
+
+    /// The same arguments at the end of a job, or as a task of it.
+    pub(crate) fn finishing(mut self, done: Option<Arc<job::Memory>>, typed: Vec<String>) -> Self {
+        self.checkpoints.done = done;
+        self.delivery.places.typed = Some(typed);
+        self
+    }
 }
 
 /// A fit that is asked for, by any method but equation error.

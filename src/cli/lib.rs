@@ -15,13 +15,16 @@ mod design;
 mod diagnose;
 mod doctor;
 mod effects;
+mod engine;
 mod failure;
 mod fit;
 mod fmt;
 mod halt;
 mod help;
+mod job;
 pub mod language_server;
 mod load;
+mod merge;
 mod methods;
 mod modes;
 mod new;
@@ -29,6 +32,7 @@ mod options;
 mod ownership;
 mod page;
 mod paths;
+mod plan;
 mod profile;
 mod progress;
 mod progress_file;
@@ -36,9 +40,11 @@ mod project;
 mod regress;
 mod reproduce;
 pub mod request;
+mod run;
 mod show;
 mod simulate;
 mod spectra;
+mod status;
 mod study;
 mod validate;
 
@@ -111,6 +117,14 @@ enum Verb {
     New(new::Arguments),
     /// Write a model as stand-alone C or Rust: rates, outputs, their derivatives and sensitivities, equal to the bit
     Codegen(codegen::Arguments),
+    /// Cut a job into tasks that many machines can share, and say what it costs
+    Plan(plan::Arguments),
+    /// Do a share of the tasks of a plan; done ones are not done again
+    Run(run::Arguments),
+    /// End a job with what all machines have done: the result of its command, to the bit
+    Merge(merge::Arguments),
+    /// How far a job is, and who is at work on it
+    Status(status::Arguments),
     /// Print the completion script of a shell
     Completions(help::Completions),
     /// Print the manual, or write one page for every command
@@ -187,6 +201,10 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Codegen(a) => codegen::run(a),
         Verb::Completions(a) => help::completions(a, Arguments::command()),
         Verb::Man(a) => help::manual(a, Arguments::command()),
+        Verb::Plan(a) => plan::run(a),
+        Verb::Run(a) => run::run(a),
+        Verb::Merge(a) => merge::run(a),
+        Verb::Status(a) => status::run(a),
         Verb::Compare(a) => compare::run(a),
         Verb::Profile(a) => profile::run(a),
         Verb::Study(a) => study::run(a),

@@ -27,7 +27,8 @@ enum Role {
 /// Arguments that name what is written; every other one that takes a path names what is read.
 fn role(verb: &str, argument: &str) -> Role {
     match (verb, argument) {
-        ("fmt" | "new", _) => Role::Own,
+        // results of one job are added to each other
+        ("fmt" | "new" | "plan", _) | ("run", "out") => Role::Own,
         ("codegen", "out") => Role::File(Kind::Code),
         ("simulate" | "data", "output") | ("doctor", "fix") => Role::File(Kind::Table),
         ("report", "output") | (_, "report") => Role::File(Kind::Page),

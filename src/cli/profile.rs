@@ -4,19 +4,25 @@
 use crate::deliver::{Output, write};
 use crate::failure::{Ending, Failure, OrFailure, did_you_mean, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
-use crate::halt::TimeLimit;
+use crate::halt::{Halt, TimeLimit};
+use crate::job::Visit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::Integration;
 use crate::ownership::Overwriting;
 use crate::progress::Progress;
+use crate::progress_file::Course;
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, Options, Status, fit};
+use fdm_estimate::{Fit, FitOptions, Keeper, Options, Status, fit_kept};
+use fdm_lab::job;
 use fdm_lab::study::{End, Profile, Profiler, StudyError};
 use fdm_report::{profile_svg, profile_table};
+use fdm_results::store::Identity;
 use fdm_system::Model;
 use fdm_system::record::Run;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// What `fdm profile` takes.
 #[derive(Debug, Args)]
@@ -43,6 +49,16 @@ pub(crate) struct Arguments {
     plot: Option<PathBuf>,
     #[command(flatten)]
     overwriting: Overwriting,
+    /// What was done elsewhere, where this is the end of a job.
+    #[arg(skip)]
+    done: Option<Arc<job::Memory>>,
+}
+
+/// What decides the numbers of profiles.
+#[derive(Serialize)]
+struct Asked<'a> {
+    fit: &'a FitOptions,
+    parameters: &'a [String],
 }
 
 /// A fit, and the profiles around it, or why there are none.
@@ -53,12 +69,9 @@ pub(crate) struct Profiled {
 
 impl Arguments {
     pub(crate) fn work(&self, model: &Model, runs: &[Run], progress: &mut Progress) -> Result<Profiled, Failure> {
-        let options = self.integration.among(FitOptions {
-            changes: self.model.changes(&self.estimated),
-            options: Options { noise: self.noise.of(model)?, ..Options::default() },
-            ..FitOptions::default()
-        });
-        let found = fit(model, runs, &options, progress).or_failure()?;
+        let options = self.options(model)?;
+        let done = self.done.as_deref().map(|done| done as &dyn Keeper);
+        let found = fit_kept(model, runs, &options, done, progress).or_failure()?;
         let halt = progress.halt();
         let goes_on = move || halt.goes_on();
         let profiler = match Profiler::new(&found, runs, &options, &goes_on) {
@@ -68,6 +81,25 @@ impl Arguments {
                 return Ok(Profiled { found, profiles: Err(e) });
             }
         };
+        let names = self.profiled(&found)?;
+        progress.say(&format!("profiling {}", names.join(", ")));
+        let profiles: Result<Vec<Profile>, StudyError> =
+            names.par_iter().map(|name| profiler.of_kept(name, done)).collect();
+        progress.finish();
+        let profiles = profiles.or_failure()?;
+        Ok(Profiled { found, profiles: Ok(profiles) })
+    }
+
+    fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
+        Ok(self.integration.among(FitOptions {
+            changes: self.model.changes(&self.estimated),
+            options: Options { noise: self.noise.of(model)?, ..Options::default() },
+            ..FitOptions::default()
+        }))
+    }
+
+    /// The parameters that are profiled.
+    fn profiled(&self, found: &Fit) -> Result<Vec<String>, Failure> {
         let shared = found.estimate.parameters.iter().filter(|p| p.run.is_none() && p.status == Status::Estimated);
         let names: Vec<String> = match &self.parameters[..] {
             [] => shared.map(|p| p.name.clone()).collect(),
@@ -76,11 +108,31 @@ impl Arguments {
         if names.is_empty() {
             return Err(Failure::input(["no shared parameter is estimated; name one with --parameter"]));
         }
-        progress.say(&format!("profiling {}", names.join(", ")));
-        let profiles: Result<Vec<Profile>, StudyError> = names.par_iter().map(|name| profiler.of(name)).collect();
-        progress.finish();
-        let profiles = profiles.or_failure()?;
-        Ok(Profiled { found, profiles: Ok(profiles) })
+        Ok(names)
+    }
+
+    /// Makes ready what the profiles have in common, and shows their sides as tasks; `states` keeps the fit.
+    pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+        let model = self.model.load_for(&self.records)?;
+        self.are_known(&model)?;
+        let runs = self.records.read(&model, true)?.runs;
+        let options = self.options(&model)?;
+        let mut progress = Progress::hidden(halt.clone(), Course::default());
+        let found = fit_kept(&model, &runs, &options, Some(states), &mut progress).or_failure()?;
+        let goes_on = || halt.goes_on();
+        let profiler = Profiler::new(&found, &runs, &options, &goes_on).map_err(|e| match e.is_of_numbers() {
+            true => Failure::Numbers(e.to_string()),
+            false => Failure::input([e]),
+        })?;
+        let parameters = self.profiled(&found)?;
+        let identity = Identity::of(&model, &runs, &Asked { fit: &options, parameters: &parameters });
+        visit(&job::Sides { profiler: &profiler, parameters }, &identity)
+    }
+
+    /// The same arguments at the end of a job.
+    pub(crate) fn finishing(mut self, done: Arc<job::Memory>) -> Self {
+        self.done = Some(done);
+        self
     }
 
     /// Names that are none are told before the work.

@@ -216,14 +216,19 @@ impl Asked<'_> {
             if long(self.verb, name).is_some_and(|id| self.is_typed(&id)) {
                 continue;
             }
-            match value {
-                toml::Value::Boolean(true) => added.push(format!("--{name}")),
-                toml::Value::Boolean(false) => {}
-                toml::Value::Array(list) => added.extend(list.iter().map(|v| format!("--{name}={}", plain(v)))),
-                one => added.push(format!("--{name}={}", plain(one))),
-            }
+            added.extend(typed(name, value));
         }
         if wrong.is_empty() { Ok(added) } else { Err(Failure::Input(wrong)) }
+    }
+}
+
+/// An option with its value, as words: one for each item of a list, none for `false`.
+pub(crate) fn typed(name: &str, value: &toml::Value) -> Vec<String> {
+    match value {
+        toml::Value::Boolean(true) => vec![format!("--{name}")],
+        toml::Value::Boolean(false) => Vec::new(),
+        toml::Value::Array(list) => list.iter().map(|v| format!("--{name}={}", plain(v))).collect(),
+        one => vec![format!("--{name}={}", plain(one))],
     }
 }
 

@@ -67,6 +67,7 @@ impl From<Failure> for Refusal {
             Failure::Records(errors) => Self::Records(errors),
             Failure::Input(reasons) => Self::Input(reasons),
             Failure::Strict => Self::Numbers("the records have findings, and `strict` refuses to go on".into()),
+            Failure::Numbers(said) => Self::Numbers(said),
             Failure::Unwritten(file) => Self::Numbers(file.to_string()),
         }
     }
@@ -187,7 +188,7 @@ fn parsed<A: Args>(fixed: &[String], words: &[String]) -> Result<A, Refusal> {
 }
 
 /// What clap says, without its advice about a command line.
-fn unclear(error: &clap::Error) -> Refusal {
+pub(crate) fn unclear(error: &clap::Error) -> Refusal {
     let text = |kind| match error.get(kind) {
         Some(ContextValue::String(text)) => Some(text.clone()),
         Some(ContextValue::Strings(texts)) => texts.first().cloned(),

@@ -3,13 +3,16 @@
 use crate::deliver::{Delivery, NamedFile, Outcome, title};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, remark};
 use crate::fit::{integration_remarks, print_so_far};
-use crate::halt::TimeLimit;
+use crate::halt::{Halt, TimeLimit};
+use crate::job::Visit;
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::options::{Integration, Repeats};
 use crate::progress::{Progress, RepeatProgress};
+use crate::progress_file::Course;
 use clap::Args;
-use fdm_estimate::{Fit, FitOptions, Options, fit};
-use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, series};
+use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
+use fdm_lab::job;
+use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, series};
 use fdm_report::{fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
 use fdm_results::store::Identity;
@@ -70,7 +73,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let checkpoint = checkpoints.open(&identity, quiet)?;
     let (writer, course) = prepared.follow(&model, checkpoints.folder(), &mut progress);
-    let first = fit(&model, runs, &options, &mut progress);
+    let first = fit_kept(&model, runs, &options, checkpoint.keeper(), &mut progress);
     progress.finish();
     let first = first.or_failure()?;
     let bootstrap = match Bootstrap::new(&first, runs, &options, (colour, seed)) {
@@ -112,6 +115,30 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
 }
 
 impl Arguments {
+    /// Makes ready what the repeats have in common, and shows them as tasks; `states` keeps the fit that is repeated.
+    pub(crate) fn tasks(&self, states: &dyn Keeper, halt: &Halt, visit: Visit<'_>) -> Result<(), Failure> {
+        let model = self.model.load_for(&self.records)?;
+        let runs = self.records.read(&model, true)?.runs;
+        let options = self.options(&model)?;
+        let (colour, seed) = (self.colour()?, self.repetition.seed);
+        let identity = identity(&model, &runs, &options, (colour, seed));
+        let mut progress = Progress::hidden(halt.clone(), Course::default());
+        let first = fit_kept(&model, &runs, &options, Some(states), &mut progress).or_failure()?;
+        let refused = |e: StudyError| match e.is_of_numbers() {
+            true => Failure::Numbers(e.to_string()),
+            false => Failure::input([e]),
+        };
+        let bootstrap = Bootstrap::new(&first, &runs, &options, (colour, seed)).map_err(refused)?;
+        visit(&job::Repeats { bootstrap: &bootstrap, count: self.repeats.into() }, &identity)
+    }
+
+    /// The same arguments at the end of a job.
+    pub(crate) fn finishing(mut self, done: Arc<job::Memory>, typed: Vec<String>) -> Self {
+        self.repetition.checkpoints.done = Some(done);
+        self.delivery.places.typed = Some(typed);
+        self
+    }
+
     pub(crate) fn options(&self, model: &Model) -> Result<FitOptions, Failure> {
         Ok(self.integration.among(FitOptions {
             changes: self.model.changes(&self.estimated),

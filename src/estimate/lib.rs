@@ -70,6 +70,7 @@ pub use output_error::options::{Continuation, FitOptions, FrequencyOptions, Mult
 pub use output_error::single::{changed, starts};
 pub use problem::{Coefficients, KnownNoise, Options, Problem, ProblemError, ProblemRun, Response};
 pub use recovery::confidence::{LengthSensitivity, LengthSensitivity as Settling, by_confidence};
+pub use recovery::multi_start::StartSearch;
 pub use residual_vector::ResidualVector;
 
 pub use solve::{estimate, estimate_from};
@@ -79,7 +80,7 @@ pub use spectra::{
 };
 pub use table_nodes::{NodeEstimate, TableAxis, TableEstimate};
 pub use termination::{Reason, Termination};
-pub use time_domain::{examined, fit, fit_from, fit_kept};
+pub use time_domain::{examined, fit, fit_from, fit_kept, start_search};
 pub use uncertainty::identifiability::Direction;
 pub use uncertainty::parameters::quantile;
 pub use uncertainty::sandwich::{NoiseColour, Uncorrected};

@@ -18,13 +18,14 @@ use crate::recovery::budget::Budget;
 use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
 use crate::recovery::confidence::{fit_shorter_records, refit_with_weights};
 use crate::recovery::fallback::attempt;
-use crate::recovery::multi_start::many_starts;
+use crate::recovery::multi_start::{StartSearch, many_starts};
 use crate::residuals::run_quality;
 use crate::table_nodes::add_tables;
 use fdm_grammar::model::Origin;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
 use fdm_system::simulate::Steps;
+use std::borrow::Cow;
 
 /// Fits a model to runs: all that `fdm fit` does, but reading and printing.
 ///
@@ -46,26 +47,8 @@ pub fn fit_kept(
     keeper: Option<&dyn CheckpointStore>,
     observer: &mut dyn Observer,
 ) -> Result<Fit, FitError> {
-    if (options.method, options.domain) != (Method::OutputError, Domain::Time) {
-        return Err(FitError::Method { method: options.method, domain: options.domain });
-    }
-    let given = changed(model, &options.changes)?;
-    let model = without_noise(&given);
-    let mut options = options.clone().with_declared_noise(&model);
-    let deviations = deviations(&model, &options.options.noise);
-    if let Some(mistake) = mistake(&options, deviations.is_some()) {
-        return Err(FitError::Strategy(mistake));
-    }
-    let mut start = starts(&model, runs, &options.changes);
-    let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d)).transpose()?;
-    let runs = known.as_deref().unwrap_or(runs);
-    if let Some(refused) = smoothing_mistake(&model, &options.options.smooth_by, runs.len()) {
-        return Err(FitError::Strategy(refused));
-    }
-    if options.options.smooth_by == SmoothBy::Validation {
-        let weights = weights_by_validation(&model, runs, &start, &options, observer)?;
-        options.options.smooth_by = weights.map_or(SmoothBy::Likelihood, SmoothBy::Weights);
-    }
+    let Ready { given, model, runs, mut start, mut options } = Ready::of(model, runs, options, observer)?;
+    let runs = &runs[..];
     let ledger = CheckpointWriter::new(keeper);
     let (mut name, mut summaries, mut states) = (String::from("fit"), Vec::new(), Vec::new());
     if options.starts.count > 1 {
@@ -83,6 +66,59 @@ pub fn fit_kept(
         .and_then(|fit| examined(fit, runs, &start, &options, &mut stages));
     ledger.flush();
     Ok(Fit { starts: summaries, ..found? })
+}
+
+/// The starts of a fit, each to be attempted by itself: [`fit_kept`] goes on from what came out of them.
+///
+/// # Errors
+/// As [`fit()`].
+pub fn start_search(
+    model: &Model,
+    runs: &[Run],
+    options: &FitOptions,
+    observer: &mut dyn Observer,
+) -> Result<StartSearch, FitError> {
+    let Ready { model, runs, start, mut options, .. } = Ready::of(model, runs, options, observer)?;
+    options.shared_steps = shared_steps(&model, &runs, &start, &options)?;
+    Ok(StartSearch::of(model, &runs, start, &options))
+}
+
+/// A fit that can begin.
+struct Ready<'r> {
+    /// The model with the changes that were asked for.
+    given: Model,
+    /// The same with the parameters of noises held.
+    model: Model,
+    /// The runs without samples whose noise is infinite.
+    runs: Cow<'r, [Run]>,
+    start: Vec<Vec<f64>>,
+    options: FitOptions,
+}
+
+impl<'r> Ready<'r> {
+    fn of(model: &Model, runs: &'r [Run], options: &FitOptions, observer: &mut dyn Observer) -> Result<Self, FitError> {
+        if (options.method, options.domain) != (Method::OutputError, Domain::Time) {
+            return Err(FitError::Method { method: options.method, domain: options.domain });
+        }
+        let given = changed(model, &options.changes)?;
+        let model = without_noise(&given);
+        let mut options = options.clone().with_declared_noise(&model);
+        let deviations = deviations(&model, &options.options.noise);
+        if let Some(mistake) = mistake(&options, deviations.is_some()) {
+            return Err(FitError::Strategy(mistake));
+        }
+        let start = starts(&model, runs, &options.changes);
+        let known = deviations.as_ref().map(|d| without_infinite(&model, runs, &start, d)).transpose()?;
+        let runs = known.map_or(Cow::Borrowed(runs), Cow::Owned);
+        if let Some(refused) = smoothing_mistake(&model, &options.options.smooth_by, runs.len()) {
+            return Err(FitError::Strategy(refused));
+        }
+        if options.options.smooth_by == SmoothBy::Validation {
+            let weights = weights_by_validation(&model, &runs, &start, &options, observer)?;
+            options.options.smooth_by = weights.map_or(SmoothBy::Likelihood, SmoothBy::Weights);
+        }
+        Ok(Self { given, model, runs, start, options })
+    }
 }
 
 /// Why the smoothness of tables cannot be chosen so.

@@ -6,7 +6,7 @@ use crate::output_error::error::FitError;
 use crate::output_error::options::{Continuation, FitOptions};
 use crate::problem::Options;
 use crate::recovery::budget::Budget;
-use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter};
+use crate::recovery::checkpoint::{CheckpointObserver, CheckpointWriter, SavedStates};
 use crate::recovery::fallback::attempt;
 use crate::recovery::screening::screened;
 use crate::recovery::spread::Spread;
@@ -58,20 +58,7 @@ pub(crate) fn many_starts(
     observer: &mut dyn Observer,
 ) -> Result<Starts, FitError> {
     let count = options.starts.count;
-    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
-    let continuation = match &options.continuation {
-        Continuation::Auto => Continuation::Never,
-        asked => asked.clone(),
-    };
-    // a start that needs more is of use only when it is the best, which goes on with the rest
-    let iterations = options.options.iterations.div_ceil(2);
-    let inner = Options { colour: false, iterations, ..options.options.clone() };
-    let options = &FitOptions {
-        options: inner,
-        shared_steps: options.shared_steps.provisional(),
-        continuation,
-        ..options.clone()
-    };
+    let options = &of_each(options);
     let spread = Spread::new(model, given, options.starts.seed);
     let watch =
         Watch { observer: Mutex::new(observer), stop: AtomicBool::new(false), ended: AtomicUsize::new(0), count };
@@ -79,7 +66,12 @@ pub(crate) fn many_starts(
     let mut ended: Vec<Ended> = (0..count).into_par_iter().with_max_len(1).filter_map(one).collect();
     compare(&mut ended);
     let Some(best) = best(&ended) else {
-        let first = ended.iter_mut().find_map(|e| e.error.take());
+        // the error of a start that was not possible is not kept with what came out of it
+        let impossible = ended.iter_mut().find(|e| e.summary.termination.is_none());
+        let again = |number: usize| {
+            one_start(model, runs, &spread, (number - 1, options), &CheckpointWriter::new(None), &watch)?.error
+        };
+        let first = impossible.and_then(|e| e.error.take().or_else(|| again(e.summary.number)));
         return match first {
             Some(error) => Err(error),
             // nothing could be simulated from any start: the given one says why
@@ -100,6 +92,76 @@ pub(crate) fn many_starts(
     Ok(Starts { summaries, start, number, states })
 }
 
+/// The options of the fit from each start.
+fn of_each(options: &FitOptions) -> FitOptions {
+    // colour, finer steps and a rescue are for the best: the starts are each other's rescue
+    let continuation = match &options.continuation {
+        Continuation::Auto => Continuation::Never,
+        asked => asked.clone(),
+    };
+    // a start that needs more is of use only when it is the best, which goes on with the rest
+    let iterations = options.options.iterations.div_ceil(2);
+    let inner = Options { colour: false, iterations, ..options.options.clone() };
+    FitOptions { options: inner, shared_steps: options.shared_steps.provisional(), continuation, ..options.clone() }
+}
+
+/// The starts of one fit, each to be attempted by itself, on any machine.
+pub struct StartSearch {
+    model: Model,
+    runs: Vec<Run>,
+    given: Vec<Vec<f64>>,
+    options: FitOptions,
+}
+
+impl StartSearch {
+    /// Of a model with the parameters of its noise held, and the steps that all starts have in common among the options.
+    pub(crate) fn of(model: Model, runs: &[Run], given: Vec<Vec<f64>>, options: &FitOptions) -> Self {
+        Self { model, runs: runs.to_vec(), given, options: of_each(options) }
+    }
+
+    /// How many starts there are.
+    pub fn count(&self) -> usize {
+        self.options.starts.count
+    }
+
+    /// The name under which [`fit_kept`](crate::fit_kept) looks for what came out of the start with this number, from 1.
+    pub fn name(number: usize) -> String {
+        format!("start-{number}")
+    }
+
+    /// Attempts the start with this number, from 1, as long as `goes_on` says so; what came out of it, as bytes for
+    /// [`fit_kept`](crate::fit_kept). None where it was interrupted.
+    pub fn once(&self, number: usize, goes_on: &(dyn Fn() -> bool + Sync)) -> Option<Vec<u8>> {
+        let spread = Spread::new(&self.model, &self.given, self.options.starts.seed);
+        let mut observer = Patient(goes_on);
+        let watch = Watch {
+            observer: Mutex::new(&mut observer as &mut dyn Observer),
+            stop: AtomicBool::new(false),
+            ended: AtomicUsize::new(0),
+            count: self.count(),
+        };
+        let nothing = CheckpointWriter::new(None);
+        let ended = one_start(&self.model, &self.runs, &spread, (number - 1, &self.options), &nothing, &watch)?;
+        if !goes_on() || ended.summary.termination.as_ref().is_some_and(Termination::is_stopped) {
+            return None;
+        }
+        postcard::to_stdvec(&SavedStates { summary: Some(ended.summary), states: ended.states }).ok()
+    }
+}
+
+/// Ends work when it may not go on.
+struct Patient<'g>(&'g (dyn Fn() -> bool + Sync));
+
+impl Observer for Patient<'_> {
+    fn iteration(&mut self, _: &Iteration) -> ControlFlow<()> {
+        if (self.0)() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+    }
+
+    fn stopped(&mut self) -> Option<Stop> {
+        (!(self.0)()).then_some(Stop::Interrupt)
+    }
+}
+
 fn one_start(
     model: &Model,
     runs: &[Run],
@@ -112,7 +174,7 @@ fn one_start(
         return None;
     }
     let number = k + 1;
-    let name = format!("start-{number}");
+    let name = StartSearch::name(number);
     let kept = ledger.find(&name);
     if let Some(summary) = kept.summary {
         watch.ended(&summary);

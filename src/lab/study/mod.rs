@@ -22,7 +22,7 @@ pub use fdm_results::documents::profile::{End, Point, Profile};
 pub use fdm_results::documents::study::{
     Colour, Coverage, Figure, Interval, Kind, Pooled, Repeat, Share, Study, Subject,
 };
-pub use profile::Profiler;
-pub use series::{Watch, series};
+pub use profile::{Profiler, Side};
+pub use series::{REPEATS, Watch, series};
 pub use study_error::StudyError;
 pub use system::System;

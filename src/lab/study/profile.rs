@@ -4,13 +4,14 @@
 use super::bootstrap::reached;
 use super::study_error::StudyError;
 use fdm_estimate::{
-    Changes, Estimate, Fit, FitOptions, Iteration, MultiStart, ParameterEstimate, SharedSteps, Status, fit_from,
-    quantile,
+    Changes, Estimate, Fit, FitOptions, Iteration, Keeper, MultiStart, ParameterEstimate, SharedSteps, Status,
+    fit_from, quantile,
 };
 use fdm_results::documents::profile::{End, Point, Profile, reach};
 use fdm_system::Model;
 use fdm_system::record::Run;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::ops::ControlFlow;
 
 /// Most refits on one side until the end is found.
@@ -29,6 +30,46 @@ pub struct Profiler<'a> {
     options: FitOptions,
     starts: Vec<Vec<f64>>,
     goes_on: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// A side of a profile, as seen from the estimate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Values below the estimate.
+    Below,
+    /// Values above it.
+    Above,
+}
+
+impl Side {
+    /// Both, in the order of a profile.
+    pub const BOTH: [Self; 2] = [Self::Below, Self::Above];
+
+    /// The name under which this side of a parameter's profile is kept.
+    pub fn of(self, parameter: &str) -> String {
+        format!("{parameter} {}", if self == Self::Below { "below" } else { "above" })
+    }
+}
+
+/// What one side of a profile holds.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+struct ProfileSide {
+    end: End,
+    points: Vec<Point>,
+    refits: usize,
+}
+
+/// The parameter that is profiled.
+struct Wanted<'a> {
+    /// Its place among those of the model.
+    place: usize,
+    parameter: &'a ParameterEstimate,
+    /// Its error to be trusted.
+    error: f64,
+    /// That over the Cramer-Rao error.
+    factor: f64,
+    /// What the cost may rise.
+    rise: f64,
 }
 
 /// What a refit found.
@@ -74,27 +115,51 @@ impl<'a> Profiler<'a> {
     /// # Errors
     /// [`StudyError::NoProfile`] with the reason.
     pub fn of(&self, name: &str) -> Result<Profile, StudyError> {
-        let (place, parameter, error) = self.subject(name)?;
-        let raw = parameter.standard_error.unwrap_or(error);
-        let factor = error / raw;
-        let freedom = parameter.degrees_of_freedom.filter(|_| parameter.corrected_error.is_some());
-        // chi-squared of one degree of freedom is the square of a normal deviate
-        let rise = 0.5 * (factor * quantile(freedom)).powi(2);
-        let side = |sign: &f64| self.side(place, parameter, (sign * error, rise));
-        let mut sides: Vec<(End, Vec<Point>, usize)> = [-1.0, 1.0].par_iter().map(side).collect();
+        self.of_kept(name, None)
+    }
+
+    /// The same; sides that `keeper` has are not made again.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn of_kept(&self, name: &str, keeper: Option<&dyn Keeper>) -> Result<Profile, StudyError> {
+        let subject = self.subject(name)?;
+        let side = |side: &Side| {
+            let kept = keeper.and_then(|k| k.find(&side.of(name)).ok().flatten());
+            let kept = kept.and_then(|bytes| postcard::from_bytes(&bytes).ok());
+            kept.unwrap_or_else(|| self.one_side(&subject, *side))
+        };
+        let mut sides: Vec<ProfileSide> = Side::BOTH.par_iter().map(side).collect();
+        let Wanted { parameter, error, factor, rise, .. } = subject;
         let (mut points, mut refits) = (vec![self.best(parameter)], 0);
-        for (_, own, count) in &mut sides {
-            points.append(own);
-            refits += *count;
+        for side in &mut sides {
+            points.append(&mut side.points);
+            refits += side.refits;
         }
         points.sort_by(|a, b| a.value.total_cmp(&b.value));
         let (name, unit, value) = (parameter.name.clone(), parameter.unit.clone(), parameter.value);
-        let (ends, reach) = ([sides[0].0, sides[1].0], reach(error, factor, rise));
+        let (ends, reach) = ([sides[0].end, sides[1].end], reach(error, factor, rise));
         let by_error = [value - reach, value + reach];
         Ok(Profile { name, unit, value, error, factor, rise, ends, by_error, points, refits })
     }
 
-    fn subject(&self, name: &str) -> Result<(usize, &ParameterEstimate, f64), StudyError> {
+    /// One side of the profile of a parameter, as bytes for [`Self::of_kept`]; none when it was interrupted.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn side_of(&self, name: &str, side: Side) -> Result<Option<Vec<u8>>, StudyError> {
+        let found = self.one_side(&self.subject(name)?, side);
+        let whole = !matches!(found.end, End::Interrupted(_)) && (self.goes_on)();
+        Ok(postcard::to_allocvec(&found).ok().filter(|_| whole))
+    }
+
+    fn one_side(&self, wanted: &Wanted<'_>, side: Side) -> ProfileSide {
+        let sign = if side == Side::Below { -1.0 } else { 1.0 };
+        let (end, points, refits) = self.side(wanted.place, wanted.parameter, (sign * wanted.error, wanted.rise));
+        ProfileSide { end, points, refits }
+    }
+
+    fn subject(&self, name: &str) -> Result<Wanted<'_>, StudyError> {
         let definition = self.fit.model.definition();
         let refused = |reason: &str| StudyError::NoProfile { parameter: name.into(), reason: reason.into() };
         let Some(place) = definition.params.iter().position(|p| p.quantity.name == name && !p.is_recorded()) else {
@@ -109,7 +174,13 @@ impl<'a> Profiler<'a> {
         let run = definition.params[place].per_run.then(|| self.runs[0].name.as_str());
         let parameter = self.fit.estimate.parameter(name, run).ok_or_else(|| refused("it was not estimated"))?;
         match (parameter.status, parameter.error().filter(|e| e.is_finite() && *e > 0.0)) {
-            (Status::Estimated, Some(error)) => Ok((place, parameter, error)),
+            (Status::Estimated, Some(error)) => {
+                let factor = error / parameter.standard_error.unwrap_or(error);
+                let freedom = parameter.degrees_of_freedom.filter(|_| parameter.corrected_error.is_some());
+                // chi-squared of one degree of freedom is the square of a normal deviate
+                let rise = 0.5 * (factor * quantile(freedom)).powi(2);
+                Ok(Wanted { place, parameter, error, factor, rise })
+            }
             (Status::NotDetermined, _) => {
                 Err(refused("the data do not determine it: its interval is open on both sides"))
             }

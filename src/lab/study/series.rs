@@ -32,8 +32,8 @@ impl Watch for () {
     }
 }
 
-/// The name under which repeats are kept.
-const KEPT: &str = "repeats";
+/// The name under which all repeats are kept, by number.
+pub const REPEATS: &str = "repeats";
 /// Least time between two states that are kept.
 const PAUSE: Duration = Duration::from_secs(1);
 /// How much longer the work is than the keeping of it.
@@ -80,7 +80,7 @@ struct State {
 impl<'k> Shelf<'k> {
     fn open(count: usize, keeper: Option<&'k dyn Keeper>) -> Self {
         // what cannot be read is computed anew, and the keeper tells
-        let bytes = keeper.and_then(|k| k.find(KEPT).ok().flatten());
+        let bytes = keeper.and_then(|k| k.find(REPEATS).ok().flatten());
         let repeats: BTreeMap<u64, Repeat> = bytes.and_then(|b| postcard::from_bytes(&b).ok()).unwrap_or_default();
         let done = repeats.range(..count as u64).count();
         let state = Mutex::new(State { repeats, done, fresh: false, next: Instant::now() + PAUSE });
@@ -117,7 +117,7 @@ impl<'k> Shelf<'k> {
             && let Ok(bytes) = postcard::to_allocvec(&state.repeats)
         {
             // a keeper that fails tells by itself
-            let _ = keeper.keep(KEPT, &bytes);
+            let _ = keeper.keep(REPEATS, &bytes);
             state.fresh = false;
         }
         state.next = begun + PAUSE.max(SHARE * begun.elapsed());

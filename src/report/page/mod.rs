@@ -16,6 +16,7 @@ mod equations;
 pub(crate) mod figure;
 mod headline;
 mod histories;
+mod job;
 mod modes;
 mod number;
 mod parameters;
@@ -40,6 +41,8 @@ mod thinning;
 pub use doctor::doctor_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
+pub use job::job_page;
+pub use progress::duration;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
 pub use subject::{Subject, SubjectError};

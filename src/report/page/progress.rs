@@ -51,9 +51,10 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
 }
 
 /// A time in words, from seconds.
-fn duration(seconds: f64) -> String {
+pub fn duration(seconds: f64) -> String {
     match seconds {
         s if !s.is_finite() => "–".into(),
+        s if s < 0.0995 => format!("{} ms", text(1e3 * s, 2)),
         s if s < 100.0 => format!("{} s", text(s, 2)),
         s if s < 6000.0 => format!("{:.0} min", s / 60.0),
         s if s < 172_800.0 => format!("{:.1} h", s / 3600.0),
@@ -69,5 +70,6 @@ mod tests {
     fn times_are_told_in_their_own_measure() {
         assert_eq!([12.0, 600.0, 7200.0, 864_000.0].map(duration), ["12 s", "10 min", "2.0 h", "10.0 days"]);
         assert_eq!(duration(f64::NAN), "–");
+        assert_eq!(duration(0.0123), "12 ms");
     }
 }

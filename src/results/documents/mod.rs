@@ -12,6 +12,7 @@ mod digits;
 mod doctor;
 mod fit;
 mod frequency;
+mod job;
 mod json;
 mod log;
 mod model;
@@ -40,6 +41,7 @@ pub use frequency::{
     BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,
     MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,
 };
+pub use job::{CommandStatus, JobStatus, ShardAtWork, ShardStatus};
 pub use json::{from_text, to_text};
 pub use log::{FieldDocument, LogDocument, TopicDocument};
 pub use model::{

@@ -11,6 +11,9 @@ pub(super) trait Disk: Send + Sync {
     /// that somebody works with it.
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<File>;
 
+    /// The same without the lock: network file systems may make a program wait for one for ever.
+    fn write_unlocked(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
+
     /// Gives a file or folder another name; a file takes the place of a file of that name in one instant.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
 
@@ -49,6 +52,12 @@ impl Disk for System {
         file.write_all(bytes)?;
         file.sync_all()?;
         Ok(file)
+    }
+
+    fn write_unlocked(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        let mut file = File::options().write(true).create_new(true).open(path)?;
+        file.write_all(bytes)?;
+        file.sync_all()
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {

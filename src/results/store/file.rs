@@ -6,6 +6,7 @@ use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// Links that lead on to links are followed so often.
 const MOST_LINKS: usize = 40;
@@ -49,6 +50,11 @@ pub fn admits(path: &Path) -> io::Result<()> {
     let (folder, _) = of_file(&end_of_links(path)?)?;
     is_free_to_change(path)?;
     tempfile::tempfile_in(folder).map(drop)
+}
+
+/// The time by the clock of the file system of a folder, as a file has it that is made there and gone at once; none where none can be made.
+pub fn clock_of(folder: &Path) -> Option<SystemTime> {
+    tempfile::tempfile_in(folder).ok()?.metadata().ok()?.modified().ok()
 }
 
 /// The file that a path leads to, which need not be there: links are followed.

@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# @MARK@. GNU parallel: @SHARDS@ shards, as many at once as there are cores; lost ones are started again.
+# Several machines that see the same folder: parallel --sshlogin machine1,machine2 --workdir . ...
+set -euo pipefail
+cd @FOLDER@
+fdm=${FDM:-fdm}
+seq @SHARDS@ | parallel --jobs "${JOBS:-100%}" --retries 100 \
+    "$fdm" run @PLAN@ --shard {}/@SHARDS@ --out @OUT@ --threads 1 --quiet
+"$fdm" merge @OUT@

@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Engines in a folder of their own, without containers and without installing anything: wheels into a virtual environment, packages of
+# Debian 12 unpacked. Needs the package indexes of Python and Debian.
+set -euo pipefail
+place=${FDM_ENGINES:-target/engines}
+mkdir -p "$place/packages" "$place/root"
+cd "$place"
+[ -x venv/bin/python ] || python3 -m venv venv
+venv/bin/pip install --quiet --disable-pip-version-check dask distributed ray hyperqueue mpi4py numpy
+cd packages
+apt-get install --yes --no-install-recommends --print-uris slurmctld slurmd slurm-client parallel openmpi-bin munge |
+    sed -n "s/^'\([^']*\)'.*/\1/p" | sed 's/.*\///; s/_.*//' | sort -u | xargs apt-get download --quiet
+for package in ./*.deb; do dpkg -x "$package" ../root; done
