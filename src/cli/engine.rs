@@ -60,7 +60,7 @@ impl Engine {
         let label: String =
             name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' }).collect();
         let quoted = |text: &str| match self {
-            Self::Dask | Self::Ray | Self::K8s => serde_json::Value::from(text).to_string(),
+            Self::Dask | Self::Ray | Self::K8s => serde_json::to_string(text).unwrap_or_default(),
             _ => format!("'{}'", text.replace('\'', "'\\''")),
         };
         self.template()

@@ -5,7 +5,7 @@
 
 use crate::failure::{Ending, Failure, OrFailure, at, did_you_mean};
 use crate::halt::Halt;
-use crate::project::{self, typed};
+use crate::project::{self, plain, typed};
 use crate::request::{Refusal, unclear};
 use crate::{Verb, campaign, diagnose, fit, paths, profile, study};
 use clap::{Arg, FromArgMatches};
@@ -134,7 +134,7 @@ pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failur
         Some(toml::Value::String(verb)) if VERBS.contains(&verb.as_str()) => verb,
         Some(other) => {
             let hint = other.as_str().map_or_else(String::new, |verb| did_you_mean(verb, VERBS));
-            return Err(refused(format!("command = {other}: expected {}{hint}", VERBS.join(", "))));
+            return Err(refused(format!("command = {}: expected {}{hint}", plain(&other), VERBS.join(", "))));
         }
         None => return Err(refused(format!("`command` is missing: one of {}", VERBS.join(", ")))),
     };
@@ -232,7 +232,7 @@ fn plain_name(value: &toml::Value) -> String {
             Path::new(text).file_stem().map_or_else(|| text.to_string(), |stem| stem.to_string_lossy().into_owned())
         }
         Some(text) => text.to_string(),
-        None => value.to_string(),
+        None => plain(value),
     };
     let whole = match value {
         toml::Value::Array(list) => list.iter().map(one).collect::<Vec<_>>().join("+"),

@@ -96,7 +96,8 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let program = program_fingerprint().or_failure()?;
     let beside = output.parent() == Some(&folder);
     let within = if beside { PathBuf::new() } else { folder };
-    let plan = Plan { seconds, ..Plan::new(program, within, commands).or_failure()? };
+    let mut plan = Plan::new(program, within, commands).or_failure()?;
+    plan.seconds = seconds;
     write(&output, plan.text().or_failure()?.as_bytes())?;
     if let (Some(engine), Some(script)) = (arguments.engine, &script) {
         write(script, engine.script(&output, arguments.shards).as_bytes())?;

@@ -233,7 +233,7 @@ pub(crate) fn typed(name: &str, value: &toml::Value) -> Vec<String> {
 }
 
 /// A value as it is typed.
-fn plain(value: &toml::Value) -> String {
+pub(crate) fn plain(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
         toml::Value::Integer(number) => number.to_string(),

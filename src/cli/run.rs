@@ -1,6 +1,6 @@
 //! `fdm run`: a share of the tasks of a plan. What is done is kept in a folder that many programs fill at once, whatever becomes of them.
 
-use crate::failure::{Ending, Failure, OrFailure, at, ended, remark};
+use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
 use crate::job::{Command, JobFolder, host, kept, read_plan, refuse_other, said, unwritten};
 use crate::progress::{Progress, counted};

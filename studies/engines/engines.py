@@ -8,12 +8,14 @@ is that of the one command to the byte, and what the engine costs.
     target/engines/venv/bin/python studies/engines/engines.py
 
 Efficiency is the time of the command on one thread over twice the time of the engine, start and merging included. Overhead is what the two
-cores spend beyond that time, for each task. Without the wheel, Dask and Ray are left out.
+cores spend beyond that time, for each task. Kubernetes is a fake that does what an Indexed Job does. Without the wheel,
+name the others by `--only`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import shutil
@@ -22,6 +24,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 MODEL = """model bend "two rates that are hard to tell apart" {
@@ -31,6 +34,25 @@ MODEL = """model bend "two rates that are hard to tell apart" {
   der(b) = k1*a - k2*b/(1 + b^2);
   output y = b + c;
 }
+"""
+
+HYPERQUEUE = """import json, subprocess, sys
+from hyperqueue import Job, LocalCluster
+from hyperqueue.cluster import WorkerConfig
+
+fdm, shards = sys.argv[1], int(sys.argv[2])
+with LocalCluster() as cluster:
+    cluster.start_worker(WorkerConfig(cores=2))
+    client = cluster.client()
+    for attempt in range(100):
+        job = Job(max_fails=None)
+        for k in range(1, shards + 1):
+            words = [fdm, "run", "job.plan", "--shard", f"{k}/{shards}", "--out", "job.tasks", "--threads", "1", "--quiet"]
+            job.program(words, stdout=None, stderr=None)
+        client.wait_for_jobs([client.submit(job)], raise_on_error=False)
+        status = subprocess.run([fdm, "status", "job.tasks", "--json"], capture_output=True, text=True).stdout
+        if not json.loads(status)["missing"]:
+            break
 """
 
 
@@ -92,13 +114,20 @@ class Study:
         (self.work / "run.csv").write_text(record(options.samples))
         root = self.engines / "root"
         paths = [root / "usr/bin", root / "usr/sbin", self.engines / "venv/bin"]
-        libraries = [root / "usr/lib/x86_64-linux-gnu", root / "usr/lib/x86_64-linux-gnu/slurm-wlm"]
+        machine = root / "usr/lib/x86_64-linux-gnu"
+        libraries = [machine, machine / "slurm-wlm", root / "lib/x86_64-linux-gnu"]
         self.environment = {
             **os.environ,
             "FDM": str(self.fdm),
             "PATH": os.pathsep.join([*map(str, paths), os.environ["PATH"]]),
             "LD_LIBRARY_PATH": os.pathsep.join(map(str, libraries)),
-            "OPAL_PREFIX": str(root / "usr/lib/x86_64-linux-gnu/openmpi"),
+            "OPAL_PREFIX": str(root / "usr"),
+            "OPAL_LIBDIR": str(machine),
+            "OPAL_PKGLIBDIR": str(machine / "openmpi"),
+            "OPAL_DATADIR": str(root / "usr/share"),
+            "OPAL_PKGDATADIR": str(root / "usr/share/openmpi"),
+            "OPAL_SYSCONFDIR": str(root / "etc"),
+            "OMPI_MCA_mca_base_component_path": str(machine / "openmpi/lib/openmpi3"),
             "OMPI_ALLOW_RUN_AS_ROOT": "1",
             "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
             "PERL5LIB": str(root / "usr/share/perl5"),
@@ -131,20 +160,12 @@ class Study:
         self.script(where, "mpi")
 
     def hq(self, where: Path) -> None:
-        self.environment["HQ_SERVER_DIR"] = str(where / "server")
-        server = self.started(["hq", "server", "start"], where, "server")
-        worker = self.started(["hq", "worker", "start", "--cpus", "2"], where, "worker")
-        try:
-            for _ in range(100):
-                if (where / "server/hq-current").exists():
-                    break
-                time.sleep(0.1)
-            self.script(where, "hq")
-        finally:
-            self.call(["hq", "server", "stop"], where, check=False)
-            for process in (worker, server):
-                process.terminate()
-                process.wait()
+        # the wheel has HyperQueue's server and workers, and its Python door in the place of the command `hq`
+        (where / "hq.py").write_text(HYPERQUEUE)
+        words = [str(self.engines / "venv/bin/python"), "hq.py", str(self.fdm), str(self.options.shards)]
+        done = self.call(words, where)
+        (where / "engine.log").write_text(done.stdout[-4000:] + done.stderr[-4000:])
+        self.call([str(self.fdm), "merge", "job.tasks"], where)
 
     def slurm(self, where: Path) -> None:
         host = os.uname().nodename.split(".")[0]
@@ -186,6 +207,25 @@ class Study:
     def python(self, where: Path, engine: str) -> None:
         done = self.call([str(self.engines / "venv/bin/python"), f"job.{engine}.py"], where)
         (where / "engine.log").write_text(done.stdout[-4000:] + done.stderr[-4000:])
+
+    def k8s(self, where: Path) -> None:
+        """A fake of what Kubernetes does with the Indexed Job: its command under each index, again after a failure unless that is 2."""
+        text = (where / "job.k8s.yaml").read_text()
+        words = json.loads(next(line for line in text.splitlines() if "command:" in line).split("command:")[1])
+        count = int(next(line for line in text.splitlines() if "completions:" in line).split(":")[1])
+
+        def pod(index: int) -> int:
+            environment = {**self.environment, "JOB_COMPLETION_INDEX": str(index)}
+            for _ in range(101):
+                code = subprocess.run([str(self.fdm), *words[1:]], cwd=where, env=environment, check=False).returncode
+                if code in (0, 2):
+                    return code
+            return 1
+
+        with ThreadPoolExecutor(2) as nodes:
+            if any(nodes.map(pod, range(count))):
+                raise RuntimeError("an index has failed")
+        self.call([str(self.fdm), "merge", "job.tasks"], where)
 
     # --- the table ---
 
@@ -252,7 +292,7 @@ class Study:
 
 
 def main() -> int:
-    engines = ["parallel", "slurm", "hq", "dask", "ray", "mpi"]
+    engines = ["parallel", "slurm", "hq", "dask", "ray", "mpi", "k8s"]
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--engines", default=os.environ.get("FDM_ENGINES", "target/engines"))

@@ -10,4 +10,8 @@ venv/bin/pip install --quiet --disable-pip-version-check dask distributed ray hy
 cd packages
 apt-get install --yes --no-install-recommends --print-uris slurmctld slurmd slurm-client parallel openmpi-bin munge |
     sed -n "s/^'\([^']*\)'.*/\1/p" | sed 's/.*\///; s/_.*//' | sort -u | xargs apt-get download --quiet
-for package in ./*.deb; do dpkg -x "$package" ../root; done
+cd ..
+for package in packages/*.deb; do dpkg -x "$package" root; done
+# as the system's alternatives would name them
+for name in slurmctld slurmd slurmstepd; do ln -sf "$name-wlm" "root/usr/sbin/$name"; done
+ln -sf orterun root/usr/bin/mpirun

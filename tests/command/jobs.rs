@@ -290,8 +290,9 @@ fn a_shard_that_is_told_to_end_keeps_what_it_has() {
     desk.write("study.toml", STUDY.replace("repeats = 60", "repeats = 1000000"));
     does(&desk, "plan study.toml -q --untimed");
     let child = desk.command("run study.plan --out tasks").stderr(Stdio::piped()).spawn().unwrap();
+    let told = || desk.names("tasks").iter().any(|name| name.starts_with(".shard-") && name.ends_with(".progress"));
     for _ in 0..3000 {
-        if desk.path("tasks/results").is_dir() && !results(&desk, "tasks").is_empty() {
+        if desk.path("tasks/results").is_dir() && !results(&desk, "tasks").is_empty() && told() {
             break;
         }
         std::thread::sleep(Duration::from_millis(20));

@@ -1,8 +1,12 @@
 #!/usr/bin/env bash
 # @MARK@. HyperQueue: a server and workers must be there (hq server start; hq worker start, or hq alloc add slurm).
-set -euo pipefail
+# What is missing after a task or a worker was lost is submitted again.
+set -uo pipefail
 cd @FOLDER@
 fdm=${FDM:-fdm}
-hq submit --wait --name @NAME@ --array 1-@SHARDS@ --cpus 1 --crash-limit 1000 --stdout none --stderr none -- \
-    "$fdm" run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads 1 --quiet
+for attempt in $(seq 100); do
+    hq submit --wait --name @NAME@ --array 1-@SHARDS@ --cpus 1 --stdout none --stderr none -- \
+        "$fdm" run @PLAN@ --shard auto/@SHARDS@ --out @OUT@ --threads 1 --quiet
+    "$fdm" status @OUT@ --json | grep -q '"missing":\[\]' && break
+done
 "$fdm" merge @OUT@
