@@ -57,6 +57,9 @@ impl Checkpoints {
 
     /// Opens a folder in it: one of several that one command needs.
     pub(crate) fn open_within(&self, name: &str, identity: &Identity, quiet: bool) -> Result<OpenCheckpoint, Failure> {
+        if let Some(done) = &self.done {
+            return Ok(OpenCheckpoint::Done(Arc::clone(done)));
+        }
         let folder = self.checkpoint.as_ref().map(|folder| folder.join(name));
         folder.map_or(Ok(OpenCheckpoint::None), |folder| open(&folder, identity, quiet))
     }

@@ -7,7 +7,7 @@ use crate::failure::{Ending, Failure, OrFailure, at, did_you_mean};
 use crate::halt::Halt;
 use crate::project::{self, plain, typed};
 use crate::request::{Refusal, unclear};
-use crate::{Verb, campaign, diagnose, fit, paths, profile, study};
+use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
 use clap::{Arg, FromArgMatches};
 use fdm_estimate::Keeper;
 use fdm_lab::job::{Kind, Memory, Plan, Work};
@@ -57,10 +57,11 @@ pub(crate) enum Command {
     Study(Box<study::Arguments>),
     Profile(Box<profile::Arguments>),
     Diagnose(Box<diagnose::Arguments>),
+    Reproduce(Box<reproduce::Arguments>),
 }
 
 /// The verbs of such commands.
-const VERBS: [&str; 4] = ["fit", "study", "profile", "diagnose"];
+const VERBS: [&str; 5] = ["fit", "study", "profile", "diagnose", "reproduce"];
 /// Options that make no sense in a job, and why.
 const LEFT_OUT: [(&str, &str); 5] = [
     ("checkpoint", "the folder of `fdm run --out` keeps what is done"),
@@ -87,6 +88,7 @@ impl Command {
             Verb::Study(a) => Ok(Self::Study(a)),
             Verb::Profile(a) => Ok(Self::Profile(a)),
             Verb::Diagnose(a) => Ok(Self::Diagnose(a)),
+            Verb::Reproduce(a) => Ok(Self::Reproduce(Box::new(a))),
             _ => Err(Failure::Input(vec![format!("command: expected {}", VERBS.join(", "))])),
         }
     }
@@ -99,6 +101,7 @@ impl Command {
             (Self::Diagnose(a), done) => Self::Diagnose(Box::new(a.finishing(done, typed))),
             (Self::Study(a), Some(done)) => Self::Study(Box::new(a.finishing(done, typed))),
             (Self::Profile(a), Some(done)) => Self::Profile(Box::new(a.finishing(done))),
+            (Self::Reproduce(a), Some(done)) => Self::Reproduce(Box::new(a.finishing(done))),
             (other, None) => other,
         }
     }
@@ -110,6 +113,7 @@ impl Command {
             Self::Study(a) => a.tasks(states, halt, visit),
             Self::Profile(a) => a.tasks(states, halt, visit),
             Self::Diagnose(a) => a.tasks(halt, visit),
+            Self::Reproduce(a) => a.tasks(visit),
         }
     }
 
@@ -120,6 +124,7 @@ impl Command {
             Self::Study(a) => study::run(a),
             Self::Profile(a) => profile::run(a),
             Self::Diagnose(a) => diagnose::run(a),
+            Self::Reproduce(a) => reproduce::run(a),
         }
     }
 }
@@ -147,7 +152,9 @@ pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failur
     };
     let command = crate::command();
     let of_verb = command.find_subcommand(&verb).ok_or_else(|| refused("there is no such command".into()))?;
-    let known: Vec<&str> = of_verb.get_arguments().filter_map(Arg::get_long).chain(["model"]).collect();
+    // what stands behind the verb without an option: the model, or the name of an experiment
+    let first = of_verb.get_positionals().next().map_or("model", |argument| argument.get_id().as_str());
+    let known: Vec<&str> = of_verb.get_arguments().filter_map(Arg::get_long).chain([first]).collect();
     let mut wrong = Vec::new();
     for name in job.keys().chain(each.keys()) {
         if let Some((_, why)) = LEFT_OUT.iter().find(|(left, _)| left == name) {
@@ -158,7 +165,7 @@ pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failur
         }
     }
     let out = job.get("out").and_then(toml::Value::as_str).map(PathBuf::from);
-    if !each.is_empty() && verb != "profile" && out.is_none() {
+    if !each.is_empty() && known.contains(&"out") && out.is_none() {
         wrong.push(format!("{shown}: several results need a folder: out = \"results\""));
     }
     if !each.is_empty() && job.get("json").and_then(toml::Value::as_bool) == Some(true) {
@@ -175,7 +182,7 @@ pub(crate) fn read_job(file: &Path) -> Result<Vec<(String, Vec<String>)>, Failur
             options.insert("out".into(), out.join(&name).display().to_string().into());
         }
         let mut words = vec![verb.clone()];
-        words.extend(options.remove("model").and_then(|model| model.as_str().map(String::from)));
+        words.extend(options.remove(first).and_then(|model| model.as_str().map(String::from)));
         words.extend(options.iter().flat_map(|(name, value)| typed(name, value)));
         commands.push((name, words));
     }

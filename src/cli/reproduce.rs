@@ -3,10 +3,12 @@
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
+use crate::job::Visit;
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
 use clap::Args;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
+use fdm_lab::job;
 use fdm_lab::study::{Colour, Study, System, Watch, series};
 use fdm_report::{outcome_table, outcomes_markdown, outcomes_table, studies_markdown, studies_text};
 use fdm_results::store::Identity;
@@ -14,6 +16,7 @@ use fdm_system::Model;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// What `fdm reproduce` takes.
 #[derive(Debug, Args)]
@@ -150,6 +153,12 @@ fn write_records(experiments: &[Experiment], folder: &Path, force: bool) -> Endi
     ended(print(&text))
 }
 
+fn nothing_to_repeat(name: &str) -> String {
+    format!(
+        "{name}: nothing to repeat: no step estimates parameters with known true values, or fits measured records in the time domain"
+    )
+}
+
 /// What decides the numbers of the repeats, but not how many there are.
 #[derive(Serialize)]
 struct Studied {
@@ -159,17 +168,53 @@ struct Studied {
 }
 
 impl Arguments {
+    /// Makes an experiment ready to be repeated, and shows the repeats as tasks.
+    pub(crate) fn tasks(&self, visit: Visit<'_>) -> Result<(), Failure> {
+        let one = || {
+            Failure::input([
+                "a job repeats one experiment with one colour of noise: give `repeats`, and the others by `each`",
+            ])
+        };
+        let (experiments, colours) = (self.experiments()?, self.colours()?);
+        let (Some(count), [experiment], [colour]) = (self.repeats, &experiments[..], &colours[..]) else {
+            return Err(one());
+        };
+        let (system, identity) = self.system(experiment, *colour)?;
+        if system.subjects().is_empty() {
+            return Err(Failure::input([nothing_to_repeat(&experiment.name)]));
+        }
+        let once = |k: u64, watch: &dyn Watch| system.once(k, watch);
+        visit(&job::Repeats { once: &once, count: count.into() }, &identity)
+    }
+
+    /// The same arguments at the end of a job.
+    pub(crate) fn finishing(mut self, done: Arc<job::Memory>) -> Self {
+        self.repetition.checkpoints.done = Some(done);
+        self
+    }
+
+    /// An experiment that can be repeated, and what the bits of its repeats depend on.
+    fn system(&self, experiment: &Experiment, colour: Option<Colour>) -> Result<(System, Identity), Failure> {
+        let (seed, thin) = (self.repetition.seed, self.thin);
+        let studied = Studied { thin, noise_colour: colour, seed };
+        let identity = Identity::of_texts(&texts(experiment)?, &studied);
+        Ok((System::new(experiment, (colour, seed), thin).or_failure()?, identity))
+    }
+
+    /// The colours of the noise that were asked for; none stands for that of the experiment.
+    fn colours(&self) -> Result<Vec<Option<Colour>>, Failure> {
+        match self.repetition.colours() {
+            none if none.is_empty() => Ok(vec![None]),
+            some if some.contains(&Colour::Fitted) => Err(Failure::input([
+                "--noise-colour fitted belongs to `fdm study`: here use white, ar1 or pink, or leave it out for the noise of the experiment",
+            ])),
+            some => Ok(some.into_iter().map(Some).collect()),
+        }
+    }
+
     /// Studies experiments one after the other, and prints what came of them.
     fn study(&self, experiments: &[Experiment], count: usize) -> Ending {
-        let colours = match self.repetition.colours() {
-            none if none.is_empty() => vec![None],
-            some if some.contains(&Colour::Fitted) => {
-                return Err(Failure::input([
-                    "--noise-colour fitted belongs to `fdm study`: here use white, ar1 or pink, or leave it out for the noise of the experiment",
-                ]));
-            }
-            some => some.into_iter().map(Some).collect(),
-        };
+        let colours = self.colours()?;
         let halt = Progress::new(true).halt();
         let (mut studies, mut whole, mut wrong) = (Vec::new(), true, Vec::new());
         for experiment in experiments {
@@ -186,9 +231,7 @@ impl Arguments {
                         studies.push(study);
                     }
                     Ok(None) if experiments.len() > 1 => {}
-                    Ok(None) => wrong.push(format!(
-                        "{name}: nothing to repeat: no step estimates parameters with known true values, or fits measured records in the time domain"
-                    )),
+                    Ok(None) => wrong.push(nothing_to_repeat(name)),
                     Err(Failure::Input(reasons)) => wrong.extend(reasons),
                     Err(other) => return Err(other),
                 }
@@ -217,12 +260,10 @@ impl Arguments {
         count: usize,
         watch: &RepeatProgress,
     ) -> Result<Option<(Study, bool)>, Failure> {
-        let (seed, thin) = (self.repetition.seed, self.thin);
-        let studied = Studied { thin, noise_colour: colour, seed };
-        let identity = Identity::of_texts(&texts(experiment)?, &studied);
+        let seed = self.repetition.seed;
         let tint = colour.map_or("described".into(), |c| format!("{c:?}").to_lowercase());
         let folder = format!("{}-{tint}", experiment.name);
-        let system = System::new(experiment, (colour, seed), thin).or_failure()?;
+        let (system, identity) = self.system(experiment, colour)?;
         for said in system.left_out() {
             remark(format_args!("note: {}: left out: {said}", experiment.name));
         }

@@ -12,7 +12,7 @@ use crate::progress_file::Course;
 use clap::Args;
 use fdm_estimate::{Fit, FitOptions, Keeper, Options, fit_kept};
 use fdm_lab::job;
-use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, series};
+use fdm_lab::study::{Bootstrap, Colour, Repeat, Study, StudyError, Watch, series};
 use fdm_report::{fit_table, repeat_columns, study_table};
 use fdm_results::documents::FitDocument;
 use fdm_results::store::Identity;
@@ -129,7 +129,8 @@ impl Arguments {
             false => Failure::input([e]),
         };
         let bootstrap = Bootstrap::new(&first, &runs, &options, (colour, seed)).map_err(refused)?;
-        visit(&job::Repeats { bootstrap: &bootstrap, count: self.repeats.into() }, &identity)
+        let once = |k: u64, watch: &dyn Watch| bootstrap.once(k, watch);
+        visit(&job::Repeats { once: &once, count: self.repeats.into() }, &identity)
     }
 
     /// The same arguments at the end of a job.

@@ -114,6 +114,21 @@ fn starts_and_profiles_are_the_same_however_they_are_cut() {
     }
 }
 
+#[test]
+fn the_repeats_of_an_experiment_are_the_same() {
+    let desk = Desk::new();
+    let models = support::repository().join("models");
+    let command = format!("reproduce elovich --models {} --repeats 12 --noise-colour white --json", models.display());
+    let whole = does(&desk, &command).stdout;
+    let job = "command = 'reproduce'\nname = 'elovich'\nrepeats = 12\nnoise-colour = 'white'\njson = true\n";
+    desk.write("job.toml", format!("{job}models = '{}'\n", models.display()));
+    does(&desk, "plan job.toml -q");
+    for shard in ["3/3", "1/3", "2/3"] {
+        does(&desk, &format!("run job.plan --shard {shard} --out tasks -q"));
+    }
+    assert_eq!(does(&desk, "merge tasks").stdout, whole);
+}
+
 /// Whole fits and diagnoses of several models and runs.
 #[test]
 fn a_batch_makes_the_folders_of_its_commands() {
@@ -239,7 +254,7 @@ fn a_job_that_cannot_be_done_is_told_before_it_is_shared() {
     plan("command = 'study'\nmodel = 'decay.fdm'\ndata = 'three.csv'\n", "three.csv");
     plan("command = 'study'\nmodel = 'decay.fdm'\ndata = 'one.csv'\nrepeats = 1\n", "--repeats");
     plan("command = 'study'\nmodel = 'decay.fdm'\ndata = 'one.csv'\nrepeat = 10\n", "did you mean `repeats`?");
-    plan("command = 'simulate'\nmodel = 'decay.fdm'\n", "expected fit, study, profile, diagnose");
+    plan("command = 'simulate'\nmodel = 'decay.fdm'\n", "expected fit, study, profile, diagnose, reproduce");
     plan("command = 'fit'\nmodel = 'decay.fdm'\ndata = 'one.csv'\nmethod = 'equation-error'\n", "at once");
     desk.write("job.toml", STUDY);
     desk.write("job.plan", "my own");

@@ -1,6 +1,6 @@
 //! Tasks of a command: what they are called, how one is done, and how their results become what the command looks for.
 
-use crate::study::{Bootstrap, Profiler, REPEATS, Repeat, Side, Watch};
+use crate::study::{Profiler, REPEATS, Repeat, Side, Watch};
 use fdm_estimate::StartSearch;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -99,10 +99,10 @@ impl Work for Starts {
     }
 }
 
-/// So many repeats of a fit.
-pub struct Repeats<'b> {
-    /// The fit.
-    pub bootstrap: &'b Bootstrap,
+/// So many repeats of a fit or an experiment.
+pub struct Repeats<'o> {
+    /// Makes one, as [`series`](crate::study::series) asks for it.
+    pub once: &'o (dyn Fn(u64, &dyn Watch) -> Option<Repeat> + Sync),
     /// How many.
     pub count: u64,
 }
@@ -117,7 +117,7 @@ impl Work for Repeats<'_> {
     }
 
     fn once(&self, task: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        let repeat = self.bootstrap.once(task, &While(goes_on));
+        let repeat = (self.once)(task, &While(goes_on));
         repeat.map(|repeat| postcard::to_allocvec(&repeat).map_err(|e| e.to_string())).transpose()
     }
 }
