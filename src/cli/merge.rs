@@ -58,10 +58,16 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let mut worst = 0;
     for (k, (planned, results)) in job.plan.commands.iter().zip(&results).enumerate() {
         let done = Arc::new(kept(&job.plan, k, results)?);
-        let given = |word: &str| planned.words.iter().any(|w| w == word);
+        let command = crate::command();
+        let of_verb = planned.words.first().and_then(|verb| command.find_subcommand(verb));
+        let takes = |name: &str| of_verb.is_some_and(|verb| verb.get_arguments().any(|a| a.get_long() == Some(name)));
         let mut words = planned.words.clone();
-        let asked = [("--json", arguments.json), ("--quiet", arguments.quiet)];
-        words.extend(asked.iter().filter(|(word, asked)| *asked && !given(word)).map(|(word, _)| (*word).to_string()));
+        for (name, asked) in [("json", arguments.json), ("quiet", arguments.quiet)] {
+            let word = format!("--{name}");
+            if asked && takes(name) && !words.contains(&word) {
+                words.push(word);
+            }
+        }
         if several && !print(&format!("{}{}\n", if k > 0 { "\n" } else { "" }, planned.name)) {
             return ended(false);
         }
