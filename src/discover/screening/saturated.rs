@@ -97,7 +97,7 @@ impl Noise {
                     ResidualPower { log_frequency: band.log_frequency, power, freedom }
                 })
                 .collect();
-            LogSpectrum::fit(&left, self.level[channel])
+            LogSpectrum::of_bands(&left, self.level[channel], self.bands.narrow)
         };
         (0..self.bands.channels).map(of).collect()
     }
@@ -119,7 +119,7 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
 }
 
 /// How far a resonance stands out of what is beside it, in log S.
-const PROMINENT: f64 = 1.5;
+pub(super) const PROMINENT: f64 = 1.5;
 
 /// The same with columns for the ends of all records in whose noise there is a resonance; none where there is none.
 pub(super) fn with_ends(shared: &Basis, spectra: &[LogSpectrum]) -> Option<Basis> {
