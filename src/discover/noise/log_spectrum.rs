@@ -107,9 +107,17 @@ struct Smooth {
 }
 
 impl Smooth {
+    /// The family, of those with few numbers.
+    fn family(&self) -> Option<&Parametric> {
+        match &self.spread {
+            Spread::Few(family, _) => Some(family),
+            Spread::Knots(_) => None,
+        }
+    }
+
     /// log S so far below the lowest knot as it continues, and its variance.
     fn continued(&self, knots: &[f64], below: f64) -> (f64, f64) {
-        if let Spread::Few(family, _) = &self.spread {
+        if let Some(family) = self.family() {
             let (value, slope) = family.at(knots[0] - below);
             return (value, slope.norm_squared());
         }
@@ -188,11 +196,12 @@ impl Spread {
 impl LogSpectrum {
     /// Fits what is left of one output; `level` is taken where nothing is.
     pub fn fit(left: &[ResidualPower], level: f64) -> Self {
-        Self::of_bands(left, level, false)
+        Self::of_bands((left, level), false, None)
     }
 
-    /// The same of bands some of which are narrow, for a resonance.
-    pub(crate) fn of_bands(left: &[ResidualPower], level: f64, narrow: bool) -> Self {
+    /// The same of bands some of which may be narrow, for a resonance. The iterations begin at a spectrum of the same bands, where there is one
+    /// that what is left may be like.
+    pub(crate) fn of_bands((left, level): (&[ResidualPower], f64), narrow: bool, like: Option<&Self>) -> Self {
         let lowest = lowest(left);
         let (means, left): (Vec<ResidualPower>, Vec<ResidualPower>) =
             left.iter().partition(|l| l.log_frequency < lowest);
@@ -204,7 +213,8 @@ impl LogSpectrum {
         }
         let knots = knots(left, narrow);
         let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
-        let mut values = None;
+        let like = like.filter(|like| like.knots == knots && !like.parts.is_empty());
+        let mut values = like.map(|like| like.values.clone());
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
         let equal = SMOOTH / CURVATURES.len() as f64;
@@ -219,7 +229,8 @@ impl LogSpectrum {
                 break;
             }
         }
-        let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt());
+        let known: Vec<&Parametric> = like.iter().flat_map(|like| &like.parts).filter_map(Smooth::family).collect();
+        let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt(), &known);
         let equal = (1.0 - SMOOTH) / families.len().max(1) as f64;
         parts.extend(families.into_iter().map(|family| {
             let (values, slopes) = family.along(&knots);

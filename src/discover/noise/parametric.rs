@@ -304,8 +304,9 @@ impl Fit<'_> {
 }
 
 impl Parametric {
-    /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand.
-    pub(super) fn all(left: &[ResidualPower], deviation: f64) -> Vec<Self> {
+    /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand. Fits of
+    /// families that are `known` of a residual that is like this one begin there.
+    pub(super) fn all(left: &[ResidualPower], deviation: f64, known: &[&Self]) -> Vec<Self> {
         let (Some(first), Some(last)) = (left.first(), left.last()) else { return Vec::new() };
         let (lowest, highest) = (first.log_frequency, last.log_frequency);
         let middle = 0.5 * (lowest + highest);
@@ -320,7 +321,9 @@ impl Parametric {
             let corner = 0.5 * places[0].half.max(f64::MIN_POSITIVE).ln();
             let (mean, deviation) = family.prior((level, deviation), corner);
             let fit = Fit { family, left, places: &places, mean, precision: deviation.map(|d| 1.0 / (d * d)) };
-            let ends = family.starts(left, &places, level).into_iter().filter_map(|start| fit.from(start));
+            let begun = known.iter().find(|known| known.family == family);
+            let starts = begun.map_or_else(|| family.starts(left, &places, level), |known| vec![known.numbers]);
+            let ends = starts.into_iter().filter_map(|start| fit.from(start));
             let (numbers, at) = ends.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?;
             let factor = at.information.cholesky()?.unpack();
             let root = factor.transpose().solve_upper_triangular(&Square::identity())?;
@@ -397,7 +400,7 @@ mod tests {
     }
 
     fn likeliest(left: &[ResidualPower]) -> Parametric {
-        let all = Parametric::all(left, 100.0);
+        let all = Parametric::all(left, 100.0, &[]);
         all.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood)).expect("a family")
     }
 

@@ -76,13 +76,13 @@ impl Noise {
             let own: Vec<(&Band, &f64)> = own.collect();
             self.freedom = own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
             self.taken = (basis, multiples);
-            self.spectra = self.fitted(&left);
+            self.spectra = self.fitted(&left, None);
             self.density = densities(&self.bands, &self.spectra);
         }
     }
 
-    /// Spectra by what is left of a residual in each band.
-    pub(super) fn fitted(&self, left: &[f64]) -> Vec<LogSpectrum> {
+    /// Spectra by what is left of a residual in each band; these may be like those.
+    pub(super) fn fitted(&self, left: &[f64], like: Option<&[LogSpectrum]>) -> Vec<LogSpectrum> {
         let of = |channel: usize| {
             let own = self.bands.list.iter().zip(left).zip(&self.freedom);
             // differences between runs know nothing of a lack of fit, even of one that no candidate explains
@@ -97,7 +97,7 @@ impl Noise {
                     ResidualPower { log_frequency: band.log_frequency, power, freedom }
                 })
                 .collect();
-            LogSpectrum::of_bands(&left, self.level[channel], self.bands.narrow)
+            LogSpectrum::of_bands((&left, self.level[channel]), self.bands.narrow, like.map(|like| &like[channel]))
         };
         (0..self.bands.channels).map(of).collect()
     }
