@@ -613,6 +613,10 @@ impl<'a> ForwardSelection<'a> {
             (self.progress)("fitting the curve of an unmodelled law");
             if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {
                 let mut told = problem.law(&law);
+                if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
+                    let stand_in = "that law as a table in the text, a stand-in for what has no name";
+                    attribution.warnings.push(format!("{}: {stand_in}", law.place));
+                }
                 told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
                 if told.recommended {
                     new.clone_from(&law.written.fitted.response);

@@ -253,7 +253,7 @@ fn made_up_for(current: &FittedModel, nodes: &[String], runs: Runs<'_>) -> Resul
     let width = own.len() + 2;
     let mut products = DMatrix::zeros(width, width);
     for record in &records {
-        for (at, residual) in record.residual.iter().enumerate().filter(|(_, r)| !r.is_nan()) {
+        for at in (0..record.residual.len()).filter(|at| !record.residual[*at].is_nan()) {
             let weight = if size[at % q] > 0.0 { size[at % q].sqrt().recip() } else { 0.0 };
             let value = |k: usize| record.fitted[k].as_ref().map_or(0.0, |column| column[at]);
             let mut row = DVector::from_fn(width, |k, _| if k < own.len() { value(own[k]) } else { 0.0 });
@@ -261,7 +261,6 @@ fn made_up_for(current: &FittedModel, nodes: &[String], runs: Runs<'_>) -> Resul
                 row[width - 2] += value(column);
                 row[width - 1] += value(column) * k as f64;
             }
-            debug_assert!(!residual.is_nan());
             products.ger(weight * weight, &row, &row, 1.0);
         }
     }
