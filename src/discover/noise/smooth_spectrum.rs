@@ -275,7 +275,7 @@ mod tests {
     fn a_resonance_is_found_where_it_is() {
         for seed in 0..20 {
             let poles = |f: f64| 2.0 / square(f, 0.15, 0.05);
-            let peak = |f: f64| 0.5 + 0.05 / square(f, 0.3, 0.02) * f.powi(2);
+            let peak = |f: f64| 0.5 + 0.2 / square(f, 0.3, 0.02) * f.powi(2);
             let found = [SmoothSpectrum::fit(&left(seed, 360, poles)), SmoothSpectrum::fit(&left(seed, 360, peak))];
             let truth: [&dyn Fn(f64) -> f64; 2] = [&poles, &peak];
             for (found, truth) in found.iter().zip(truth) {

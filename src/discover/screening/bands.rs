@@ -58,9 +58,10 @@ impl Bands {
         self.list.iter().map(|band| band.count).sum()
     }
 
-    /// Gathers bins; `shape` are spectra by which the level changes inside a band.
-    pub(super) fn new(shared: &Basis, shape: &[LogSpectrum]) -> Self {
-        let peaks: Vec<f64> = shape.iter().filter_map(|s| s.peak(PROMINENT)).collect();
+    /// Gathers bins; `shape` are spectra by which the level changes inside a band. They are those of noise where bands are to be narrow near
+    /// their peaks: what a residual holds beside noise may have peaks of its own.
+    pub(super) fn new(shared: &Basis, shape: &[LogSpectrum], of_noise: bool) -> Self {
+        let peaks: Vec<f64> = shape.iter().filter(|_| of_noise).filter_map(|s| s.peak(PROMINENT)).collect();
         let edges = edges(&shared.parts, &peaks);
         let places: Vec<(usize, usize, bool)> = (0..shared.channels)
             .flat_map(|c| (0..edges.len()).flat_map(move |band| [(c, band, false), (c, band, true)]))

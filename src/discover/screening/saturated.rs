@@ -52,13 +52,13 @@ impl Noise {
         let turned = turned(shared);
         let shared = turned.as_ref().unwrap_or(shared);
         let spectra = shared.spectra.clone();
-        let bands = Bands::new(shared, &spectra);
+        let bands = Bands::new(shared, &spectra, false);
         let level = levels(&bands);
         let density = densities(&bands, &spectra);
         let mut noise = Self { bands, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
         noise.settle(shared, ROUNDS[0]);
         for rounds in &ROUNDS[1..] {
-            noise.bands = Bands::new(shared, &noise.spectra);
+            noise.bands = Bands::new(shared, &noise.spectra, true);
             noise.density = densities(&noise.bands, &noise.spectra);
             noise.settle(shared, *rounds);
         }
