@@ -4,6 +4,7 @@ use fdm::Model;
 use fdm::diagnose::{Diagnosis, DiagnosisOptions, Verdict, diagnose};
 use fdm::effect::{Catalogue, Field};
 use fdm::record::Run;
+use fdm::simulate::Simulator;
 use support::Normal;
 
 /// Steps of the truth's integrator in a sample.
@@ -211,4 +212,43 @@ fn drag_of_one_element_of_a_vector() {
     assert!((value - 0.3).abs() < 4.0 * error, "{value} +- {error}");
     let text = found.extended.as_ref().unwrap();
     assert!(text.contains("(u - k*s - c*v)/m + [0, -drag_v2*v[2]*abs(v[2])];"), "{text}");
+}
+
+/// A pump whose flow ripples with its speed: no effect of the catalogue, so its curve is written into the text as a table.
+#[test]
+fn a_law_without_a_name_is_a_table_in_the_text() {
+    const TEXT: &str =
+        "model tank { input u [V]; state h [m] = 0; param T = 0.8 in [0.1, 20] [s], K = 0.9 [m/V], u0 = 0.1 [V];
+        der(h) = (K*(u - u0) - h)/T;
+        output h_m [m] = h; }";
+    let (dt, samples) = (0.05, 400);
+    let run = |number: f64, name: &str| {
+        let speed = move |t: f64| [0.7 * (0.61 * t + number).sin() + 0.3 * (1.7 * t + 2.0 * number).sin()];
+        let flow = |u: f64| u + 0.12 * (11.0 * u).sin();
+        let states = motion([0.0], (samples, dt), |t, [h]| [(flow(speed(t)[0]) - h) / 0.7]);
+        record(name, dt, (&states, [0.004]), speed)
+    };
+    let (runs, validation) = ([run(1.0, "one"), run(2.0, "two")], [run(3.0, "three")]);
+    let model = Model::from_text("model.fdm", TEXT).unwrap();
+    let names = ["coulomb_friction", "input_delay", "input_curvature", "quadratic_damping", "input_dead_zone"];
+    let mut catalogue = Catalogue::standard();
+    catalogue.retain(|name| names.contains(&name));
+    let options = DiagnosisOptions::default();
+    let found = diagnose(&model, &runs, &validation, &catalogue, &options, &|_| ()).unwrap();
+    assert_eq!(found.verdict, Verdict::UnknownCause, "{found:#?}");
+    let law = found.front.last().unwrap();
+    assert!(law.recommended && law.effects[0].effect == "law_curve", "{:#?}", found.front);
+    assert_eq!(law.effects[0].targets.last().unwrap(), "u");
+    assert!(law.error_validation.is_some_and(|error| error < 0.2), "{law:#?}");
+    // the curve itself, beside the model's own constant and coefficient
+    let text = found.extended.as_ref().unwrap();
+    assert!(text.contains("smooth") && text.contains("= cubic {"), "{text}");
+    let written = Model::from_text("written.fdm", text.as_str()).unwrap();
+    let start = written.definition().start();
+    let printed = law.outputs[0].rms_validation.unwrap();
+    let mut y = vec![0.0; samples];
+    Simulator::new(written.dynamics(), &validation[0], 8).unwrap().simulate(&start, &mut y).unwrap();
+    let squares: f64 = validation[0].measured.iter().zip(&y).map(|(z, y)| (z - y).powi(2)).sum();
+    let rms = (squares / y.len() as f64).sqrt();
+    assert!((rms / printed - 1.0).abs() < 1e-3, "{rms} {printed}");
 }

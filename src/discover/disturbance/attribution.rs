@@ -121,6 +121,12 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
 }
 
 impl Nonlinearities {
+    /// The likeliest curve over one variable, where it is believed: functions of several may be likelier.
+    pub(crate) fn curve(&self) -> Option<Law> {
+        let first = self.curves.first().filter(|n| n.evidence > BELIEVED)?;
+        Some(Law { place: first.place.clone(), curve: first.curve.clone()? })
+    }
+
     /// The likeliest, where it is there and a function of one variable.
     fn law(&self) -> Option<Law> {
         let first = self.list.first().filter(|n| n.evidence > NONLINEARITY)?;
@@ -147,7 +153,7 @@ impl ResidualAnalysis {
 
 impl ResidualEvidence {
     /// Whether something is left that is the same in every run.
-    fn repeats(&self) -> bool {
+    pub(crate) fn repeats(&self) -> bool {
         self.residual_analysis.found() || self.nonlinearities.evidence() > BELIEVED
     }
 

@@ -9,7 +9,7 @@
 //! The noise of every output, as smooth spectra of what is left over, in bands of neighbouring bins.
 
 use super::binned_run::BinnedRun;
-use crate::noise::{PENALTY, ResidualPower, SmoothSpectrum};
+use crate::noise::{BandedPower, PENALTY, ResidualPower, SmoothSpectrum};
 use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn, SymmetricEigen};
 
 /// Eigenvalues below this share of the largest say nothing.
@@ -328,9 +328,10 @@ pub(super) fn course(
     products.iter().map(one).collect()
 }
 
-/// Ratio of the frequencies at which neighbouring bands begin, and the fewest bins of one.
-const WIDTH: f64 = 1.25;
-const FEWEST: usize = 4;
+/// Ratio of the frequencies at which neighbouring bands begin, and the fewest bins of one for each run: of bands by which smooth spectra
+/// are fitted, and of those in which resonances are seen.
+pub(super) const WIDE: (f64, usize) = (1.25, 4);
+const NARROW: (f64, usize) = (1.02, 1);
 /// Freedom of a band below which it was fitted away.
 const LEAST_FREEDOM: f64 = 0.2;
 /// The share of bins, at the upper end, in which a floor is looked for.
@@ -377,9 +378,10 @@ impl Spectra {
         let q = binned_runs[0].channels();
         let (channels, coloured) = (0..q)
             .map(|channel| {
-                let left = cells(binned_runs, rests, channel);
-                let (own, white) = (SmoothSpectrum::fit(&left), SmoothSpectrum::level(&left));
-                let gain = 0.5 * (white.twice_loss(&left) - own.twice_loss(&left)) - PENALTY * (own.size() - 1) as f64;
+                let left = banded(binned_runs, rests, channel);
+                let (own, white) = (SmoothSpectrum::fit(&left), SmoothSpectrum::level(&left.wide));
+                let told = if own.resonance().is_some() { &left.narrow } else { &left.wide };
+                let gain = 0.5 * (white.twice_loss(told) - own.twice_loss(told)) - (own.penalty() - PENALTY);
                 (own, gain)
             })
             .unzip();
@@ -396,36 +398,57 @@ impl Spectra {
 
     /// What the spectra cost in log-likelihood.
     pub(super) fn penalty(&self) -> f64 {
-        self.channels.iter().map(|s| PENALTY * s.size() as f64).sum()
+        self.channels.iter().map(SmoothSpectrum::penalty).sum()
     }
 }
 
+/// The Nyquist frequency of the runs.
+pub(super) fn highest(binned_runs: &[BinnedRun]) -> f64 {
+    binned_runs.iter().map(|binned| 0.5 / binned.interval).fold(0.0, f64::max)
+}
+
 /// What is left of one output in bands of neighbouring bins, all runs together.
-fn cells(binned_runs: &[BinnedRun], rests: &[Rest], channel: usize) -> Vec<ResidualPower> {
-    let mut bins: Vec<(f64, f64, f64)> = Vec::new();
+fn banded(binned_runs: &[BinnedRun], rests: &[Rest], channel: usize) -> BandedPower {
+    let mut bins: Vec<Bin> = Vec::new();
     for (binned, rest) in binned_runs.iter().zip(rests) {
-        let columns: (DVector<f64>, DVector<f64>) =
-            (rest.residual.column(channel).into_owned(), rest.freedom.column(channel).into_owned());
-        let own = columns.0.iter().zip(columns.1.iter());
-        bins.extend(binned.frequency.iter().zip(own).map(|(f, (r, freedom))| (*f, r * r, *freedom)));
+        let own = rest.residual.column(channel).into_iter().zip(rest.freedom.column(channel));
+        let of = |(f, (r, freedom)): (&f64, (&f64, &f64))| Bin { frequency: *f, power: r * r, freedom: *freedom };
+        bins.extend(binned.frequency.iter().zip(own).map(of));
     }
-    bins.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let fewest = FEWEST * binned_runs.len();
+    bins.sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
+    let runs = binned_runs.len();
+    let of = |(width, fewest): (f64, usize)| cells(&bins, (width, fewest * runs));
+    BandedPower { wide: of(WIDE), narrow: of(NARROW), highest: highest(binned_runs) }
+}
+
+/// What is left of one bin, and how free it was.
+struct Bin {
+    frequency: f64,
+    power: f64,
+    freedom: f64,
+}
+
+/// Bins, by rising frequency, in bands of this width (a ratio) and of so many at least.
+fn cells(bins: &[Bin], (width, fewest): (f64, usize)) -> Vec<ResidualPower> {
     let mut cells = Vec::new();
     let mut first = 0;
     while first < bins.len() {
         let mut last = first + fewest.min(bins.len() - first);
-        while last < bins.len() && bins[last].0 < bins[first].0 * WIDTH {
+        while last < bins.len() && bins[last].frequency < bins[first].frequency * width {
             last += 1;
         }
         if bins.len() - last < fewest {
             last = bins.len();
         }
         let own = &bins[first..last];
-        let freedom: f64 = own.iter().map(|l| l.2).sum();
+        let freedom: f64 = own.iter().map(|l| l.freedom).sum();
         if freedom > LEAST_FREEDOM {
-            let log_frequency = own.iter().map(|l| l.0.ln()).sum::<f64>() / own.len() as f64;
-            cells.push(ResidualPower { log_frequency, power: own.iter().map(|l| l.1).sum::<f64>() / freedom, freedom });
+            let log_frequency = own.iter().map(|l| l.frequency.ln()).sum::<f64>() / own.len() as f64;
+            cells.push(ResidualPower {
+                log_frequency,
+                power: own.iter().map(|l| l.power).sum::<f64>() / freedom,
+                freedom,
+            });
         }
         first = last;
     }

@@ -171,6 +171,8 @@ struct NoiseTest<'a> {
     binned_runs: &'a [BinnedRun],
     densities: Vec<Density>,
     probes: Vec<Probe>,
+    /// For each output whose noise has a resonance: the bases of all probes by that noise, which is not even across a band.
+    bases: Vec<Option<Vec<DMatrix<f64>>>>,
     /// Takes the fit out of drawn residuals: (J'J/S)^-1.
     fitted: DMatrix<f64>,
 }
@@ -190,7 +192,12 @@ impl<'a> NoiseTest<'a> {
             }
         }
         let fitted = products.cholesky().map_or_else(|| DMatrix::zeros(p, p), |c| c.inverse());
-        Self { binned_runs, densities, probes, fitted }
+        let by_noise = |output: usize| {
+            let of = |probe: &Probe| probe.whitened(&densities, output).unwrap_or_else(|| probe.basis.clone());
+            spectra.channels[output].resonance().map(|_| probes.par_iter().map(of).collect())
+        };
+        let bases = (0..binned_runs[0].channels()).map(by_noise).collect();
+        Self { binned_runs, densities, probes, bases, fitted }
     }
 
     /// Residuals over the deviation of their noise.
@@ -214,7 +221,8 @@ impl<'a> NoiseTest<'a> {
                     tests.extend(together.iter().filter(|t| t.bands > 1).map(|t| t.test(output)));
                     together = Default::default();
                 }
-                let (follows, total) = probe.against(white, output);
+                let basis = self.bases[output].as_ref().map_or(&probe.basis, |bases| &bases[k]);
+                let (follows, total) = probe.against(basis, white, output);
                 if total <= 0.0 {
                     continue;
                 }
@@ -286,9 +294,23 @@ impl<'a> NoiseTest<'a> {
 }
 
 impl Probe {
-    /// Squares of what of an output's whitened bins follows, and of all of them.
-    fn against(&self, white: &[DMatrix<f64>], output: usize) -> (f64, f64) {
-        let (first, second) = self.basis.as_slice().split_at(self.basis.nrows());
+    /// Its basis over the deviations of an output's noise; none where nothing is left of it.
+    fn whitened(&self, densities: &[Density], output: usize) -> Option<DMatrix<f64>> {
+        let mut columns = self.basis.clone();
+        let mut row = 0;
+        for (density, rows) in densities.iter().zip(&self.band.rows) {
+            for bin in rows.clone() {
+                let deviation = density.channel(output)[bin].sqrt();
+                columns.row_mut(row).iter_mut().for_each(|v| *v /= deviation);
+                row += 1;
+            }
+        }
+        basis(&columns)
+    }
+
+    /// Squares of what of an output's whitened bins follows this basis, and of all of them.
+    fn against(&self, basis: &DMatrix<f64>, white: &[DMatrix<f64>], output: usize) -> (f64, f64) {
+        let (first, second) = basis.as_slice().split_at(basis.nrows());
         let (mut a, mut b, mut total, mut row) = (0.0, 0.0, 0.0, 0);
         for (white, rows) in white.iter().zip(&self.band.rows) {
             let bins = &white.as_slice()[output * white.nrows()..][rows.clone()];

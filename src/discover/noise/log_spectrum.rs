@@ -24,6 +24,9 @@ const ALIKE: f64 = 0.02;
 const SPACING: f64 = 0.14;
 /// Most knots.
 const MOST: usize = 72;
+/// The same where bands are narrow, for a resonance: knots are as near as these, within limits.
+const NARROW: (f64, f64) = (0.03, 0.08);
+const MOST_NARROW: usize = 240;
 /// Deviations of second differences of knots at a distance of 0.3 that are weighed against each other; a resonance of quality 3 has
 /// the last, a power of the frequency the first.
 const CURVATURES: [f64; 5] = [0.008, 0.04, 0.18, 0.8, 3.2];
@@ -46,7 +49,7 @@ const LEVEL: f64 = 1e3;
 /// How much wider than the normal approximation spectra are drawn: where few bins tell, what is said of a spectrum was
 /// measured to be too small by this much (lowest band beside a resonance).
 const EXCESS: f64 = 1.2;
-/// Knots over which the slope at the low end is taken, and the most by which S rises with falling frequency.
+/// Knots at the usual distance over which the slope at the low end is taken, and the most by which S rises with falling frequency.
 const NEAR: usize = 4;
 const STEEPEST: f64 = 2.0;
 /// Deviation of the slope below the lowest bin, at most: between 0 and the steepest all are alike.
@@ -104,13 +107,21 @@ struct Smooth {
 }
 
 impl Smooth {
+    /// The family, of those with few numbers.
+    fn family(&self) -> Option<&Parametric> {
+        match &self.spread {
+            Spread::Few(family, _) => Some(family),
+            Spread::Knots(_) => None,
+        }
+    }
+
     /// log S so far below the lowest knot as it continues, and its variance.
     fn continued(&self, knots: &[f64], below: f64) -> (f64, f64) {
-        if let Spread::Few(family, _) = &self.spread {
+        if let Some(family) = self.family() {
             let (value, slope) = family.at(knots[0] - below);
             return (value, slope.norm_squared());
         }
-        let near = NEAR.min(knots.len() - 1);
+        let near = near(knots);
         let mut level = DVector::zeros(knots.len());
         level[0] = 1.0;
         let mut line = level.clone();
@@ -185,6 +196,12 @@ impl Spread {
 impl LogSpectrum {
     /// Fits what is left of one output; `level` is taken where nothing is.
     pub fn fit(left: &[ResidualPower], level: f64) -> Self {
+        Self::of_bands((left, level), false, None)
+    }
+
+    /// The same of bands some of which may be narrow, for a resonance. The iterations begin at a spectrum of the same bands, where there is one
+    /// that what is left may be like.
+    pub(crate) fn of_bands((left, level): (&[ResidualPower], f64), narrow: bool, like: Option<&Self>) -> Self {
         let lowest = lowest(left);
         let (means, left): (Vec<ResidualPower>, Vec<ResidualPower>) =
             left.iter().partition(|l| l.log_frequency < lowest);
@@ -194,9 +211,10 @@ impl LogSpectrum {
         if !(freedom > LEAST && power > 0.0 && power.is_finite()) {
             return Self::flat(level);
         }
-        let knots = knots(left);
+        let knots = knots(left, narrow);
         let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
-        let mut values = None;
+        let like = like.filter(|like| like.knots == knots && !like.parts.is_empty());
+        let mut values = like.map(|like| like.values.clone());
         let mut parts = Vec::new();
         let mut best = f64::NEG_INFINITY;
         let equal = SMOOTH / CURVATURES.len() as f64;
@@ -211,7 +229,8 @@ impl LogSpectrum {
                 break;
             }
         }
-        let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt());
+        let known: Vec<&Parametric> = like.iter().flat_map(|like| &like.parts).filter_map(Smooth::family).collect();
+        let families = Parametric::all(left, LEVEL / (knots.len() as f64).sqrt(), &known);
         let equal = (1.0 - SMOOTH) / families.len().max(1) as f64;
         parts.extend(families.into_iter().map(|family| {
             let (values, slopes) = family.along(&knots);
@@ -294,7 +313,7 @@ impl LogSpectrum {
     /// it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
         let known = Hat::at(&self.knots, log_frequency).of(&self.values);
-        let (below, near) = ((self.knots[0] - log_frequency).max(0.0), NEAR.min(self.size() - 1));
+        let (below, near) = ((self.knots[0] - log_frequency).max(0.0), near(&self.knots));
         if below == 0.0 {
             return known.exp();
         }
@@ -445,14 +464,24 @@ fn gathered(mut left: Vec<ResidualPower>) -> Vec<ResidualPower> {
 }
 
 /// Evenly from the lowest to the highest cell.
-fn knots(left: &[ResidualPower]) -> Vec<f64> {
+fn knots(left: &[ResidualPower], narrow: bool) -> Vec<f64> {
     let logs = || left.iter().map(|l| l.log_frequency);
     let (low, high) = (logs().fold(f64::INFINITY, f64::min), logs().fold(f64::NEG_INFINITY, f64::max));
     if high - low < SPACING {
         return vec![low];
     }
-    let count = (((high - low) / SPACING).round() as usize + 1).clamp(2, MOST);
+    let nearest =
+        || left.windows(2).map(|pair| pair[1].log_frequency - pair[0].log_frequency).fold(f64::INFINITY, f64::min);
+    let (spacing, most) = if narrow { (nearest().clamp(NARROW.0, NARROW.1), MOST_NARROW) } else { (SPACING, MOST) };
+    let count = (((high - low) / spacing).round() as usize + 1).clamp(2, most);
     (0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect()
+}
+
+/// The knot up to which the slope at the low end is taken.
+fn near(knots: &[f64]) -> usize {
+    let step = if knots.len() > 1 { knots[1] - knots[0] } else { SPACING };
+    let wanted = if step <= NARROW.1 { (NEAR as f64 * SPACING / step).round() as usize } else { NEAR };
+    wanted.min(knots.len() - 1)
 }
 
 /// Logarithm of the lowest frequency above the means, which stand apart: bins follow each other by a factor of two at most.

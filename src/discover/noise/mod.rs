@@ -4,13 +4,15 @@ mod growth;
 mod log_spectrum;
 mod parametric;
 mod residual_power;
+mod resonance;
 mod smooth_spectrum;
 
 pub(crate) use growth::Growth;
 pub use log_spectrum::LogSpectrum;
 use nalgebra::DMatrix;
 pub(crate) use residual_power::ResidualPower;
-pub(crate) use smooth_spectrum::{PENALTY, SmoothSpectrum};
+pub(crate) use resonance::Resonance;
+pub(crate) use smooth_spectrum::{BandedPower, PENALTY, SmoothSpectrum};
 
 /// Logarithm of e^a + e^b.
 fn added(a: f64, b: f64) -> f64 {

@@ -71,8 +71,8 @@ pub(super) struct Parametric {
 struct Place {
     /// log f less that of the middle.
     along: f64,
-    /// cos and sin of the phase from one sample to the next, and sin^2 of its half.
-    phase: (f64, f64),
+    /// cos and sin of the phase from one sample to the next and to the one behind it, and sin^2 of its half.
+    waves: [(f64, f64); MOST - 1],
     half: f64,
 }
 
@@ -80,7 +80,12 @@ impl Place {
     fn new(log_frequency: f64, (highest, middle): (f64, f64)) -> Self {
         let phase = PI * (log_frequency - highest).min(0.0).exp();
         let (sin, cos) = phase.sin_cos();
-        Self { along: log_frequency - middle, phase: (cos, sin), half: (0.5 * phase).sin().powi(2) }
+        let (mut c, mut s) = (1.0, 0.0);
+        let waves = [(); MOST - 1].map(|()| {
+            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+            (c, s)
+        });
+        Self { along: log_frequency - middle, waves, half: (0.5 * phase).sin().powi(2) }
     }
 }
 
@@ -92,34 +97,10 @@ impl Family {
         }
     }
 
-    /// log S and its derivatives.
-    fn of(self, numbers: &Values, place: &Place) -> (f64, Values) {
-        let mut slope = Values::zeros();
-        match self {
-            Self::Autoregressive(order) => {
-                let (cos, sin) = place.phase;
-                let (mut re, mut im, mut c, mut s) = (1.0, 0.0, 1.0, 0.0);
-                let mut waves = [(0.0, 0.0); MOST];
-                for k in 1..=order {
-                    (c, s) = (c * cos - s * sin, s * cos + c * sin);
-                    waves[k] = (c, s);
-                    re += numbers[k] * c;
-                    im -= numbers[k] * s;
-                }
-                let square = (re * re + im * im).max(1e-12);
-                slope[0] = 1.0;
-                for k in 1..=order {
-                    slope[k] = -2.0 * (re * waves[k].0 - im * waves[k].1) / square;
-                }
-                (numbers[0] - square.ln(), slope)
-            }
-            Self::GaussMarkov => {
-                let ratio = place.half * (-2.0 * numbers[1]).exp();
-                let corner = 2.0 * ratio / (1.0 + ratio);
-                beside_white(numbers, -ratio.ln_1p(), corner)
-            }
-            Self::Power => beside_white(numbers, -numbers[1] * place.along, -place.along),
-        }
+    /// The spectrum of a family at these numbers: what is the same at all places is asked once.
+    fn spectrum(self, numbers: &Values) -> Spectrum {
+        let corner = if self == Self::GaussMarkov { (-2.0 * numbers[1]).exp() } else { 0.0 };
+        Spectrum { family: self, numbers: *numbers, corner, beside: Beside::of(numbers[2]) }
     }
 
     /// Means and deviations of the numbers before any bin is seen: level by level of the whole.
@@ -164,12 +145,66 @@ impl Family {
     }
 }
 
-/// log S of a level times a part of this shape (logarithm, derivative by its number) and white noise, and its derivatives.
-fn beside_white(numbers: &Values, shape: f64, by_number: f64) -> (f64, Values) {
-    let part = 1.0 / (1.0 + (-numbers[2]).exp());
-    let (own, white) = (shape - (-numbers[2]).exp().ln_1p(), -numbers[2].exp().ln_1p());
-    let share = 1.0 / (1.0 + (white - own).exp());
-    (numbers[0] + added(own, white), Values::new(1.0, share * by_number, share - part))
+/// A family at its numbers.
+struct Spectrum {
+    family: Family,
+    numbers: Values,
+    /// Gauss-Markov: the inverse square of its corner.
+    corner: f64,
+    beside: Beside,
+}
+
+/// How much of the level is of a shape, and how much white: its part, and the logarithms of both.
+struct Beside {
+    part: f64,
+    shaped: f64,
+    white: f64,
+}
+
+impl Beside {
+    fn of(odds: f64) -> Self {
+        let (against, of) = ((-odds).exp(), odds.exp());
+        Self { part: 1.0 / (1.0 + against), shaped: -against.ln_1p(), white: -of.ln_1p() }
+    }
+}
+
+impl Spectrum {
+    /// log S and its derivatives.
+    fn at(&self, place: &Place) -> (f64, Values) {
+        let numbers = &self.numbers;
+        match self.family {
+            Family::Autoregressive(order) => {
+                let mut slope = Values::zeros();
+                let (mut re, mut im) = (1.0, 0.0);
+                for k in 1..=order {
+                    let (c, s) = place.waves[k - 1];
+                    re += numbers[k] * c;
+                    im -= numbers[k] * s;
+                }
+                let square = (re * re + im * im).max(1e-12);
+                slope[0] = 1.0;
+                for k in 1..=order {
+                    let (c, s) = place.waves[k - 1];
+                    slope[k] = -2.0 * (re * c - im * s) / square;
+                }
+                (numbers[0] - square.ln(), slope)
+            }
+            Family::GaussMarkov => {
+                let ratio = place.half * self.corner;
+                let corner = 2.0 * ratio / (1.0 + ratio);
+                self.beside_white(-ratio.ln_1p(), corner)
+            }
+            Family::Power => self.beside_white(-numbers[1] * place.along, -place.along),
+        }
+    }
+
+    /// log S of a level times a part of this shape (logarithm, derivative by its number) and white noise, and its derivatives.
+    fn beside_white(&self, shape: f64, by_number: f64) -> (f64, Values) {
+        let Beside { part, shaped, white } = self.beside;
+        let own = shape + shaped;
+        let share = 1.0 / (1.0 + (white - own).exp());
+        (self.numbers[0] + added(own, white), Values::new(1.0, share * by_number, share - part))
+    }
 }
 
 /// Yule and Walker's coefficients from the power of bins.
@@ -177,11 +212,9 @@ fn autoregression(left: &[ResidualPower], places: &[Place], order: usize) -> Val
     let freedom: f64 = left.iter().map(|l| l.freedom).sum();
     let mut lags = [0.0; MOST];
     for (cell, place) in left.iter().zip(places) {
-        let (cos, sin) = place.phase;
-        let (mut c, mut s) = (1.0, 0.0);
-        for lag in lags.iter_mut().take(order + 1) {
-            *lag += cell.freedom * cell.power * c / freedom.max(f64::MIN_POSITIVE);
-            (c, s) = (c * cos - s * sin, s * cos + c * sin);
+        let cosines = std::iter::once(1.0).chain(place.waves.iter().map(|wave| wave.0));
+        for (lag, cosine) in lags.iter_mut().take(order + 1).zip(cosines) {
+            *lag += cell.freedom * cell.power * cosine / freedom.max(f64::MIN_POSITIVE);
         }
     }
     let model = LevinsonDurbin::of(&lags[..=order]).model(order);
@@ -216,8 +249,9 @@ impl Fit<'_> {
             gradient: prior,
             information: Square::from_diagonal(&self.precision),
         };
+        let spectrum = self.family.spectrum(numbers);
         for (cell, place) in self.left.iter().zip(self.places).filter(|(cell, _)| cell.freedom > 0.0) {
-            let (log, slope) = self.family.of(numbers, place);
+            let (log, slope) = spectrum.at(place);
             let (weight, ratio) = (0.5 * cell.freedom, cell.power * (-log).exp());
             found.loss += weight * (log + ratio);
             found.gradient += slope * (weight * (1.0 - ratio));
@@ -254,7 +288,7 @@ impl Fit<'_> {
     /// most, upwards: how much slow noise may hide below white noise is bounded more sharply than that.
     fn believed(&self, numbers: &Values, root: &Square, least: f64) -> f64 {
         let Some(place) = self.places.first().filter(|_| self.family.size() > 2) else { return 1.0 };
-        let slope = root.tr_mul(&self.family.of(numbers, place).1);
+        let slope = root.tr_mul(&self.family.spectrum(numbers).at(place).1);
         let norm = slope.norm();
         if norm.is_nan() || norm <= 0.0 {
             return 1.0;
@@ -270,8 +304,9 @@ impl Fit<'_> {
 }
 
 impl Parametric {
-    /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand.
-    pub(super) fn all(left: &[ResidualPower], deviation: f64) -> Vec<Self> {
+    /// All families that so many bins can tell of, by residual power in rising order; `deviation` is that of the level beforehand. Fits of
+    /// families that are `known` of a residual that is like this one begin there.
+    pub(super) fn all(left: &[ResidualPower], deviation: f64, known: &[&Self]) -> Vec<Self> {
         let (Some(first), Some(last)) = (left.first(), left.last()) else { return Vec::new() };
         let (lowest, highest) = (first.log_frequency, last.log_frequency);
         let middle = 0.5 * (lowest + highest);
@@ -286,7 +321,9 @@ impl Parametric {
             let corner = 0.5 * places[0].half.max(f64::MIN_POSITIVE).ln();
             let (mean, deviation) = family.prior((level, deviation), corner);
             let fit = Fit { family, left, places: &places, mean, precision: deviation.map(|d| 1.0 / (d * d)) };
-            let ends = family.starts(left, &places, level).into_iter().filter_map(|start| fit.from(start));
+            let begun = known.iter().find(|known| known.family == family);
+            let starts = begun.map_or_else(|| family.starts(left, &places, level), |known| vec![known.numbers]);
+            let ends = starts.into_iter().filter_map(|start| fit.from(start));
             let (numbers, at) = ends.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss))?;
             let factor = at.information.cholesky()?.unpack();
             let root = factor.transpose().solve_upper_triangular(&Square::identity())?;
@@ -300,7 +337,8 @@ impl Parametric {
 
     /// log S at a frequency, and its derivatives by independent standard normal numbers.
     pub(super) fn at(&self, log_frequency: f64) -> (f64, Values) {
-        let (log, slope) = self.family.of(&self.numbers, &Place::new(log_frequency, (self.highest, self.middle)));
+        let (log, slope) =
+            self.family.spectrum(&self.numbers).at(&Place::new(log_frequency, (self.highest, self.middle)));
         let mut slope = self.root.tr_mul(&slope);
         let size = slope.norm();
         if size > LARGEST {
@@ -334,12 +372,12 @@ mod tests {
         for family in FAMILIES {
             for log_frequency in [-6.0, -3.0, -1.0, -0.1] {
                 let place = Place::new(log_frequency, (0.0, -3.0));
-                let (_, slope) = family.of(&numbers, &place);
+                let (_, slope) = family.spectrum(&numbers).at(&place);
                 for k in 0..MOST {
                     let moved = |step: f64| {
                         let mut moved = numbers;
                         moved[k] += step;
-                        family.of(&moved, &place).0
+                        family.spectrum(&moved).at(&place).0
                     };
                     let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
                     let expected = if k < family.size() { slope[k] } else { 0.0 };
@@ -362,7 +400,7 @@ mod tests {
     }
 
     fn likeliest(left: &[ResidualPower]) -> Parametric {
-        let all = Parametric::all(left, 100.0);
+        let all = Parametric::all(left, 100.0, &[]);
         all.into_iter().max_by(|a, b| a.likelihood.total_cmp(&b.likelihood)).expect("a family")
     }
 

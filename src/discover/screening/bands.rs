@@ -1,7 +1,9 @@
 //! Bins gathered into bands, one for each output and narrow band: inside a band the noise has the level of the band and a
-//! shape that is known, so that every weighting by a spectrum is a sum over bands, and no bin is needed again.
+//! shape that is known, so that every weighting by a spectrum is a sum over bands, and no bin is needed again. Beside a resonance bands are narrow:
+//! a level for all of it would be too low at its top, where an effect that rings there would then gain by noise.
 
 use super::basis::{Basis, OutputPart, gram};
+use super::saturated::PROMINENT;
 use crate::noise::LogSpectrum;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -11,6 +13,9 @@ use std::ops::Range;
 const WIDTH: f64 = 1.12;
 /// Fewest bins of a band, of the longest run; the lowest ones stand alone, since under noise of long memory each has its level.
 const FEWEST: usize = 4;
+/// The same of bands near a resonance, and how near that is, in log f.
+const NARROW: f64 = 1.03;
+const NEAR: f64 = 0.3;
 /// What is left of a band's products when they are factored, in units of the noise: shared columns have about unit energy in
 /// all bands together.
 const NEGLIGIBLE: f64 = 1e-7;
@@ -43,6 +48,8 @@ pub(super) struct Bands {
     pub(super) list: Vec<Band>,
     /// Outputs q.
     pub(super) channels: usize,
+    /// Whether some are narrow, near a resonance.
+    pub(super) narrow: bool,
 }
 
 impl Bands {
@@ -51,9 +58,11 @@ impl Bands {
         self.list.iter().map(|band| band.count).sum()
     }
 
-    /// Gathers bins; `shape` are spectra by which the level changes inside a band.
-    pub(super) fn new(shared: &Basis, shape: &[LogSpectrum]) -> Self {
-        let edges = edges(&shared.parts);
+    /// Gathers bins; `shape` are spectra by which the level changes inside a band. They are those of noise where bands are to be narrow near
+    /// their peaks: what a residual holds beside noise may have peaks of its own.
+    pub(super) fn new(shared: &Basis, shape: &[LogSpectrum], of_noise: bool) -> Self {
+        let peaks: Vec<f64> = shape.iter().filter(|_| of_noise).filter_map(|s| s.peak(PROMINENT)).collect();
+        let edges = edges(&shared.parts, &peaks);
         let places: Vec<(usize, usize, bool)> = (0..shared.channels)
             .flat_map(|c| (0..edges.len()).flat_map(move |band| [(c, band, false), (c, band, true)]))
             .collect();
@@ -62,7 +71,7 @@ impl Bands {
             Band::of(shared, (channel, reference), edges[band]..high, &shape[channel])
         };
         let list = places.into_par_iter().filter_map(one).collect();
-        Self { list, channels: shared.channels }
+        Self { list, channels: shared.channels, narrow: !peaks.is_empty() }
     }
 }
 
@@ -111,13 +120,19 @@ impl Band {
     }
 }
 
-/// Where bands begin: every band holds bins enough of the longest run.
-fn edges(parts: &[OutputPart]) -> Vec<f64> {
+/// Where bands begin: every band holds bins enough of the longest run, but near peaks (log f).
+fn edges(parts: &[OutputPart], peaks: &[f64]) -> Vec<f64> {
     let Some(longest) = parts.iter().max_by_key(|l| l.frequency.len()) else { return Vec::new() };
+    let near = |f: f64| peaks.iter().any(|peak| (f.ln() - peak).abs() < NEAR);
     let mut edges = vec![0.0];
     let mut first = 0;
     for (k, f) in longest.frequency.iter().enumerate() {
-        let far = *f >= longest.frequency[first] * WIDTH && k - first >= FEWEST.min(1 + first / FEWEST);
+        let from = longest.frequency[first];
+        let far = match (near(from), near(*f)) {
+            (true, _) => k > first && *f >= from * NARROW,
+            (false, true) => k > first,
+            (false, false) => *f >= from * WIDTH && k - first >= FEWEST.min(1 + first / FEWEST),
+        };
         if far && longest.frequency.len() - k >= FEWEST {
             edges.push(*f);
             first = k;

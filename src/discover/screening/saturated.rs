@@ -52,13 +52,13 @@ impl Noise {
         let turned = turned(shared);
         let shared = turned.as_ref().unwrap_or(shared);
         let spectra = shared.spectra.clone();
-        let bands = Bands::new(shared, &spectra);
+        let bands = Bands::new(shared, &spectra, false);
         let level = levels(&bands);
         let density = densities(&bands, &spectra);
         let mut noise = Self { bands, spectra, density, freedom: Vec::new(), taken: Default::default(), level };
         noise.settle(shared, ROUNDS[0]);
         for rounds in &ROUNDS[1..] {
-            noise.bands = Bands::new(shared, &noise.spectra);
+            noise.bands = Bands::new(shared, &noise.spectra, true);
             noise.density = densities(&noise.bands, &noise.spectra);
             noise.settle(shared, *rounds);
         }
@@ -76,13 +76,13 @@ impl Noise {
             let own: Vec<(&Band, &f64)> = own.collect();
             self.freedom = own.par_iter().map(|(c, s)| (c.count as f64 - leverage(c, **s, &basis)).max(0.0)).collect();
             self.taken = (basis, multiples);
-            self.spectra = self.fitted(&left);
+            self.spectra = self.fitted(&left, None);
             self.density = densities(&self.bands, &self.spectra);
         }
     }
 
-    /// Spectra by what is left of a residual in each band.
-    pub(super) fn fitted(&self, left: &[f64]) -> Vec<LogSpectrum> {
+    /// Spectra by what is left of a residual in each band; these may be like those.
+    pub(super) fn fitted(&self, left: &[f64], like: Option<&[LogSpectrum]>) -> Vec<LogSpectrum> {
         let of = |channel: usize| {
             let own = self.bands.list.iter().zip(left).zip(&self.freedom);
             // differences between runs know nothing of a lack of fit, even of one that no candidate explains
@@ -97,7 +97,7 @@ impl Noise {
                     ResidualPower { log_frequency: band.log_frequency, power, freedom }
                 })
                 .collect();
-            LogSpectrum::fit(&left, self.level[channel])
+            LogSpectrum::of_bands((&left, self.level[channel]), self.bands.narrow, like.map(|like| &like[channel]))
         };
         (0..self.bands.channels).map(of).collect()
     }
@@ -119,7 +119,7 @@ pub(super) fn densities(bands: &Bands, spectra: &[LogSpectrum]) -> Vec<f64> {
 }
 
 /// How far a resonance stands out of what is beside it, in log S.
-const PROMINENT: f64 = 1.5;
+pub(super) const PROMINENT: f64 = 1.5;
 
 /// The same with columns for the ends of all records in whose noise there is a resonance; none where there is none.
 pub(super) fn with_ends(shared: &Basis, spectra: &[LogSpectrum]) -> Option<Basis> {

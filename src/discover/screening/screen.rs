@@ -369,7 +369,7 @@ impl<'a> Judge<'a> {
         // what a fit and the saturation take out, by the noise that was found
         let products = drawing.products(&drawn, |_| &noise.density);
         let left = drawing.remainder(&drawn, &(&self.held * (self.held.transpose() * products)));
-        let seems = |left: &[f64]| densities(&noise.bands, &noise.fitted(left));
+        let seems = |left: &[f64]| densities(&noise.bands, &noise.fitted(left, Some(&noise.spectra)));
         let density: Vec<Vec<f64>> = left.column_iter().map(|left| seems(left.as_slice())).collect();
         let products = drawing.products(&drawn, |k| &density[k]);
         let weights = DMatrix::from_fn(noise.density.len(), density.len(), |band, k| 1.0 / density[k][band]);

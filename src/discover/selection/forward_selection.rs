@@ -12,13 +12,14 @@ use super::fitted_model::{FittedModel, SplitFit, shared_from, split_fit};
 use super::forward_step::ForwardStep;
 use super::front::{FrontProblem, SearchPath};
 use super::initial_fit::initial_fits;
+use super::law_curve::law_model;
 use super::look_ahead::NextStep;
 use super::predictor::responses;
-use super::runs::{DiagnosisOptions, GoesOn, Progress, Runs, apart, prepared, thinned};
+use super::runs::{DiagnosisOptions, Domain, GoesOn, Progress, Runs, apart, prepared, thinned};
 use super::significance::confirmed;
 use super::whitening::CommonNoise;
 use crate::diagnosis::{Cause, Diagnosis, EffectAt, LeftOut, Rejected, SelectionStep, Verdict};
-use crate::disturbance::{Attribution, BELIEVED, Origin};
+use crate::disturbance::{Attribution, BELIEVED, Origin, ResidualEvidence};
 use fdm_estimate::changed;
 use fdm_grammar::effect::{Candidate, Catalogue, Choice, Subject};
 use fdm_grammar::syntax::Class;
@@ -538,7 +539,8 @@ impl<'a> ForwardSelection<'a> {
         }
         let noise = &end.noise.clone();
         let (first, before) = (&*first, split(&first, noise)?);
-        let problem = FrontProblem { first, runs: self.runs, noise, options: self.options, goes_on: self.goes_on };
+        let (runs, options, goes_on) = (self.runs, self.options, self.goes_on);
+        let problem = FrontProblem { first, runs, noise, options, goes_on };
         let (mut last, mut after, mut written, mut front, mut confirmed) =
             (None, before.clone(), None, Vec::new(), false);
         if !self.accepted.is_empty() {
@@ -603,6 +605,28 @@ impl<'a> ForwardSelection<'a> {
             self.withdraw(reason);
             front.iter_mut().for_each(|model| model.recommended = false);
             (last, new, written) = (None, old.clone(), None);
+        }
+        // a law without a name, as a table in the text; recommended where nothing else is
+        let unnamed = verdict == Verdict::UnknownCause || explained.as_ref().is_some_and(ResidualEvidence::repeats);
+        let law = evidence.as_ref().filter(|_| unnamed && (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
+        if let Some(law) = law.filter(|_| *self.runs.domain == Domain::Time) {
+            (self.progress)("fitting the curve of an unmodelled law");
+            if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {
+                let mut told = problem.law(&law);
+                if let Some(attribution) = attribution.as_mut().filter(|_| told.objection.is_none()) {
+                    let stand_in = "that law as a table in the text, a stand-in for what has no name";
+                    attribution.warnings.push(format!("{}: {stand_in}", law.place));
+                }
+                told.recommended = verdict == Verdict::UnknownCause && told.objection.is_none();
+                if told.recommended {
+                    new.clone_from(&law.written.fitted.response);
+                    written = Some(law.written);
+                }
+                if front.is_empty() {
+                    front.push(problem.given());
+                }
+                front.push(told);
+            }
         }
         // as a plain fit of the model has them, and as a simulation of what is written
         let plain = (&first.response[..], written.as_ref().map_or(&first.response[..], |w| &w.fitted.response[..]));

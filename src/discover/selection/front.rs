@@ -23,6 +23,7 @@ use super::error::DiagnosisError;
 use super::fitted_model::{FittedModel, SplitFit, split_fit};
 use super::free_motion::{Repeated, repeated_in_the_end};
 use super::initial_fit::{Thoroughness, plain_fit};
+use super::law_curve::LawModel;
 use super::runs::{DiagnosisOptions, Domain, GoesOn, Runs};
 use super::whitening::CommonNoise;
 use super::written_model::{WrittenModel, squares, written_model};
@@ -112,13 +113,8 @@ impl Level {
                 let (model, theta) = (&written.fitted.model, &written.fitted.theta[0]);
                 let value = |p: &NewParam| model.definition().param(&p.name).map(|k| theta[k]);
                 let of = |a: &Accepted| below_null(&a.params, value).or_else(|| at_bound(&a.params, value));
-                let worse = || {
-                    let percent = 100.0 * (self.error.filter(|e| *e > 1.0)?.sqrt() - 1.0);
-                    Some(format!(
-                        "its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"
-                    ))
-                };
-                self.accepted.iter().find_map(of).or_else(|| self.repeats.map(Repeated::sentence)).or_else(worse)
+                let repeats = || self.repeats.map(Repeated::sentence);
+                self.accepted.iter().find_map(of).or_else(repeats).or_else(|| worse(self.error))
             }),
             Err(why) => Some(why.clone()),
         }
@@ -149,6 +145,24 @@ impl Level {
     fn ratio(&self) -> f64 {
         self.written.as_ref().map_or(f64::INFINITY, WrittenModel::ratio)
     }
+}
+
+/// That a model predicts worse than the one that was given, by its squared error as a part of that one's; none where it does not.
+fn worse(error: Option<f64>) -> Option<String> {
+    let percent = 100.0 * (error.filter(|e| *e > 1.0)?.sqrt() - 1.0);
+    Some(format!("its prediction of runs that it was not fitted to is {percent:.1} % worse than without it"))
+}
+
+/// A model of the front as the table tells of it.
+struct Told<'a> {
+    effects: Vec<EffectAt>,
+    parameters: usize,
+    /// With its squared errors on training and on validation runs, as parts of those of the model as it was given.
+    fitted: Option<(&'a FittedModel, f64, Option<f64>)>,
+    /// Squared error of the prediction of runs that were not fitted, the same part; without validation runs.
+    predicted: Option<f64>,
+    recommended: bool,
+    objection: Option<String>,
 }
 
 /// What came of a front.
@@ -246,10 +260,13 @@ impl FrontProblem<'_> {
     /// the runs that they were fitted to.
     fn predictions(&self, levels: &mut [Level]) -> Prediction {
         let of = |l: &Level| match &l.written {
-            Ok(written) => self.predicted(&l.current, &written.fitted, &written.fitted.theta),
+            Ok(written) => {
+                let fitted = &written.fitted;
+                self.predicted(&l.current, (fitted, &fitted.theta), Thoroughness::Near)
+            }
             Err(_) => None,
         };
-        if let Some(naive) = self.predicted(self.first, self.first, &self.first.theta) {
+        if let Some(naive) = self.predicted(self.first, (self.first, &self.first.theta), Thoroughness::Near) {
             let found: Vec<Option<Predicted>> = levels.iter().map(of).collect();
             if levels.iter().zip(&found).all(|(level, found)| found.is_some() || level.objection().is_some()) {
                 for (level, found) in levels.iter_mut().zip(found) {
@@ -413,8 +430,35 @@ impl FrontProblem<'_> {
         gain > CLEAR * square.sqrt()
     }
 
-    /// What a model predicts of runs that it was not fitted to; `written` is it at its values. None where that cannot be had.
-    fn predicted(&self, current: &FittedModel, written: &FittedModel, theta: &[Vec<f64>]) -> Option<Predicted> {
+    /// The curve of a law in the text of the model as it was given, for the table.
+    pub(super) fn law(&self, law: &LawModel) -> FrontModel {
+        let (fitted, asked) = (&law.written.fitted, Thoroughness::Once);
+        let naive = self.predicted(self.first, (self.first, &self.first.theta), Thoroughness::Near);
+        let predicted = self.predicted(&law.current, (fitted, &fitted.theta), asked);
+        let error = naive.zip(predicted).map(|(naive, own)| self.relative(&own, &naive));
+        let objection = law.written.objection().or_else(|| worse(error));
+        self.told(Told {
+            effects: vec![law.place.clone()],
+            parameters: law.parameters,
+            fitted: Some((fitted, law.written.training, law.written.validation)),
+            predicted: error.filter(|_| self.runs.validation().is_empty()),
+            recommended: false,
+            objection,
+        })
+    }
+
+    /// The model as it was given, for the table.
+    pub(super) fn given(&self) -> FrontModel {
+        self.described(None, false, None)
+    }
+
+    /// What a model predicts of runs that it was not fitted to; the second is it at its values. None where that cannot be had.
+    fn predicted(
+        &self,
+        current: &FittedModel,
+        (written, theta): (&FittedModel, &[Vec<f64>]),
+        thoroughness: Thoroughness,
+    ) -> Option<Predicted> {
         let (train, all) = (self.runs.train, self.runs.all.len());
         if train < all {
             return Some((train..all).map(|r| self.piece(written, self.runs.all, (r, r), 0)).collect());
@@ -425,7 +469,7 @@ impl FrontProblem<'_> {
         let refitted = |all: &[Run], train: usize, theta: Vec<Vec<f64>>| {
             let runs = Runs { all, train, domain: self.runs.domain };
             let current = FittedModel::new(current.model.clone(), runs, theta.clone()).ok()?;
-            plain_fit(&current, &theta, runs, (self.options, self.goes_on), Thoroughness::Near).ok()
+            plain_fit(&current, &theta, runs, (self.options, self.goes_on), thoroughness).ok()
         };
         if let [run] = self.runs.all {
             let from = run.len() * 2 / 3;
@@ -491,11 +535,27 @@ impl FrontProblem<'_> {
     /// For the table: a level, or the model as it was given.
     fn described(&self, level: Option<&Level>, recommended: bool, naive: Option<&Predicted>) -> FrontModel {
         let written = level.map(|l| l.written.as_ref().ok());
-        // a model that has no response has no errors either
-        let fitted = match written {
-            None => Some((self.first, 1.0, Some(1.0))),
-            Some(written) => written.map(|w| (&w.fitted, w.training, w.validation)),
-        };
+        let (train, all) = (self.runs.train, self.runs.all.len());
+        self.told(Told {
+            effects: level.map_or(Vec::new(), |l| l.accepted.iter().map(|a| a.cause.place.clone()).collect()),
+            parameters: level.map_or(0, Level::size),
+            // a model that has no response has no errors either
+            fitted: match written {
+                None => Some((self.first, 1.0, Some(1.0))),
+                Some(written) => written.map(|w| (&w.fitted, w.training, w.validation)),
+            },
+            predicted: naive.filter(|_| train == all).and_then(|naive| match level {
+                None => Some(1.0),
+                Some(level) => level.predicted.as_ref().map(|p| self.relative(p, naive)),
+            }),
+            recommended,
+            objection: level.and_then(Level::objection),
+        })
+    }
+
+    /// A line of the table.
+    fn told(&self, told: Told<'_>) -> FrontModel {
+        let Told { effects, parameters, fitted, predicted, recommended, objection } = told;
         let (train, all) = (self.runs.train, self.runs.all.len());
         let rms = |sums: Option<&Vec<(f64, usize)>>, o: usize| {
             sums.map(|s| s[o]).filter(|(_, count)| *count > 0).map(|(sum, count)| (sum / count as f64).sqrt())
@@ -513,17 +573,14 @@ impl FrontProblem<'_> {
             rms_validation: rms(validation.as_ref(), o),
         });
         FrontModel {
-            effects: level.map_or(Vec::new(), |l| l.accepted.iter().map(|a| a.cause.place.clone()).collect()),
-            parameters: level.map_or(0, Level::size),
+            effects,
+            parameters,
             error_training: fitted.as_ref().map_or(f64::NAN, |f| f.1.sqrt()),
             error_validation: fitted.as_ref().and_then(|f| f.2).filter(|_| train < all).map(f64::sqrt),
             outputs: outputs.collect(),
-            error_cross_validated: naive.filter(|_| train == all).and_then(|naive| match level {
-                None => Some(1.0),
-                Some(level) => level.predicted.as_ref().map(|p| self.relative(p, naive).sqrt()),
-            }),
+            error_cross_validated: predicted.map(f64::sqrt),
             recommended,
-            objection: level.and_then(Level::objection),
+            objection,
         }
     }
 

@@ -7,7 +7,7 @@
 //! `extended_model` (an effect in the text) -> `directions` (what it adds to the responses) -> `forward_step` (all of them
 //! screened) -> `shortlist` -> `candidate_model` (fitted jointly by one noise: `whitening`, `projection`, `fitting`, `newton`) ->
 //! `comparison` -> `significance` -> `acceptance` -> `look_ahead` (with which to go on) -> `elimination` -> `front` (plain errors by number of effects:
-//! `written_model`) -> `assessment`.
+//! `written_model`) -> `assessment`, `law_curve` (a law without a name, as a table in the text).
 
 mod acceptance;
 mod assessment;
@@ -27,6 +27,7 @@ mod forward_step;
 mod free_motion;
 mod front;
 mod initial_fit;
+mod law_curve;
 mod look_ahead;
 mod newton;
 mod predictor;

@@ -5,8 +5,8 @@
 //! noise's spectrum is, everything that is asked for is a sum over bands.
 
 use super::super::binned_run::BinnedRun;
-use super::super::likelihood::CourseResponses;
-use crate::noise::{PENALTY, ResidualPower, SmoothSpectrum};
+use super::super::likelihood::{CourseResponses, WIDE, highest};
+use crate::noise::{BandedPower, ResidualPower, Resonance, SmoothSpectrum};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use std::ops::Range;
 
@@ -63,19 +63,20 @@ struct Sized {
 }
 
 /// Finds both from spectra to begin with; `p` is the number of fitted parameters, `single` are functions of their own.
-pub(super) fn settle(cells: &[BandProducts], p: usize, single: Singles<'_>, start: &[SmoothSpectrum]) -> Settled {
+pub(super) fn settle(banded: &Banded, p: usize, single: Singles<'_>, start: &[SmoothSpectrum]) -> Settled {
+    let cells = &banded.cells[..];
     let mut spectra = start.to_vec();
     let mut best: Option<Settled> = None;
     for _ in 0..ROUNDS {
         let weighed = Weighed::new(cells, &spectra);
         let Some(sized) = sized(&weighed, p, single) else { break };
-        let penalty: f64 = spectra.iter().map(|s| PENALTY * s.size() as f64).sum();
+        let penalty: f64 = spectra.iter().map(SmoothSpectrum::penalty).sum();
         let score = sized.log_likelihood - penalty;
         if best.as_ref().is_none_or(|b| score > b.score) {
             let coefficients = coefficients(&weighed, p, &sized.root);
             best = Some(Settled { spectra: spectra.clone(), score, coefficients });
         }
-        let Some(next) = weighed.spectra(cells, p, &sized.root) else { break };
+        let Some(next) = weighed.spectra(banded, p, &sized.root) else { break };
         if next == spectra {
             break;
         }
@@ -232,7 +233,8 @@ impl Weighed {
     }
 
     /// Smooth spectra of what parameters and nonlinearity leave.
-    fn spectra(&self, cells: &[BandProducts], p: usize, root: &DMatrix<f64>) -> Option<Vec<SmoothSpectrum>> {
+    fn spectra(&self, banded: &Banded, p: usize, root: &DMatrix<f64>) -> Option<Vec<SmoothSpectrum>> {
+        let Banded { cells, highest } = banded;
         let (size, rank) = (p + root.nrows(), root.ncols());
         // coefficients in units of their deviations, parameters as they are
         let mut unit = DMatrix::zeros(size, p + rank);
@@ -261,13 +263,21 @@ impl Weighed {
                 });
             }
         }
-        left.iter().map(|own| (!own.is_empty()).then(|| SmoothSpectrum::fit(own))).collect()
+        // bands are as narrow as the resonances of the noise want them
+        let fitted = |wide: Vec<ResidualPower>| {
+            let left = BandedPower { narrow: wide.clone(), wide, highest: *highest };
+            (!left.wide.is_empty()).then(|| SmoothSpectrum::fit(&left))
+        };
+        left.into_iter().map(fitted).collect()
     }
 }
 
-/// Ratio of the frequencies at which neighbouring bands begin, and the fewest bins of one for each run.
-const WIDTH: f64 = 1.25;
-const FEWEST: usize = 4;
+/// All bands of all outputs.
+pub(super) struct Banded {
+    pub(super) cells: Vec<BandProducts>,
+    /// The Nyquist frequency.
+    pub(super) highest: f64,
+}
 
 /// One output in a narrow band, all runs together.
 pub(super) struct BandProducts {
@@ -284,14 +294,22 @@ pub(super) struct Band {
     rows: Vec<Range<usize>>,
 }
 
-/// Bands that do not overlap and hold bins enough of all runs.
-pub(super) fn bands(binned_runs: &[BinnedRun]) -> Vec<Band> {
+/// Bands that do not overlap and hold bins enough of all runs; narrow ones where the noise has resonances.
+pub(super) fn bands(binned_runs: &[BinnedRun], resonances: &[&Resonance]) -> Vec<Band> {
     let mut bins: Vec<f64> = binned_runs.iter().flat_map(|s| s.frequency.iter().copied()).collect();
     bins.sort_by(f64::total_cmp);
-    let fewest = FEWEST * binned_runs.len();
+    let runs = binned_runs.len();
+    let width = |f: f64| resonances.iter().map(|r| r.even(f, WIDE.0)).fold(WIDE.0, f64::min);
     let (mut bands, mut first) = (Vec::new(), 0);
     while first < bins.len() {
-        let mut last = bins.partition_point(|f| *f < bins[first] * WIDTH).max(first + fewest);
+        let own = width(bins[first]);
+        let fewest = if own < WIDE.0 { runs } else { WIDE.1 * runs };
+        let mut last = bins.partition_point(|f| *f < bins[first] * own).max(first + fewest);
+        if own >= WIDE.0
+            && let Some(narrow) = (first + 1..last.min(bins.len())).find(|k| width(bins[*k]) < WIDE.0)
+        {
+            last = narrow;
+        }
         if bins.len() < last + fewest {
             last = bins.len();
         }
@@ -308,11 +326,7 @@ pub(super) fn bands(binned_runs: &[BinnedRun]) -> Vec<Band> {
 }
 
 /// Cells of all outputs; `hats` are responses in all runs, the same functions in each, or none.
-pub(super) fn cells(
-    binned_runs: &[BinnedRun],
-    bands: &[Band],
-    responses: Option<&[CourseResponses]>,
-) -> Vec<BandProducts> {
+pub(super) fn cells(binned_runs: &[BinnedRun], bands: &[Band], responses: Option<&[CourseResponses]>) -> Banded {
     let p = binned_runs[0].fitted[0].ncols();
     let k = responses.map_or(0, |h| h[0][0].ncols());
     let one = |channel: usize, band: &Band| {
@@ -334,5 +348,7 @@ pub(super) fn cells(
         let products = columns.transpose() * columns;
         BandProducts { channel, log_frequency: band.log_frequency, bins: count as f64, products }
     };
-    (0..binned_runs[0].channels()).flat_map(|channel| bands.iter().map(move |band| one(channel, band))).collect()
+    let channels = 0..binned_runs[0].channels();
+    let cells = channels.flat_map(|channel| bands.iter().map(move |band| one(channel, band))).collect();
+    Banded { cells, highest: highest(binned_runs) }
 }

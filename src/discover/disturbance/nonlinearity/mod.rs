@@ -18,9 +18,9 @@ use super::likelihood::{CourseResponses, Spectra};
 use super::null_model::NullModel;
 use super::place::{CLEAR, DisturbanceError, FittedRun, Place, PlaceKind, places, rank};
 use crate::bins::Cosines;
-use crate::noise::SmoothSpectrum;
+use crate::noise::{Resonance, SmoothSpectrum};
 use fdm_system::model::Model;
-use likelihood::{Band, BandProducts, Settled, Singles, bands, cells, settle};
+use likelihood::{Band, Banded, Settled, Singles, bands, cells, settle};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use regressors::{Functions, curve, functions, variables};
@@ -76,6 +76,8 @@ pub struct CurvePoint {
 pub(crate) struct Nonlinearities {
     /// Inputs, equations and sensors, the likeliest first; an equation before an input that moves it where both are as likely.
     pub list: Vec<Nonlinearity>,
+    /// The same of functions of one variable alone.
+    pub curves: Vec<Nonlinearity>,
 }
 
 impl Nonlinearities {
@@ -97,7 +99,7 @@ pub(in super::super) fn nonlinearities(
     fitted_runs: &[FittedRun<'_>],
     null_model: &NullModel,
 ) -> Result<Nonlinearities, DisturbanceError> {
-    let (binned_runs, q) = (null_model.independent().0, model.layout().outputs);
+    let ((binned_runs, noise), q) = (null_model.independent(), model.layout().outputs);
     let low = REACH * null_model.band;
     let places = places(model);
     let forced_response = ForcedResponse::new(model, &places);
@@ -105,7 +107,7 @@ pub(in super::super) fn nonlinearities(
     let most = (ROOM / (rows * places.len().max(1)).max(1)).clamp(FEWEST, MOST);
     let variables = variables(model, &forced_response, fitted_runs)?;
     let Some(all) = functions(&variables, most) else {
-        return Ok(Nonlinearities { list: Vec::new() });
+        return Ok(Nonlinearities { list: Vec::new(), curves: Vec::new() });
     };
     let nodes = (CURVES * most / variables.len()).clamp(FEWEST, most);
     let alone = variables.len() as f64 / ALONE;
@@ -117,15 +119,18 @@ pub(in super::super) fn nonlinearities(
         name: o.quantity.name.clone(),
     };
     let everywhere: Vec<Place> = places.iter().cloned().chain(outputs.map(sensor)).collect();
-    let mut comparison = Weighing::new(binned_runs, everywhere.len());
+    let mut comparison = Weighing::new(binned_runs, &noise.spectra, everywhere.len());
     for (functions, kinds) in kinds {
         let at_places = responses(&forced_response, places.len(), fitted_runs, binned_runs, &functions.courses, low)?;
         let at_sensors = in_sensors(binned_runs, &functions.courses, low);
         comparison.add(&functions, kinds.ln(), at_places.into_iter().chain(at_sensors).collect());
     }
-    let mut list = comparison.list(everywhere);
-    rank(model, &mut list, |nonlinearity| (&nonlinearity.place, nonlinearity.evidence));
-    Ok(Nonlinearities { list })
+    let (mut list, mut curves) =
+        (comparison.list(&everywhere, &comparison.best), comparison.list(&everywhere, &comparison.curves));
+    for ranked in [&mut list, &mut curves] {
+        rank(model, ranked, |nonlinearity| (&nonlinearity.place, nonlinearity.evidence));
+    }
+    Ok(Nonlinearities { list, curves })
 }
 
 /// Noise alone, and the likeliest functions at every place.
@@ -133,19 +138,34 @@ struct Weighing<'a> {
     binned_runs: &'a [BinnedRun],
     bands: Vec<Band>,
     floor: Vec<SmoothSpectrum>,
-    alone: Vec<BandProducts>,
+    bands_alone: Banded,
     null: Settled,
-    best: Vec<Option<(f64, Option<Curve>)>>,
+    /// The likeliest at each place.
+    best: Vec<Likeliest>,
+    /// The same of functions of one variable.
+    curves: Vec<Likeliest>,
 }
 
+/// Its score, and the curve where it is a function of one variable.
+type Likeliest = Option<(f64, Option<Curve>)>;
+
 impl<'a> Weighing<'a> {
-    fn new(binned_runs: &'a [BinnedRun], places: usize) -> Self {
-        let bands = bands(binned_runs);
+    fn new(binned_runs: &'a [BinnedRun], noise: &Spectra, places: usize) -> Self {
+        let resonances: Vec<&Resonance> = noise.channels.iter().filter_map(SmoothSpectrum::resonance).collect();
+        let bands = bands(binned_runs, &resonances);
         let floor: Vec<SmoothSpectrum> = Spectra::floor(binned_runs).channels;
         let alone = cells(binned_runs, &bands, None);
         let none = DMatrix::zeros(0, 0);
         let null = settle(&alone, binned_runs[0].fitted[0].ncols(), Singles { combinations: &none, alike: 1 }, &floor);
-        Self { binned_runs, bands, floor, alone, null, best: vec![None; places] }
+        Self {
+            binned_runs,
+            bands,
+            floor,
+            bands_alone: alone,
+            null,
+            best: vec![None; places],
+            curves: vec![None; places],
+        }
     }
 
     /// Weighs functions at all places, by their responses there; `penalty` is the logarithm of how many kinds of them there are.
@@ -161,29 +181,34 @@ impl<'a> Weighing<'a> {
                 better(settle(&cells, p, single, &self.floor), settle(&cells, p, single, &self.null.spectra))
             })
             .collect();
-        for (best, own) in self.best.iter_mut().zip(&found) {
+        for ((best, alone), own) in self.best.iter_mut().zip(&mut self.curves).zip(&found) {
             let score = own.score - penalty;
-            if best.as_ref().is_none_or(|(other, _)| score > *other) {
-                let (mean, covariance) = &own.coefficients;
-                let curve = functions.curve.as_ref().filter(|_| mean.len() == functions.single.ncols());
-                *best = Some((score, curve.map(|range| range.curve(&functions.single, (mean, covariance)))));
+            let better = |other: &Likeliest| other.as_ref().is_none_or(|(other, _)| score > *other);
+            let (mean, covariance) = &own.coefficients;
+            let range = functions.curve.as_ref().filter(|_| mean.len() == functions.single.ncols());
+            let told = better(best) || (better(alone) && range.is_some());
+            let curve = range.filter(|_| told).map(|range| range.curve(&functions.single, (mean, covariance)));
+            if better(alone) && curve.is_some() {
+                *alone = Some((score, curve.clone()));
+            }
+            if better(best) {
+                *best = Some((score, curve));
             }
         }
         // noise alone may begin where any nonlinearity has left it
         let none = DMatrix::zeros(0, 0);
         let none = Singles { combinations: &none, alike: 1 };
-        self.null =
-            found.iter().fold(self.null.clone(), |best, own| better(best, settle(&self.alone, p, none, &own.spectra)));
+        self.null = found
+            .iter()
+            .fold(self.null.clone(), |best, own| better(best, settle(&self.bands_alone, p, none, &own.spectra)));
     }
 
-    fn list(self, places: Vec<Place>) -> Vec<Nonlinearity> {
-        let null = self.null.score;
-        let each = places.into_iter().zip(self.best);
-        each.filter_map(|(place, best)| {
-            let (score, curve) = best?;
-            Some(Nonlinearity { place, evidence: score - null - PENALTY, curve })
-        })
-        .collect()
+    fn list(&self, places: &[Place], likeliest: &[Likeliest]) -> Vec<Nonlinearity> {
+        let of = |(place, likeliest): (&Place, &Likeliest)| {
+            let (score, curve) = likeliest.clone()?;
+            Some(Nonlinearity { place: place.clone(), evidence: score - self.null.score - PENALTY, curve })
+        };
+        places.iter().zip(likeliest).filter_map(of).collect()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Functions and weighing by themselves.
 #![allow(clippy::unwrap_used)]
 
-use super::likelihood::{BandProducts, Singles, settle};
+use super::likelihood::{BandProducts, Banded, Singles, settle};
 use super::regressors::{Variable, functions};
 use crate::noise::SmoothSpectrum;
 use fdm_numeric::random::Stream;
@@ -61,8 +61,9 @@ fn a_law_is_weighed_against_noise_that_is_found_with_it() {
             let products = DMatrix::from_fn(2, 2, |i, j| c.products[(keep[i], keep[j])]);
             BandProducts { products, channel: 0, log_frequency: c.log_frequency, bins: c.bins }
         };
-        let alone: Vec<BandProducts> = cells.iter().map(bare).collect();
-        settle(&cells, 1, singles(&DMatrix::identity(10, 10)), &start).score
+        let highest = (0.25_f64 * 13.0).exp();
+        let alone = Banded { cells: cells.iter().map(bare).collect(), highest };
+        settle(&Banded { cells, highest }, 1, singles(&DMatrix::identity(10, 10)), &start).score
             - settle(&alone, 1, singles(&DMatrix::zeros(0, 0)), &start).score
     };
     // of 168 bins: a gain of 168/2 log(1 + 2^2/3^2) = 31, less (1 + log 62)/2 + log 10 + log 3 for the best of ten functions
