@@ -38,7 +38,7 @@ from ._fit import Fit, History, Parameter, Params, Prediction, load
 from ._model import Channel, Model, Param, Residuals, Response
 from ._notebook import load_ipython_extension, model
 from ._progress import telling as progress
-from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study, doctor
+from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Margins, Modes, Profiles, Spectra, Study, doctor
 from ._run import Run, RunTable, Signal
 
 __all__ = [
@@ -56,6 +56,7 @@ __all__ = [
     "InputError",
     "InterruptedWarning",
     "Linear",
+    "Margins",
     "Model",
     "ModelError",
     "ModelWarning",
