@@ -46,10 +46,10 @@ pub(crate) struct Asked {
     #[arg(long = "known", value_name = "NAME=VALUE", value_parser = assignment, help_heading = "Parameters")]
     known: Vec<(String, f64)>,
     /// Draws of the parameters, by which it is seen where a requirement is not linear in them; 0 for none
-    #[arg(long, value_name = "N", default_value_t = DRAWS, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = "Intervals")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = DRAWS, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = "Intervals")]
     draws: u32,
     /// Seed of the draws
-    #[arg(long, value_name = "SEED", default_value_t = SEED, help_heading = "Intervals")]
+    #[arg(long, value_name = "SEED", allow_negative_numbers = true, default_value_t = SEED, help_heading = "Intervals")]
     seed: u64,
 }
 

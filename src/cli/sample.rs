@@ -28,22 +28,22 @@ pub(crate) struct Arguments {
     #[arg(value_name = "RESULT")]
     result: PathBuf,
     /// Chains, each from its own place
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64), help_heading = "Sampling")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=64), help_heading = "Sampling")]
     chains: u16,
     /// Draws of each chain that are kept
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(4..=1_000_000), help_heading = "Sampling")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(4..=1_000_000), help_heading = "Sampling")]
     draws: u32,
     /// Transitions before them, in which step and metric are adapted
-    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = "Sampling")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 500, value_parser = clap::value_parser!(u32).range(0..=1_000_000), help_heading = "Sampling")]
     warmup: u32,
     /// Seed of all chains
-    #[arg(long, value_name = "SEED", default_value_t = 1, help_heading = "Sampling")]
+    #[arg(long, value_name = "SEED", allow_negative_numbers = true, default_value_t = 1, help_heading = "Sampling")]
     seed: u64,
     /// Mean acceptance that the step is adapted to, between 0 and 1; nearer to 1 where trajectories diverge
-    #[arg(long, value_name = "P", default_value_t = 0.8, value_parser = share, help_heading = "Sampling")]
+    #[arg(long, value_name = "P", allow_negative_numbers = true, default_value_t = 0.8, value_parser = share, help_heading = "Sampling")]
     target: f64,
     /// Most doublings of a trajectory
-    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=20), help_heading = "Sampling")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=20), help_heading = "Sampling")]
     max_depth: u32,
     /// Posterior predictive bands of every run, in the JSON
     #[arg(long, help_heading = "Result")]
@@ -67,7 +67,7 @@ fn share(text: &str) -> Result<f64, String> {
 
 pub(crate) fn run(arguments: &Arguments) -> Ending {
     let quiet = arguments.output.quiet;
-    let mut progress = Progress::new(quiet).within(&arguments.limit);
+    let progress = Progress::new(quiet).within(&arguments.limit);
     let folder = ResultFolder::open(&arguments.result).or_failure()?;
     let model = found(&folder)?;
     if let Some(path) = arguments.arviz.as_deref().filter(|_| !arguments.overwriting.force) {

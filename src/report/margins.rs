@@ -5,7 +5,7 @@ use fdm_results::documents::requirement::{Assessment, By, MarginsDocument, ModeM
 use fdm_results::documents::{digits, digits_by_error};
 
 /// Titles of [`requirement_cells`].
-pub const REQUIREMENT_TITLES: [&str; 6] = ["requirement", "value", "95 % interval", "wanted", "holds with", "by"];
+pub(crate) const REQUIREMENT_TITLES: [&str; 6] = ["requirement", "value", "95 % interval", "wanted", "holds with", "by"];
 
 /// Verdict, requirements, modes, and what is to be said of them.
 pub fn margins_text(margins: &MarginsDocument) -> String {
@@ -81,7 +81,7 @@ pub fn requirement_cells(r: &Assessment) -> Vec<String> {
 }
 
 /// A probability in percent, never rounded to certainty.
-pub fn percent(p: f64) -> String {
+pub(crate) fn percent(p: f64) -> String {
     match 100.0 * p {
         p if p >= 99.95 => "over 99.9 %".into(),
         p if p < 0.05 => "under 0.1 %".into(),

@@ -6,6 +6,7 @@
 
 use super::coordinates::{Free, Freed, Units};
 use super::nuts::Density;
+use fdm_estimate::DerivedQuantities;
 use fdm_grammar::model::Prior;
 use fdm_numeric::elementary::log;
 use fdm_system::Model;
@@ -62,6 +63,9 @@ pub struct Posterior {
     /// All parameters of each run at the start (p).
     theta: Vec<Vec<f64>>,
     noise: Vec<Noise>,
+    /// Derived quantities and the run that each is told of, run by run; shared ones of the first.
+    derived: Vec<(usize, usize)>,
+    derived_per_run: Vec<bool>,
     /// Coordinates of the start.
     start: Vec<f64>,
 }
@@ -136,7 +140,11 @@ impl Posterior {
         for (run, steps) in runs.iter().zip(&steps) {
             drop(Simulator::new(with.dynamics(), run, steps.clone())?);
         }
-        Ok(Self { model: with, runs, steps, unknowns, theta, noise: kinds, start })
+        let derived_per_run: Vec<bool> =
+            DerivedQuantities::of(with.definition(), with.dynamics()).names.iter().map(|n| n.per_run).collect();
+        let each = |run: usize| derived_per_run.iter().enumerate().filter(move |(_, own)| **own || run == 0);
+        let derived = (0..runs.len()).flat_map(|run| each(run).map(move |(k, _)| (k, run))).collect();
+        Ok(Self { model: with, runs, steps, unknowns, theta, noise: kinds, derived, derived_per_run, start })
     }
 
     /// Number of unknowns.
@@ -149,7 +157,7 @@ impl Posterior {
         &self.start
     }
 
-    /// What the unknowns are called.
+    /// What the unknowns are called, and the derived quantities behind them.
     pub fn names(&self) -> Vec<SampledName> {
         let definition = self.model.definition();
         let name = |unknown: &Unknown| match unknown.kind {
@@ -164,16 +172,43 @@ impl Posterior {
                 unit: definition.outputs[o].quantity.unit.as_ref().map(ToString::to_string),
             },
         };
-        self.unknowns.iter().map(name).collect()
+        let derived = self.derived.iter().map(|(k, run)| {
+            let quantity = &definition.derived[*k].quantity;
+            SampledName {
+                name: quantity.name.clone(),
+                run: self.derived_per_run[*k].then(|| self.runs[*run].name.clone()),
+                unit: quantity.unit.as_ref().map(ToString::to_string),
+            }
+        });
+        self.unknowns.iter().map(name).chain(derived).collect()
     }
 
-    /// Parameters and deviations at coordinates.
+    /// Parameters and deviations at coordinates, and what follows from them.
     pub(super) fn values(&self, u: &[f64]) -> Vec<f64> {
         let value = |(unknown, u): (&Unknown, &f64)| match unknown.kind {
             Kind::Param(..) => unknown.free.at(*u).value,
             Kind::Deviation(_) => u.exp(),
         };
-        self.unknowns.iter().zip(u).map(value).collect()
+        let mut values: Vec<f64> = self.unknowns.iter().zip(u).map(value).collect();
+        if self.derived.is_empty() {
+            return values;
+        }
+        let mut quantities = DerivedQuantities::of(self.model.definition(), self.model.dynamics());
+        let mut row = vec![0.0; quantities.names.len()];
+        for run in 0..self.runs.len() {
+            let mut theta = self.theta[run].clone();
+            for (unknown, value) in self.unknowns.iter().zip(&values) {
+                match unknown.kind {
+                    Kind::Param(k, own) if own.is_none_or(|own| own == run) => theta[k] = *value,
+                    _ => {}
+                }
+            }
+            (quantities.evaluate)(&theta, &mut row);
+            let own = self.derived.iter().filter(|(_, of)| *of == run).map(|(k, _)| row[*k]);
+            let own: Vec<f64> = own.collect();
+            values.extend(own);
+        }
+        values
     }
 
     /// The runs.

@@ -8,7 +8,7 @@ use super::bench::Measured;
 use super::bench::RequirementError;
 use super::course::{Course, Moment};
 use fdm_grammar::graph::{Graph, Leaf, Reference, Signal};
-use fdm_grammar::model::{Input, Model as Definition, Origin, Output, Param, Quantity};
+use fdm_grammar::model::{Model as Definition, Origin, Output, Param, Quantity};
 use fdm_grammar::op::{Build, ExprId, Op};
 use fdm_grammar::requirement::{Drive, Form, Observed, Target};
 use fdm_numeric::lanes::VECTOR;
@@ -41,7 +41,6 @@ pub(super) enum Driven {
 /// A manoeuvre that is ready to be flown at any parameters.
 pub(super) struct Manoeuvre {
     pub(super) duration: f64,
-    pub(super) driven: Driven,
     /// What is looked at, in the order of the outputs of `model`.
     pub(super) targets: Vec<Target>,
     model: Model,
@@ -88,7 +87,6 @@ impl Manoeuvre {
         let run = record(&model, theta, duration, &driven)?;
         let mut manoeuvre = Self {
             duration,
-            driven,
             targets,
             model,
             run,
@@ -421,9 +419,4 @@ fn of_form(form: Form, t: f64, jump: f64) -> f64 {
         Form::Pulse(size, length) => size * (step(0.0) - step(length)),
         Form::Doublet(size, length) => size * (step(0.0) - 2.0 * step(length) + step(2.0 * length)),
     }
-}
-
-/// Whether an input is declared and drives the model.
-pub(super) fn is_driving(input: &Input) -> bool {
-    input.is_declared() && !input.known
 }

@@ -89,7 +89,7 @@ pub struct SampleDocument {
 impl SampleDocument {
     /// Whether nothing speaks against the draws: chains agree (R-hat below 1.01), no trajectory diverged, and at least a hundred effective draws a chain.
     pub fn is_good(&self) -> bool {
-        self.remarks.is_empty()
+        self.remarks.iter().all(|r| r.starts_with("note:"))
     }
 }
 
