@@ -23,7 +23,7 @@ pub use fdm_grammar::effect;
 #[doc(hidden)]
 pub use fdm_grammar::math;
 #[cfg(feature = "report")]
-pub use fdm_lab::{design, experiment, job, study};
+pub use fdm_lab::{design, experiment, job, posterior, requirement, study};
 #[cfg(feature = "report")]
 pub use fdm_report as report;
 #[cfg(feature = "report")]

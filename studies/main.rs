@@ -12,6 +12,7 @@ mod filter_error;
 mod goodman;
 mod hovering;
 mod kills;
+mod margins;
 mod miniature;
 mod nonlinear;
 mod papers;

@@ -60,6 +60,7 @@ module.exports = grammar({
         $.tie,
         $.table,
         $.smooth,
+        $.requirement,
         $.use,
         $.reactions,
       ),
@@ -103,6 +104,7 @@ module.exports = grammar({
     argument: ($) => seq(field('name', $.identifier), optional($.unit)),
     from: ($) => seq('from', field('path', $.string), optional('free')),
     smooth: ($) => seq('smooth', field('table', $.identifier), 'by', 'order', $.number, ';'),
+    requirement: ($) => seq('requirement', list($.declaration), ';'),
     points: ($) => seq('{', list($.point), optional(','), '}'),
     point: ($) => seq($.expression, ':', choice($.expression, seq('free', optional($.expression)))),
 

@@ -19,6 +19,7 @@ pub mod math;
 pub mod model;
 pub mod number;
 pub mod op;
+pub mod requirement;
 pub mod schedule;
 pub mod source;
 #[cfg(test)]
@@ -110,7 +111,18 @@ fn examine_tree(
     let expanded = expand::expand(source, tree, &|tree| check::check(tree).err().unwrap_or_default());
     findings.extend(expanded.findings);
     let elements = expanded.elements;
-    match check::check(&expand::write_out(expanded.tree, source.groups())) {
+    let mut tree = expand::write_out(expanded.tree, source.groups());
+    let wanted = requirement::taken(&mut tree);
+    let mut checked = check::check(&tree);
+    if let (Ok((model, warnings)), false) = (&mut checked, wanted.is_empty()) {
+        let used = requirement::mentioned(&tree, &wanted);
+        warnings.retain(|w| w.code != Code::Unused || !used.contains(source.slice(w.span)));
+        match requirement::requirements(source, &tree, &wanted, model) {
+            Ok(requirements) => model.requirements = Some(std::sync::Arc::new(requirements)),
+            Err(more) => checked = Err(more),
+        }
+    }
+    match checked {
         Ok((model, warnings)) if findings.is_empty() => {
             let mut warnings = elements.told(warnings);
             // not everything that a submodel offers is used

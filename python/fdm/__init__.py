@@ -39,7 +39,7 @@ from ._map import Mapped, map
 from ._model import Channel, Model, Param, Residuals, Response
 from ._notebook import load_ipython_extension, model
 from ._progress import telling as progress
-from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Modes, Profiles, Spectra, Study, doctor
+from ._results import Answer, Check, Design, Diagnosis, Doctor, Effects, Linear, Margins, Modes, Profiles, Spectra, Study, doctor
 from ._run import Run, RunTable, Signal
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "InterruptedWarning",
     "Linear",
     "Mapped",
+    "Margins",
     "Model",
     "ModelError",
     "ModelWarning",

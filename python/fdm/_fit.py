@@ -17,11 +17,12 @@ from . import _fdm, _figures
 from ._documents import Document, columns, frame
 from ._errors import InputError, InterruptedWarning, ResultWarning
 from ._model import Model, Residuals, Response
+from ._options import listed, words
 from ._progress import telling
 from ._run import Campaign, Run, RunLike, as_runs
 
 if TYPE_CHECKING:
-    from ._results import Design, Linear, Modes
+    from ._results import Design, Linear, Margins, Modes
 
 
 @dataclass(frozen=True)
@@ -344,6 +345,13 @@ class Fit:
     def simulate(self, run: RunLike, like: str | None = None, **options: Any) -> Response:
         """Outputs (N by q) over the inputs of a run at the estimates; those of single runs are of the run `like`, or of the first."""
         return self.model.simulate(run, self.values(like), **options)
+
+    def margins(self, requirement: str | Sequence[str] | None = None, **options: Any) -> Margins:
+        """Modes and requirements with intervals and probabilities, as ``fdm margins``; `requirement` adds to those of the model's text:
+        ``"settled = at(y, 10, step(u, 1)) in [0.9, 1.1]"``."""
+        from ._results import Margins
+
+        return Margins._of(_fdm.margins(self.files, words({"requirement": listed(requirement), **options})))
 
     def predict(self, runs: RunLike | Sequence[RunLike], *, progress: Any = None) -> Prediction:
         """What the result predicts of runs that it was not fitted to, as ``fdm validate``: shared parameters are held, biases and initial

@@ -208,6 +208,25 @@ class Modes(Answer):
         return frame(columns, kind)
 
 
+class Margins(Answer):
+    """What a result is used for: modes and requirements with intervals. Keys of ``fdm margins --json`` are attributes:
+    `requirements`, each with ``value``, ``interval``, ``probability``; `modes`. ``margins["name"]`` is a requirement."""
+
+    def __getitem__(self, name: str) -> Document:
+        for requirement in self.document.requirements:
+            if requirement.name == name:
+                return requirement
+        raise KeyError(f"there is no requirement `{name}`")
+
+    def table(self, kind: str = "pandas") -> Any:
+        """One row for each requirement."""
+        fields = ["name", "unit", "value", "error", "lower", "upper", "probability", "by"]
+        columns: dict[str, list[Any]] = {f: [r[f] for r in self.document.requirements] for f in fields}
+        ends = [r["interval"] or (None, None) for r in self.document.requirements]
+        columns["low"], columns["high"] = [e[0] for e in ends], [e[1] for e in ends]
+        return frame(columns, kind)
+
+
 class Doctor(Answer):
     """Records judged before they are believed: `good` where nothing but remarks was found. Keys of ``fdm doctor --json`` are attributes:
     `findings`, each with ``run``, ``channels``, ``fault``, ``place``, ``what``, ``log_odds``, ``biases``, ``repair``; `records`, `notes`."""

@@ -112,6 +112,13 @@ pub(crate) fn validate<'py>(
     Ok((json, text, histories.collect::<PyResult<_>>()?))
 }
 
+/// `fdm margins` of a result.
+#[pyfunction]
+pub(crate) fn margins(py: Python<'_>, files: Files, words: Vec<String>) -> PyResult<Answer> {
+    let told = py.detach(|| request::margins(&files, &words)).map_err(|e| refused(py, e))?;
+    Ok(Answer::new(py, told, false))
+}
+
 /// `fdm diagnose`: the answer, the extended text, and the responses before and after of every run.
 #[pyfunction]
 pub(crate) fn diagnose<'py>(

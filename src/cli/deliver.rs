@@ -1,13 +1,16 @@
 //! Where a result goes: to the terminal as text or JSON, to a picture, to a folder, to a page.
 
+use crate::bands::edges;
 use crate::failure::{Failure, OrFailure, Unwritten, as_json, at, print, remark};
 use crate::load::Campaign;
+use crate::margins;
 use crate::modes::of_result;
 use crate::progress::Progress;
 use crate::progress_file::{Course, CourseWriter};
 use clap::Args;
 use fdm_discover::Overlay;
 use fdm_estimate::{Fit, Noise};
+use fdm_lab::posterior::Bands;
 use fdm_report::page::{Subject, page};
 use fdm_report::{TimeHistory, svg};
 use fdm_results::documents::{OutputDocument, ResultDocument};
@@ -98,6 +101,8 @@ pub(crate) struct Outcome<'a> {
     pub(crate) spectra: Vec<TimeHistory<'a>>,
     /// Tables to be written besides.
     pub(crate) tables: Vec<NamedFile>,
+    /// Bands of each run, where it is a prediction.
+    pub(crate) bands: Vec<Option<Bands>>,
     /// Tables and sentences.
     pub(crate) text: String,
     /// The same for programs.
@@ -108,11 +113,12 @@ pub(crate) struct Outcome<'a> {
 }
 
 impl Outcome<'_> {
-    /// The modes of the model as it was found are part of what is written.
+    /// The modes of the model as it was found, and its requirements, are part of what is written.
     fn find_modes(&mut self) {
         let runs: Vec<String> = self.runs.iter().map(|run| run.name.clone()).collect();
         let modes = of_result(self.model, &self.json, &runs);
         self.json.set_modes(modes);
+        self.json.set_requirements(margins::of_result(self.model, &self.json, &runs));
     }
 
     /// The files of the folder that `--out` would write.
@@ -313,7 +319,7 @@ fn contents(outcome: Outcome<'_>) -> Contents {
     if outcome.fit.is_some() || !outcome.spectra.is_empty() {
         others.push(("plot.svg".into(), picture(&outcome).into_bytes()));
     }
-    others.extend(outcome.fit.map_or(Vec::new(), |fit| run_tables(fit, outcome.runs)));
+    others.extend(outcome.fit.map_or(Vec::new(), |fit| run_tables(fit, outcome.runs, &outcome.bands)));
     others.extend(outcome.tables);
     let mut texts = outcome.model.source().texts().iter().map(|t| t.text().to_string());
     let model = texts.next().unwrap_or_default();
@@ -356,14 +362,15 @@ pub(crate) fn histories<'a>(fit: &Fit, runs: &'a [Run]) -> Vec<TimeHistory<'a>> 
 
 /// One table for each run: time, inputs, and of every output what was measured, the response and the residual. The name of
 /// a file holds the name of its run as far as file systems allow.
-fn run_tables(fit: &Fit, runs: &[Run]) -> Vec<NamedFile> {
+fn run_tables(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<NamedFile> {
     let table = |(k, (run, result)): (usize, (&Run, &fdm_estimate::RunFit))| {
-        (run_file(k, &run.name), run_table(fit, run, &result.response, &result.residuals))
+        let bands = bands.get(k).and_then(Option::as_ref);
+        (run_file(k, &run.name), run_table(fit, run, (&result.response, &result.residuals), bands))
     };
     runs.iter().zip(&fit.estimate.runs).enumerate().map(table).collect()
 }
 
-fn run_table(fit: &Fit, run: &Run, response: &[f64], residuals: &[f64]) -> Vec<u8> {
+fn run_table(fit: &Fit, run: &Run, (response, residuals): (&[f64], &[f64]), bands: Option<&Bands>) -> Vec<u8> {
     let definition = fit.model.definition();
     let (m, q) = (run.held.len(), definition.outputs.len());
     let mut columns = vec![("t".to_string(), Some(definition.time.to_string()), run.time.clone())];
@@ -375,7 +382,11 @@ fn run_table(fit: &Fit, run: &Run, response: &[f64], residuals: &[f64]) -> Vec<u
         let (name, unit) = (&output.quantity.name, output.quantity.unit.as_ref().map(ToString::to_string));
         columns.push((name.clone(), unit.clone(), column(&run.measured, k, q)));
         columns.push((format!("{name}_model"), unit.clone(), column(response, k, q)));
-        columns.push((format!("{name}_residual"), unit, column(residuals, k, q)));
+        columns.push((format!("{name}_residual"), unit.clone(), column(residuals, k, q)));
+        if let Some(bands) = bands {
+            let edges = edges(bands, name, response, k, q);
+            columns.extend(edges.into_iter().map(|(name, values)| (name, unit.clone(), values)));
+        }
     }
     csv(&columns)
 }

@@ -316,6 +316,7 @@ impl Made {
             runs,
             spectra: self.found.panels(frequencies),
             tables: self.found.tables(),
+            bands: Vec::new(),
             text: self.text.clone(),
             json: self.document.clone().into(),
             remarks: self.found.remarks(self.starts),

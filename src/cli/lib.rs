@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0 good, 1 numbers went wrong (what was computed is printed), 2 wrong input.
 
+mod bands;
 mod campaign;
 mod check;
 mod checkpoint;
@@ -24,6 +25,7 @@ mod help;
 mod job;
 pub mod language_server;
 mod load;
+mod margins;
 mod merge;
 mod methods;
 mod modes;
@@ -41,6 +43,7 @@ mod regress;
 mod reproduce;
 pub mod request;
 mod run;
+mod sample;
 mod show;
 mod simulate;
 mod spectra;
@@ -95,6 +98,8 @@ enum Verb {
     Profile(Box<profile::Arguments>),
     /// Monte Carlo study: bias, scatter, interval coverage
     Study(Box<study::Arguments>),
+    /// Requirements on a result: margins, modes, responses, each with its interval and the probability that it holds
+    Margins(margins::Arguments),
     /// Eigenvalues of a model, linear or linearised at its trim, with the dominant states of each
     Modes(modes::Arguments),
     /// Equation error: regression of measured rates, for every equation that is linear in its parameters
@@ -107,6 +112,8 @@ enum Verb {
     Report(page::Report),
     /// Simulate the reference systems, fit them, and compare with the published figures
     Reproduce(reproduce::Arguments),
+    /// Draws from the posterior of a result by the No-U-Turn sampler, with diagnostics
+    Sample(sample::Arguments),
     /// Frequency responses of the records, with coherence and random error
     Spectra(spectra::Arguments),
     /// Show the stages of a model: syntax, model, graph, derivatives, schedule, code, linear
@@ -188,12 +195,14 @@ pub fn main_with(words: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Fit(a) => fit::run(a),
         Verb::Fmt(a) => fmt::run(a),
         Verb::Lsp(a) => language_server::run(a),
+        Verb::Margins(a) => margins::run(a),
         Verb::Modes(a) => modes::run(a),
         Verb::Regress(a) => regress::run(a),
         Verb::Plot(a) => page::plot(a),
         Verb::Serve(a) => page::serve(a),
         Verb::Report(a) => page::report(a),
         Verb::Reproduce(a) => reproduce::run(a),
+        Verb::Sample(a) => sample::run(a),
         Verb::Spectra(a) => spectra::run(a),
         Verb::Show(a) => show::run(a),
         Verb::Explain(a) => help::explain(a),

@@ -108,7 +108,7 @@ pub(crate) fn of_result(model: &Model, result: &ResultDocument, runs: &[String])
 }
 
 /// The model with values as they were found.
-fn with_estimates(model: &Model, theta: &[f64], covariance: Option<&[f64]>) -> Model {
+pub(crate) fn with_estimates(model: &Model, theta: &[f64], covariance: Option<&[f64]>) -> Model {
     let mut params = model.definition().params.clone();
     for (k, param) in params.iter_mut().enumerate() {
         param.value = theta[k];
@@ -119,7 +119,7 @@ fn with_estimates(model: &Model, theta: &[f64], covariance: Option<&[f64]>) -> M
 }
 
 /// Whether a parameter of single runs has a part in the linear model's rates.
-fn own_parameters_move_rates(model: &Model) -> Result<bool, Failure> {
+pub(crate) fn own_parameters_move_rates(model: &Model) -> Result<bool, Failure> {
     let linear = LinearModel::new(model).or_failure()?;
     let s = linear.structure();
     let of_rates = |k: &u32| (s.terms[*k as usize].row as usize) < s.states;

@@ -16,7 +16,7 @@ use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
-    check, design, diagnose as diagnosis, doctor, effects as catalogues, modes, profile, regress, simulate, spectra,
+    check, design, diagnose as diagnosis, doctor, effects as catalogues, margins, modes, profile, regress, simulate, spectra,
     study,
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
@@ -26,7 +26,7 @@ use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{
-    check_text, design_table, diagnosis_text, doctor_text, modes_table, profile_table, response_table, study_table,
+    check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table, response_table, study_table,
 };
 use fdm_results::documents::{
     DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument,
@@ -624,6 +624,16 @@ pub fn spectra(model: &Model, mut records: Vec<Record>, words: &[String]) -> Res
 pub fn modes(model: &Model) -> Result<Answer, Refusal> {
     let (trim, modes) = modes::modes(model)?;
     Answer::of(modes_table(model, &trim, &modes, &[]), &ModesDocument::of(model, &trim, &modes, &[]), true)
+}
+
+/// `fdm margins` of a result in memory.
+///
+/// # Errors
+/// [`Refusal`]
+pub fn margins(files: &[NamedFile], words: &[String]) -> Result<Answer, Refusal> {
+    let arguments: margins::Arguments = parsed(&["result".to_string()], words)?;
+    let found = arguments.asked.margins(&kept(files)?)?;
+    Answer::of(margins_text(&found), &found, found.is_good())
 }
 
 /// The response of a run.

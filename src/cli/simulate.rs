@@ -1,5 +1,6 @@
 //! `fdm simulate`: the model's response over recorded inputs.
 
+use crate::bands::{edges, of_simulation};
 use crate::campaign::{RecordFile, Role};
 use crate::deliver::{column, csv, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
@@ -8,6 +9,7 @@ use crate::options::Integration;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
 use fdm_estimate::initial_guess;
+use fdm_lab::posterior::Bands;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
 use fdm_results::store::{DataFile, ResultError, ResultFolder};
 use fdm_system::Model;
@@ -37,6 +39,10 @@ pub(crate) struct Arguments {
     selection: Selection,
     #[command(flatten)]
     pub(crate) integration: Integration,
+    /// 95 % bands beside every output: of the response by the errors of the parameters (`y_low`, `y_high`), and of a measurement by
+    /// these and the noise (`y_measured_low`, `y_measured_high`)
+    #[arg(long, requires = "from_result", help_heading = "Result")]
+    bands: bool,
     /// Print JSON instead of CSV
     #[arg(long, conflicts_with = "output", help_heading = "Result")]
     json: bool,
@@ -54,6 +60,8 @@ pub(crate) struct Response<'a> {
     /// Outputs (N by q); NaN behind a divergence.
     pub(crate) y: Vec<f64>,
     divergence: Option<Divergence>,
+    /// Of what is predicted, where they were asked for.
+    bands: Option<Bands>,
     /// Where the integration error is above 1e-3 of an output's range, the worst output first.
     wrong: Vec<WorstError>,
 }
@@ -132,7 +140,7 @@ impl Arguments {
 }
 
 /// The files that a result was made from, unless they have changed since.
-fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Result<Vec<Run>, Failure> {
+pub(crate) fn fitted_runs(folder: &ResultFolder, like: Option<&str>, model: &Model) -> Result<Vec<Run>, Failure> {
     let manifest = folder.manifest();
     let wanted: Vec<&DataFile> = manifest.data.iter().filter(|d| like.is_none_or(|l| d.run == l)).collect();
     let (mut files, mut wrong) = (Vec::new(), Vec::new());
@@ -205,7 +213,16 @@ pub(crate) fn respond<'a>(
         true => worst_errors(dynamics, run, &theta, &accuracy.steps, UNSOUND).map_err(unsuited)?,
         false => Vec::new(),
     };
-    Ok(Response { run, accuracy, y, divergence, wrong })
+    let bands = match folder.filter(|_| arguments.bands && divergence.is_none()) {
+        Some(folder) => {
+            let like = arguments.like.clone().or_else(|| folder.runs().into_iter().find(|r| *r == run.name));
+            let like = like.or_else(|| folder.runs().into_iter().next()).unwrap_or_default();
+            let found = of_simulation(model, folder, (run, &like), &theta, accuracy.steps.clone());
+            Some(found.map_err(|e| Failure::input([format!("run `{}`: {e}", run.name)]))?)
+        }
+        None => None,
+    };
+    Ok(Response { run, accuracy, y, divergence, bands, wrong })
 }
 
 /// Where a response is worst, and what may help.
@@ -228,9 +245,17 @@ fn said(model: &Model, run: &Run, worst: &WorstError) -> String {
     )
 }
 
-/// Time and outputs under their names and units.
+/// Time and outputs under their names and units, bands behind them.
 fn columns(model: &Model, response: &Response<'_>) -> Vec<(String, Option<String>, Vec<f64>)> {
-    table_of(model, &response.run.time, &response.y)
+    let mut columns = table_of(model, &response.run.time, &response.y);
+    let outputs = &model.definition().outputs;
+    for (o, output) in outputs.iter().enumerate() {
+        let Some(bands) = &response.bands else { break };
+        let unit = output.quantity.unit.as_ref().map(ToString::to_string);
+        let edges = edges(bands, &output.quantity.name, &response.y, o, outputs.len());
+        columns.extend(edges.into_iter().map(|(name, values)| (name, unit.clone(), values)));
+    }
+    columns
 }
 
 /// The first line of the table.

@@ -106,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let text = format!("{}\n\n{}", title(&first.model), study_table(&study));
     let tables = tables(&first, &study, &bootstrap, &repeats)?;
     let (model, fit, spectra, remarks) = (&first.model, Some(&first), Vec::new(), integration_remarks(&first));
-    let outcome = Outcome { model, fit, runs, spectra, tables, text, json, remarks, manifest };
+    let outcome = Outcome { model, fit, runs, spectra, tables, bands: Vec::new(), text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     let whole = checkpoint.close();
     // told in any case

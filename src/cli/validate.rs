@@ -1,6 +1,7 @@
 //! `fdm validate`: a result against runs that it was not fitted to. What all runs share is held; biases and initial states are
 //! estimated anew.
 
+use crate::bands::of_validation;
 use crate::deliver::{Delivery, Outcome};
 use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
@@ -11,8 +12,9 @@ use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
 use fdm_estimate::{Fit, fit};
-use fdm_report::{estimate_table, validation_by_frequency, validation_by_time, validation_table};
-use fdm_results::documents::{FitDocument, Validation};
+use fdm_lab::posterior::Bands;
+use fdm_report::{band_table, estimate_table, validation_by_frequency, validation_by_time, validation_table};
+use fdm_results::documents::{BandCoverage, FitDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
 use std::path::PathBuf;
@@ -55,16 +57,23 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let fitted = fitted_before(&folder, runs, &campaign.files);
     remarks.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit: it is no validation data")));
     let errors = prediction_errors(&fit, runs, &mut remarks);
-    let text = text(&fit, &folder, &errors);
+    let bands: Vec<Option<Bands>> = of_validation(&fit, &folder, runs)
+        .into_iter()
+        .zip(runs)
+        .map(|(bands, run)| bands.map_err(|e| remarks.push(format!("note: run `{}` has no bands: {e}", run.name))).ok())
+        .collect();
+    let covered = covered(&fit, runs, &bands);
+    let text = text(&fit, &folder, (&errors, &covered));
     let validation = Validation {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
         fitted_outputs: folder.quality().to_vec(),
         misfit: errors,
+        bands: covered,
     };
     let json = FitDocument { validation: Some(validation), ..FitDocument::of(&fit) }.into();
     let (model, spectra, tables) = (&fit.model, Vec::new(), Vec::new());
-    let outcome = Outcome { model, fit: Some(&fit), runs, spectra, tables, text, json, remarks, manifest };
+    let outcome = Outcome { model, fit: Some(&fit), runs, spectra, tables, bands, text, json, remarks, manifest };
     let delivered = prepared.deliver(outcome);
     // told in any case
     let in_time = progress.in_time();
@@ -86,9 +95,37 @@ fn prediction_errors(fit: &Fit, runs: &[Run], remarks: &mut Vec<String>) -> Vec<
     lack_of_fit(&fit.model, &even)
 }
 
-fn text(fit: &Fit, folder: &ResultFolder, errors: &[LackOfFit]) -> String {
+/// How much of each output lies within its bands, and how wide these are.
+fn covered(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<BandCoverage> {
+    let outputs = &fit.model.definition().outputs;
+    let q = outputs.len();
+    let mut all = Vec::new();
+    for ((run, result), bands) in runs.iter().zip(&fit.estimate.runs).zip(bands) {
+        let Some(bands) = bands else { continue };
+        for (o, output) in outputs.iter().enumerate().filter(|(o, _)| run.measures(*o)) {
+            let mean = |values: &[f64]| {
+                let own = || values.iter().skip(o).step_by(q).filter(|v| v.is_finite());
+                let count = own().count();
+                (count > 0).then(|| own().sum::<f64>() / count as f64)
+            };
+            all.push(BandCoverage {
+                output: output.quantity.name.clone(),
+                run: run.name.clone(),
+                response: mean(&bands.response),
+                measurement: mean(&bands.measurement),
+                within: bands.covered(o, q, &result.residuals),
+            });
+        }
+    }
+    all
+}
+
+fn text(fit: &Fit, folder: &ResultFolder, (errors, covered): (&[LackOfFit], &[BandCoverage])) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
+    if !covered.is_empty() {
+        text.push_str(&format!("\n{}", band_table(covered)));
+    }
     if !errors.is_empty() {
         let time = fit.model.definition().time.to_string();
         text.push_str(&format!("\n{}", validation_by_time(errors, &time)));

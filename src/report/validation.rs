@@ -3,7 +3,7 @@
 use super::table::{aligned_right, plain, trimmed};
 use fdm_discover::{LackOfFit, Window};
 use fdm_estimate::residuals::{OutputQuality, TicParts, Whiteness};
-use fdm_results::documents::{OutputDocument, digits};
+use fdm_results::documents::{BandCoverage, OutputDocument, digits};
 
 /// One row for each output of each run: those that are validated first, then those of the fit. `fitted` is what the
 /// fit said about its runs.
@@ -120,6 +120,19 @@ fn colour(white: Option<&Whiteness>) -> String {
 
 /// Residuals count as coloured below this p-value, as in [`Whiteness::is_white`](fdm_estimate::residuals::Whiteness::is_white).
 const SIGNIFICANT: f64 = 0.01;
+
+/// How wide the 95 % bands of each output are, and how much of what was measured lies within them.
+pub fn band_table(bands: &[BandCoverage]) -> String {
+    let heads = ["95 % bands", "run", "of the response", "of a measurement", "measured within"];
+    let mut table = plain(&heads);
+    for b in bands {
+        let half = |v: Option<f64>| v.map_or("-".into(), |v| format!("± {}", digits(v, 3)));
+        let within = b.within.map_or("-".into(), |share| format!("{:.1} %", 100.0 * share));
+        table.add_row([b.output.clone(), b.run.clone(), half(b.response), half(b.measurement), within]);
+    }
+    (2..5).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
 
 #[cfg(test)]
 mod tests {

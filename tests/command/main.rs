@@ -22,5 +22,6 @@ mod spellings;
 mod study;
 mod suites;
 mod terminal;
+mod uncertainty;
 mod undetermined;
 mod writing;

@@ -20,6 +20,7 @@ mod linear_models;
 mod measured_inputs;
 mod modes;
 mod nonlinear_spectra;
+mod posterior;
 mod records;
 mod recovery;
 mod recursive;

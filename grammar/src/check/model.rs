@@ -162,6 +162,7 @@ pub(super) fn assemble(
         outputs: Vec::new(),
         trim: Vec::new(),
         tables: tables(scope, kinds, indices, &expressions),
+        requirements: None,
         graph: Default::default(),
     };
     for (s, symbol) in scope.valid() {

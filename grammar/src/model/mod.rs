@@ -16,7 +16,9 @@ pub use ties::Tie;
 
 use crate::graph::{Graph, Leaf, Names, Node, Signal};
 use crate::op::{Build, ExprId, Op};
+use crate::requirement::Requirements;
 use crate::unit::Unit;
+use std::sync::Arc;
 
 /// What is common to everything that has a name.
 #[derive(Debug, Clone)]
@@ -286,6 +288,8 @@ pub struct Model {
     pub trim: Vec<(Signal, ExprId)>,
     /// Tables in the order of declaration.
     pub tables: Vec<Table>,
+    /// What the model is used for; none where nothing is required.
+    pub requirements: Option<Arc<Requirements>>,
     /// All expressions.
     pub graph: Graph,
 }

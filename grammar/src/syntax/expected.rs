@@ -148,6 +148,7 @@ impl Expected<'_> {
             "noise" => format!("the noise of `{}`", name(self.last_declared().unwrap_or(first + 1))),
             "tie" => format!("the tie of `{}`", name(self.last_declared().unwrap_or(first + 1))),
             "table" => format!("the table `{}`", name(first + 1)),
+            "requirement" => format!("the requirement `{}`", name(self.last_declared().unwrap_or(first + 1))),
             "use" => format!("the use of {}", name(first + 1)),
             "effect" => format!("the effect `{}`", name(first + 1)),
             "nuisance" => format!("the declaration of `{}`", name(first + 1)),

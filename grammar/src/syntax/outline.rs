@@ -105,8 +105,8 @@ impl Cutter<'_> {
     }
 
     fn word_use(&self, at: usize) -> Option<WordUse> {
-        // names elsewhere: `known` and `smooth` begin a statement where another name follows
-        if (self.is(at, "known") || self.is(at, "smooth"))
+        // names elsewhere: `known`, `smooth` and `requirement` begin a statement where another name follows
+        if (self.is(at, "known") || self.is(at, "smooth") || self.is(at, "requirement"))
             && self.tokens.get(at + 1).is_some_and(|t| t.kind == Kind::Name)
         {
             return Some(WordUse::Statement);

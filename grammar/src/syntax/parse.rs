@@ -146,6 +146,7 @@ fn want(rule: Rule) -> Option<Want> {
         | Rule::tie
         | Rule::table
         | Rule::smooth
+        | Rule::requirement
         | Rule::use_model => Want::Statement,
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
@@ -206,6 +207,10 @@ impl<'a> Build<'a> {
             }
             Rule::table => StatementKind::Table(self.table(parts)?),
             Rule::smooth => StatementKind::Smooth(self.smooth(parts)?),
+            Rule::requirement => {
+                let names = parts.filter(|p| p.as_rule() == Rule::declaration);
+                StatementKind::Requirement(names.filter_map(|p| self.declaration(p)).collect())
+            }
             Rule::use_model => StatementKind::Use(self.submodel(parts)?),
             Rule::reactions => {
                 let (mut volume, mut list) = (None, Vec::new());

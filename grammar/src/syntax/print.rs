@@ -128,6 +128,10 @@ impl<'a> Printer<'a> {
             StatementKind::Equation(left, right) => {
                 format!("{} = {};", self.expression(*left), self.expression(*right))
             }
+            StatementKind::Requirement(list) => {
+                let parts: Vec<_> = list.iter().map(|d| self.declaration(d)).collect();
+                format!("requirement {};", parts.join(", "))
+            }
             StatementKind::Time(unit) => format!("time [{}];", unit.text),
             StatementKind::Prior(list) => {
                 let belief = |(a, b): &(ExprRef, ExprRef)| format!("{} ~ {}", self.expression(*a), self.expression(*b));

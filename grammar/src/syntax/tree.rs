@@ -453,6 +453,8 @@ pub enum StatementKind {
     Table(Table),
     /// `smooth CL by order 2;`
     Smooth(Smooth),
+    /// `requirement name = expression in [lower, upper], ...;`
+    Requirement(Vec<Declaration>),
     /// `use "file" as name(a = b);`
     Use(Use),
     /// `reactions in V { ... }`: the volume of amounts, and the reactions
@@ -462,7 +464,7 @@ pub enum StatementKind {
 /// Visits the whole expressions of a statement.
 pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
     match kind {
-        StatementKind::Declare(_, list) => {
+        StatementKind::Declare(_, list) | StatementKind::Requirement(list) => {
             for d in list {
                 if let Some(Value::Expr(e)) = d.value {
                     visit(e);

@@ -59,7 +59,9 @@ struct Places<'a> {
 impl Places<'_> {
     fn statement(&mut self, _: &SyntaxTree, kind: &StatementKind) {
         match kind {
-            StatementKind::Declare(_, list) => list.iter().for_each(|d| self.name(&d.name)),
+            StatementKind::Declare(_, list) | StatementKind::Requirement(list) => {
+                list.iter().for_each(|d| self.name(&d.name));
+            }
             StatementKind::Noise(list)
             | StatementKind::Process(list)
             | StatementKind::Trim(list)

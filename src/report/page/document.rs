@@ -9,7 +9,7 @@ use super::section::Section;
 use super::subject::{Content, Subject};
 use super::{
     convergence, correlations, diagnosis, drawing, equations, headline, histories, modes, parameters, progress,
-    regression, reproduction, residuals, spectra, starts, study, surfaces,
+    regression, reproduction, requirements, residuals, spectra, starts, study, surfaces,
 };
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use sha2::{Digest, Sha256};
@@ -165,6 +165,7 @@ fn of_fit(subject: &Subject) -> Vec<Section> {
     let all = [
         equations::section(subject),
         parameters::section(subject),
+        requirements::section(subject),
         surfaces::section(subject),
         histories::section(subject),
         residuals::section(subject),

@@ -1,6 +1,6 @@
 //! What was measured beside what the model answers, output by output, with the residual beneath on the same axis.
 
-use super::figure::{Figure, Look, Mark, Panel};
+use super::figure::{Figure, Look, Mark, Panel, Shape};
 use super::number::{bracketed, shown};
 use super::section::Section;
 use super::subject::Subject;
@@ -14,6 +14,8 @@ const FEWEST: usize = 1200;
 const MOST: usize = 6000;
 /// Runs that stand open.
 const OPEN: usize = 2;
+/// What stands behind the name of an output in the columns that belong to it.
+const PARTS: [&str; 6] = ["model", "residual", "low", "high", "measured_low", "measured_high"];
 /// Inputs in one figure.
 const INPUTS: usize = 6;
 
@@ -56,7 +58,8 @@ fn figures_of(subject: &Subject, k: usize, run: &str, table: &Table, most: usize
     let Some(time) = table.columns.first() else { return Vec::new() };
     let outputs: Vec<&Column> = table.columns.iter().filter(|c| is_output(table, c)).collect();
     let part = |c: &Column| {
-        outputs.iter().any(|o| [format!("{}_model", o.name), format!("{}_residual", o.name)].contains(&c.name))
+        let own = |o: &&Column| c.name.strip_prefix(o.name.as_str()).and_then(|rest| rest.strip_prefix('_'));
+        outputs.iter().filter_map(own).any(|kind| PARTS.contains(&kind))
     };
     let inputs: Vec<&Column> =
         table.columns[1..].iter().filter(|c| !is_output(table, c) && !part(c)).take(INPUTS).collect();
@@ -74,10 +77,16 @@ fn overlay(id: &str, k: usize, caption: String, table: &Table, [time, output]: [
     let indices = kept(&[&output.values, model, residual], most);
     let pick = |values: &[f64]| indices.iter().filter_map(|k| values.get(*k).copied()).collect::<Vec<f64>>();
     let unit = bracketed(output.unit.as_deref());
-    let marks = vec![
-        Mark::line("measured", Look::Measured, pick(&output.values)),
-        Mark::line("model", Look::Model, pick(model)),
-    ];
+    let mut marks = Vec::new();
+    for (kind, name) in [("measured_", "95 % of measurements"), ("", "95 % of the response")] {
+        let (low, high) = (other(&format!("{kind}low")), other(&format!("{kind}high")));
+        if !low.is_empty() && !high.is_empty() {
+            let shape = Shape::Band;
+            marks.push(Mark { name: name.into(), look: Look::Model, shape, values: pick(high), low: pick(low) });
+        }
+    }
+    marks.push(Mark::line("measured", Look::Measured, pick(&output.values)));
+    marks.push(Mark::line("model", Look::Model, pick(model)));
     let residual = vec![Mark::line("measured − model", Look::Residual, pick(residual))];
     Figure {
         id: id.into(),

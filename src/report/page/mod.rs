@@ -26,6 +26,7 @@ mod progress;
 mod raster;
 mod regression;
 mod reproduction;
+mod requirements;
 mod residuals;
 mod scale;
 mod section;

@@ -7,6 +7,7 @@ use super::modes::ModesDocument;
 use super::outputs::OutputDocument;
 use super::remarks::limit_within_bounds;
 use super::remarks::{Remark, estimate_remarks, fit_remarks, spectral_remarks};
+use super::requirement::Assessment;
 use super::study::Study;
 use fdm_discover::LackOfFit;
 use fdm_estimate::residuals::OutputQuality;
@@ -141,6 +142,9 @@ pub struct FitDocument {
     /// Modes of the model as it was found; null where it has no states.
     #[serde(default, deserialize_with = "present", skip_serializing_if = "Option::is_none")]
     pub modes: Option<Option<ModesDocument>>,
+    /// Requirements of the model as it was found; left out where it has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Vec<Assessment>,
 }
 
 /// How an iteration ended, in one word.
@@ -271,6 +275,24 @@ pub struct Validation {
     pub fitted_outputs: Vec<OutputDocument>,
     /// What the prediction gets wrong.
     pub misfit: Vec<LackOfFit>,
+    /// Bands of the prediction, by run and output.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub bands: Vec<BandCoverage>,
+}
+
+/// The 95 % bands of an output of a predicted run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BandCoverage {
+    /// The output.
+    pub output: String,
+    /// The run.
+    pub run: String,
+    /// Mean half width of the band of the response, by the errors of the parameters.
+    pub response: Option<f64>,
+    /// Mean half width of the band of measurements, by these and the noise; none where the noise is not known.
+    pub measurement: Option<f64>,
+    /// Share of the measured samples within the band of measurements.
+    pub within: Option<f64>,
 }
 
 impl FitDocument {
@@ -390,6 +412,7 @@ impl FitDocument {
             study: None,
             validation: None,
             modes: None,
+            requirements: Vec::new(),
             records: None,
         }
     }

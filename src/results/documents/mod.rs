@@ -30,13 +30,15 @@ mod tests;
 pub mod design;
 pub mod profile;
 pub mod reproduction;
+pub mod requirement;
+pub mod sample;
 pub mod stages;
 pub mod study;
 
 pub use diagnosis::{CauseDocument, DiagnosisDocument, Force, NewParameter, Null, Search};
 pub use digits::{digits, digits_by_error};
 pub use doctor::{DoctorDocument, JudgedRecords};
-pub use fit::{Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
+pub use fit::{BandCoverage, Evaluations, FitDocument, Integration, Matrix, StartDocument, Terminated, Validation};
 pub use frequency::{
     BridgeDocument, FirstValueDocument, FrequencyDomain, FrequencyResponses, HiddenModeDocument, KnownInput,
     MultipleCoherence, Pair, ResponseNames, SpectraDocument, SpectraPair, TimeDomain, TrimValues,

@@ -5,6 +5,7 @@ use super::fit::{FitDocument, Matrix};
 use super::json::{from_text, to_text};
 use super::modes::ModesDocument;
 use super::regression::RegressionDocument;
+use super::requirement::Assessment;
 use fdm_estimate::{ParameterEstimate, Status};
 use fdm_grammar::model::Param;
 use fdm_system::model::Model;
@@ -149,6 +150,13 @@ impl ResultDocument {
         match self {
             Self::Fit(fit) => fit.modes = Some(modes),
             Self::Regression(regression) => regression.modes = Some(modes),
+        }
+    }
+
+    /// Adds the requirements of the model as it was found, where it has such.
+    pub fn set_requirements(&mut self, requirements: Option<Vec<Assessment>>) {
+        if let Self::Fit(fit) = self {
+            fit.requirements = requirements.unwrap_or_default();
         }
     }
 

@@ -178,6 +178,12 @@ impl LinearModel {
         Trim { states: all, inputs, ..self.trim.clone() }
     }
 
+    /// What the equations of the trim were solved for by the last evaluation ([`Trim::solved`]): values, and their derivatives by all
+    /// parameters (values by p).
+    pub fn unknowns(&self) -> (&[f64], &[f64]) {
+        (&self.unknowns.0, &self.unknowns.1)
+    }
+
     /// Solves the equations of the trim, from the start values; where that fails, on the way from the start parameters to these.
     fn follow(&mut self, theta: &[f64]) -> Result<(), TrimError> {
         let mut z = self.start.1.clone();

@@ -18,6 +18,10 @@ impl Evaluator<'_, '_> {
                 list.iter().for_each(|d| self.declaration(*role, d, &mut elements));
                 keep(StatementKind::Declare(*role, elements));
             }
+            StatementKind::Requirement(list) => {
+                let list = list.iter().map(|d| self.single_declaration(d)).collect();
+                keep(StatementKind::Requirement(list));
+            }
             StatementKind::Equation(left, right) => {
                 self.equation(*left, *right, suspended)
                     .into_iter()

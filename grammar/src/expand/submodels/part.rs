@@ -198,7 +198,11 @@ impl Writer<'_> {
             StatementKind::Smooth(smooth) => {
                 StatementKind::Smooth(Smooth { table: self.name(&smooth.table), ..smooth.clone() })
             }
-            StatementKind::Time(_) | StatementKind::Noise(_) | StatementKind::Use(_) | StatementKind::Reactions(..) => {
+            StatementKind::Requirement(_)
+            | StatementKind::Time(_)
+            | StatementKind::Noise(_)
+            | StatementKind::Use(_)
+            | StatementKind::Reactions(..) => {
                 return None;
             }
         })

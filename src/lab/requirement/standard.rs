@@ -1,0 +1,422 @@
+//! Standard manoeuvres: the model as it answers to them from its trim, and the records that drive it.
+//!
+//! The model is rewritten: it starts at its trim (where the text has none at its initial values, free ones at zero), inputs are counted from the trim,
+//! and its outputs are what is asked for. A zigzag puts its input over when the signal passes a level: then the input is a sum of one step at several
+//! delays, which are parameters, so that the simulator's own derivatives by delays say what a later moment does.
+
+use super::bench::Measured;
+use super::bench::RequirementError;
+use super::course::{Course, Moment};
+use fdm_grammar::graph::{Graph, Leaf, Reference, Signal};
+use fdm_grammar::model::{Model as Definition, Origin, Output, Param, Quantity};
+use fdm_grammar::op::{Build, ExprId, Op};
+use fdm_grammar::requirement::{Drive, Form, Observed, Target};
+use fdm_numeric::lanes::VECTOR;
+use fdm_system::Model;
+use fdm_system::record::Run;
+use fdm_system::simulate::{Simulator, Steps, UNSOUND, choose_steps_once};
+
+/// Samples of a manoeuvre.
+const SAMPLES: usize = 2000;
+/// Length of a jump of an input, as a part of the manoeuvre: between samples inputs are linear.
+const JUMP: f64 = 1e-6;
+
+/// The input of a zigzag.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Zigzag {
+    pub(super) signal: Observed,
+    pub(super) input: u32,
+    pub(super) size: f64,
+    pub(super) level: f64,
+    pub(super) number: u32,
+}
+
+/// What drives a manoeuvre.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Driven {
+    Standard(Vec<Drive>),
+    Zigzag(Zigzag),
+}
+
+/// A manoeuvre that is ready to be flown at any parameters.
+pub(super) struct Manoeuvre {
+    pub(super) duration: f64,
+    /// What is looked at, in the order of the outputs of `model`.
+    pub(super) targets: Vec<Target>,
+    model: Model,
+    run: Run,
+    steps: Steps,
+    /// Parameters of the model itself (p); moments of a zigzag and values of the trim stand behind them.
+    params: usize,
+    /// Signals at the trim whose values are parameters behind those of the zigzag.
+    solved: usize,
+}
+
+/// A manoeuvre at work.
+pub(super) struct Flight<'p> {
+    manoeuvre: &'p Manoeuvre,
+    simulator: Simulator<'p>,
+    y: Vec<f64>,
+    rows: Vec<f64>,
+    theta: Vec<f64>,
+}
+
+/// The trim at one vector of parameters: values that were solved from the equations, and their derivatives (values by p).
+#[derive(Debug, Clone, Default)]
+pub(super) struct Solved {
+    pub(super) signals: Vec<Signal>,
+    pub(super) values: Vec<f64>,
+    pub(super) slopes: Vec<f64>,
+}
+
+impl Manoeuvre {
+    /// Prepares a manoeuvre of a model at its estimates theta (p).
+    pub(super) fn new(
+        model: &Model,
+        (theta, solved): (&[f64], &Solved),
+        (duration, driven): (f64, Driven),
+        targets: Vec<Target>,
+    ) -> Result<Self, RequirementError> {
+        let definition = model.definition();
+        if let Some(input) = definition.inputs.iter().find(|i| i.measured.is_some() || i.computed.is_some()) {
+            return Err(RequirementError::Records { name: input.quantity.name.clone() });
+        }
+        let moments = if let Driven::Zigzag(z) = &driven { z.number as usize + 1 } else { 0 };
+        let response = response(definition, &driven, &solved.signals, moments, &targets);
+        let model = model.altered(response);
+        let run = record(&model, theta, duration, &driven)?;
+        let mut manoeuvre = Self {
+            duration,
+            targets,
+            model,
+            run,
+            steps: Steps::from(1),
+            params: theta.len(),
+            solved: solved.signals.len(),
+        };
+        let all = manoeuvre.all(theta, &vec![f64::INFINITY; moments], solved);
+        let found = choose_steps_once(manoeuvre.model.dynamics(), &manoeuvre.run, &all, None);
+        let found = found.map_err(|e| RequirementError::Simulation { reason: e.to_string() })?;
+        if found.error.is_finite() && found.error > UNSOUND {
+            return Err(RequirementError::Simulation {
+                reason: format!("the response is integrated to {:.0e} of its range only", found.error),
+            });
+        }
+        manoeuvre.steps = found.steps;
+        Ok(manoeuvre)
+    }
+
+    /// The parameters of the rewritten model: moments that are not reached lie behind the end.
+    fn all(&self, theta: &[f64], moments: &[f64], solved: &Solved) -> Vec<f64> {
+        let late = 2.0 * self.duration;
+        let moments = moments.iter().map(|t| if t.is_finite() { *t } else { late });
+        theta.iter().copied().chain(moments).chain(solved.values.iter().copied()).collect()
+    }
+
+    /// The place of a signal among the outputs.
+    pub(super) fn place(&self, target: Target) -> usize {
+        self.targets.iter().position(|t| *t == target).unwrap_or_default()
+    }
+}
+
+impl<'p> Flight<'p> {
+    pub(super) fn new(manoeuvre: &'p Manoeuvre) -> Result<Self, RequirementError> {
+        let simulator = Simulator::new(manoeuvre.model.dynamics(), &manoeuvre.run, manoeuvre.steps.clone());
+        let simulator = simulator.map_err(|e| RequirementError::Simulation { reason: e.to_string() })?;
+        let count = manoeuvre.run.len() * manoeuvre.targets.len();
+        Ok(Self { manoeuvre, simulator, y: vec![f64::NAN; count], rows: Vec::new(), theta: Vec::new() })
+    }
+
+    /// Flies the manoeuvre at theta (p) with derivatives by the columns of the rewritten model, or without any; false where the response diverges.
+    fn fly(&mut self, columns: &[usize]) -> bool {
+        self.y.fill(f64::NAN);
+        if columns.is_empty() {
+            return self.simulator.simulate(&self.theta, &mut self.y).is_ok();
+        }
+        let stride = columns.len().next_multiple_of(VECTOR);
+        self.rows.clear();
+        self.rows.resize(self.y.len() * stride, 0.0);
+        self.simulator.sensitivities(&self.theta, columns, &mut self.y, &mut self.rows).is_ok()
+    }
+
+    /// Times, values and derivatives (N by columns) of an output, with a sign. A sample of the jump at the beginning is none of the response.
+    fn signal(&self, output: usize, negative: bool, columns: usize) -> (Vec<f64>, Vec<f64>) {
+        let q = self.manoeuvre.targets.len();
+        let sign = if negative { -1.0 } else { 1.0 };
+        let n = self.manoeuvre.run.len();
+        let y = (0..n).map(|k| sign * self.y[k * q + output]).collect();
+        let stride = columns.next_multiple_of(VECTOR);
+        let row = |k: usize| &self.rows[(k * q + output) * stride..][..columns];
+        let slopes =
+            if columns == 0 { Vec::new() } else { (0..n).flat_map(|k| row(k).iter().map(|d| sign * d)).collect() };
+        (y, slopes)
+    }
+
+    /// Flies a manoeuvre of standard inputs; `visit` gets its signals. `columns` are parameters of the model (indices into theta), none for
+    /// values alone. Derivatives are by all parameters that were asked for.
+    pub(super) fn standard<R>(
+        &mut self,
+        (theta, solved): (&[f64], &Solved),
+        columns: &[usize],
+        visit: impl FnOnce(&dyn Fn(Observed) -> Samples) -> R,
+    ) -> Option<R> {
+        let manoeuvre = self.manoeuvre;
+        self.theta = manoeuvre.all(theta, &[], solved);
+        let all = self.columns(columns, 0);
+        if !self.fly(&all) {
+            return None;
+        }
+        let flight = &*self;
+        Some(visit(&|observed: Observed| flight.samples(observed, columns, solved, all.len())))
+    }
+
+    /// Columns of the rewritten model: parameters, moments, values of the trim.
+    fn columns(&self, columns: &[usize], moments: usize) -> Vec<usize> {
+        if columns.is_empty() {
+            return Vec::new();
+        }
+        let p = self.manoeuvre.params;
+        let behind = self.theta.len() - self.manoeuvre.solved;
+        columns.iter().copied().chain(p..p + moments).chain(behind..self.theta.len()).collect()
+    }
+
+    /// A signal with its derivatives by the parameters, those through the trim among them, and by the moments behind them.
+    fn samples(&self, observed: Observed, columns: &[usize], solved: &Solved, all: usize) -> Samples {
+        let output = self.manoeuvre.place(observed.target);
+        let (y, rows) = self.signal(output, observed.negative, all);
+        let (own, trims) = (columns.len(), if all == 0 { 0 } else { self.manoeuvre.solved });
+        let moments = all.saturating_sub(own + trims);
+        let p = self.manoeuvre.params;
+        let mut slopes = Vec::with_capacity(y.len() * (own + moments));
+        for row in rows.chunks(all.max(1)).take(if all == 0 { 0 } else { y.len() }) {
+            let through = |k: usize| (0..trims).map(|z| row[own + moments + z] * solved.slopes[z * p + k]).sum::<f64>();
+            slopes.extend(columns.iter().enumerate().map(|(c, k)| row[c] + through(*k)));
+            slopes.extend_from_slice(&row[own..own + moments]);
+        }
+        Samples { time: self.manoeuvre.run.time.clone(), y, slopes, columns: if all == 0 { 0 } else { own + moments } }
+    }
+
+    /// The overshoot of a zigzag; see [`Zigzag`].
+    pub(super) fn zigzag(
+        &mut self,
+        zigzag: &Zigzag,
+        (theta, solved): (&[f64], &Solved),
+        columns: &[usize],
+    ) -> Measured {
+        let manoeuvre = self.manoeuvre;
+        let own = columns.len();
+        let mut moments: Vec<Moment> = Vec::new();
+        loop {
+            let done = moments.len();
+            let mut times = vec![f64::INFINITY; zigzag.number as usize + 1];
+            times.iter_mut().zip(&moments).for_each(|(t, m)| *t = m.t);
+            self.theta = manoeuvre.all(theta, &times, solved);
+            let all = self.columns(columns, done);
+            if !self.fly(&all) {
+                return Measured::missing("the response diverges");
+            }
+            let mut samples = self.samples(zigzag.signal, columns, solved, all.len());
+            samples.follow(&moments, own);
+            let course = samples.course();
+            if !course.is_finite() {
+                return Measured::missing("the response diverges");
+            }
+            // put over at +level first, then at -level, and so on
+            let sign = if done.is_multiple_of(2) { 1.0 } else { -1.0 };
+            let from = moments.last().map_or(0, |m: &Moment| course.time.partition_point(|t| *t <= m.t));
+            if done == zigzag.number as usize {
+                let peak = course.greatest(from.saturating_sub(1), -sign);
+                let value = -sign * peak.value - zigzag.level;
+                return Measured::of(value, peak.gradient.iter().map(|d| -sign * d).collect());
+            }
+            // behind the last moment the signal still goes on: it must come back first
+            match course.passes_towards(from, sign * zigzag.level, sign) {
+                Some(moment) => moments.push(moment),
+                None => return Measured::missing(format!("the signal does not pass {}", sign * zigzag.level)),
+            }
+        }
+    }
+}
+
+/// A signal of a flight.
+pub(super) struct Samples {
+    time: Vec<f64>,
+    y: Vec<f64>,
+    slopes: Vec<f64>,
+    columns: usize,
+}
+
+impl Samples {
+    pub(super) fn course(&self) -> Course<'_> {
+        Course { time: &self.time, y: &self.y, slopes: &self.slopes, columns: self.columns }
+    }
+
+    /// Moments that move with the parameters: their columns go into those of the parameters.
+    fn follow(&mut self, moments: &[Moment], own: usize) {
+        if self.columns == 0 || moments.is_empty() {
+            return;
+        }
+        let mut slopes = Vec::with_capacity(self.y.len() * own);
+        for row in self.slopes.chunks(self.columns) {
+            let through = |c: usize| row[own..].iter().zip(moments).map(|(d, m)| d * m.slopes[c]).sum::<f64>();
+            slopes.extend((0..own).map(|c| row[c] + through(c)));
+        }
+        (self.slopes, self.columns) = (slopes, own);
+    }
+}
+
+/// The model that answers.
+fn response(old: &Definition, driven: &Driven, solved: &[Signal], moments: usize, targets: &[Target]) -> Definition {
+    let mut graph = Graph::default();
+    let first = old.params.len();
+    let named: Vec<ExprId> = old.trim.iter().map(|(_, e)| *e).collect();
+    let named = old.graph.rebuild(&named, &mut graph, Graph::reference);
+    let mut base: Vec<(Signal, ExprId)> = old.trim.iter().map(|(s, _)| *s).zip(named).collect();
+    for (k, signal) in solved.iter().enumerate() {
+        let leaf = graph.leaf(Leaf::Param((first + moments + k) as u32));
+        base.push((*signal, leaf));
+    }
+    let at = |signal: Signal| base.iter().find(|(s, _)| *s == signal).map(|(_, e)| *e);
+    let mut roots: Vec<ExprId> = old.states.iter().map(|s| s.rate).collect();
+    roots.extend(old.states.iter().map(|s| s.initial));
+    roots.extend(
+        targets
+            .iter()
+            .filter_map(|t| if let Target::Output(k) = t { Some(old.outputs[*k as usize].expr) } else { None }),
+    );
+    let roots = old.graph.rebuild(&roots, &mut graph, |graph, reference| {
+        let (input, tau) = match reference {
+            Reference::Now(Leaf::Input(k)) => (k, None),
+            Reference::Earlier(Signal::Input(k), tau) => (k, Some(tau)),
+            other => return graph.reference(other),
+        };
+        let driven = match driven {
+            Driven::Zigzag(z) if z.input == input => put_over(graph, input, tau, z.size, first, moments),
+            _ => graph.reference(reference),
+        };
+        match at(Signal::Input(input)) {
+            Some(trim) => graph.apply(Op::Add, &[trim, driven]),
+            None => driven,
+        }
+    });
+    let n = old.states.len();
+    let mut states = old.states.clone();
+    let zero = graph.number(0.0);
+    for (k, state) in states.iter_mut().enumerate() {
+        let free = old.params.iter().any(|p| p.origin == Origin::FreeInitial(k as u32));
+        state.rate = roots[k];
+        state.initial = at(Signal::State(k as u32)).unwrap_or(if free { zero } else { roots[n + k] });
+        state.noise = None;
+    }
+    let mut expressions = roots[2 * n..].iter();
+    let outputs = targets.iter().map(|target| match target {
+        Target::State(k) => {
+            let leaf = graph.leaf(Leaf::State(*k));
+            Output::new(old.states[*k as usize].quantity.clone(), leaf)
+        }
+        Target::Output(k) => {
+            Output::new(old.outputs[*k as usize].quantity.clone(), expressions.next().copied().unwrap_or(zero))
+        }
+    });
+    let outputs: Vec<Output> = outputs.collect();
+    let param = |name: String| Param {
+        quantity: Quantity { name, doc: String::new(), unit: None },
+        origin: Origin::Declared,
+        value: 0.0,
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        fixed: false,
+        per_run: false,
+        group: None,
+        logarithmic: false,
+        prior: None,
+    };
+    let mut params = old.params.clone();
+    params.extend((0..moments).map(|k| param(format!("moment {}", k + 1))));
+    params.extend((0..solved.len()).map(|k| param(format!("trim {}", k + 1))));
+    Definition {
+        states,
+        outputs,
+        params,
+        derived: Vec::new(),
+        ties: Vec::new(),
+        trim: Vec::new(),
+        tables: Vec::new(),
+        requirements: None,
+        graph,
+        ..old.clone()
+    }
+}
+
+/// `size (u(t) - 2 u(t - T1) + 2 u(t - T2) - ...)` of a unit step u.
+fn put_over(graph: &mut Graph, input: u32, tau: Option<ExprId>, size: f64, first: usize, moments: usize) -> ExprId {
+    let signal = Signal::Input(input);
+    let mut sum = match tau {
+        Some(tau) => graph.delay(signal, tau),
+        None => graph.leaf(Leaf::Input(input)),
+    };
+    for k in 0..moments {
+        let moment = graph.leaf(Leaf::Param((first + k) as u32));
+        let late = tau.map_or(moment, |tau| graph.apply(Op::Add, &[tau, moment]));
+        let step = graph.delay(signal, late);
+        let two = graph.number(if k % 2 == 0 { -2.0 } else { 2.0 });
+        let step = graph.apply(Op::Mul, &[two, step]);
+        sum = graph.apply(Op::Add, &[sum, step]);
+    }
+    let size = graph.number(size);
+    graph.apply(Op::Mul, &[size, sum])
+}
+
+/// The record of a manoeuvre: inputs off their trim, and values that runs bring.
+fn record(model: &Model, theta: &[f64], duration: f64, driven: &Driven) -> Result<Run, RequirementError> {
+    let jump = JUMP * duration;
+    let mut edges = vec![0.0];
+    let drives: Vec<Drive> = match driven {
+        Driven::Standard(drives) => drives.clone(),
+        Driven::Zigzag(z) => vec![Drive { input: z.input, form: Form::Step(1.0) }],
+    };
+    for drive in &drives {
+        match drive.form {
+            Form::Hold(_) | Form::Step(_) => {}
+            Form::Pulse(_, length) => edges.push(length),
+            Form::Doublet(_, length) => edges.extend([length, 2.0 * length]),
+        }
+    }
+    let even = (0..=SAMPLES).map(|k| duration * k as f64 / SAMPLES as f64);
+    let edges = edges.into_iter().filter(|t| *t + jump < duration).flat_map(|t| [t, t + jump]);
+    let mut time: Vec<f64> = even.chain(edges).collect();
+    time.sort_by(f64::total_cmp);
+    // neighbours that rounding alone holds apart are one
+    time.dedup_by(|b, a| *b - *a < 0.5 * jump);
+    let mut inputs: Vec<Vec<f64>> = vec![vec![0.0; time.len()]; model.definition().inputs.len()];
+    for drive in &drives {
+        for (value, t) in inputs[drive.input as usize].iter_mut().zip(&time) {
+            *value += of_form(drive.form, *t, jump);
+        }
+    }
+    let mut builder = model.run("manoeuvre").times(time.clone()).without_outputs();
+    for (k, input) in model.definition().inputs.iter().enumerate().filter(|(_, i)| i.is_declared()) {
+        let name = &input.quantity.name;
+        builder = match input.known {
+            true => builder.known(name, theta[known(model.definition(), k)]),
+            false => builder.samples(name, std::mem::take(&mut inputs[k])),
+        };
+    }
+    builder.build().map_err(|e| RequirementError::Simulation { reason: e.to_string() })
+}
+
+/// The parameter that holds what runs bring in an input.
+fn known(definition: &Definition, input: usize) -> usize {
+    definition.params.iter().position(|p| p.origin == Origin::FirstSample(input as u32)).unwrap_or_default()
+}
+
+/// A form at a time; it jumps over the time `jump` behind each edge.
+fn of_form(form: Form, t: f64, jump: f64) -> f64 {
+    let step = |edge: f64| ((t - edge) / jump).clamp(0.0, 1.0);
+    match form {
+        Form::Hold(size) => size,
+        Form::Step(size) => size * step(0.0),
+        Form::Pulse(size, length) => size * (step(0.0) - step(length)),
+        Form::Doublet(size, length) => size * (step(0.0) - 2.0 * step(length) + step(2.0 * length)),
+    }
+}

@@ -1,0 +1,55 @@
+//! Draws from a posterior: a row for each parameter, and how the chains went.
+
+use super::table::{aligned_right, plain, trimmed};
+use fdm_results::documents::sample::SampleDocument;
+use fdm_results::documents::{digits, digits_by_error};
+
+/// Verdict, parameters, chains.
+pub fn sample_text(found: &SampleDocument) -> String {
+    let total = found.draws * found.chains.len();
+    let mut text = format!(
+        "{}: posterior of the result in {}\n{} chains of {} draws ({total} in all), {} before them, seed {}\n\n",
+        found.model,
+        found.result,
+        found.chains.len(),
+        found.draws,
+        found.warmup,
+        found.seed
+    );
+    let mut table =
+        plain(&["parameter", "run", "mean", "deviation", "2.5 %", "median", "97.5 %", "R-hat", "bulk", "tail", "unit"]);
+    for p in &found.parameters {
+        let significant = digits_by_error(p.mean, p.deviation, 3).unwrap_or(4);
+        let shown = |v: f64| digits(v, significant);
+        let count = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.0}"));
+        table.add_row([
+            p.name.clone(),
+            p.run.clone().unwrap_or_default(),
+            shown(p.mean),
+            digits(p.deviation, 3),
+            shown(p.interval[0]),
+            shown(p.median),
+            shown(p.interval[1]),
+            p.r_hat.map_or("-".into(), |r| format!("{r:.3}")),
+            count(p.bulk),
+            count(p.tail),
+            p.unit.clone().filter(|u| u != "1").unwrap_or_default(),
+        ]);
+    }
+    (2..10).for_each(|column| aligned_right(&mut table, column));
+    text.push_str(&trimmed(&table));
+    let mut table = plain(&["chain", "divergent", "step", "acceptance", "steps a draw", "gradients"]);
+    for (k, c) in found.chains.iter().enumerate() {
+        table.add_row([
+            (k + 1).to_string(),
+            c.divergent.to_string(),
+            digits(c.step, 3),
+            format!("{:.2}", c.accepted),
+            format!("{:.1}", c.steps),
+            c.evaluations.to_string(),
+        ]);
+    }
+    (0..6).for_each(|column| aligned_right(&mut table, column));
+    text.push_str(&format!("\n{}", trimmed(&table)));
+    text
+}

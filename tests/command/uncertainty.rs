@@ -1,0 +1,154 @@
+//! What is known beyond the estimates: `fdm margins`, bands of `simulate` and `validate`, `fdm sample`.
+
+use serde_json::Value;
+use support::command::said;
+use support::{Desk, Normal};
+
+const MODEL: &str = "model decay \"first order with an offset of the gauge\" {
+  input u [1];
+  state x [1];
+  param k = 1 in [0, 50] [1/s], g = 1 in [-10, 10] [1/s];
+  param bias = 0 [1] per run;
+  der(x) = -k*x + g*u;
+  output y [1] = x + bias;
+  requirement half [s] \"time to half\" = time_to_half(x) in [0.2, 0.5];
+  requirement steady_gain = g/k in [1.6, inf];
+}
+";
+
+/// x' = -2 x + 3 u under a held square wave, exactly, with noise of 0.05.
+fn record(seed: u64, bias: f64, samples: usize) -> String {
+    let (k, g, dt) = (2.0, 3.0, 0.05);
+    let (mut x, mut noise) = (0.0_f64, Normal(seed));
+    let mut rows = String::from("t [s],u,y\n");
+    for n in 0..samples {
+        let u = if (0.11 * n as f64).sin() > 0.0 { 1.0 } else { -1.0 };
+        rows.push_str(&format!("{},{u},{}\n", dt * n as f64, x + bias + 0.05 * noise.next()));
+        x = (x - g / k * u) * (-k * dt).exp() + g / k * u;
+    }
+    rows
+}
+
+fn desk() -> Desk {
+    let desk = Desk::with([("model.fdm", MODEL)]);
+    desk.write("one.csv", record(1, 0.3, 200));
+    desk.write("two.csv", record(2, -0.2, 200));
+    desk.good("fit model.fdm --data one.csv --zoh u --out result -q");
+    desk
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// Exit code, what was printed, and what was said beside it.
+fn ran(desk: &Desk, words: &[&str]) -> (i32, String, String) {
+    let output = desk.command_of(words).output().unwrap();
+    let printed = String::from_utf8(output.stdout.clone()).unwrap();
+    (output.status.code().unwrap(), printed, said(&output))
+}
+
+fn split(words: &str) -> Vec<&str> {
+    words.split(' ').collect()
+}
+
+#[test]
+fn margins_tell_requirements_with_their_probability() {
+    let desk = desk();
+    let found = json(&desk.good("margins result --json"));
+    let requirement = |k: usize| &found["requirements"][k];
+    let half = requirement(0);
+    let (value, interval) = (half["value"].as_f64().unwrap(), &half["interval"]);
+    assert!((value - 2f64.ln() / 2.0).abs() < 0.02, "{half}");
+    let ends = [interval[0].as_f64().unwrap(), interval[1].as_f64().unwrap()];
+    assert!(ends[0] < 2f64.ln() / 2.0 && 2f64.ln() / 2.0 < ends[1] && ends[1] - ends[0] < 0.1, "{half}");
+    assert!(half["probability"].as_f64().unwrap() > 0.999 && half["unit"] == "s", "{half}");
+    // 1.5 is not above 1.6
+    assert!(requirement(1)["probability"].as_f64().unwrap() < 0.05);
+    assert!((found["modes"][0]["re"].as_f64().unwrap() + 2.0).abs() < 0.15);
+    // the fit has them in its own result, to the bit
+    assert_eq!(json(&desk.text("result/result.json"))["requirements"], found["requirements"]);
+    let text = desk.good("margins result");
+    assert!(
+        text.contains("of 2 requirements 1 hold with 95 % probability or more, 1 with 5 % or less, 0 are open"),
+        "{text}"
+    );
+    assert_eq!(desk.good("margins result --threads 1 --json"), desk.good("margins result --threads 2 --json"));
+    // asked for at the command line, units and all
+    let asked = "top [1] = maximum(y, 5, step(u, 1)) in [1, 2]";
+    let found = json(&ran(&desk, &["margins", "result", "--json", "--draws", "0", "--requirement", asked]).1);
+    let top = &found["requirements"][2];
+    // the offset belongs to the gauge of that run
+    assert!((top["value"].as_f64().unwrap() - 1.8).abs() < 0.05 && top["by"] == "linear", "{top}");
+    desk.good("report result -o page.html");
+    assert!(desk.text("page.html").contains("Requirements"));
+}
+
+#[test]
+fn what_is_wrong_with_a_requirement_is_told_with_its_place() {
+    let desk = desk();
+    let asked = |requirement: &str| ran(&desk, &["margins", "result", "--requirement", requirement]);
+    let (code, _, error) = asked("r = mode_dampin(x)");
+    assert!(code == 2 && error.contains("did you mean `mode_damping(x)`"), "{error}");
+    let (code, _, error) = asked("r [s] = k");
+    assert!(code == 2 && error.contains("E0602"), "{error}");
+    let (code, _, error) = ran(&desk, &["margins", "nothing"]);
+    assert!(code == 2, "{error}");
+    // a value that does not exist: numbers went wrong
+    let (code, printed, error) = asked("r = time_to_double(x)");
+    assert!(code == 1 && printed.contains("does not grow"), "{printed}{error}");
+}
+
+#[test]
+fn bands_lie_around_the_response_and_hold() {
+    let desk = desk();
+    let table = desk.good("simulate --from-result result --data two.csv --zoh u --like one --bands");
+    let mut lines = table.lines();
+    assert_eq!(lines.next(), Some("t [s],y [1],y_low [1],y_high [1],y_measured_low [1],y_measured_high [1]"));
+    for line in lines {
+        let row: Vec<f64> = line.split(',').map(|v| v.parse().unwrap()).collect();
+        assert!(row[4] < row[2] && row[2] <= row[1] && row[1] <= row[3] && row[3] < row[5], "{line}");
+        assert!((0.05..0.16).contains(&(row[5] - row[1])), "{line}");
+    }
+    let found = json(&desk.good("validate --from-result result --data two.csv --zoh u --json -q"));
+    let band = &found["validation"]["bands"][0];
+    let within = band["within"].as_f64().unwrap();
+    assert!((0.88..=1.0).contains(&within), "{band}");
+    desk.good("validate --from-result result --data two.csv --zoh u --out validated -q");
+    let table = desk.text("validated/run_1_two.csv");
+    assert!(
+        table.starts_with("t [s],u [1],y [1],y_model [1],y_residual [1],y_low [1],y_high [1],y_measured_low [1]"),
+        "{table}"
+    );
+    let (code, _, error) = ran(&desk, &split("simulate model.fdm --data two.csv --bands"));
+    assert!(code == 2 && error.contains("--from-result"), "{error}");
+}
+
+#[test]
+fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
+    let desk = desk();
+    let words = "sample result --chains 2 --draws 400 --warmup 200 --seed 5 --arviz draws.json --bands --json -q";
+    let (code, text, error) = ran(&desk, &split(words));
+    assert!(code == 0, "{error}");
+    let found = json(&text);
+    let fitted = json(&desk.text("result/result.json"));
+    for name in ["k", "g", "bias"] {
+        let all = fitted["parameters"].as_array().unwrap();
+        let fit = all.iter().find(|p| p["name"] == name).unwrap();
+        let drawn = found["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+        let number = |v: &Value| v.as_f64().unwrap();
+        let error = number(&fit["standard_error"]);
+        assert!((number(&drawn["mean"]) - number(&fit["value"])).abs() < 0.3 * error, "{drawn} {fit}");
+        assert!((number(&drawn["deviation"]) / error - 1.0).abs() < 0.2, "{drawn} {fit}");
+    }
+    assert_eq!(found["bands"][0]["response"][0].as_array().unwrap().len(), 200);
+    let draws = json(&desk.text("draws.json"));
+    assert_eq!(draws["posterior"]["k"].as_array().unwrap().len(), 2);
+    assert_eq!(draws["posterior"]["bias[one]"][0].as_array().unwrap().len(), 400);
+    assert_eq!(draws["sample_stats"]["diverging"][1].as_array().unwrap().len(), 400);
+    let again = "sample result --chains 2 --draws 50 --warmup 50 --seed 5 --json -q";
+    let with = |threads: &str| ran(&desk, &split(&format!("{again} --threads {threads}"))).1;
+    assert_eq!(with("1"), with("2"));
+    let (code, _, error) = ran(&desk, &split("sample result --arviz draws.json"));
+    assert!(code == 2 && error.contains("exists already"), "{error}");
+}
