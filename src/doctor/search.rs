@@ -79,6 +79,9 @@ struct Accepted {
 /// Hypotheses that are fitted to the end, and that an accepted one is compared with later.
 const REFINED: usize = 4;
 
+/// Remarks of what a model lacks that the search goes beyond.
+const MOST_REMARKS: usize = 2;
+
 /// Odds over what a model may lack, a constant or a lag, below which a fault is a remark.
 const DOUBT: f64 = 20.0;
 
@@ -99,7 +102,11 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
     let mut accepted: Vec<Accepted> = Vec::new();
     let (mut current, mut fits) = (start.clone(), 0);
     let needed = search.options.odds.ln();
-    while accepted.len() < search.options.most {
+    // what the model lacks is a remark, and leaves faults behind it their place
+    let remarks = |all: &[Accepted]| {
+        all.iter().filter(|a| search.is_addition_for(&a.judged.hypothesis, &a.judged.hypothesis)).count()
+    };
+    while accepted.len() < search.options.most + remarks(&accepted).min(MOST_REMARKS) {
         let (mut all, tried) = round(search, &edits(&accepted, None), &current);
         fits += tried;
         // of a round that was not finished nobody knows which is the likeliest
