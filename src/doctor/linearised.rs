@@ -113,9 +113,6 @@ impl<'a> Linearised<'a> {
                     *left = e - row.iter().zip(&moves).map(|(j, s)| j * s).sum::<f64>();
                 }
             }
-            if self.columns.is_empty() {
-                break;
-            }
         }
         self.evidence.unestimated(left, &new, edits, self.fit)
     }
@@ -150,6 +147,9 @@ impl<'a> Linearised<'a> {
         const DAMPING: f64 = 1e-9;
         let (width, q) = (self.columns.len(), variances.len());
         let size = self.shared + self.runs.len() * (width - self.shared);
+        if size == 0 {
+            return Some(Vec::new());
+        }
         let (mut information, mut descent) = (vec![0.0; size * size], vec![0.0; size]);
         for (r, (residuals, jacobian)) in residuals.iter().zip(jacobians).enumerate() {
             // the sums of one run by its own columns, which are few

@@ -40,7 +40,7 @@ struct Number<'n> {
     /// It is above this.
     least: f64,
     /// The edits of a value.
-    edits: &'n dyn Fn(f64) -> Vec<Edit>,
+    edits: &'n (dyn Fn(f64) -> Vec<Edit> + Sync),
 }
 
 /// A hypothesis that was tried.
