@@ -29,8 +29,8 @@ pub(crate) enum Edit {
     Drift(Slot, f64),
     /// Constant that is added from a time on.
     Step(Slot, f64, f64),
-    /// The channel went through a first-order lag of this time constant. What went through none goes through it too, so that all are alike
-    /// again: for a linear motion there is no difference.
+    /// The channel went through a first-order lag of this time constant. Of an output the model's response goes through it too
+    /// ([`lags_of`]); in kinematics the other channels do, so that all are alike again: for a linear motion there is no difference.
     Filter(Slot, f64),
     /// All times are multiplied.
     Time(f64),
@@ -361,9 +361,22 @@ pub(crate) fn edited_record<'a>(record: &'a Record, channels: &Channels, edits: 
     Edited { time, columns }
 }
 
+/// What edits multiply the times by.
+pub(crate) fn time_factor(edits: &[Edit]) -> f64 {
+    edits.iter().map(|e| if let Edit::Time(factor) = *e { factor } else { 1.0 }).product()
+}
+
+/// The first-order lags behind the model's outputs: output and time constant, in their order.
+pub(crate) fn lags_of(edits: &[Edit]) -> Vec<(usize, f64)> {
+    let lag = |e: &Edit| if let Edit::Filter(Slot::Output(k), lag) = *e { Some((k, lag)) } else { None };
+    edits.iter().filter_map(lag).collect()
+}
+
 /// How far between samples a channel is read by delays and drifts: the mean of `f (1 - f)` over the parts `f` of intervals.
 pub(crate) fn between_samples(record: &Record, edits: &[Edit], slot: Slot) -> f64 {
-    let time = &record.time;
+    let factor = time_factor(edits);
+    let time: Vec<f64> = record.time.iter().map(|t| factor * t).collect();
+    let time = &time[..];
     let mut cursor = fdm_system::record::Cursor::default();
     let mut part = |at: f64| {
         let place = cursor.at(time, at);
@@ -380,7 +393,8 @@ pub(crate) fn between_samples(record: &Record, edits: &[Edit], slot: Slot) -> f6
     parts.sum::<f64>().min(0.25)
 }
 
-/// A run as the edits of its record make it, with the inputs that the model computes from its records.
+/// A run as the edits of its record make it, with the inputs that the model computes from its records. What a channel went through is
+/// left to the response ([`lags_of`]).
 ///
 /// # Errors
 /// As [`Run::with_measured`].
@@ -392,6 +406,8 @@ pub(crate) fn edited(
     model: &Model,
 ) -> Result<Run, Incomplete> {
     let mut new = run.clone();
+    let of_samples: Vec<Edit> = edits.iter().filter(|e| !matches!(e, Edit::Filter(..))).copied().collect();
+    let edits = &of_samples[..];
     let edited = edited_record(record, channels, edits, &run.held);
     for slot in channels.slots().take(channels.inputs + channels.outputs) {
         if let Cow::Owned(values) = &edited.columns[channels.place(slot)] {

@@ -5,7 +5,7 @@
 //! 1957; Preisig and Rippin 1993). Nothing is differentiated, nothing drifts, and windows that overlap by half are nearly independent.
 
 use crate::finding::{Fault, Finding};
-use crate::hypothesis::{Channels, Edit, edited_record, lagged, plain};
+use crate::hypothesis::{Channels, Edit, edited_record, lagged, plain, time_factor};
 use crate::likelihood::{independent_samples, variance};
 use crate::record::{Channel, Record};
 use crate::repair::Repair;
@@ -308,13 +308,23 @@ impl Kinematics {
         windows.map(|w| (w, likeness(w))).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(8, |(w, _)| w)
     }
 
-    /// Radians or degrees of what states no unit.
-    fn interpret(self, records: &[Record], channels: &Channels) -> Self {
+    /// Radians or degrees of what states no unit: those of what does, and where nobody does, as the equations hold best. So one channel that is in
+    /// another unit than all others is a fault, and no matter of choice.
+    fn interpret(mut self, records: &[Record], channels: &Channels) -> Self {
         let first = &records[0].channels;
-        let silent = |q: K| self.places[q as usize].is_some_and(|(k, _)| first[k].unit.is_none());
-        let angles = [K::Phi, K::Theta, K::Psi, K::Alpha, K::Beta].map(|q| (q, silent(q)));
-        let rates = [K::P, K::Q, K::R].map(|q| (q, silent(q)));
-        let all: Vec<K> = angles.iter().chain(&rates).filter(|(_, s)| *s).map(|(q, _)| *q).collect();
+        let angular = [K::Phi, K::Theta, K::Psi, K::Alpha, K::Beta, K::P, K::Q, K::R];
+        let there = angular.into_iter().filter_map(|q| Some((q, self.places[q as usize]?)));
+        let (silent, stated): (Vec<_>, Vec<_>) = there.partition(|(_, (k, _))| first[*k].unit.is_none());
+        let all: Vec<K> = silent.into_iter().map(|(q, _)| q).collect();
+        let factors: Vec<f64> = stated.into_iter().map(|(_, (_, factor))| factor).collect();
+        if let Some(common) = factors.first().filter(|f| factors.iter().all(|g| g == *f)) {
+            for q in all {
+                if let Some(place) = &mut self.places[q as usize] {
+                    place.1 = *common;
+                }
+            }
+            return self;
+        }
         if all.is_empty() {
             return self;
         }
@@ -354,7 +364,7 @@ impl Kinematics {
             return 1.0;
         }
         let (window, n) = (self.window, record.time.len());
-        let interval = (record.time[n - 1] - record.time[0]) / (n - 1) as f64;
+        let interval = time_factor(edits) * (record.time[n - 1] - record.time[0]) / (n - 1) as f64;
         let times: Vec<f64> = (0..3 * window).map(|k| k as f64 * interval).collect();
         let part = |derived: bool| {
             let weight = |k: usize| match k as f64 / window as f64 {

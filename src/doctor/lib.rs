@@ -2,17 +2,19 @@
 //! **out** [`Finding`]s: channel, place, what, odds, bias of parameters, and the line of a map that repairs it.
 //!
 //! **Never** changes a record, reads files or prints. **Start** at [`examine_alone`] (one pass over the samples: `time`, `values`,
-//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `spectrum`, `search`, `beside`).
+//! `runs_of_values`, `kinematics`) and [`examine_beside`] (hypotheses fitted beside the model and beside kinematics: `hypothesis`, `kinematics`, `likelihood`, `linearised`, `filtered`, `spectrum`, `search`, `beside`).
 
 mod aliasing;
 mod alone;
 mod beside;
 mod biases;
+mod filtered;
 mod finding;
 mod hypothesis;
 mod information;
 mod kinematics;
 mod likelihood;
+mod linearised;
 mod record;
 mod repair;
 mod repeats;

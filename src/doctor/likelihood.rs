@@ -1,13 +1,18 @@
 //! How likely a record is beside a model and beside kinematics: the concentrated likelihood of Gaussian noise, less what the values of
 //! parameters would have to be.
 
-use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record};
+use crate::filtered::Filtered;
+use crate::hypothesis::{Channels, Edit, Slot, between_samples, edited, edited_record, lags_of, time_factor};
 use crate::kinematics::Kinematics;
 use crate::record::Record;
-use crate::spectrum::{Bands, interpolated, lagged_noise};
-use fdm_estimate::{Continuation, Estimate, FitOptions, Iteration, Observer, Options, SharedSteps, Stop, fit};
+use crate::spectrum::{Bands, interpolated};
+use fdm_estimate::{
+    Changes, Continuation, DerivedQuantities, Estimate, FitOptions, Iteration, Observer, Options, Problem, ProblemRun,
+    Response, SharedSteps, Stop, estimate, fit, starts,
+};
 use fdm_system::Model;
 use fdm_system::record::Run;
+use fdm_system::simulate::{Simulator, Steps};
 use std::ops::ControlFlow;
 
 /// What hypotheses are judged by: the runs beside their model, where there is one, and the records beside kinematics.
@@ -36,6 +41,9 @@ impl Observer for While<'_> {
     }
 }
 
+/// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
+pub(crate) const FASTEST: f64 = 30.0;
+
 /// Parts of all records together in which a fault has to hold up.
 const LEAST_BLOCKS: usize = 4;
 
@@ -50,7 +58,7 @@ fn mean_square(e: &[f64]) -> f64 {
 pub(crate) const THOROUGH: usize = 40;
 
 /// A fit of the edited record.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Trial {
     /// Sum of squares over that of the measured values about their mean: one for each output, then one for each equation of kinematics. NaN
     /// where nothing was measured. Exchanged and rescaled columns compare by these parts, as the factor drops out.
@@ -63,10 +71,22 @@ pub(crate) struct Trial {
     blocks: Vec<f64>,
     /// What the values of parameters cost, and the gains of kinematics, in nats.
     values: [f64; 2],
-    /// None where nothing could be simulated.
+    /// None where nothing could be simulated, or nothing was fitted.
     pub(crate) estimate: Option<Estimate>,
+    /// Residuals of each run (N by q) where there is no estimate to hold them.
+    residuals: Vec<Vec<f64>>,
     /// The steps of the simulation, which fits that are near share.
-    steps: SharedSteps,
+    pub(crate) steps: ChosenSteps,
+}
+
+/// Steps that were chosen for a fit.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct ChosenSteps {
+    shared: SharedSteps,
+    /// Of each run; empty where nothing was chosen.
+    pub(crate) of_runs: Vec<Steps>,
+    /// What the times had been multiplied by.
+    factor: f64,
 }
 
 /// Where a fit begins.
@@ -93,17 +113,23 @@ impl Evidence<'_> {
     pub(crate) fn trial(&self, begin: Begin<'_>, edits: &[Edit], iterations: usize) -> Option<Trial> {
         let beside = match self.model {
             Some(model) => self.beside(model, begin, edits, iterations)?,
-            None => Trial {
-                parts: Vec::new(),
-                independent: Vec::new(),
-                bands: Vec::new(),
-                blocks: Vec::new(),
-                values: [0.0; 2],
-                estimate: None,
-                steps: SharedSteps::default(),
-            },
+            None => Trial::default(),
         };
         Some(self.with_kinematics(beside, edits))
+    }
+
+    /// What residuals of the edited runs (N by q each) are worth, with no estimate behind them. The values of parameters cost as in `near`.
+    pub(crate) fn unestimated(
+        &self,
+        residuals: Vec<Vec<f64>>,
+        runs: &[Run],
+        edits: &[Edit],
+        near: &Trial,
+    ) -> Option<Trial> {
+        let left: Vec<&[f64]> = residuals.iter().map(|r| &r[..]).collect();
+        let judged = self.judged(&left, runs, edits)?;
+        let (values, steps) = ([near.values[0], 0.0], near.steps.clone());
+        Some(self.with_kinematics(Trial { values, steps, residuals, ..judged }, edits))
     }
 
     /// The same where the edits behind `current` leave the runs of the model as they are: nothing is fitted.
@@ -142,7 +168,9 @@ impl Evidence<'_> {
 
     /// Leaves out the equations of kinematics that the model itself breaks, as its outputs are late or scaled by intent.
     pub(crate) fn without_broken_equations(&mut self, current: Trial) -> Trial {
-        if let Some(estimate) = &current.estimate {
+        // between samples that are so far apart the response says nothing of its derivatives: the times may be in another unit
+        let resolved = self.pace.is_none_or(|pace| pace <= FASTEST);
+        if let Some(estimate) = current.estimate.as_ref().filter(|_| resolved) {
             let mut response: Vec<Record> = self.records.to_vec();
             let q = self.outputs();
             let mut foreign = vec![true; self.channels.slots().count()];
@@ -162,10 +190,39 @@ impl Evidence<'_> {
         if !(self.goes_on)() {
             return None;
         }
-        let pairs = self.runs.iter().zip(self.records);
-        let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
-        let new = new.collect::<Result<Vec<_>, _>>().ok()?;
-        let options = FitOptions {
+        let new = self.edited_runs(model, edits)?;
+        let lags = lags_of(edits);
+        let options = Self::options(model, iterations);
+        let begun = begin.model.unwrap_or(model);
+        let near = begin.steps.filter(|near| near.steps.suit(edits, new.len()));
+        let on = |near: &Trial| on_steps(begun, &near.steps.of_runs, &new, &lags, &options, self.goes_on);
+        let again = near.filter(|_| is_plain(model)).and_then(on);
+        let (estimate, steps) = match (again, near) {
+            (Some(estimate), Some(near)) => (estimate, near.steps.clone()),
+            // a model with a lag behind it is no model of this package
+            _ if !lags.is_empty() => return None,
+            _ => {
+                let shared_steps = near.map_or_else(SharedSteps::default, |t| t.steps.shared.clone());
+                let options = FitOptions { shared_steps, ..options };
+                let found = fit(begun, &new, &options, &mut While(self.goes_on)).ok()?;
+                let of_runs = found.integration.iter().map(|a| a.steps.clone()).collect();
+                let (shared, factor) = (SharedSteps::of(found.integration), time_factor(edits));
+                (found.estimate, ChosenSteps { shared, of_runs, factor })
+            }
+        };
+        // a fit that was ended early is worth nothing beside one that was not
+        if !(self.goes_on)() {
+            return None;
+        }
+        let left: Vec<&[f64]> = estimate.runs.iter().map(|r| &r.residuals[..]).collect();
+        let judged = self.judged(&left, &new, edits)?;
+        let values = [cost_of_values(model, &estimate), 0.0];
+        Some(Trial { values, estimate: Some(estimate), steps, ..judged })
+    }
+
+    /// How a model is fitted.
+    pub(crate) fn options(model: &Model, iterations: usize) -> FitOptions {
+        FitOptions {
             options: Options {
                 iterations,
                 total: Some(2 * iterations),
@@ -174,20 +231,24 @@ impl Evidence<'_> {
                 ..Options::default()
             },
             accuracy: Some(1e-5),
-            shared_steps: begin.steps.map_or_else(SharedSteps::default, |t| t.steps.clone()),
             continuation: Continuation::Never,
             bare: true,
             ..FitOptions::default()
         }
-        .with_declared_noise(model);
-        let found = fit(begin.model.unwrap_or(model), &new, &options, &mut While(self.goes_on)).ok()?;
-        // a fit that was ended early is worth nothing beside one that was not
-        if !(self.goes_on)() {
-            return None;
-        }
-        let (estimate, steps) = (found.estimate, SharedSteps::of(found.integration));
+        .with_declared_noise(model)
+    }
+
+    /// The runs as edits of their records make them; none where that cannot be.
+    pub(crate) fn edited_runs(&self, model: &Model, edits: &[Edit]) -> Option<Vec<Run>> {
+        let pairs = self.runs.iter().zip(self.records);
+        let new = pairs.map(|(run, record)| edited(run, record, self.channels, edits, model.definition()));
+        new.collect::<Result<Vec<_>, _>>().ok()
+    }
+
+    /// What residuals of the edited runs are worth: the part of a trial that they determine.
+    fn judged(&self, residuals: &[&[f64]], new: &[Run], edits: &[Edit]) -> Option<Trial> {
         let q = self.outputs();
-        if estimate.runs.iter().all(|r| r.residuals.is_empty()) {
+        if residuals.iter().all(|r| r.is_empty()) {
             return None;
         }
         let (mut parts, mut independent, mut bands) = (vec![f64::NAN; q], vec![0.0; q], vec![None; q]);
@@ -197,8 +258,8 @@ impl Evidence<'_> {
             let begun = blocks.len();
             let (mut sum, mut count, mut worth) = (0.0, 0usize, 0.0);
             let mut spectrum = self.no_bands();
-            for (run, record) in estimate.runs.iter().zip(self.records) {
-                let all: Vec<f64> = run.residuals.iter().skip(output).step_by(q).copied().collect();
+            for (left, record) in residuals.iter().zip(self.records) {
+                let all: Vec<f64> = left.iter().skip(output).step_by(q).copied().collect();
                 blocks.extend(all.chunks(all.len().div_ceil(pieces).max(1)).map(mean_square));
                 let mut e: Vec<f64> = all.into_iter().filter(|v| !v.is_nan()).collect();
                 sum += e.iter().map(|v| v * v).sum::<f64>();
@@ -216,8 +277,7 @@ impl Evidence<'_> {
                 blocks[begun..].iter_mut().for_each(|b| *b /= variance);
             }
         }
-        let values = [cost_of_values(model, &estimate), 0.0];
-        Some(Trial { parts, independent, bands, blocks, values, estimate: Some(estimate), steps })
+        Some(Trial { parts, independent, bands, blocks, ..Trial::default() })
     }
 
     /// The bands of the column that edits put in the place of a channel, about the mean of each record, before it is moved in time or filtered.
@@ -265,9 +325,7 @@ impl Evidence<'_> {
             }
         }
         let measured = parts.iter().any(|s| !s.is_nan());
-        let steps = SharedSteps::default();
-        let (blocks, values) = (Vec::new(), [0.0; 2]);
-        let trial = Trial { parts, independent, bands, blocks, values, estimate: None, steps };
+        let trial = Trial { parts, independent, bands, ..Trial::default() };
         measured.then(|| self.with_kinematics(trial, edits))
     }
 }
@@ -284,14 +342,61 @@ pub(crate) fn variance(values: impl Iterator<Item = f64>) -> f64 {
     squares / f64::max(n, 1.0)
 }
 
-/// The part of noise that edits leave of a channel at an angle per sample: they read it between samples, or lag it.
+/// Whether its fit is one of squares alone: no parameter stands in a noise.
+pub(crate) fn is_plain(model: &Model) -> bool {
+    let definition = model.definition();
+    !definition.only_in_noise().contains(&true) && definition.outputs.iter().all(|o| o.noise_model.is_none())
+}
+
+impl ChosenSteps {
+    /// Whether so many runs can be simulated on them as edits make the runs.
+    fn suit(&self, edits: &[Edit], runs: usize) -> bool {
+        self.of_runs.len() == runs && runs > 0 && (self.factor / time_factor(edits) - 1.0).abs() < 1e-9
+    }
+}
+
+/// All parameters of each run: the estimates, and what the model and the run say of the others.
+pub(crate) fn parameters_of_runs(model: &Model, runs: &[Run], estimate: &Estimate) -> Vec<Vec<f64>> {
+    let mut all = starts(model, runs, &Changes::default());
+    for (run, theta) in runs.iter().zip(&mut all) {
+        for (value, param) in theta.iter_mut().zip(&model.definition().params) {
+            let owner = param.per_run.then_some(run.name.as_str());
+            let found = estimate.parameter(&param.quantity.name, owner).filter(|_| !param.fixed);
+            *value = found.map_or(*value, |p| p.value);
+        }
+    }
+    all
+}
+
+/// A fit on steps that are known to be fine enough, with lags behind outputs. None where it cannot be simulated from its start.
+fn on_steps(
+    model: &Model,
+    steps: &[Steps],
+    runs: &[Run],
+    lags: &[(usize, f64)],
+    options: &FitOptions,
+    goes_on: &(dyn Fn() -> bool + Sync),
+) -> Option<Estimate> {
+    let starts = starts(model, runs, &Changes::default());
+    let mut prepared = Vec::with_capacity(runs.len());
+    for ((run, start), steps) in runs.iter().zip(&starts).zip(steps) {
+        let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).ok()?;
+        simulator.suits(start).ok()?;
+        let response: Box<dyn Response> =
+            if lags.is_empty() { Box::new(simulator) } else { Box::new(Filtered::new(simulator, lags)) };
+        let (name, measured, start) = (run.name.clone(), run.measured.clone(), start.clone());
+        prepared.push(ProblemRun { name, response, measured, start });
+    }
+    let derived = DerivedQuantities::of(model.definition(), model.dynamics());
+    let mut problem = Problem::new(model.definition(), prepared, derived);
+    let found = estimate(&mut problem, &options.options, &mut While(goes_on)).ok()?;
+    Some(found).filter(|e| !e.runs.is_empty())
+}
+
+/// The part of noise that edits leave of a channel at an angle per sample, as they read it between samples.
 fn left_of_noise(record: &Record, edits: &[Edit], slot: Slot) -> impl Fn(f64) -> f64 {
     let between = between_samples(record, edits, slot);
-    let lag =
-        edits.iter().find_map(|e| if let Edit::Filter(s, lag) = *e { Some(lag).filter(|_| s != slot) } else { None });
-    let intervals = record.time.len().saturating_sub(1).max(1) as f64;
-    let interval = (record.time.last().unwrap_or(&0.0) - record.time.first().unwrap_or(&0.0)) / intervals;
-    move |angle| interpolated(between, angle) * lag.map_or(1.0, |lag| lagged_noise(lag, interval, angle))
+    move |angle| interpolated(between, angle)
 }
 
 /// Samples over the sum of autocorrelations up to the first that is not above chance: white residuals count in full.
@@ -333,6 +438,14 @@ fn cost_of_values(model: &Model, estimate: &Estimate) -> f64 {
 }
 
 impl Trial {
+    /// Measured minus model of each run (N by q).
+    pub(crate) fn residuals(&self) -> Vec<&[f64]> {
+        match &self.estimate {
+            Some(estimate) => estimate.runs.iter().map(|r| &r.residuals[..]).collect(),
+            None => self.residuals.iter().map(|r| &r[..]).collect(),
+        }
+    }
+
     /// The model with these estimates as start values; those of each run begin as the text says.
     pub(crate) fn begun(&self, model: &Model) -> Model {
         let Some(estimate) = &self.estimate else { return model.clone() };
@@ -364,11 +477,11 @@ impl Trial {
     /// What a trial gains over another one, in nats, because it is not compared at samples that the other one fits badly: a channel that is
     /// moved in time leaves its ends open.
     fn merit_of_gaps(&self, other: &Self) -> f64 {
-        let (Some(own), Some(others)) = (&self.estimate, &other.estimate) else { return 0.0 };
+        let (own, others) = (self.residuals(), other.residuals());
         let q = self.bands.len();
         let merit = |output: usize| {
-            let rows = own.runs.iter().zip(&others.runs);
-            let pairs = rows.flat_map(|(a, b)| a.residuals.iter().zip(&b.residuals).skip(output).step_by(q));
+            let rows = own.iter().zip(&others);
+            let pairs = rows.flat_map(|(a, b)| a.iter().zip(b.iter()).skip(output).step_by(q));
             let ([mut all, mut common], mut counts) = ([0.0; 2], [0.0; 2]);
             for (own, other) in pairs.filter(|(_, other)| !other.is_nan()) {
                 (all, counts[0]) = (all + other * other, counts[0] + 1.0);

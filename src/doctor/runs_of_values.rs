@@ -177,6 +177,9 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
     if !moves && at_an_end && record.channels.len() > 1 {
         return None;
     }
+    if at_an_end && rests(&channel.values, longest) {
+        return None;
+    }
     let p = (n as f64 * equal.powi(longest.length as i32 - 1)).min(1.0);
     if p > alpha {
         return None;
@@ -190,6 +193,31 @@ fn stuck(record: &Record, channel: &Channel, all: &[Stretch], alpha: f64) -> Opt
     let finding = Finding::by_chance(&record.run, &channel.name, Fault::Stuck, p, what);
     let repair = Repair::words("empty these cells: they are then not compared");
     Some(finding.at_samples(&record.time, within.collect()).repaired_by(repair))
+}
+
+/// Whether a run of equal values at an end of the record is a rest: motion dies out towards it, or grows out of it, by steps that are much smaller
+/// than usual. A sensor that sticks does so at any speed, and in its noise.
+fn rests(values: &[f64], run: &Stretch) -> bool {
+    const BESIDE: usize = 8;
+    /// Of the usual step.
+    const GENTLE: f64 = 0.2;
+    let steps = |part: &[f64]| -> Vec<f64> {
+        part.windows(2).map(|w| (w[1] - w[0]).abs()).filter(|d| d.is_finite() && *d > 0.0).collect()
+    };
+    let end = run.first + run.length;
+    // with the step into the run, or out of it
+    let beside = if run.first == 0 {
+        &values[end - 1..(end + BESIDE).min(values.len())]
+    } else {
+        &values[run.first.saturating_sub(BESIDE)..=run.first]
+    };
+    let (near, mut all) = (steps(beside), steps(values));
+    if near.is_empty() || all.len() < BESIDE {
+        return false;
+    }
+    let middle = all.len() / 2;
+    let usual = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+    near.iter().sum::<f64>() < GENTLE * usual * near.len() as f64
 }
 
 /// Rows that repeat the row before in every channel that otherwise changes, at another time.

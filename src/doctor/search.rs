@@ -4,8 +4,9 @@
 use crate::beside::BesideOptions;
 use crate::biases::biases_of;
 use crate::finding::{Fault, Finding, Place, Severity};
-use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete};
-use crate::likelihood::{Begin, Evidence, Searched, THOROUGH, Trial, search as search_number, variance};
+use crate::hypothesis::{Channels, Edit, Hypothesis, Slot, discrete, time_factor};
+use crate::likelihood::{Begin, Evidence, FASTEST, Searched, THOROUGH, Trial, search as search_number, variance};
+use crate::linearised::Linearised;
 use crate::record::{Record, Role};
 use crate::tail::Tail;
 use fdm_system::Model;
@@ -19,6 +20,27 @@ pub(crate) struct Search<'a> {
     pub(crate) options: &'a BesideOptions,
     /// Is told what is being done.
     pub(crate) say: &'a (dyn Fn(&str) + Sync),
+}
+
+/// What speaks against a fault that is likely.
+#[derive(Clone, Copy)]
+struct Doubts {
+    /// Whether all parts of the record speak for it.
+    everywhere: bool,
+    /// Whether what the model may lack does as well.
+    doubted: bool,
+}
+
+/// A number to be estimated.
+struct Number<'n> {
+    /// The first step from 0.
+    begin: f64,
+    /// Gain in nats that it has to promise.
+    needed: f64,
+    /// It is above this.
+    least: f64,
+    /// The edits of a value.
+    edits: &'n (dyn Fn(f64) -> Vec<Edit> + Sync),
 }
 
 /// A hypothesis that was tried.
@@ -57,6 +79,9 @@ struct Accepted {
 /// Hypotheses that are fitted to the end, and that an accepted one is compared with later.
 const REFINED: usize = 4;
 
+/// Remarks of what a model lacks that the search goes beyond.
+const MOST_REMARKS: usize = 2;
+
 /// Odds over what a model may lack, a constant or a lag, below which a fault is a remark.
 const DOUBT: f64 = 20.0;
 
@@ -77,7 +102,11 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
     let mut accepted: Vec<Accepted> = Vec::new();
     let (mut current, mut fits) = (start.clone(), 0);
     let needed = search.options.odds.ln();
-    while accepted.len() < search.options.most {
+    // what the model lacks is a remark, and leaves faults behind it their place
+    let remarks = |all: &[Accepted]| {
+        all.iter().filter(|a| search.is_addition_for(&a.judged.hypothesis, &a.judged.hypothesis)).count()
+    };
+    while accepted.len() < search.options.most + remarks(&accepted).min(MOST_REMARKS) {
         let (mut all, tried) = round(search, &edits(&accepted, None), &current);
         fits += tried;
         // of a round that was not finished nobody knows which is the likeliest
@@ -87,7 +116,7 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
         if all.first().is_none_or(|b| b.log_odds <= needed) {
             break;
         }
-        let best = all.remove(0);
+        let best = search.settled(all.remove(0), &edits(&accepted, None), &current);
         // what a model may lack is remembered wherever it stands
         let rival = |j: &Judged| search.is_addition(&j.hypothesis) && j.log_odds > best.log_odds - DOUBT.ln();
         let (first, others) = all.split_at(all.len().min(REFINED));
@@ -112,7 +141,10 @@ pub(crate) fn faults(search: &Search<'_>, start: Trial) -> Found {
             .as_ref()
             .map_or(own.judged.log_odds, |w| gain(own.judged.hypothesis.fault, &current, w) + own.judged.prior);
         let everywhere = without.as_ref().is_none_or(|w| search.holds_everywhere(&own.judged, &current, w));
-        let mut finding = search.told(own, log_odds, everywhere);
+        let doubted = search.doubted(&accepted, k, log_odds, without.as_ref());
+        fits += 2 * usize::from(doubted);
+        let doubts = Doubts { everywhere, doubted };
+        let mut finding = search.told(own, log_odds, doubts, time_factor(&edits(&accepted, None)));
         finding.biases = biases_of(without.as_ref().and_then(|w| w.estimate.as_ref()), current.estimate.as_ref());
         found.push(finding);
     }
@@ -130,14 +162,15 @@ fn lag_in_place(search: &Search<'_>, fault: &Judged, accepted: &[Edit], current:
     }
     // a body and its sensor are two lags in a chain
     let tried = [1, 2].into_iter().filter_map(|count| {
-        let edits = |lag: f64| vec![Edit::Filter(output, lag); count];
-        let at = |lag: f64| {
-            let all: Vec<Edit> = accepted.iter().copied().chain(edits(lag)).collect();
-            if lag > 0.0 { search.trial(&all, current) } else { None }
+        let number = Number {
+            begin: 0.6 * by.abs() / count as f64,
+            needed: 0.0,
+            least: 0.0,
+            edits: &|lag| vec![Edit::Filter(output, lag); count],
         };
-        let Searched { value, trial, .. } = search_number(0.6 * by.abs() / count as f64, current, 0.0, &at)?;
-        let what = format!("went through {count} lag(s) of {value:.4}, as the others then do");
-        let (edits, weight) = (edits(value), fault.hypothesis.weight);
+        let Searched { value, trial, .. } = search.best(&number, accepted, current)?;
+        let what = format!("went through {count} lag(s) of {value:.4}");
+        let (edits, weight) = (vec![Edit::Filter(output, value); count], fault.hypothesis.weight);
         let hypothesis = Hypothesis { fault: Fault::Filtered, slots: vec![output], edits, what, weight };
         let (prior, log_odds) = (fault.prior, trial.cautious_gain_over(current) + fault.prior);
         Some(Judged { log_odds, hypothesis, prior, trial })
@@ -187,6 +220,13 @@ fn edits(accepted: &[Accepted], without: Option<usize>) -> Vec<Edit> {
     others.flat_map(|(_, a)| a.judged.hypothesis.edits.iter().copied()).collect()
 }
 
+/// The edits of all accepted hypotheses, with another one in the place of one of them: a fault is as large as the edits before it have made it.
+fn edits_with(accepted: &[Accepted], place: usize, other: &Hypothesis) -> Vec<Edit> {
+    let of =
+        |(k, a): (usize, &Accepted)| if k == place { other.edits.clone() } else { a.judged.hypothesis.edits.clone() };
+    accepted.iter().enumerate().flat_map(of).collect()
+}
+
 /// Each accepted fault but the last beside what stood near it, given all others: the likelier one takes its place, and one that the others have made
 /// unlikely is dropped.
 fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mut Trial) -> usize {
@@ -201,8 +241,9 @@ fn examine_again(search: &Search<'_>, accepted: &mut Vec<Accepted>, current: &mu
         fits += 1 + accepted[k].near.len();
         let own = &mut accepted[k].judged;
         own.log_odds = gain(own.hypothesis.fault, current, &without) + own.prior;
+        let accepted_edits = &accepted[..];
         let again = |near: &Judged| {
-            let trial = search.trial(&with(&others, &near.hypothesis), &without)?;
+            let trial = search.trial(&edits_with(accepted_edits, k, &near.hypothesis), &without)?;
             Some(Judged { log_odds: gain(near.hypothesis.fault, &trial, &without) + near.prior, trial, ..near.clone() })
         };
         let likelier = accepted[k].near.par_iter().filter_map(again).max_by(|a, b| a.log_odds.total_cmp(&b.log_odds));
@@ -231,8 +272,6 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     const SHARE: f64 = 3.0;
     let channels = search.evidence.channels;
     let slots = search.slots();
-    /// Radians of the fastest mode between two samples, beyond which no motion could be fitted.
-    const FASTEST: f64 = 30.0;
     let fresh = |h: &Hypothesis| {
         let known = h.edits.iter().all(|e| accepted.contains(e));
         let wild = |e: &Edit| matches!(*e, Edit::Time(f) if search.evidence.pace.is_some_and(|p| f * p > FASTEST));
@@ -273,7 +312,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     surest_first(&mut all);
     // quick fits have sorted them; the first are fitted to the end
     for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
-        let fitted = search.evidence.trial(Begin::TEXT, &with(accepted, &judged.hypothesis), THOROUGH);
+        let steps = Some(current).filter(|_| judged.hypothesis.fault != Fault::TimeUnit);
+        let fitted = search.evidence.trial(Begin { model: None, steps }, &with(accepted, &judged.hypothesis), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
             judged.trial = trial;
@@ -286,15 +326,12 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
 
 /// Delays, offsets, scale factors and drifts of each channel, with their best values.
 fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current: &Trial) -> (Vec<Judged>, usize) {
-    /// Iterations of fits that begin at the estimates of one that is near.
-    const NEAR: usize = 8;
     let evidence = search_in.evidence;
     let channels = evidence.channels;
-    let begun = evidence.model.map(|model| current.begun(model));
-    let (records, timed) = (evidence.records, search_in.timed);
-    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| w[1] - w[0])).collect();
+    let (records, timed, factor) = (evidence.records, search_in.timed, time_factor(accepted));
+    let intervals: Vec<f64> = records.iter().flat_map(|r| r.time.windows(2).map(|w| factor * (w[1] - w[0]))).collect();
     let interval = intervals.iter().sum::<f64>() / intervals.len().max(1) as f64;
-    let span = records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
+    let span = factor * records.iter().filter_map(|r| r.time.last()).copied().fold(0.0, f64::max);
     let mut wanted: Vec<(Slot, Fault, f64)> = Vec::new();
     for slot in slots.iter().copied() {
         let place = channels.place(slot);
@@ -306,7 +343,10 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             wanted.push((slot, Fault::Delay, 2.0 * interval));
             // what the clock of a channel has gained in the end, in intervals
             wanted.push((slot, Fault::Drift, 4.0 * interval / span));
-            if !matches!(slot, Slot::Input(_)) {
+            // a lag of an angle is not that of its turned values
+            let turns =
+                |k: usize| evidence.model.is_some_and(|m| m.layout().wraps.iter().any(|(o, _)| *o as usize == k));
+            if !matches!(slot, Slot::Input(_)) && !matches!(slot, Slot::Output(k) if turns(k)) {
                 wanted.push((slot, Fault::Filtered, 2.0 * interval));
             }
         }
@@ -322,20 +362,16 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     };
     // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
+    let about = Linearised::of(evidence, current, accepted);
+    let about = about.as_ref();
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
-        let at = |fault: Fault, value: f64| {
-            if fault == Fault::Filtered && value <= 0.0 {
-                return None;
-            }
-            let edit = edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value });
-            let all: Vec<Edit> = accepted.iter().copied().chain([edit]).collect();
-            match evidence.touches_model(&[edit]) {
-                true => evidence.trial(Begin { model: begun.as_ref(), steps: Some(current) }, &all, NEAR),
-                false => Some(evidence.unfitted(current, &all)),
-            }
+        let best = |fault: Fault, begin: f64, needed: f64| {
+            let least = if fault == Fault::Filtered { 0.0 } else { f64::NEG_INFINITY };
+            let edits = |value: f64| vec![edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value })];
+            search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, about)
         };
-        let Searched { value, error, trial } = search_number(*step, current, needed, &|value| at(fault, value))?;
+        let Searched { value, error, trial } = best(fault, *step, needed)?;
         // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
         let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
@@ -351,7 +387,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         }
         // a drift has to explain what a delay that stays does not
         if fault == Fault::Drift {
-            let stays = search_number(2.0 * interval, current, 0.0, &|value| at(Fault::Delay, value));
+            let stays = best(Fault::Delay, 2.0 * interval, 0.0);
             if stays.is_some_and(|s| trial.cautious_gain_over(&s.trial) < search_in.options.odds.ln()) {
                 return None;
             }
@@ -371,7 +407,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
                 if value > 0.0 { "gains" } else { "loses" },
                 value.abs() * span
             ),
-            Fault::Filtered => format!("went through a filter: a lag of {size}{error} brings the others to it"),
+            Fault::Filtered => format!("went through a filter: a first-order lag of {size}{error}"),
             Fault::Offset => format!("is {size}{unit} too {}{error}", if value < 0.0 { "large" } else { "small" }),
             _ => format!("its numbers have to be multiplied by {size}{error}"),
         };
@@ -434,7 +470,7 @@ fn shifts_of_zero(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> Ve
         if at_once / jump < 0.5 || input_jumps(record, e[k].0) {
             return None;
         }
-        let (slot, at) = (Slot::Output(output), record.time[e[k].0]);
+        let (slot, at) = (Slot::Output(output), time_factor(accepted) * record.time[e[k].0]);
         let tried = |by: f64| {
             let all: Vec<Edit> = accepted.iter().copied().chain([Edit::Step(slot, at, by)]).collect();
             evidence.trial(Begin { model: Some(&begun), steps: Some(current) }, &all, NEAR)
@@ -520,11 +556,97 @@ impl Search<'_> {
         channels.slots().filter(known).collect()
     }
 
+    /// The best value of a number about a fit with these edits.
+    fn best(&self, number: &Number<'_>, accepted: &[Edit], current: &Trial) -> Option<Searched> {
+        let about = Linearised::of(self.evidence, current, accepted);
+        self.best_about(number, accepted, current, about.as_ref())
+    }
+
+    /// The same where the fit has been linearised. The number is searched about the fit, the record is fitted there, and so on while that
+    /// gains. Without derivatives, or where nothing of the model is touched, each value is tried as it is.
+    fn best_about(
+        &self,
+        number: &Number<'_>,
+        accepted: &[Edit],
+        current: &Trial,
+        about: Option<&Linearised<'_>>,
+    ) -> Option<Searched> {
+        /// Iterations of fits that begin at the estimates of one that is near.
+        const NEAR: usize = 8;
+        const ROUNDS: usize = 4;
+        /// Nats that another round is worth.
+        const WORTH: f64 = 0.5;
+        let evidence = self.evidence;
+        let edits = |value: f64| -> Option<Vec<Edit>> {
+            let of = || accepted.iter().copied().chain((number.edits)(value)).collect();
+            (value > number.least).then(of)
+        };
+        let fitted = |value: f64, near: &Trial| {
+            let begun = evidence.model.map(|model| near.begun(model));
+            evidence.trial(Begin { model: begun.as_ref(), steps: Some(near) }, &edits(value)?, NEAR)
+        };
+        let touched = evidence.touches_model(&(number.edits)(number.begin));
+        let Some(about) = about.filter(|_| touched) else {
+            let at = |value: f64| match touched {
+                true => fitted(value, current),
+                false => Some(evidence.unfitted(current, &edits(value)?)),
+            };
+            return search_number(number.begin, current, number.needed, &at);
+        };
+        let mut found = Searched { value: 0.0, error: f64::INFINITY, trial: current.clone() };
+        for round in 0..ROUNDS {
+            let anew = if round == 0 { None } else { Linearised::of(evidence, &found.trial, &edits(found.value)?) };
+            let about = if round == 0 {
+                about
+            } else if let Some(anew) = &anew {
+                anew
+            } else {
+                break;
+            };
+            let as_it_is = if round == 0 { accepted.to_vec() } else { edits(found.value)? };
+            // a fit that has not quite ended gains by the step alone
+            let Some(here) = about.trial(&as_it_is) else { break };
+            let (step, needed) =
+                if round == 0 { (number.begin, number.needed) } else { (0.1 * found.value.abs(), 0.0) };
+            let at = |by: f64| about.trial(&edits(found.value + by)?);
+            let Some(next) = search_number(step, &here, needed, &at) else { break };
+            if round == 0 && next.trial.cautious_gain_over(&here) < 0.5 * needed {
+                return None;
+            }
+            // a step that is too long for a nonlinear model is halved once
+            let near = &found.trial;
+            let tried = [next.value, 0.5 * next.value].into_iter().find_map(|by| {
+                let trial = fitted(found.value + by, near)?;
+                (trial.cautious_gain_over(near) > 0.0).then_some((by, trial))
+            });
+            let Some((by, trial)) = tried else { break };
+            let gain = trial.cautious_gain_over(near);
+            found = Searched { value: found.value + by, error: next.error, trial };
+            if gain < WORTH || by.abs() < 0.25 * next.error {
+                break;
+            }
+        }
+        (found.value != 0.0).then_some(found)
+    }
+
+    /// A fault that is accepted, fitted on steps of its own.
+    fn settled(&self, mut best: Judged, accepted: &[Edit], current: &Trial) -> Judged {
+        let edits = with(accepted, &best.hypothesis);
+        if let Some(model) = self.evidence.model.filter(|_| self.evidence.touches_model(&best.hypothesis.edits)) {
+            let begun = best.trial.begun(model);
+            if let Some(trial) = self.evidence.trial(Begin { model: Some(&begun), steps: None }, &edits, THOROUGH) {
+                best.log_odds = gain(best.hypothesis.fault, &trial, current) + best.prior;
+                best.trial = trial;
+            }
+        }
+        best
+    }
+
     /// A fit to the end, or one from the estimates of another that is near, whichever is likelier.
     fn trial(&self, edits: &[Edit], near: &Trial) -> Option<Trial> {
         let begun: Option<Model> = self.evidence.model.map(|model| near.begun(model));
-        let one = self.evidence.trial(Begin::TEXT, edits, THOROUGH);
-        let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: None }, edits, THOROUGH);
+        let one = self.evidence.trial(Begin { model: None, steps: Some(near) }, edits, THOROUGH);
+        let other = self.evidence.trial(Begin { model: begun.as_ref(), steps: Some(near) }, edits, THOROUGH);
         if !(self.evidence.goes_on)() {
             return None;
         }
@@ -583,7 +705,27 @@ impl Search<'_> {
             && !evidence.kinematics.reads(evidence.channels.place(slot))
     }
 
-    fn told(&self, accepted: &Accepted, log_odds: f64, everywhere: bool) -> Finding {
+    /// Whether what the model may lack explains the evidence for an accepted fault. A lag and a delay exclude each other, and the likelier one counts.
+    /// Constants add up, as a trim that the model lacks and the zero of a sensor may both be there: so the fault counts as it is beside
+    /// the other one. What kinematics says of a zero no trim explains.
+    fn doubted(&self, accepted: &[Accepted], k: usize, log_odds: f64, without: Option<&Trial>) -> bool {
+        let own = &accepted[k];
+        let hypothesis = &own.judged.hypothesis;
+        own.near.iter().any(|near| {
+            if !self.is_addition_for(&near.hypothesis, hypothesis) || near.log_odds <= own.judged.log_odds - DOUBT.ln()
+            {
+                return false;
+            }
+            let Some(without) = without.filter(|_| near.hypothesis.fault == Fault::Offset) else { return true };
+            let beside = |edits: Vec<Edit>| self.trial(&with(&edits, &near.hypothesis), without);
+            let (alone, both) = (beside(edits(accepted, Some(k))), beside(edits(accepted, None)));
+            let (Some(alone), Some(both)) = (alone, both) else { return true };
+            let left = gain(hypothesis.fault, &both, &alone) + own.judged.prior;
+            left.min(log_odds) < DOUBT.ln()
+        })
+    }
+
+    fn told(&self, accepted: &Accepted, log_odds: f64, doubts: Doubts, factor: f64) -> Finding {
         let channels = self.evidence.channels;
         let hypothesis = &accepted.judged.hypothesis;
         let mut names: Vec<String> = hypothesis.slots.iter().map(|s| channels.name(*s).to_string()).collect();
@@ -597,9 +739,7 @@ impl Search<'_> {
             what.push_str(&format!("; nearly as likely: {}", list.join(", or ")));
         }
         // a fault of the record is what nothing that the model may lack explains as well
-        let doubted = accepted.near.iter().any(|j| {
-            self.is_addition_for(&j.hypothesis, hypothesis) && j.log_odds > accepted.judged.log_odds - DOUBT.ln()
-        });
+        let Doubts { everywhere, doubted } = doubts;
         let lacking = self.is_addition_for(hypothesis, hypothesis) || doubted;
         if lacking {
             what.push_str(match hypothesis.fault {
@@ -613,10 +753,11 @@ impl Search<'_> {
         let records = self.evidence.records;
         let run = if let [record] = records { record.run.clone() } else { "all".into() };
         let behind = hypothesis.edits.iter().find_map(|e| if let Edit::Step(_, at, _) = e { Some(*at) } else { None });
-        let place = behind.zip(records.first()).map(|(from, record)| Place {
-            from,
-            to: record.time.last().copied().unwrap_or(from),
-            samples: record.time.iter().filter(|t| **t >= from).count(),
+        // behind a unit of time that was mended, in the times of the record
+        let place = behind.zip(records.first()).and_then(|(at, record)| {
+            let first = record.time.iter().position(|t| factor * t >= at)?;
+            let (from, samples) = (record.time[first], record.time.len() - first);
+            Some(Place { from, to: record.time.last().copied().unwrap_or(from), samples })
         });
         Finding {
             run,

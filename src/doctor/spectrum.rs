@@ -69,13 +69,6 @@ pub(crate) fn interpolated(between: f64, angle: f64) -> f64 {
     (1.0 - 2.0 * between * (1.0 - angle.cos())).max(LEAST)
 }
 
-/// Part of the variance that a first-order lag leaves of noise at an angle per sample, as [`lagged`](crate::hypothesis::lagged) makes it.
-pub(crate) fn lagged_noise(time_constant: f64, interval: f64, angle: f64) -> f64 {
-    let (a, c) = crate::hypothesis::lag_weights(time_constant, interval);
-    let above = (1.0 - c) * (1.0 - c) + (c - a) * (c - a) + 2.0 * (1.0 - c) * (c - a) * angle.cos();
-    (above / (1.0 + a * a - 2.0 * a * angle.cos())).max(1e-3)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

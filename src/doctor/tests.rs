@@ -385,9 +385,9 @@ fn inputs_that_move_together_and_modes_between_samples_are_remarks() {
 }
 
 #[test]
-fn what_is_read_between_samples_or_lagged_counts_without_the_averaging() {
+fn what_is_read_between_samples_counts_without_the_averaging() {
     use crate::hypothesis::{lag_weights, lagged};
-    use crate::spectrum::{Bands, interpolated, lagged_noise};
+    use crate::spectrum::{Bands, interpolated};
     let mut noise = Noise::new(17);
     let white: Vec<f64> = (0..4096).map(|_| noise.next()).collect();
     let whole = |values: &[f64], left: &dyn Fn(f64) -> f64| {
@@ -404,9 +404,6 @@ fn what_is_read_between_samples_or_lagged_counts_without_the_averaging() {
         assert!(found.abs() < 0.02 * read.len() as f64 && whole(&read, &|_| 1.0) > 0.1 * read.len() as f64, "{found}");
     }
     let times: Vec<f64> = (0..white.len()).map(|k| k as f64 * DT).collect();
-    let slow = lagged(&times, &white, 0.1, false);
-    let found = whole(&slow, &|angle| lagged_noise(0.1, DT, angle));
-    assert!(found.abs() < 0.02 * slow.len() as f64 && whole(&slow, &|_| 1.0) > 0.5 * slow.len() as f64, "{found}");
     // the answer to a ramp stays behind by the time constant
     let ramp = lagged(&times, &times, 0.1, false);
     assert!((times[400] - ramp[400] - 0.1).abs() < 1e-9);
@@ -524,5 +521,157 @@ fn a_search_without_time_ends_with_what_it_has() {
         let part = judge(most);
         assert!(part.notes.len() == 1, "{most} of {all}: {part:?}");
         assert!(part.findings.len() <= whole.findings.len() + 1);
+    }
+}
+
+#[test]
+fn a_response_behind_lags_has_the_derivatives_of_its_values() {
+    use crate::filtered::Filtered;
+    use fdm_estimate::Response;
+    use fdm_system::simulate::{Scheme, Simulator, Steps};
+    let (model, run) = driven(3);
+    let lags = [(0, 0.3), (1, 0.12), (0, 0.2)];
+    let simulator = Simulator::new(model.dynamics(), &run, Steps::equal(Scheme::default(), 4)).expect("a simulator");
+    let mut response = Filtered::new(simulator, &lags);
+    let theta: Vec<f64> = model.definition().params.iter().map(|p| p.value).collect();
+    let columns: Vec<usize> = (0..theta.len()).filter(|k| !model.definition().params[*k].fixed).collect();
+    let size = run.measured.len();
+    let (mut plain, mut y) = (vec![0.0; size], vec![0.0; size]);
+    let mut slopes = vec![vec![0.0; size]; columns.len()];
+    response.simulate(&theta, &mut plain).expect("a response");
+    response
+        .sensitivities(&theta, &columns, &mut |block| {
+            y[2 * block.first..][..block.y.len()].copy_from_slice(block.y);
+            for sample in 0..block.samples() {
+                for (o, lanes) in block.layout.outputs.iter().enumerate() {
+                    for (column, slope) in lanes.columns.iter().zip(block.row(sample, o)) {
+                        slopes[*column as usize][2 * (block.first + sample) + o] = *slope;
+                    }
+                }
+            }
+        })
+        .expect("sensitivities");
+    assert_eq!(plain, y, "the same bits with and without sensitivities");
+    for (slopes, column) in slopes.iter().zip(&columns) {
+        let mut moved = |by: f64| {
+            let (mut theta, mut y) = (theta.clone(), vec![0.0; size]);
+            theta[*column] += by;
+            response.simulate(&theta, &mut y).expect("a response");
+            y
+        };
+        let (up, down) = (moved(1e-5), moved(-1e-5));
+        let largest = slopes.iter().fold(0.0_f64, |m, s| m.max(s.abs()));
+        assert!(largest > 0.0, "no derivative is silently zero");
+        for k in 0..size {
+            let difference = (up[k] - down[k]) / 2e-5;
+            assert!((difference - slopes[k]).abs() < 1e-6 * largest, "{k}: {difference} {}", slopes[k]);
+        }
+    }
+}
+
+/// A column of a run (N by 2) behind a first-order lag, with noise behind it.
+fn slowed(run: &mut Run, output: usize, lag: f64, noise: f64, seed: u64) {
+    let mut random = Noise::new(seed);
+    let mut y = run.measured[output];
+    for k in 0..N {
+        let value = &mut run.measured[2 * k + output];
+        // steps of a hundredth of a sample
+        for _ in 0..100 {
+            y += (*value - y) * DT / 100.0 / lag;
+        }
+        *value = y + noise * random.next();
+    }
+}
+
+#[test]
+fn a_filtered_output_is_told_from_a_late_one() {
+    let (model, clean) = driven(12);
+    for (output, name, lag) in [(1, "v_m", 0.4), (0, "x_m", 0.5)] {
+        let mut run = clean.clone();
+        slowed(&mut run, output, lag, 0.01, 31);
+        let found = beside(&run, &model);
+        assert!(!found.is_empty(), "{name}");
+        assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Filtered, name), "{found:?}");
+    }
+}
+
+#[test]
+fn a_second_fault_behind_a_unit_of_time_is_found() {
+    let (model, clean) = driven(13);
+    let mut run = clean.clone();
+    run.time.iter_mut().for_each(|t| *t *= 1000.0);
+    for k in (0..N).rev() {
+        run.measured[2 * k + 1] = clean.measured[2 * k.saturating_sub(6) + 1];
+    }
+    let found = beside(&run, &model);
+    assert!(found.iter().any(|f| f.fault == Fault::TimeUnit), "{found:?}");
+    let late = found.iter().find(|f| f.fault == Fault::Delay && f.channels[0] == "v_m");
+    let delay = late.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels["v_m"].delay);
+    assert!((delay - 6.0 * DT).abs() < DT, "{found:?}");
+
+    let mut run = clean;
+    run.time.iter_mut().for_each(|t| *t *= 1000.0);
+    (350..N).for_each(|k| run.measured[2 * k] += 0.25);
+    let found = beside(&run, &model);
+    let moved = found.iter().find(|f| f.fault == Fault::ZeroShift && f.channels[0] == "x_m");
+    assert!(moved.and_then(|f| f.place).is_some_and(|p| (p.from - 350.0 * 1000.0 * DT).abs() < 500.0), "{found:?}");
+}
+
+#[test]
+fn one_channel_in_another_unit_than_those_that_state_theirs_is_told() {
+    let degrees = |record: &mut Record, k: usize| {
+        record.channels[k].values.iter_mut().for_each(|v| *v *= 180.0 / std::f64::consts::PI);
+        record.channels[k].unit = None;
+    };
+    let mut one = attitude(9);
+    degrees(&mut one, 3);
+    let found = judged(&one);
+    assert_eq!((found[0].fault, found[0].channels[0].as_str()), (Fault::Unit, "p"), "{found:?}");
+    // where nobody states a unit it is the reader's choice
+    let mut all = attitude(9);
+    (0..6).for_each(|k| degrees(&mut all, k));
+    assert!(judged(&all).is_empty(), "{:?}", judged(&all));
+}
+
+#[test]
+fn a_zero_that_kinematics_know_is_told_beside_a_trim_that_the_model_lacks() {
+    let text = "model m { input u; state q [rad/s]; param M = -2 [1/s], d = 3 [rad/s^2]; der(q) = M*q + d*u; output q_m [rad/s] = q; }";
+    let model = Model::from_text("m.fdm", text).unwrap_or_else(|e| panic!("{e:?}"));
+    let made = |trim: f64, zero: f64| {
+        let mut noise = Noise::new(51);
+        let (mut q, mut theta) = (0.0, 0.0);
+        let (mut inputs, mut measured, mut time, mut angle) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for k in 0..N {
+            let t = k as f64 * DT;
+            let u = if (t / 2.5) as u64 % 2 == 1 { 0.5 } else { -0.5 };
+            time.push(t);
+            inputs.push(u);
+            measured.push(q + zero + 0.01 * noise.next());
+            angle.push(theta + 0.002 * noise.next());
+            for _ in 0..50 {
+                q += DT / 50.0 * (-2.2 * q + 2.7 * (u + trim));
+                theta += DT / 50.0 * q;
+            }
+        }
+        let run = Run {
+            name: "r".into(),
+            time,
+            inputs,
+            held: vec![true],
+            measured,
+            input_gaps: vec![0],
+            output_gaps: vec![0],
+        };
+        let mut record = Record::of_run(model.definition(), &run, None);
+        record.channels.push(Channel { unit: Some("rad".into()), role: Role::Unknown, ..channel("theta", angle) });
+        let found = examine_beside(&model, &[run], &[record], Vec::new(), &BesideOptions::default());
+        found.findings.into_iter().filter(|f| f.severity == Severity::Finding).collect::<Vec<Finding>>()
+    };
+    for trim in [0.0, 0.05, -0.05] {
+        let found = made(trim, 0.2);
+        let zero = found.iter().find(|f| f.fault == Fault::Offset && f.channels[0] == "q_m");
+        let offset = zero.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels["q_m"].offset);
+        assert!((offset + 0.2).abs() < 0.05, "trim {trim}: {found:?}");
+        assert!(made(trim, 0.0).is_empty(), "trim {trim}: {:?}", made(trim, 0.0));
     }
 }
