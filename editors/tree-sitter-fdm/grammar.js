@@ -52,6 +52,7 @@ module.exports = grammar({
     statement: ($) =>
       choice(
         $.declarations,
+        $.scheduled,
         $.equation,
         $.time,
         $.prior,
@@ -60,6 +61,7 @@ module.exports = grammar({
         $.tie,
         $.table,
         $.smooth,
+        $.limit,
         $.use,
         $.reactions,
       ),
@@ -70,6 +72,21 @@ module.exports = grammar({
         field('name', $.identifier),
         optional(field('shape', $.index)),
         repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.per_group, $.by_log, $.wrap)),
+      ),
+    scheduled: ($) =>
+      seq(
+        $.role,
+        field('name', $.identifier),
+        '(',
+        list($.argument),
+        ')',
+        repeat(choice($.string, $.unit, $.bounds)),
+        '=',
+        optional(field('method', choice('linear', 'cubic', 'pchip'))),
+        $.expression,
+        'at',
+        list($.expression),
+        ';',
       ),
     value: ($) => seq('=', choice('free', $.expression)),
     bounds: ($) => seq('in', '[', $.expression, ',', $.expression, ']'),
@@ -103,6 +120,8 @@ module.exports = grammar({
     argument: ($) => seq(field('name', $.identifier), optional($.unit)),
     from: ($) => seq('from', field('path', $.string), optional('free')),
     smooth: ($) => seq('smooth', field('table', $.identifier), 'by', 'order', $.number, ';'),
+    limit: ($) => seq('limit', list($.limited), ';'),
+    limited: ($) => seq(field('state', choice($.reference, $.element)), $.bounds, optional(seq('smooth', $.expression))),
     points: ($) => seq('{', list($.point), optional(','), '}'),
     point: ($) => seq($.expression, ':', choice($.expression, seq('free', optional($.expression)))),
 

@@ -5,13 +5,14 @@ use crate::deliver::{Delivery, Outcome};
 use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
 use crate::halt::TimeLimit;
-use crate::load::{Records, fitted_before, open_result};
+use crate::load::{Records, fitted_before, open_result, positive};
 use crate::options::Integration;
 use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
-use fdm_estimate::{Fit, fit};
-use fdm_report::{estimate_table, validation_by_frequency, validation_by_time, validation_table};
+use fdm_estimate::residuals::Baseline;
+use fdm_estimate::{Fit, fit, fit_from_beginnings};
+use fdm_report::{baseline_table, estimate_table, validation_by_frequency, validation_by_time, validation_table};
 use fdm_results::documents::{FitDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
@@ -28,6 +29,10 @@ pub(crate) struct Arguments {
     from_result: PathBuf,
     #[command(flatten)]
     records: Records,
+    /// Estimate what is a run's own (free initial values, biases) from its first samples alone, in the model's unit of time; all behind
+    /// them is predicted [default: from the whole run]
+    #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Estimation")]
+    initial_from: Option<f64>,
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
@@ -45,7 +50,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let options = arguments.integration.among(folder.validation(&model));
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
-    let result = fit(&model, runs, &options, &mut progress);
+    let result = match arguments.initial_from {
+        None => fit(&model, runs, &options, &mut progress),
+        Some(length) => fit_from_beginnings(&model, runs, length, &options, &mut progress),
+    };
     progress.finish();
     let fit = result.or_failure()?;
 
@@ -55,7 +63,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let fitted = fitted_before(&folder, runs, &campaign.files);
     remarks.extend(fitted.iter().map(|run| format!("note: run `{run}` was part of the fit: it is no validation data")));
     let errors = prediction_errors(&fit, runs, &mut remarks);
-    let text = text(&fit, &folder, &errors);
+    let baselines = fit.baselines(runs, arguments.initial_from.unwrap_or(0.0));
+    remarks.extend(baselines.iter().filter_map(Baseline::beaten));
+    let text = text(&fit, &folder, &baselines, &errors);
     let validation = Validation {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
@@ -86,9 +96,10 @@ fn prediction_errors(fit: &Fit, runs: &[Run], remarks: &mut Vec<String>) -> Vec<
     lack_of_fit(&fit.model, &even)
 }
 
-fn text(fit: &Fit, folder: &ResultFolder, errors: &[LackOfFit]) -> String {
+fn text(fit: &Fit, folder: &ResultFolder, baselines: &[Baseline], errors: &[LackOfFit]) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
+    text.push_str(&format!("\n{}", baseline_table(baselines)));
     if !errors.is_empty() {
         let time = fit.model.definition().time.to_string();
         text.push_str(&format!("\n{}", validation_by_time(errors, &time)));

@@ -112,6 +112,7 @@ impl<'a> Scope<'a> {
                 },
                 StatementKind::Equation(..)
                 | StatementKind::Smooth(_)
+                | StatementKind::Limit(_)
                 | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)
