@@ -52,6 +52,7 @@ module.exports = grammar({
     statement: ($) =>
       choice(
         $.declarations,
+        $.scheduled,
         $.equation,
         $.time,
         $.prior,
@@ -61,6 +62,7 @@ module.exports = grammar({
         $.table,
         $.smooth,
         $.requirement,
+        $.limit,
         $.use,
         $.reactions,
       ),
@@ -71,6 +73,21 @@ module.exports = grammar({
         field('name', $.identifier),
         optional(field('shape', $.index)),
         repeat(choice($.string, $.unit, $.value, $.bounds, 'fixed', $.per_run, $.per_group, $.by_log, $.wrap)),
+      ),
+    scheduled: ($) =>
+      seq(
+        $.role,
+        field('name', $.identifier),
+        '(',
+        list($.argument),
+        ')',
+        repeat(choice($.string, $.unit, $.bounds)),
+        '=',
+        optional(field('method', choice('linear', 'cubic', 'pchip'))),
+        $.expression,
+        'at',
+        list($.expression),
+        ';',
       ),
     value: ($) => seq('=', choice('free', $.expression)),
     bounds: ($) => seq('in', '[', $.expression, ',', $.expression, ']'),
@@ -105,6 +122,8 @@ module.exports = grammar({
     from: ($) => seq('from', field('path', $.string), optional('free')),
     smooth: ($) => seq('smooth', field('table', $.identifier), 'by', 'order', $.number, ';'),
     requirement: ($) => seq('requirement', list($.declaration), ';'),
+    limit: ($) => seq('limit', list($.limited), ';'),
+    limited: ($) => seq(field('state', choice($.reference, $.element)), $.bounds, optional(seq('smooth', $.expression))),
     points: ($) => seq('{', list($.point), optional(','), '}'),
     point: ($) => seq($.expression, ':', choice($.expression, seq('free', optional($.expression)))),
 

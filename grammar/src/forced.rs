@@ -140,7 +140,13 @@ impl Forced {
         for (k, old) in extended.states[own..].iter().enumerate() {
             let mut quantity = old.quantity.clone();
             quantity.name = format!("{} {}", quantity.name, self.model.states.len());
-            self.model.states.push(State { quantity, rate: news[k], initial: news[count + k], noise: None });
+            self.model.states.push(State {
+                quantity,
+                rate: news[k],
+                initial: news[count + k],
+                noise: None,
+                limits: None,
+            });
         }
         Some(added)
     }

@@ -12,6 +12,7 @@ use crate::progress::Progress;
 use crate::progress_file::Course;
 use crate::regress::equation_error;
 use clap::Args;
+use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{
     BestOptions, Changes, Estimate, FilterFit, Fit, FitOptions, IntegrationFault, Keeper, Loss, MultiStart, Noise,
     ResponseFit, ResponseOptions, SpectralFit, SpectralOptions, Termination, best_iterate, changed, fit_filter,
@@ -19,8 +20,9 @@ use fdm_estimate::{
 };
 use fdm_lab::job;
 use fdm_report::{
-    TimeHistory, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table, hidden_mode,
-    history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint, starts_table, way,
+    TimeHistory, baseline_table, confidence, filter_table, fit_table, fitted_response_columns, fitted_response_table,
+    hidden_mode, history_table, overlays, prediction_table, spectral_table, spectrum_columns, starts_hint,
+    starts_table, way,
 };
 use fdm_results::documents::{FitDocument, JudgedRecords, TimeDomain};
 use fdm_results::store::{Identity, Manifest};
@@ -265,6 +267,10 @@ impl<'a> Task<'a> {
         let mut document = found.document();
         if let Some(predicted) = found.predicted(validation, self.options.noise(), progress)? {
             text.push_str(&format!("\nvalidation runs, not fitted\n{}", prediction_table(&predicted.quality)));
+            let baselines = predicted.baselines(validation, 0.0);
+            text.push_str(&format!("\n{}", baseline_table(&baselines)));
+            let beaten = baselines.iter().filter_map(Baseline::beaten);
+            beaten.for_each(|said| text.push_str(&format!("{said}\n")));
             document.holdout = Some(TimeDomain::of(&predicted));
         }
         let seed = matches!(self.options, Chosen::Output(_)).then_some(self.arguments.seed);
@@ -633,5 +639,25 @@ pub(crate) fn integration_remarks(fit: &Fit) -> Vec<String> {
         true => format!("{fault}: the estimates are those of the steps, not of the model; {ADVICE}"),
         false => format!("note: {fault}"),
     };
-    fit.integration_faults.iter().map(said).collect()
+    // one line for an output, of the run where it is worst
+    let mut told: Vec<(&IntegrationFault, usize)> = Vec::new();
+    for fault in &fit.integration_faults {
+        let same = |other: &IntegrationFault| {
+            other.output == fault.output
+                && other.is_severe() == fault.is_severe()
+                && other.part.is_infinite() == fault.part.is_infinite()
+        };
+        match told.iter_mut().find(|(other, _)| same(other)) {
+            Some((worst, count)) => {
+                *count += 1;
+                *worst = if fault.part > worst.part { fault } else { worst };
+            }
+            None => told.push((fault, 1)),
+        }
+    }
+    let summed = |(fault, count): (&IntegrationFault, usize)| match count {
+        1 => said(fault),
+        _ => format!("{} (the worst of {count} runs)", said(fault)),
+    };
+    told.into_iter().map(summed).collect()
 }

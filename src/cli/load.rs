@@ -590,10 +590,22 @@ pub(crate) fn number_equal_names(runs: Vec<&mut Run>) {
 
 /// Says what a careful reader would mention about the records.
 pub(crate) fn say_notes(records: &[(Run, Summary)]) {
+    let mut told: Vec<(String, Vec<&str>)> = Vec::new();
     for (run, summary) in records {
         for note in notes(summary) {
-            remark(format_args!("{}", with_files(&format!("note: run `{}`: {note}", run.name))));
+            match told.iter_mut().find(|(other, _)| *other == note) {
+                Some((_, runs)) => runs.push(&run.name),
+                None => told.push((note, vec![&run.name])),
+            }
         }
+    }
+    for (note, runs) in told {
+        let of = match runs[..] {
+            [one] => format!("run `{one}`"),
+            [one, other] => format!("runs `{one}` and `{other}`"),
+            _ => format!("runs `{}`, `{}` and {} more", runs[0], runs[1], runs.len() - 2),
+        };
+        remark(format_args!("{}", with_files(&format!("note: {of}: {note}"))));
     }
 }
 
@@ -691,6 +703,12 @@ pub(crate) fn band(text: &str) -> Result<(f64, f64), String> {
 pub(crate) fn number(text: &str) -> Result<f64, String> {
     let text = text.trim();
     held(text).map_err(|unheld| format!("`{text}` {unheld}: {}", unheld.hint()))
+}
+
+/// A number above 0 as it is typed.
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if value > 0.0 { Ok(value) } else { Err(format!("`{text}` is not above 0")) }
 }
 
 /// A map of channels: a file, or one that comes with the program.

@@ -44,6 +44,9 @@ enum Integrator {
     Radau,
 }
 
+/// The integration error that chosen steps keep below, as a part of each output's range.
+const NEGLIGIBLE: f64 = 1e-8;
+
 impl Integration {
     /// The scheme that was asked for.
     pub(crate) fn scheme(&self) -> Option<Scheme> {
@@ -82,7 +85,13 @@ impl Integration {
 
     /// Scheme, steps and integration error of a run, in words; a stiff model is called so where the scheme was chosen for it.
     pub(crate) fn said(&self, accuracy: &Accuracy) -> String {
-        integration(accuracy, self.steps.is_none() && self.scheme().is_none())
+        let said = integration(accuracy, self.steps.is_none() && self.scheme().is_none());
+        match accuracy.error / NEGLIGIBLE {
+            lost if self.steps.is_some() && lost.is_finite() && lost >= 10.0 => {
+                format!("{said}: {lost:.0e} times what steps that are chosen (without --steps) keep to")
+            }
+            _ => said,
+        }
     }
 }
 

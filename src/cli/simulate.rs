@@ -4,11 +4,11 @@ use crate::bands::{edges, of_simulation};
 use crate::campaign::{RecordFile, Role};
 use crate::deliver::{column, csv, write};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, print_data, remark};
-use crate::load::{ModelOrResult, RunList, Selection, read_runs, with_files};
+use crate::load::{ModelOrResult, RunList, Selection, positive, read_runs, with_files};
 use crate::options::Integration;
 use crate::ownership::{Overwriting, refuse_other_tables};
 use clap::Args;
-use fdm_estimate::initial_guess;
+use fdm_estimate::{FitOptions, initial_guess, initial_values};
 use fdm_lab::posterior::Bands;
 use fdm_results::documents::{ChannelDocument, Diverged, ResponseDocument};
 use fdm_results::store::{DataFile, ResultError, ResultFolder};
@@ -37,6 +37,10 @@ pub(crate) struct Arguments {
     list: RunList,
     #[command(flatten)]
     selection: Selection,
+    /// Estimate what is the run's own (free initial values, biases) from the first samples of its measured outputs, in the model's unit
+    /// of time [default: initial values from the first sample of outputs that show them]
+    #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Data")]
+    initial_from: Option<f64>,
     #[command(flatten)]
     pub(crate) integration: Integration,
     /// 95 % bands beside every output: of the response by the errors of the parameters (`y_low`, `y_high`), and of a measurement by
@@ -176,6 +180,14 @@ fn theta(model: &Model, run: &Run, folder: Option<&ResultFolder>, arguments: &Ar
         None => initial_guess(&model.definition().params, model.dynamics(), run),
         Some(folder) => folder.theta(model, &run.name, arguments.like.as_deref()).or_failure()?,
     };
+    if let Some(length) = arguments.initial_from {
+        let mut params = model.definition().params.clone();
+        params.iter_mut().zip(&theta).for_each(|(param, value)| param.value = *value);
+        let options = arguments.integration.among(FitOptions::default());
+        let runs = std::slice::from_ref(run);
+        let own = initial_values(&model.with_params(params), runs, length, &options, &mut ()).or_failure()?;
+        own.into_iter().for_each(|values| theta = values);
+    }
     for (value, param) in theta.iter_mut().zip(&model.definition().params) {
         if arguments.model.set.iter().any(|(name, _)| *name == param.quantity.name) {
             *value = param.value;

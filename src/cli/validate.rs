@@ -6,14 +6,17 @@ use crate::deliver::{Delivery, Outcome};
 use crate::failure::{Ending, OrFailure, ended};
 use crate::fit::remarks;
 use crate::halt::TimeLimit;
-use crate::load::{Records, fitted_before, open_result};
+use crate::load::{Records, fitted_before, open_result, positive};
 use crate::options::Integration;
 use crate::progress::Progress;
 use clap::Args;
 use fdm_discover::{LackOfFit, RunResidual, lack_of_fit};
-use fdm_estimate::{Fit, fit};
+use fdm_estimate::residuals::Baseline;
+use fdm_estimate::{Fit, fit, fit_from_beginnings};
 use fdm_lab::posterior::Bands;
-use fdm_report::{band_table, estimate_table, validation_by_frequency, validation_by_time, validation_table};
+use fdm_report::{
+    band_table, baseline_table, estimate_table, validation_by_frequency, validation_by_time, validation_table,
+};
 use fdm_results::documents::{BandCoverage, FitDocument, Validation};
 use fdm_results::store::{Identity, ResultFolder};
 use fdm_system::record::{Run, Sampling};
@@ -30,6 +33,10 @@ pub(crate) struct Arguments {
     from_result: PathBuf,
     #[command(flatten)]
     records: Records,
+    /// Estimate what is a run's own (free initial values, biases) from its first samples alone, in the model's unit of time; all behind
+    /// them is predicted [default: from the whole run]
+    #[arg(long, value_name = "TIME", value_parser = positive, allow_negative_numbers = true, help_heading = "Estimation")]
+    initial_from: Option<f64>,
     #[command(flatten)]
     integration: Integration,
     #[command(flatten)]
@@ -47,7 +54,10 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
     let options = arguments.integration.among(folder.validation(&model));
     let prepared = arguments.delivery.prepare(&model, runs)?;
     let (_writer, _) = prepared.follow(&model, None, &mut progress);
-    let result = fit(&model, runs, &options, &mut progress);
+    let result = match arguments.initial_from {
+        None => fit(&model, runs, &options, &mut progress),
+        Some(length) => fit_from_beginnings(&model, runs, length, &options, &mut progress),
+    };
     progress.finish();
     let fit = result.or_failure()?;
 
@@ -63,7 +73,9 @@ pub(crate) fn run(arguments: &Arguments) -> Ending {
         .map(|(bands, run)| bands.map_err(|e| remarks.push(format!("note: run `{}` has no bands: {e}", run.name))).ok())
         .collect();
     let covered = covered(&fit, runs, &bands);
-    let text = text(&fit, &folder, (&errors, &covered));
+    let baselines = fit.baselines(runs, arguments.initial_from.unwrap_or(0.0));
+    remarks.extend(baselines.iter().filter_map(Baseline::beaten));
+    let text = text(&fit, &folder, (&baselines, &errors, &covered));
     let validation = Validation {
         of: folder.folder().display().to_string(),
         outputs: fit.quality.clone(),
@@ -120,9 +132,10 @@ fn covered(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<BandCoverage
     all
 }
 
-fn text(fit: &Fit, folder: &ResultFolder, (errors, covered): (&[LackOfFit], &[BandCoverage])) -> String {
+fn text(fit: &Fit, folder: &ResultFolder, (baselines, errors, covered): (&[Baseline], &[LackOfFit], &[BandCoverage])) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
+    text.push_str(&format!("\n{}", baseline_table(baselines)));
     if !covered.is_empty() {
         text.push_str(&format!("\n{}", band_table(covered)));
     }

@@ -52,6 +52,13 @@ pub struct Smoothing {
     pub arguments: Vec<String>,
     /// Weight along each argument, whose axis is measured in its range: one over the variance of the derivative of that order.
     pub weights: Vec<f64>,
+    /// Whether the choice of the weights came to rest, or they were given.
+    #[serde(default = "yes")]
+    pub settled: bool,
+}
+
+fn yes() -> bool {
+    true
 }
 
 /// The result of an estimation.

@@ -1,5 +1,6 @@
 //! First guesses of free initial states from the first measured sample.
 
+use crate::hidden_states::hidden_states;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::model::{Origin, Param};
 use fdm_system::dynamics::{Dynamics, Point, Workspace};
@@ -10,8 +11,8 @@ const CORRECTIONS: usize = 20;
 
 /// Start values of all parameters (p) for one run: their own, except that a free initial state is guessed
 /// from the first measured value of an output that shows this state and no other (`y = x`, `y = k x + c`, `y = tan(x)`).
-/// A state that no output shows so keeps
-/// the parameter's value (0 unless the user set another).
+/// Where some state is shown by no output so, all of them are found together from smoothed outputs and their slopes (`hidden_states.rs`); what these
+/// do not tell begins at rest.
 pub fn initial_guess(params: &[Param], dynamics: &dyn Dynamics, run: &Run) -> Vec<f64> {
     let mut theta: Vec<f64> = params.iter().map(|p| p.value).collect();
     let layout = dynamics.layout();
@@ -21,13 +22,18 @@ pub fn initial_guess(params: &[Param], dynamics: &dyn Dynamics, run: &Run) -> Ve
     }
     let (mut work, mut known) = (Workspace::new(dynamics), vec![0.0; layout.known]);
     dynamics.prepare(&theta, &mut known, &mut work);
+    let mut hidden = false;
     for (k, param) in params.iter().enumerate() {
         let Origin::FreeInitial(state) = param.origin else { continue };
         let guesses = (0..layout.outputs).filter(|o| shown(dynamics, *o) == Some(state as usize));
         let mut guesses = guesses.filter_map(|o| invert(dynamics, run, o, state as usize, &known, &mut work));
-        if let Some(value) = guesses.next() {
-            theta[k] = value.max(param.lower).min(param.upper);
+        match guesses.next() {
+            Some(value) => theta[k] = value.max(param.lower).min(param.upper),
+            None => hidden |= !param.fixed,
         }
+    }
+    if hidden {
+        hidden_states(params, dynamics, run, &mut theta);
     }
     theta
 }
@@ -136,6 +142,7 @@ mod tests {
             outputs_by_input: pattern(&[&[0], &[], &[]]),
             initial_by_param: none(3),
             tau_by_param: none(1),
+            limits_by_param: none(0),
         };
         Shown(Layout {
             states: 3,
@@ -152,6 +159,9 @@ mod tests {
             initial_by_param: 0..0,
             tau_by_param: 0..0,
             derived: 0..0,
+            limited: Vec::new(),
+            limits: 0..0,
+            limits_by_param: 0..0,
             observed: Vec::new(),
             affine: Default::default(),
             stage: Default::default(),

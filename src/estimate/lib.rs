@@ -10,13 +10,16 @@
 //! `frequency_responses` -> `recovery` (continuation, substitution, shooting, many starts) -> `time_domain` -> `identify`.
 
 mod affine;
+mod beginnings;
 mod best_iterate;
 mod changes;
 mod derived;
 pub mod equation_error;
 mod estimate;
+mod few_samples;
 mod filter_error;
 mod frequency_responses;
+mod hidden_states;
 mod identify;
 mod information;
 mod initial;
@@ -44,11 +47,13 @@ mod unknowns;
 
 pub use crate::residuals::OutputFit;
 pub use crate::residuals::autoregression::{AutoRegression, LevinsonDurbin};
+pub use beginnings::{fit_from_beginnings, initial_values};
 pub use best_iterate::{BestIterate, BestOptions, Criterion, best_iterate};
 pub use changes::{ChangeError, Changes};
 pub use derived::{DerivedName, DerivedQuantities};
 pub use estimate::{BiasCorrection, Estimate, ParameterEstimate, RunFit, Smoothing, Status, Symmetric};
 pub use fdm_numeric::least_squares::Fallback as Aid;
+pub use few_samples::FewSamples;
 pub use filter_error::{FilterError, FilterFit, fit_filter};
 pub use frequency_responses::{PairFit, ResponseError, ResponseFit, ResponseOptions, Sensitivity, fit_responses};
 pub use identify::{Identified, IdentifyError, identify};

@@ -70,8 +70,8 @@ impl<'t> SmoothTables<'t> {
     }
 
     /// What there is to be said about every table at these weights.
-    pub(crate) fn told(&self, weights: &[f64], bound: &CramerRao) -> Vec<Smoothing> {
-        let mut weights = weights.iter();
+    pub(crate) fn told(&self, chosen: &Chosen, bound: &CramerRao) -> Vec<Smoothing> {
+        let mut weights = chosen.weights.iter();
         let one = |table: &SmoothTable<'_>| {
             let own: Vec<f64> = weights.by_ref().take(table.axes.len()).copied().collect();
             let known = table.axes.iter().zip(&own).map(|(rows, weight)| weight * trace(rows, bound));
@@ -82,6 +82,7 @@ impl<'t> SmoothTables<'t> {
                 effective_parameters: table.unknowns.len() as f64 - known.sum::<f64>(),
                 arguments: table.table.arguments.iter().map(|a| a.name.clone()).collect(),
                 weights: own,
+                settled: chosen.settled,
             }
         };
         self.tables.iter().map(one).collect()
@@ -193,6 +194,8 @@ fn trace(rows: &[PriorRow], bound: &CramerRao) -> f64 {
 pub(crate) struct Chosen {
     pub(crate) weights: Vec<f64>,
     pub(crate) values: Vec<f64>,
+    /// Whether the weights came to rest, or were given.
+    pub(crate) settled: bool,
 }
 
 /// Chooses the weights: an estimation with each choice, begun where the one before ended. None where the start values cannot be
@@ -225,13 +228,14 @@ fn choose_for(
     let values = unknowns.start.clone();
     if let SmoothBy::Weights(given) = &options.smooth_by {
         let weights: Vec<f64> = balance.iter().enumerate().map(|(k, b)| given.get(k).copied().unwrap_or(*b)).collect();
-        return Some(Chosen { weights, values });
+        return Some(Chosen { weights, values, settled: true });
     }
     observer.doing("smoothness of tables");
     let penalties: Vec<Vec<DMatrix<f64>>> =
         smooth.tables.iter().map(|t| (0..t.axes.len()).map(|axis| t.penalty(axis)).collect()).collect();
     let mut weights = balance.clone();
     let mut last: Vec<f64> = vec![0.0; weights.len()];
+    let mut settled = false;
     for _ in 0..MOST_ROUNDS {
         // what is wrong with the last estimation it tells itself
         let Some((bound, values)) = search.estimate(problem, &weights, observer) else { break };
@@ -240,7 +244,7 @@ fn choose_for(
             break;
         }
         let ahead = search.ahead(&weights, &penalties, &bound);
-        let mut settled = true;
+        settled = true;
         for (k, (step, bends)) in ahead.into_iter().enumerate() {
             // the fixed point is reached by a geometric series of steps: what remains of it is taken at once
             let rate = if last[k] == 0.0 { 0.0 } else { (step / last[k]).clamp(0.0, 0.8) };
@@ -254,7 +258,7 @@ fn choose_for(
             break;
         }
     }
-    Some(Chosen { weights, values: search.unknowns.start })
+    Some(Chosen { weights, values: search.unknowns.start, settled })
 }
 
 struct Search<'s, 't> {

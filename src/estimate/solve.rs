@@ -71,7 +71,7 @@ pub fn estimate_from(
     let likelihood = Likelihood::new(&options.noise, q, measured, problem.worth());
     let mut priors = Priors::new(problem, &unknowns);
     let chosen = choose(problem, &unknowns, &likelihood, options, observer);
-    if let Some(Chosen { weights, values }) = &chosen {
+    if let Some(Chosen { weights, values, .. }) = &chosen {
         let smooth = SmoothTables::new(&problem.tables, problem, &unknowns);
         priors = priors.with(smooth.rows(weights));
         unknowns.start.clone_from(values);
@@ -167,9 +167,7 @@ pub fn estimate_from(
         None => end.is_ok().then(|| noise_of(&weights)),
     };
     let smoothing = match (&chosen, &conclusion) {
-        (Some(chosen), Some(bound)) => {
-            SmoothTables::new(&problem.tables, problem, &unknowns).told(&chosen.weights, bound)
-        }
+        (Some(chosen), Some(bound)) => SmoothTables::new(&problem.tables, problem, &unknowns).told(chosen, bound),
         _ => Vec::new(),
     };
     let exact = problem.outputs.iter().zip(&weights.exact).filter(|(_, exact)| **exact && end.is_ok());

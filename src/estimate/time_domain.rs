@@ -3,6 +3,7 @@
 
 use crate::changes::Changes;
 use crate::estimate::RunFit;
+use crate::few_samples::few_samples;
 use crate::method::{Domain, Method, SmoothBy};
 use crate::noise::Noise;
 use crate::observer::{CheckpointStore, Observer};
@@ -195,6 +196,10 @@ pub fn examined(
         let thetas = after(&fit.model, runs, &fit.estimate, starts);
         let steps: Vec<Steps> = fit.integration.iter().map(|a| a.steps.clone()).collect();
         add_tables(&mut fit.estimate, &fit.model, runs, &thetas, &steps);
+        // in segments the response is not that of the whole run
+        if fit.estimate.termination.is_good() && fit.shooting.as_ref().is_none_or(|s| s.polished) {
+            fit.few_samples = few_samples(&fit, runs, &thetas);
+        }
     }
     let sound = fit.estimate.termination.is_good();
     if options.confidence && sound && observer.stopped().is_none() {

@@ -60,5 +60,5 @@ pub use starts::{starts_hint, starts_table};
 pub use study::{repeat_columns, studies_markdown, studies_text, study_table};
 pub use summary::check_text;
 pub mod page;
-pub use validation::{band_table, validation_by_frequency, validation_by_time, validation_table};
+pub use validation::{band_table, baseline_table, validation_by_frequency, validation_by_time, validation_table};
 pub use visible::visible;

@@ -2,7 +2,7 @@
 
 use super::table::{aligned_right, plain, trimmed};
 use fdm_discover::{LackOfFit, Window};
-use fdm_estimate::residuals::{OutputQuality, TicParts, Whiteness};
+use fdm_estimate::residuals::{Baseline, OutputQuality, TicParts, Whiteness};
 use fdm_results::documents::{BandCoverage, OutputDocument, digits};
 
 /// One row for each output of each run: those that are validated first, then those of the fit. `fitted` is what the
@@ -32,6 +32,17 @@ pub fn validation_table(validated: &[OutputQuality], fitted: &[OutputDocument]) 
         table.add_row(cells(&row));
     });
     (3..9).for_each(|column| aligned_right(&mut table, column));
+    trimmed(&table)
+}
+
+/// The error of each prediction beside what no model at all would miss by.
+pub fn baseline_table(baselines: &[Baseline]) -> String {
+    let mut table = plain(&["without a model", "run", "RMS of residual", "last value held", "straight line"]);
+    for b in baselines {
+        let numbers = [b.rms, b.last_value, b.straight_line].map(|v| digits(v, 4));
+        table.add_row([b.output.clone(), b.run.clone()].into_iter().chain(numbers));
+    }
+    (2..5).for_each(|column| aligned_right(&mut table, column));
     trimmed(&table)
 }
 

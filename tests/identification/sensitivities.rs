@@ -123,6 +123,28 @@ fn explicit_time_choices_and_functions() {
     check(&functions, &run(&functions, 30, 0.15), Steps::uneven(Scheme::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]));
 }
 
+/// An integrator between stops that move with params, whose own sensitivity is that of the stop while it stands there; seen by another
+/// state, by outputs, with a delay, and by its derivative.
+const STOPS: &str = "model stops {
+    input u; param x0 = 0.1, top = 0.31, low = 0.27, k = 1.3, a = 0.6, b = 0.4, tau = 0.123 in [0, 1]; state x = x0, z, w = 0.05;
+    der(x) = k*u - a*z; limit x in [-low, 0.5*top + 0.2];
+    der(z) = x - b*z + 0.3*w; der(w) = 0.2*LATE - b*w + 0.4*der(x);
+    output y = x; output zm = z*x; output rate = der(x) + w; }";
+
+#[test]
+fn states_at_their_limits_have_the_sensitivities_of_the_limits() {
+    let now = model(&STOPS.replace("LATE", "sin(tau*x)"));
+    check(&now, &run(&now, 90, 0.1), 1);
+    check(&now, &run(&now, 90, 0.1), 4);
+    check(&now, &run(&now, 60, 0.15), Steps::uneven(Scheme::Radau, [&[0.3, 1.0][..], &[0.1, 0.9, 1.0]]));
+    let late = model(&STOPS.replace("LATE", "delay(x, tau)"));
+    check(&late, &run(&late, 90, 0.1), 1);
+    check(&late, &run(&late, 90, 0.1), 3);
+    let soft = model(&STOPS.replace("LATE", "sin(tau*x)").replace("0.2];", "0.2] smooth 0.1*top;"));
+    check(&soft, &run(&soft, 90, 0.1), 3);
+    check(&soft, &run(&soft, 60, 0.15), Steps::equal(Scheme::Radau, 1));
+}
+
 #[test]
 fn models_without_states() {
     let curve = model(

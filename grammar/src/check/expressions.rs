@@ -305,7 +305,7 @@ impl Expressions {
 
     /// Notes constants that stop being finite here.
     pub(super) fn watch(&mut self, scope: &Scope<'_>, block: &Block, e: ExprRef) {
-        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_) | Owner::Like(_)) {
+        if matches!(block.owner, Owner::Lower(_) | Owner::Upper(_) | Owner::Like(_) | Owner::Limit(_)) {
             return;
         }
         let expr = scope.tree.expr(e);

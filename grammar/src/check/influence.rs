@@ -36,7 +36,7 @@ fn mentioned(scope: &Scope<'_>, blocks: &Blocks, meanings: &[Meaning]) -> Vec<bo
         let own = match block.owner {
             Owner::Value(s) | Owner::Lower(s) | Owner::Upper(s) | Owner::Tie(s) => Some(s),
             Owner::Abscissa(s, _) | Owner::Ordinate(s) | Owner::Like(s) | Owner::Want(s, _) => Some(s),
-            Owner::Left(_) | Owner::Right(_) | Owner::Known(_) => None,
+            Owner::Left(_) | Owner::Right(_) | Owner::Known(_) | Owner::Limit(_) => None,
         };
         for e in blocks.nodes(block) {
             if let Meaning::Symbol(s) | Meaning::Table(s) = meanings[e.0 as usize] {
@@ -99,7 +99,8 @@ fn reached_params(model: &Model) -> Vec<bool> {
         }
         let mut state = |k: u32| {
             let state = &model.states[k as usize];
-            open.extend([state.rate, state.initial]);
+            let limits = state.limits.into_iter().flat_map(|l| [l.lower, l.upper]);
+            open.extend([state.rate, state.initial].into_iter().chain(limits));
         };
         match graph.node(e) {
             Node::Leaf(Leaf::Param(k)) => reached[k as usize] = true,

@@ -99,7 +99,7 @@ impl Kinds {
             },
             Owner::Known(k) if matches!(known[k].part, Part::Trim | Part::Intensity) => Level::Param,
             Owner::Known(k) if known[k].part == Part::Noise => Level::Varying,
-            Owner::Ordinate(_) | Owner::Tie(_) => Level::Param,
+            Owner::Ordinate(_) | Owner::Tie(_) | Owner::Limit(_) => Level::Param,
             Owner::Abscissa(..) | Owner::Lower(_) | Owner::Upper(_) | Owner::Known(_) => Level::Constant,
             Owner::Left(_) | Owner::Right(_) | Owner::Like(_) | Owner::Want(..) => Level::Varying,
         };
@@ -306,11 +306,13 @@ fn too_variable(
             let message = format!("the {part} of the table `{name}` cannot depend on {what}");
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)
         }
-        Owner::Known(k) => {
+        Owner::Known(k) | Owner::Limit(k) => {
             let message = format!("{} cannot depend on {what}", known[k].words(scope));
             let hint = match most {
                 Level::Constant => "it is made of numbers and consts",
-                _ if known[k].part == Part::Intensity => "it is made of numbers, consts and params",
+                _ if known[k].part == Part::Intensity || known[k].part.is_limit() => {
+                    "it is made of numbers, consts and params"
+                }
                 _ => "it is made of numbers, consts and params; what is not given is found from the equations",
             };
             Diagnostic::new(Code::NotConstant, span, message).hint(hint)

@@ -6,10 +6,10 @@ use super::kinds::{Kinds, Level};
 use super::names::{Scope, Symbol, SymbolId};
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::graph::Signal;
-use crate::model::Prior;
+use crate::model::{Limits, Prior};
 use crate::op::ExprId;
 use crate::source::Span;
-use crate::syntax::{Expr, ExprRef, Name, Role, StatementKind, Value};
+use crate::syntax::{Expr, ExprRef, Limited, Name, Role, StatementKind, Value};
 use std::collections::HashMap;
 
 /// What a number says.
@@ -25,6 +25,19 @@ pub(super) enum Part {
     Intensity,
     /// The value of a state or an input at the trim.
     Trim,
+    /// The least value of a state.
+    Lower,
+    /// The greatest value of a state.
+    Upper,
+    /// The width over which a state's rate fades out before its limits.
+    Width,
+}
+
+impl Part {
+    /// Whether it says how far a state may go.
+    pub(super) fn is_limit(self) -> bool {
+        matches!(self, Self::Lower | Self::Upper | Self::Width)
+    }
 }
 
 /// What is known about a param, the initial value of a state, an output, or the trim.
@@ -42,7 +55,7 @@ impl Known {
     /// In messages: "the mean of the prior of `a`".
     pub(super) fn words(&self, scope: &Scope<'_>) -> String {
         let symbol = &scope.symbols[self.symbol];
-        let initial = symbol.role == Role::State && !matches!(self.part, Part::Trim | Part::Intensity);
+        let initial = symbol.role == Role::State && matches!(self.part, Part::Mean | Part::Deviation);
         let name = if initial { format!("{}(0)", symbol.name()) } else { symbol.name().into() };
         match self.part {
             Part::Mean => format!("the mean of the prior of `{name}`"),
@@ -50,6 +63,9 @@ impl Known {
             Part::Noise => format!("the noise of `{name}`"),
             Part::Intensity => format!("the noise of `der({name})`"),
             Part::Trim => format!("the trim of `{name}`"),
+            Part::Lower => format!("the lower limit of `{name}`"),
+            Part::Upper => format!("the upper limit of `{name}`"),
+            Part::Width => format!("the width of the limits of `{name}`"),
         }
     }
 }
@@ -62,6 +78,7 @@ pub(super) fn read(scope: &Scope<'_>, findings: &mut Vec<Diagnostic>) -> Vec<Kno
             StatementKind::Prior(list) => list.iter().for_each(|(subject, value)| reader.prior(*subject, *value)),
             StatementKind::Noise(list) => list.iter().for_each(|(output, value)| reader.noise(output, *value)),
             StatementKind::Process(list) => list.iter().for_each(|(state, value)| reader.process(state, *value)),
+            StatementKind::Limit(list) => list.iter().for_each(|limited| reader.limit(limited)),
             StatementKind::Trim(list) => list.iter().for_each(|(signal, value)| reader.trim(signal, *value)),
             _ => {}
         }
@@ -119,6 +136,29 @@ impl Reader<'_, '_> {
         }
         if self.is_first(s, state.span, "process noise") {
             self.known.push(Known { part: Part::Intensity, symbol: s, subject: state.span, root: value });
+        }
+    }
+
+    fn limit(&mut self, limited: &Limited) {
+        let (scope, state) = (self.scope, &limited.state);
+        let Some(s) = self.declared(&state.text, state.span, |s| s.role == Role::State) else { return };
+        let symbol = &scope.symbols[s];
+        if symbol.role != Role::State {
+            let message = format!("`{}` is {}; a limit is of states", state.text, article(symbol.role));
+            let hint = match symbol.role {
+                Role::Param => {
+                    format!("bounds of a param stand in its declaration: `param {} = 1 in [0, 2];`", state.text)
+                }
+                _ => format!("a value is limited by `clip({}, lower, upper)`", state.text),
+            };
+            return self.tell(Code::WrongName, state.span, message, hint);
+        }
+        if self.is_first(s, state.span, "limit") {
+            let Limited { bounds, smooth, .. } = limited;
+            let parts = [(Part::Lower, Some(bounds.lower)), (Part::Upper, Some(bounds.upper)), (Part::Width, *smooth)];
+            for (part, root) in parts.into_iter().filter_map(|(part, root)| Some((part, root?))) {
+                self.known.push(Known { part, symbol: s, subject: state.span, root });
+            }
         }
     }
 
@@ -261,6 +301,7 @@ pub(super) struct Knowledge {
     pub(super) priors: Vec<(u32, Prior)>,
     pub(super) noise: Vec<(u32, f64)>,
     pub(super) noise_models: Vec<(u32, ExprId)>,
+    pub(super) limits: Vec<(u32, Limits)>,
 }
 
 /// The numbers behind all statements, checked: deviations are positive, and what they are about is estimated.
@@ -275,8 +316,18 @@ pub(super) fn values(
     let mut knowledge = Knowledge::default();
     // what is not finite has been told
     let value = |k: &Known| expressions.constant(k.root).filter(|v| v.is_finite() && !kinds.of(k.root).broken);
-    let mut mean = None;
+    let (mut mean, mut lower) = (None, None);
+    let fades = |s: SymbolId| known.iter().any(|k| k.part == Part::Width && k.symbol == s);
     for k in known {
+        if k.part.is_limit() {
+            // a smooth limit stands in the rate alone
+            let e = expressions.of(k.root);
+            lower = if k.part == Part::Lower { Some(e) } else { lower };
+            if let (Part::Upper, false, Some(lower)) = (k.part, fades(k.symbol), lower) {
+                knowledge.limits.push((indices.of[k.symbol], Limits { lower, upper: e }));
+            }
+            continue;
+        }
         if k.part == Part::Trim {
             let index = indices.of[k.symbol];
             let state = scope.symbols[k.symbol].role == Role::State;

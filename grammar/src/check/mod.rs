@@ -21,6 +21,7 @@ mod initials;
 mod interpolation;
 mod kinds;
 mod knowledge;
+mod limits;
 pub(crate) mod matching;
 mod measures;
 mod model;
@@ -92,7 +93,8 @@ fn passes(tree: &SyntaxTree, findings: &mut Vec<Diagnostic>) -> Option<Model> {
     let mut params = model::params(scope, &kinds, &indices, &ranges);
     model::first_samples(scope, &indices, &expressions, &mut params);
     let start = model::start(&params);
-    let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, &params, findings);
+    let limits = limits::read(scope, &kinds, &indices, &expressions, &known, &start, findings);
+    let rates = rates::solve(scope, &equations, &kinds, &indices, &mut expressions, (&params, &limits), findings);
     let knowledge = knowledge::values(scope, &kinds, &indices, &expressions, &known, findings);
     start::check(scope, &kinds, &expressions, &known, &start, findings);
     let checked = units::Checked {

@@ -4,6 +4,7 @@ use super::declarations::Range;
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
 use super::knowledge::Knowledge;
+use super::limits;
 use super::names::{Scope, Symbol, SymbolId};
 use super::order::{Block, Blocks, Owner};
 use crate::graph::{Graph, Leaf, Node, Reference, Signal};
@@ -179,6 +180,7 @@ pub(super) fn assemble(
                     rate: rates[indices.of[s] as usize].unwrap_or(zero),
                     initial,
                     noise: None,
+                    limits: None,
                 });
             }
             Role::Param if kinds.derived[s] => model.derived.push(Derived { quantity, expr, tied: false }),
@@ -198,6 +200,7 @@ pub(super) fn assemble(
     }
     model.graph = graph;
     learn(&mut model, knowledge);
+    limits::stop(&mut model);
     show_slopes(&mut model, indices.inputs as usize);
     drop_unused_delays(&mut model);
     model
@@ -262,6 +265,9 @@ fn learn(model: &mut Model, knowledge: Knowledge) {
         model.states[k as usize].noise = Some(intensity);
     }
     model.trim = knowledge.trim;
+    for (k, limits) in knowledge.limits {
+        model.states[k as usize].limits = Some(limits);
+    }
 }
 
 /// The hidden input for the derivative of an input.
@@ -307,11 +313,7 @@ fn show_slopes(model: &mut Model, first: usize) {
     if model.inputs.len() == driving.len() {
         return;
     }
-    let others = model
-        .states
-        .iter()
-        .flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise))
-        .chain(model.derived.iter().map(|d| d.expr));
+    let others = model.states.iter().flat_map(State::expressions).chain(model.derived.iter().map(|d| d.expr));
     let others: Vec<ExprId> = others.chain(model.trim.iter().map(|(_, e)| *e)).collect();
     let outputs: Vec<ExprId> = model.outputs.iter().flat_map(Output::expressions).collect();
     let mut graph = Graph::default();
@@ -324,7 +326,7 @@ fn show_slopes(model: &mut Model, first: usize) {
             other => other,
         })
     });
-    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
+    let states = model.states.iter_mut().flat_map(State::expressions_mut);
     let places = states.chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let places = places.chain(model.trim.iter_mut().map(|(_, e)| e));
     places.zip(others).for_each(|(e, new)| *e = new);
@@ -335,7 +337,7 @@ fn show_slopes(model: &mut Model, first: usize) {
 /// Delays of delays leave signals behind that no expression uses and every simulation would compute: when there are
 /// such, the graph is built anew without them.
 fn drop_unused_delays(model: &mut Model) {
-    let states = model.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(s.noise));
+    let states = model.states.iter().flat_map(State::expressions);
     let outputs = model.outputs.iter().flat_map(Output::expressions);
     let trim = model.trim.iter().map(|(_, e)| *e);
     let params = model.derived.iter().map(|d| d.expr).chain(model.ties.iter().map(|t| t.expr));
@@ -345,7 +347,7 @@ fn drop_unused_delays(model: &mut Model) {
     }
     let mut graph = Graph::default();
     let mut moved = model.graph.rebuild(&roots, &mut graph, Graph::reference).into_iter();
-    let states = model.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
+    let states = model.states.iter_mut().flat_map(State::expressions_mut);
     let outputs = model.outputs.iter_mut().flat_map(Output::expressions_mut);
     let expressions = states.chain(outputs).chain(model.derived.iter_mut().map(|d| &mut d.expr));
     let expressions = expressions.chain(model.ties.iter_mut().map(|t| &mut t.expr));

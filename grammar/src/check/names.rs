@@ -113,6 +113,7 @@ impl<'a> Scope<'a> {
                 StatementKind::Equation(..)
                 | StatementKind::Smooth(_)
                 | StatementKind::Requirement(_)
+                | StatementKind::Limit(_)
                 | StatementKind::Tie(_)
                 | StatementKind::Use(_)
                 | StatementKind::Prior(_)

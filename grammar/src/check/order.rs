@@ -35,6 +35,8 @@ pub(super) enum Owner {
     Right(usize),
     /// A value of a `prior`, `noise` or `trim`, by index.
     Known(usize),
+    /// A limit of a state, by its index among what is known.
+    Limit(usize),
 }
 
 /// One whole expression of the text.
@@ -94,7 +96,9 @@ impl Blocks {
             }
             add(Owner::Right(k), equation.right);
         }
-        known.iter().enumerate().for_each(|(k, known)| add(Owner::Known(k), known.root));
+        for (k, known) in known.iter().enumerate() {
+            add(if known.part.is_limit() { Owner::Limit(k) } else { Owner::Known(k) }, known.root);
+        }
         blocks
     }
 

@@ -8,6 +8,7 @@ use super::elimination::{self, Entry, MOST_WORK, Row, Singular};
 use super::equations::Equation;
 use super::expressions::{Expressions, Indices};
 use super::kinds::Kinds;
+use super::limits::Limit;
 use super::matching::Matching;
 use super::names::{Scope, SymbolId};
 use super::order::components;
@@ -32,7 +33,7 @@ pub(super) fn solve(
     kinds: &Kinds,
     indices: &Indices,
     expressions: &mut Expressions,
-    params: &[Param],
+    (params, limits): (&[Param], &[Option<Limit>]),
     findings: &mut Vec<Diagnostic>,
 ) -> Vec<Option<ExprId>> {
     let states: Vec<SymbolId> = scope.valid().filter(|(_, s)| s.role == Role::State).map(|(s, _)| s).collect();
@@ -41,7 +42,9 @@ pub(super) fn solve(
     if plain {
         for equation in equations {
             if let Some(s) = equation.state {
-                rates[indices.of[s] as usize] = Some(expressions.of(equation.right));
+                let (k, rate) = (indices.of[s], expressions.of(equation.right));
+                let faded = |l: &Limit| l.faded(&mut expressions.graph, k, rate);
+                rates[k as usize] = Some(limits[k as usize].as_ref().map_or(rate, faded));
             }
         }
         return rates;
@@ -60,6 +63,8 @@ pub(super) fn solve(
         equations,
         sides: equations.iter().map(|e| (expressions.of(e.left), expressions.of(e.right))).collect(),
         own: equations.iter().map(|e| e.state.map(|s| indices.of[s] as usize)).collect(),
+        own_rates: vec![None; states.len()],
+        limits,
         states,
         into: Substitution::new(&old, &derivatives),
         findings,
@@ -77,6 +82,8 @@ pub(super) fn solve(
         match expressions.transfer(&mut solver.into) {
             Ok(()) => {
                 rates = std::mem::take(&mut solver.into.rates);
+                // elsewhere `der(x)` of a limited state is what it has, here what moves it
+                rates.iter_mut().zip(&solver.own_rates).for_each(|(rate, own)| *rate = own.or(*rate));
                 expressions.graph = std::mem::take(&mut solver.into.graph);
                 return rates;
             }
@@ -100,6 +107,9 @@ pub(super) struct Solver<'a, 'b> {
     own: Vec<Option<usize>>,
     /// The symbols of the states.
     pub(super) states: Vec<SymbolId>,
+    /// By state: the rates of those whose derivative elsewhere is another.
+    own_rates: Vec<Option<ExprId>>,
+    limits: &'b [Option<Limit>],
     into: Substitution<'b>,
     findings: &'b mut Vec<Diagnostic>,
 }
@@ -214,7 +224,14 @@ impl Solver<'_, '_> {
 
     fn explicit(&mut self, k: usize, state: usize) -> Result<(), Box<Diagnostic>> {
         let rate = self.into.moved(self.sides[k].1);
-        let rate = rate.map_err(|obstacle| Box::new(self.obstacle(obstacle, self.place(k), &[k])))?;
+        let mut rate = rate.map_err(|obstacle| Box::new(self.obstacle(obstacle, self.place(k), &[k])))?;
+        if let Some(limit) = self.limits[state] {
+            let limit = limit.moved(|e| self.into.moved(e));
+            let limit = limit.map_err(|obstacle| Box::new(self.obstacle(obstacle, self.place(k), &[k])))?;
+            let own = limit.faded(&mut self.into.graph, state as u32, rate);
+            self.own_rates[state] = Some(own);
+            rate = limit.held(&mut self.into.graph, state as u32, own);
+        }
         self.into.rates[state] = Some(rate);
         Ok(())
     }
@@ -224,6 +241,9 @@ impl Solver<'_, '_> {
         group.sort_unstable();
         let mut unknown: Vec<usize> = group.iter().filter_map(|k| pairs.of_equation[*k]).collect();
         unknown.sort_unstable();
+        if let Some(state) = unknown.iter().find(|s| self.limits[**s].is_some()) {
+            return Err(Box::new(self.limited(&group, *state)));
+        }
         if group.len() > MOST_COUPLED {
             let limit = format!("{MOST_COUPLED} is the limit");
             return Err(Box::new(self.too_large(&group, &unknown, &limit)));

@@ -422,7 +422,7 @@ impl Pass<'_, '_, '_> {
                     self.density(self.checked.known[k].symbol, radicand);
                 }
             }
-            Owner::Known(k) => {
+            Owner::Known(k) | Owner::Limit(k) => {
                 let known = self.checked.known[k];
                 self.compare(known.symbol, value, block.root, &known.words(scope));
             }

@@ -68,6 +68,15 @@ impl Solver<'_, '_> {
         finding.hint("solve some of them by hand, so that `der(x) = ...;` holds no derivative on its right side")
     }
 
+    /// A state with a limit whose derivative is coupled with others.
+    pub(super) fn limited(&self, group: &[usize], state: usize) -> Diagnostic {
+        let name = self.scope.symbols[self.states[state]].name();
+        let span = self.place(group[0]);
+        let message = format!("`{name}` has a limit, but its derivative is not given by an equation of its own");
+        let finding = self.labelled(Diagnostic::new(Code::SingularRates, span, message), group, span);
+        finding.hint(format!("write `der({name}) = ...;` without other derivatives that depend on it"))
+    }
+
     /// A set whose determinant is zero; `rows` are those that are left of it.
     pub(super) fn singular(&self, group: &[usize], rows: &[usize], states: &[usize], when: &str) -> Diagnostic {
         let left: Vec<usize> = rows.iter().filter_map(|r| group.get(*r).copied()).collect();

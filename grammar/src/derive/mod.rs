@@ -85,6 +85,8 @@ pub struct Derivatives {
     pub initial: Jacobian,
     /// Of the delays, by parameters.
     pub tau: Jacobian,
+    /// Of the lower and the upper limit of every state that has them, by parameters.
+    pub limits: Jacobian,
 }
 
 /// The graph of a model's derivatives has more nodes than were allowed.
@@ -105,7 +107,8 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
     let outputs: Vec<ExprId> = model.outputs.iter().map(|o| o.expr).collect();
     let initial: Vec<ExprId> = model.states.iter().map(|s| s.initial).collect();
     let tau: Vec<ExprId> = model.graph.delayed().iter().map(|d| d.tau).collect();
-    let roots = [&rates[..], &outputs[..], &initial[..], &tau[..]].concat();
+    let limits: Vec<ExprId> = model.limits().flat_map(|(_, l)| [l.lower, l.upper]).collect();
+    let roots = [&rates[..], &outputs[..], &initial[..], &tau[..], &limits[..]].concat();
     let free: Vec<bool> = model.params.iter().map(|p| !p.fixed).collect();
     let sweep = Sweep::new(&model.graph, &roots);
     let wanted = |leaf| match leaf {
@@ -127,6 +130,7 @@ pub fn differentiate_within(model: &mut Model, most: usize) -> Result<Derivative
         outputs: partials(n, q),
         initial: block(n + q, n, by_param),
         tau: block(n + q + n, tau.len(), by_param),
+        limits: block(n + q + n + tau.len(), limits.len(), by_param),
     })
 }
 

@@ -9,7 +9,7 @@ use crate::schedule::Layout;
 /// Sizes and positions: constant, value, what it counts.
 pub(super) fn sizes(layout: &Layout) -> Vec<(&'static str, usize, &'static str)> {
     let p = &layout.patterns;
-    vec![
+    let mut sizes = vec![
         ("STATES", layout.states, "states"),
         ("INPUTS", layout.inputs, "inputs"),
         ("DELAYED", layout.delayed.len(), "delayed signals"),
@@ -33,7 +33,12 @@ pub(super) fn sizes(layout: &Layout) -> Vec<(&'static str, usize, &'static str)>
         ("Y_THETA_ENTRIES", p.outputs_by_param.len(), "outputs by parameters"),
         ("X0_THETA_ENTRIES", p.initial_by_param.len(), "initial values by parameters"),
         ("TAU_THETA_ENTRIES", p.tau_by_param.len(), "delays by parameters"),
-    ]
+    ];
+    if !layout.limited.is_empty() {
+        let about = "position in known: lower and upper limit of each limited state, in their order";
+        sizes.push(("KNOWN_LIMITS", layout.limits.start, about));
+    }
+    sizes
 }
 
 /// The patterns by the name of their entries.
@@ -105,6 +110,13 @@ pub(super) fn title(model: &Model) -> Vec<String> {
     let initial = model.states.iter().filter(|s| !free(s.initial));
     lines.extend(initial.map(|s| equation(format!("{}(0)", s.quantity.name), s.initial)));
     lines.extend(model.outputs.iter().map(|o| equation(o.quantity.name.clone(), o.expr)));
+    for (k, limits) in model.limits() {
+        let [lower, upper] = [limits.lower, limits.upper].map(|e| show(&model.graph, e, model));
+        let name = &model.states[k].quantity.name;
+        lines.push(comment(&format!(
+            "  {name} in [{lower}, {upper}]: whoever integrates takes it back at the end of each step"
+        )));
+    }
     let delayed = |k: usize| comment(&model.leaf(Leaf::Delayed(k as u32)));
     let signals: Vec<String> = (0..model.graph.delayed().len()).map(delayed).collect();
     if !signals.is_empty() {

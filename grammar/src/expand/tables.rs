@@ -7,7 +7,9 @@ use super::files;
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::number::held;
 use crate::source::{Source, Span, Text};
-use crate::syntax::{Axis, Expr, ExprRef, Name, Nodes, StatementKind, SyntaxTree, Table};
+use crate::syntax::{
+    Axis, Declaration, Expr, ExprRef, Name, Nodes, Role, Statement, StatementKind, SyntaxTree, Table, Value,
+};
 use crate::unit::Unit;
 
 /// Most nodes of one table.
@@ -15,6 +17,7 @@ pub(super) const MOST_TABLE_NODES: usize = 10_000;
 
 /// Reads the files of all tables of a tree.
 pub(super) fn read(source: &Source, tree: &mut SyntaxTree, findings: &mut Vec<Diagnostic>) {
+    scheduled(tree);
     for k in 0..tree.statements.len() {
         let StatementKind::Table(table) = &tree.statements[k].kind else { continue };
         let Nodes::File(path, free) = &table.nodes else { continue };
@@ -27,12 +30,78 @@ pub(super) fn read(source: &Source, tree: &mut SyntaxTree, findings: &mut Vec<Di
             Err(finding) => {
                 findings.push(finding);
                 tree.suspended.push(table.name.text.clone());
-                tree.statements[k].kind = StatementKind::Declare(crate::syntax::Role::Const, Vec::new());
+                tree.statements[k].kind = StatementKind::Declare(Role::Const, Vec::new());
             }
         }
     }
     tree.suspended.sort_unstable();
     tree.suspended.dedup();
+}
+
+/// `param Mq(V) = -1.5 at [20, 40];` becomes the table `Mq(V)` with free nodes `Mq[1]`, `Mq[2]`, and `let Mq`, its value at `V`.
+fn scheduled(tree: &mut SyntaxTree) {
+    let is = |s: &Statement| matches!(&s.kind, StatementKind::Table(table) if table.scheduled);
+    if !tree.statements.iter().any(is) {
+        return;
+    }
+    let unit_of = |name: &str| {
+        let declared = tree.statements.iter().filter_map(|s| match &s.kind {
+            StatementKind::Declare(_, list) => list.iter().find(|d| d.name.text == name),
+            _ => None,
+        });
+        declared.filter_map(|d| d.unit.clone()).next()
+    };
+    let units: Vec<Vec<Option<Name>>> = tree
+        .statements
+        .iter()
+        .map(|s| match &s.kind {
+            StatementKind::Table(t) if t.scheduled => t.arguments.iter().map(|a| unit_of(&a.name.text)).collect(),
+            _ => Vec::new(),
+        })
+        .collect();
+    let mut renamed: Vec<(String, String)> = Vec::new();
+    let mut statements = Vec::with_capacity(tree.statements.len() + 1);
+    for (Statement { kind, span }, units) in std::mem::take(&mut tree.statements).into_iter().zip(units) {
+        let StatementKind::Table(mut table) = kind else {
+            statements.push(Statement { kind, span });
+            continue;
+        };
+        if !table.scheduled {
+            statements.push(Statement { kind: StatementKind::Table(table), span });
+            continue;
+        }
+        let mut push = |expr: Expr, span: Span| {
+            tree.expressions.push((expr, span));
+            ExprRef(tree.expressions.len() as u32 - 1)
+        };
+        let named: Vec<&str> = table.arguments.iter().map(|a| a.name.text.as_str()).collect();
+        let name = Name { text: format!("{}({})", table.name.text, named.join(", ")), span: table.name.span };
+        let arguments: Vec<ExprRef> =
+            table.arguments.iter().map(|a| push(Expr::Name(a.name.text.clone()), a.name.span)).collect();
+        let value = push(Expr::Call(name.clone(), arguments), name.span);
+        let own = Declaration {
+            doc: table.doc.clone(),
+            unit: table.unit.clone(),
+            value: Some(Value::Expr(value)),
+            ..Declaration::new(table.name.clone(), span)
+        };
+        table.arguments.iter_mut().zip(units).for_each(|(a, unit)| a.unit = a.unit.take().or(unit));
+        renamed.push((table.name.text.clone(), name.text.clone()));
+        if let Nodes::Written(axes) = &mut table.nodes {
+            axes.iter_mut().filter(|a| a.name.text == table.name.text).for_each(|a| a.name = name.clone());
+        }
+        (table.name, table.scheduled) = (name, false);
+        statements.push(Statement { kind: StatementKind::Table(table), span });
+        statements.push(Statement { kind: StatementKind::Declare(Role::Let, vec![own]), span });
+    }
+    for statement in &mut statements {
+        if let StatementKind::Smooth(smooth) = &mut statement.kind
+            && let Some((_, new)) = renamed.iter().find(|(old, _)| *old == smooth.table.text)
+        {
+            smooth.table.text.clone_from(new);
+        }
+    }
+    tree.statements = statements;
 }
 
 /// A number and where it stands.
@@ -103,7 +172,7 @@ impl<'a> File<'a> {
     /// The titles that are expected.
     fn form(&self) -> String {
         let names = self.table.arguments.iter().map(|a| a.name.text.as_str()).chain([self.table.name.text.as_str()]);
-        format!("its titles are `{}`", names.collect::<Vec<_>>().join(","))
+        format!("its titles are {}", names.map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "))
     }
 
     fn wrong(&self, span: Span, message: String) -> Diagnostic {

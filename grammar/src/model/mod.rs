@@ -89,6 +89,42 @@ pub struct State {
     /// Intensity of the white noise that enters the equation (`noise der(x) = q;`), an expression of parameters: the standard
     /// deviation of what it adds to the state in one unit of time.
     pub noise: Option<ExprId>,
+    /// How far it may go (`limit x in [a, b];`).
+    pub limits: Option<Limits>,
+}
+
+impl State {
+    /// All its expressions but the rate.
+    pub(crate) fn beside_rate(&self) -> impl Iterator<Item = ExprId> + use<> {
+        let limits = self.limits.map(|l| [l.lower, l.upper]);
+        [self.initial].into_iter().chain(self.noise).chain(limits.into_iter().flatten())
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn beside_rate_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
+        let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
+        [&mut self.initial].into_iter().chain(&mut self.noise).chain(limits.into_iter().flatten())
+    }
+
+    /// All its expressions.
+    pub(crate) fn expressions(&self) -> impl Iterator<Item = ExprId> + use<> {
+        [self.rate].into_iter().chain(self.beside_rate())
+    }
+
+    /// The same, to be changed.
+    pub(crate) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
+        let limits = self.limits.as_mut().map(|l| [&mut l.lower, &mut l.upper]);
+        [&mut self.rate, &mut self.initial].into_iter().chain(&mut self.noise).chain(limits.into_iter().flatten())
+    }
+}
+
+/// Where a state stops: a simulation holds it there while its rate pushes outwards. Expressions of parameters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// Least value.
+    pub lower: ExprId,
+    /// Greatest value.
+    pub upper: ExprId,
 }
 
 /// Where the first value of a parameter comes from.
@@ -306,6 +342,11 @@ impl Model {
         self.inputs.iter().enumerate().filter(move |(_, i)| slope(i)).map(|(k, _)| k as u32)
     }
 
+    /// The states (by index) that have limits.
+    pub fn limits(&self) -> impl Iterator<Item = (usize, Limits)> + '_ {
+        self.states.iter().enumerate().filter_map(|(k, s)| Some((k, s.limits?)))
+    }
+
     /// Start values of all parameters.
     pub fn start(&self) -> Vec<f64> {
         self.params.iter().map(|p| p.value).collect()
@@ -334,7 +375,8 @@ impl Model {
             }
             mentioned
         };
-        let states = self.states.iter().flat_map(|s| [s.rate, s.initial]);
+        let limits = |s: &State| s.limits.into_iter().flat_map(|l| [l.lower, l.upper]);
+        let states = self.states.iter().flat_map(|s| [s.rate, s.initial].into_iter().chain(limits(s)));
         let others = self.outputs.iter().map(|o| o.expr).chain(self.trim.iter().map(|(_, e)| *e));
         let delays = self.graph.delayed().iter().map(|d| d.tau);
         let elsewhere = mentioned(states.chain(others).chain(delays).collect());

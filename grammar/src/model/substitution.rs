@@ -3,7 +3,7 @@
 //! starts from which it fails otherwise.
 
 use super::reading::{Reading, Unsettled, reading, unsettled};
-use super::{Input, Model, Output, Quantity};
+use super::{Input, Model, Output, Quantity, State};
 use crate::graph::{Graph, Leaf, Reference, Signal};
 use crate::op::{Build, ExprId, Op};
 
@@ -85,12 +85,7 @@ impl Model {
         let derived = self.derived.iter().map(|d| d.expr);
         let outputs = self.outputs.iter().flat_map(Output::expressions);
         let trim = self.trim.iter().map(|(_, e)| *e);
-        self.states
-            .iter()
-            .flat_map(|s| std::iter::once(s.initial).chain(s.noise))
-            .chain(derived)
-            .chain(outputs)
-            .chain(trim)
+        self.states.iter().flat_map(State::beside_rate).chain(derived).chain(outputs).chain(trim)
     }
 
     /// The same, to be changed.
@@ -98,7 +93,7 @@ impl Model {
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);
         self.states
             .iter_mut()
-            .flat_map(|s| std::iter::once(&mut s.initial).chain(&mut s.noise))
+            .flat_map(State::beside_rate_mut)
             .chain(derived)
             .chain(self.outputs.iter_mut().flat_map(Output::expressions_mut))
             .chain(self.trim.iter_mut().map(|(_, e)| e))

@@ -1,6 +1,6 @@
 //! Ties put into effect: a tied parameter gives way to what it is tied to, everywhere.
 
-use super::{Derived, Model, Output, Signal};
+use super::{Derived, Model, Output, Signal, State};
 use crate::graph::{Graph, Leaf, Node, Reference};
 use crate::op::{ExprId, Op};
 
@@ -81,7 +81,7 @@ impl Model {
 
     /// Every expression of the model.
     pub(super) fn expressions_mut(&mut self) -> impl Iterator<Item = &mut ExprId> {
-        let states = self.states.iter_mut().flat_map(|s| [&mut s.rate, &mut s.initial].into_iter().chain(&mut s.noise));
+        let states = self.states.iter_mut().flat_map(State::expressions_mut);
         let outputs = self.outputs.iter_mut().flat_map(Output::expressions_mut);
         let derived = self.derived.iter_mut().map(|d| &mut d.expr);
         let trim = self.trim.iter_mut().map(|(_, e): &mut (Signal, ExprId)| e);

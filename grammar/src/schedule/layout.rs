@@ -41,6 +41,12 @@ pub struct Layout {
     pub tau_by_param: Range<usize>,
     /// Values of derived parameters in `known`.
     pub derived: Range<usize>,
+    /// States (by index) that are held within limits at the end of every step.
+    pub limited: Vec<u32>,
+    /// Their limits in `known`: the lower and the upper one of each.
+    pub limits: Range<usize>,
+    /// Entries of the derivatives of the limits in `known`.
+    pub limits_by_param: Range<usize>,
     /// For each output the state that it is, when it is one and nothing else (q).
     pub observed: Vec<Option<u32>>,
     /// Which equations are linear with a constant.
@@ -134,6 +140,8 @@ pub struct Patterns {
     pub initial_by_param: Pattern,
     /// tau_theta, delayed signals by p.
     pub tau_by_param: Pattern,
+    /// limits_theta, two rows for each limited state by p.
+    pub limits_by_param: Pattern,
 }
 
 impl Layout {

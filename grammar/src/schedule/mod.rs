@@ -139,6 +139,8 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
     let initial_by_param = append(&mut d.initial.entries.iter().copied());
     let tau_by_param = append(&mut d.tau.entries.iter().copied());
     let derived = append(&mut model.derived.iter().map(|s| s.expr));
+    let limits = append(&mut model.limits().flat_map(|(_, l)| [l.lower, l.upper]));
+    let limits_by_param = append(&mut d.limits.entries.iter().copied());
 
     let varies = graph.depends(|leaf| !matches!(leaf, Leaf::Param(_)));
     let is_known = |e: ExprId| !varies[e.index()] && graph.constant(e).is_none();
@@ -166,6 +168,9 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
         initial_by_param,
         tau_by_param,
         derived,
+        limited: model.limits().map(|(k, _)| k as u32).collect(),
+        limits,
+        limits_by_param,
         stage: StageRow::new(model, &d.rates.state.pattern, &d.rates.delayed.pattern),
         observed: model.outputs.iter().map(|o| observed(graph, o.expr)).collect(),
         affine: Affine::of(model),
@@ -180,6 +185,7 @@ fn known(model: &Model, d: &Derivatives, bodies: &[ExprId]) -> (Vec<ExprId>, Lay
             outputs_by_input: d.outputs.input.pattern.clone(),
             initial_by_param: d.initial.pattern.clone(),
             tau_by_param: d.tau.pattern.clone(),
+            limits_by_param: d.limits.pattern.clone(),
         },
     };
     (known, layout)

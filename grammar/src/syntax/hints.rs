@@ -118,9 +118,13 @@ impl Expected<'_> {
             }
             "table" if self.wants(Want::Colon) => (Want::Colon, "a point is written `x: y`"),
             "table" => (Want::Open, "a table is written `table NAME(x) = linear { x1: y1, x2: y2 }`"),
+            "param" => (Want::At, "a param that depends on others is written `param k(V) = 1 at [0, 10, 20]`"),
             "smooth" => (Want::Order, "smoothness is written `smooth TABLE by order 2`"),
             "requirement" => {
                 (Want::Equals, "a requirement is written `requirement name = expression in [lower, upper]`")
+            }
+            "limit" if self.wants(Want::Attribute) => {
+                (Want::Attribute, "a limit is written `limit x in [lower, upper]`")
             }
             "use" => (Want::As, "a submodel is used by `use \"file.fdm\" as name(input = expression)`"),
             "trim" if self.wants(Want::Equals) => (Want::Equals, "a trim is written `trim { x = value; u = value; }`"),

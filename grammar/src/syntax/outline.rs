@@ -105,8 +105,8 @@ impl Cutter<'_> {
     }
 
     fn word_use(&self, at: usize) -> Option<WordUse> {
-        // names elsewhere: `known`, `smooth` and `requirement` begin a statement where another name follows
-        if (self.is(at, "known") || self.is(at, "smooth") || self.is(at, "requirement"))
+        // names elsewhere: they begin a statement where another name follows
+        if ["known", "smooth", "limit", "requirement"].iter().any(|word| self.is(at, word))
             && self.tokens.get(at + 1).is_some_and(|t| t.kind == Kind::Name)
         {
             return Some(WordUse::Statement);

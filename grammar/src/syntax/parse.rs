@@ -129,6 +129,7 @@ fn want(rule: Rule) -> Option<Want> {
         Rule::bracket => Want::Bracket,
         Rule::close_bracket => Want::CloseBracket,
         Rule::brace => Want::Brace,
+        Rule::word_at => Want::At,
         Rule::close_brace => Want::CloseBrace,
         Rule::semicolon => Want::Semicolon,
         Rule::word_then => Want::Then,
@@ -147,6 +148,8 @@ fn want(rule: Rule) -> Option<Want> {
         | Rule::table
         | Rule::smooth
         | Rule::requirement
+        | Rule::scheduled
+        | Rule::limit
         | Rule::use_model => Want::Statement,
         Rule::effect_own | Rule::tunable | Rule::add | Rule::replace | Rule::rate_noise => Want::EffectStatement,
         Rule::slot => Want::Slot,
@@ -206,10 +209,15 @@ impl<'a> Build<'a> {
                 StatementKind::Tie(bonds.filter_map(|p| self.named(p)).collect())
             }
             Rule::table => StatementKind::Table(self.table(parts)?),
+            Rule::scheduled => StatementKind::Table(self.scheduled(parts)?),
             Rule::smooth => StatementKind::Smooth(self.smooth(parts)?),
             Rule::requirement => {
                 let names = parts.filter(|p| p.as_rule() == Rule::declaration);
                 StatementKind::Requirement(names.filter_map(|p| self.declaration(p)).collect())
+            }
+            Rule::limit => {
+                let limited = parts.filter(|p| p.as_rule() == Rule::limited);
+                StatementKind::Limit(limited.filter_map(|p| self.limited(p)).collect())
             }
             Rule::use_model => StatementKind::Use(self.submodel(parts)?),
             Rule::reactions => {
@@ -354,7 +362,44 @@ impl<'a> Build<'a> {
             Some(file) => file,
             None => self.nodes(&name, &arguments, entries)?,
         };
-        Some(Table { name, arguments, doc, unit, method: method?, nodes })
+        Some(Table { name, arguments, doc, unit, method: method?, nodes, scheduled: false, bounds: None })
+    }
+
+    /// `param Mq(V) "pitch damping" [1/s] in [-10, 0] = cubic -1.5 at [20, 40, 60]`
+    fn scheduled(&mut self, parts: Pairs<Rule>) -> Option<Table> {
+        let mut names = Vec::new();
+        let (mut doc, mut unit, mut method, mut bounds, mut start) = (None, None, None, None, None);
+        let (mut arguments, mut axes) = (Vec::new(), Vec::new());
+        for part in parts {
+            let place = span(&part, self.offset);
+            match part.as_rule() {
+                Rule::name => names.push(word(&part, self.offset, 0)),
+                Rule::argument => {
+                    let mut parts = part.into_inner();
+                    let name = word(&parts.next()?, self.offset, 0);
+                    arguments.push(Argument { name, unit: parts.next().map(|u| word(&u, self.offset, 1)) });
+                }
+                Rule::unit => self.once(&mut unit, word(&part, self.offset, 1), (Rule::unit, place), &names),
+                Rule::doc => self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names),
+                Rule::bounds => bounds = self.bounds(part, place),
+                Rule::interpolant => method = Some(word(&part, self.offset, 0)),
+                Rule::expression => start = Some((self.expression(part)?, place)),
+                Rule::places => axes.push(self.expression(part.into_inner().next()?)?),
+                _ => {}
+            }
+        }
+        let (name, (start, begun)) = (names.into_iter().next()?, start?);
+        if axes.len() != arguments.len() {
+            let message = format!("`{}` depends on {} and has nodes along {}", name.text, arguments.len(), axes.len());
+            let hint = "a list of nodes for each, in their order: `param k(V, h) = 1 at [20, 40], [0, 1000];`";
+            self.findings.push(Diagnostic::new(Code::BadTable, name.span, message).hint(hint));
+            self.sound = false;
+        }
+        let own = Axis { name: name.clone(), free: Some(begun), values: Some(start) };
+        let along = |(a, e): (&Argument, ExprRef)| Axis { name: a.name.clone(), free: None, values: Some(e) };
+        let nodes = Nodes::Written(arguments.iter().zip(axes).map(along).chain([own]).collect());
+        let method = method.unwrap_or_else(|| Name { text: "linear".into(), span: name.span });
+        Some(Table { name, arguments, doc, unit, method, nodes, scheduled: true, bounds })
     }
 
     /// What stands between the braces of a table: points of a curve, or axes and values of a grid. A grid is what several arguments have, and
@@ -433,6 +478,25 @@ impl<'a> Build<'a> {
         }
         let (order, order_span) = order?;
         Some(Smooth { table: table?, order, order_span })
+    }
+
+    /// `x in [a, b] smooth w`
+    fn limited(&mut self, pair: Pair<Rule>) -> Option<Limited> {
+        let (mut state, mut bounds, mut smooth) = (None, None, None);
+        for part in pair.into_inner() {
+            let place = span(&part, self.offset);
+            match part.as_rule() {
+                Rule::target => {
+                    let mut name = word(&part, self.offset, 0);
+                    name.text.retain(|c| !c.is_whitespace());
+                    state = Some(name);
+                }
+                Rule::bounds => bounds = self.bounds(part, place),
+                Rule::expression => smooth = Some(self.expression(part)?),
+                _ => {}
+            }
+        }
+        Some(Limited { state: state?, bounds: bounds?, smooth })
     }
 
     /// Takes an attribute of a table, or tells that it stands there twice.

@@ -150,6 +150,14 @@ impl<'a> Printer<'a> {
             }
             StatementKind::Table(table) => self.table(table),
             StatementKind::Smooth(smooth) => format!("smooth {} by order {};", smooth.table.text, smooth.order),
+            StatementKind::Limit(list) => {
+                let one = |l: &Limited| {
+                    let smooth = l.smooth.map_or(String::new(), |w| format!(" smooth {}", self.expression(w)));
+                    let (lower, upper) = (self.expression(l.bounds.lower), self.expression(l.bounds.upper));
+                    format!("{} in [{lower}, {upper}]{smooth}", l.state.text)
+                };
+                format!("limit {};", list.iter().map(one).collect::<Vec<_>>().join(", "))
+            }
             StatementKind::Reactions(volume, list) => {
                 let volume = volume.map_or(String::new(), |e| format!(" in {}", self.expression(e)));
                 let parts: Vec<_> = list.iter().map(|r| self.reaction(r)).collect();
@@ -223,6 +231,18 @@ impl<'a> Printer<'a> {
         let doc = table.doc.as_ref().map_or(String::new(), |d| format!(" \"{}\"", d.text));
         let arguments: Vec<String> =
             table.arguments.iter().map(|a| format!("{}{}", a.name.text, unit(&a.unit))).collect();
+        if let (true, Nodes::Written(axes)) = (table.scheduled, &table.nodes) {
+            let written = |axis: &Axis| axis.values.map_or(String::new(), |e| self.expression(e));
+            let (start, along) = axes.split_last().map_or(Default::default(), |(own, along)| {
+                (written(own), along.iter().map(written).collect::<Vec<_>>().join(", "))
+            });
+            let bounds = table
+                .bounds
+                .map_or(String::new(), |b| format!(" in [{}, {}]", self.expression(b.lower), self.expression(b.upper)));
+            let method = if table.method.text == "linear" { "" } else { &format!("{} ", table.method.text) };
+            let head = format!("param {}({}){doc}{}{bounds}", table.name.text, arguments.join(", "), unit(&table.unit));
+            return format!("{head} = {method}{start} at {along};");
+        }
         format!(
             "table {}({}){doc}{} = {} {};",
             table.name.text,

@@ -53,12 +53,19 @@ fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
                 }
                 Nodes::Points(_) | Nodes::Grid(..) => {}
             }
+            table.bounds.iter_mut().for_each(|b| visit(&mut b.span));
             optional(&mut table.doc, visit);
             optional(&mut table.unit, visit);
         }
         StatementKind::Smooth(smooth) => {
             visit(&mut smooth.table.span);
             visit(&mut smooth.order_span);
+        }
+        StatementKind::Limit(list) => {
+            for limited in list {
+                visit(&mut limited.state.span);
+                visit(&mut limited.bounds.span);
+            }
         }
         StatementKind::Use(submodel) => {
             visit(&mut submodel.path.span);

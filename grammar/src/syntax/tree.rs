@@ -306,6 +306,17 @@ pub struct Table {
     pub method: Name,
     /// Where its values are known.
     pub nodes: Nodes,
+    /// `param Mq(V) = -1.5 at [20, 40];`: its name stands for its value at the quantities that its arguments are called after.
+    pub scheduled: bool,
+    /// Bounds of its free values.
+    pub bounds: Option<Bounds>,
+}
+
+impl Table {
+    /// What its nodes are called after: the table behind a scheduled parameter is `Mq(V)`, its nodes are `Mq[1]`, `Mq[2]`.
+    pub fn stem(&self) -> &str {
+        self.name.text.split('(').next().unwrap_or_default()
+    }
 }
 
 /// An argument of a table.
@@ -393,6 +404,24 @@ pub struct Smooth {
     pub order_span: Span,
 }
 
+/// `x in [a, b] smooth w`: how far a state may go.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Limited {
+    /// The state, or elements of it.
+    pub state: Name,
+    /// Between which values.
+    pub bounds: Bounds,
+    /// The width over which its rate fades out before a limit.
+    pub smooth: Option<ExprRef>,
+}
+
+impl Limited {
+    /// All its expressions.
+    pub fn roots(&self) -> impl Iterator<Item = ExprRef> + use<> {
+        [self.bounds.lower, self.bounds.upper].into_iter().chain(self.smooth)
+    }
+}
+
 /// `use "actuator.fdm" as act(x = dlon, T = T_act);`
 #[derive(Debug, Clone, PartialEq)]
 pub struct Use {
@@ -455,6 +484,8 @@ pub enum StatementKind {
     Smooth(Smooth),
     /// `requirement name = expression in [lower, upper], ...;`
     Requirement(Vec<Declaration>),
+    /// `limit x in [a, b] smooth w, ...;`
+    Limit(Vec<Limited>),
     /// `use "file" as name(a = b);`
     Use(Use),
     /// `reactions in V { ... }`: the volume of amounts, and the reactions
@@ -483,7 +514,11 @@ pub fn each_root(kind: &StatementKind, mut visit: impl FnMut(ExprRef)) {
         | StatementKind::Tie(list) => {
             list.iter().for_each(|(_, e)| visit(*e));
         }
-        StatementKind::Table(table) => table.nodes.each_root(visit),
+        StatementKind::Table(table) => {
+            table.nodes.each_root(&mut visit);
+            table.bounds.iter().for_each(|b| [b.lower, b.upper].into_iter().for_each(&mut visit));
+        }
+        StatementKind::Limit(list) => list.iter().flat_map(Limited::roots).for_each(visit),
         StatementKind::Use(submodel) => submodel.connections.iter().for_each(|(_, e)| visit(*e)),
         StatementKind::Reactions(volume, list) => {
             volume.iter().for_each(|e| visit(*e));

@@ -130,6 +130,7 @@ fn concerns(tree: &SyntaxTree, kind: &StatementKind, name: &str) -> bool {
     match kind {
         StatementKind::Equation(left, _) => derivatives(tree, *left).any(|state| state == name),
         StatementKind::Smooth(smooth) => smooth.table.text == name,
+        StatementKind::Limit(list) => list.iter().any(|l| l.state.text == name),
         StatementKind::Noise(list) | StatementKind::Process(list) | StatementKind::Tie(list) => {
             list.iter().any(|(n, _)| n.text == name)
         }

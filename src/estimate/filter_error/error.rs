@@ -22,6 +22,11 @@ pub enum FilterError {
         /// Name of the table.
         table: String,
     },
+    /// A filter knows of no states that stop.
+    Limit {
+        /// Name of the state.
+        state: String,
+    },
     /// An intensity moves by parts of itself, and 0 has none.
     StartsAtZero {
         /// Name of the parameter.
@@ -52,6 +57,11 @@ impl fmt::Display for FilterError {
                 f,
                 "`smooth {table}` has no part in the filter-error method; fit it with `--method output-error`, fix its nodes at what was found, \
                  and leave the statement out"
+            ),
+            Self::Limit { state } => write!(
+                f,
+                "the state `{state}` has a limit, which the filter-error method does not know; fit with `--method output-error`, or \
+                 write `limit {state} in [...] smooth ...;`"
             ),
             Self::StartsAtZero { parameter } => write!(
                 f,

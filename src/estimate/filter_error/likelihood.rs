@@ -204,6 +204,9 @@ impl<'a> Setting<'a> {
         if let Some(k) = model.layout().delayed.iter().find_map(state) {
             return Err(FilterError::DelayedState { state: definition.states[k].quantity.name.clone() });
         }
+        if let Some(k) = model.layout().limited.first() {
+            return Err(FilterError::Limit { state: definition.states[*k as usize].quantity.name.clone() });
+        }
         let known = match options.noise.clone().or_declared(&definition.outputs) {
             Noise::Full => return Err(FilterError::FullNoise),
             Noise::Given(known) => known,

@@ -116,4 +116,7 @@ fn what_a_filter_cannot_do_is_told() {
     assert_eq!(said(noisy, FitOptions { options, ..FitOptions::default() }), FilterError::FullNoise);
     let late = "model m { state x = 1; param a = -1; der(x) = a*delay(x, 0.1); noise der(x) = 0.1; output y = x; }";
     assert_eq!(said(late, FitOptions::default()), FilterError::DelayedState { state: "x".into() });
+    let held =
+        "model m { state x = 1; param a = -1; der(x) = a*x; limit x in [0, 2]; noise der(x) = 0.1; output y = x; }";
+    assert_eq!(said(held, FitOptions::default()), FilterError::Limit { state: "x".into() });
 }

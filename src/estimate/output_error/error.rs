@@ -81,6 +81,7 @@ impl std::error::Error for FitError {}
 pub enum StrategyError {
     UnknownState { name: String, nearest: Option<String> },
     NothingMeasured,
+    Beginning { run: String, length: f64, samples: usize },
     NotMeasured { reason: String },
     NotASegmentLength { length: f64 },
     NoStates,
@@ -105,6 +106,15 @@ impl fmt::Display for StrategyError {
             }
             Self::UnknownState { name, nearest: None } => write!(f, "the model has no state `{name}` to substitute"),
             Self::NothingMeasured => write!(f, "no output shows a state: there is no record to substitute for one"),
+            Self::Beginning { run, length, samples: samples @ (0 | 1) } => write!(
+                f,
+                "run `{run}` has {samples} sample{} in its first {length}, and initial values want two at least; give a longer time (--initial-from)",
+                if *samples == 1 { "" } else { "s" }
+            ),
+            Self::Beginning { run, length, .. } => write!(
+                f,
+                "run `{run}` has no measured output in its first {length}: nothing there says what its initial values are"
+            ),
             Self::NotMeasured { reason } => write!(f, "{reason}"),
             Self::NotASegmentLength { length } => {
                 write!(f, "segments of length {length} are not possible; a length is a number above 0")

@@ -1,11 +1,12 @@
 //! The result of an output-error fit: estimates, and all that is known about how they were reached.
 
 use crate::estimate::{Estimate, ParameterEstimate, Status};
+use crate::few_samples::FewSamples;
 use crate::observer::StartSummary;
 use crate::output_error::defect::FitDefect;
 use crate::output_error::integration_fault::IntegrationFault;
 use crate::output_error::loss::Loss;
-use crate::residuals::OutputQuality;
+use crate::residuals::{Baseline, OutputQuality};
 use crate::termination::Termination;
 use fdm_system::model::Model;
 use fdm_system::record::Run;
@@ -24,6 +25,8 @@ pub struct Fit {
     pub integration: Vec<Accuracy>,
     /// Integration errors that are too large to be passed over; empty when there are none, or when that was not looked at.
     pub integration_faults: Vec<IntegrationFault>,
+    /// Parameters that few samples moved far from their starts; empty when that was not looked at.
+    pub few_samples: Vec<FewSamples>,
     /// What the residuals say: every output of every run, runs outermost; empty when nothing could be simulated, or when that
     /// was not asked for.
     pub quality: Vec<OutputQuality>,
@@ -53,6 +56,7 @@ impl Fit {
             estimate,
             integration,
             integration_faults: Vec::new(),
+            few_samples: Vec::new(),
             quality: Vec::new(),
             rescue: None,
             by_length: Vec::new(),
@@ -68,6 +72,13 @@ impl Fit {
     /// Whether the iteration converged, the data determine every free parameter, and no integration error falsifies that.
     pub fn is_good(&self) -> bool {
         self.estimate.is_good() && self.is_integrated()
+    }
+
+    /// What no model at all would miss by in these runs, which the fit predicts from `from` after their beginning on.
+    pub fn baselines(&self, runs: &[Run], from: f64) -> Vec<Baseline> {
+        let names: Vec<&str> = self.model.definition().outputs.iter().map(|o| o.quantity.name.as_str()).collect();
+        let residuals: Vec<&[f64]> = self.estimate.runs.iter().map(|r| r.residuals.as_slice()).collect();
+        Baseline::of(&names, runs, &residuals, from)
     }
 
     /// Whether the estimates are those of the model and not of integration steps that are too long.

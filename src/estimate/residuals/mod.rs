@@ -7,6 +7,7 @@
 mod analysis;
 pub(crate) mod autocovariance;
 pub(crate) mod autoregression;
+mod baseline;
 mod diebold_mariano;
 mod distribution;
 mod input_correlation;
@@ -15,6 +16,7 @@ mod output_fit;
 mod whiteness;
 
 pub use analysis::{OutputQuality, Signals, residual_quality, run_quality};
+pub use baseline::Baseline;
 pub use diebold_mariano::{Advantage, advantage};
 pub use distribution::Distribution;
 pub use input_correlation::InputCorrelation;

@@ -151,7 +151,7 @@ fn facts(subject: &Subject) -> Option<String> {
 fn weight(about: About) -> (usize, &'static str) {
     match about {
         About::Undetermined => (0, "parameters"),
-        About::Bound => (1, "parameters"),
+        About::Bound | About::Few => (1, "parameters"),
         About::Offset => (2, "residuals"),
         About::Input => (3, "residuals"),
         About::Colour | About::Noise => (4, "residuals"),

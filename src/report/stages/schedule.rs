@@ -112,8 +112,21 @@ impl Labels<'_> {
         let by_param = self.entries(&initial, &p.initial_by_param, Leaf::Param);
         let tau_by_param = self.entries(&tau, &p.tau_by_param, Leaf::Param);
         let derived = m.derived.iter().map(|d| d.quantity.name.clone());
-        let named: Vec<String> =
-            initial.into_iter().chain(tau).chain(by_param).chain(tau_by_param).chain(derived).collect();
+        let bounds = |(k, _): (usize, fdm_grammar::model::Limits)| {
+            let name = &m.states[k].quantity.name;
+            [format!("lower limit of {name}"), format!("upper limit of {name}")]
+        };
+        let limits: Vec<String> = m.limits().flat_map(bounds).collect();
+        let limits_by_param = self.entries(&limits, &p.limits_by_param, Leaf::Param);
+        let named: Vec<String> = initial
+            .into_iter()
+            .chain(tau)
+            .chain(by_param)
+            .chain(tau_by_param)
+            .chain(derived)
+            .chain(limits)
+            .chain(limits_by_param)
+            .collect();
         named
     }
 

@@ -22,6 +22,8 @@ pub enum About {
     Correlated,
     /// Parameters at their bounds.
     Bound,
+    /// Parameters that few samples moved far from their starts.
+    Few,
     /// Intervals that may hold less often than in 95 of 100 cases.
     Intervals,
     /// Parameters that noise in the equations had drawn.
@@ -117,12 +119,20 @@ fn tables(estimate: &Estimate) -> Vec<String> {
         let (count, number) = (s.parameters, digits(s.effective_parameters, 3));
         format!("`{}`: {count} nodes, {number} effective parameters; weights {}", s.table, weights.join(", "))
     });
+    // of an estimation that was stopped that is no news
+    let restless = estimate.smoothing.iter().filter(|s| !s.settled && estimate.termination.is_good()).map(|s| {
+        format!(
+            "`{}`: its smoothness did not settle in 40 rounds: the data hardly tell one weight from another; compare with given weights \
+             (--smooth-by)",
+            s.table
+        )
+    });
     let unvisited = estimate.tables.iter().filter_map(|t| {
         let count = t.unknown().count();
         (count > 0)
             .then(|| format!("`{}`: {count} of {} nodes are unknown: no run visits them", t.table, t.nodes.len()))
     });
-    effective.chain(unvisited).collect()
+    effective.chain(restless).chain(unvisited).collect()
 }
 
 /// Outputs of which runs hold no value, or none that can be used; one line for each output.
@@ -188,6 +198,17 @@ pub fn fit_remarks(fit: &Fit) -> Vec<Remark> {
             format!("estimated by {} in place of squares: the noise covariance is that of pseudo-values", fit.loss);
         remarks.push(Remark::new(About::Noise, said));
     }
+    remarks.extend(fit.few_samples.iter().map(|few| {
+        let said = format!(
+            "`{}` went from {} to {}, and about {} of {} samples say so: look at them, or give it bounds or a prior",
+            few.parameter,
+            digits(few.start, 3),
+            digits(few.value, 3),
+            digits(few.samples, 2),
+            few.of
+        );
+        Remark::new(About::Few, said)
+    }));
     if fit.estimate.noise_free.is_empty() {
         remarks.extend(residual_remarks(&fit.quality, &fit.model.definition().time.to_string()));
     }

@@ -354,7 +354,7 @@ impl<'a> Sides<'a> {
 
     /// How many are differentiated.
     pub(super) fn equations(&self) -> usize {
-        2 * self.layout.states + self.layout.outputs + self.layout.tau.len()
+        2 * self.layout.states + self.layout.outputs + self.layout.tau.len() + self.layout.limits.len()
     }
 
     pub(super) fn site(&self, model: &Model, mut scatter: Scatter, nominal: &Nominal) -> Site {
@@ -379,6 +379,7 @@ impl<'a> Sides<'a> {
         values.extend(rounding.evaluate(&self.schedule.outputs, at));
         values.extend(&known[self.layout.initial.clone()]);
         values.extend(&known[self.layout.tau.clone()]);
+        values.extend(&known[self.layout.limits.clone()]);
         values
     }
 
@@ -432,6 +433,12 @@ impl<'a> Sides<'a> {
             (&patterns.outputs_by_param, n, params, &outputs[after_state + after_delayed..]),
             (&patterns.initial_by_param, n + q, params, &known[layout.initial_by_param.clone()]),
             (&patterns.tau_by_param, n + q + n, params, &known[layout.tau_by_param.clone()]),
+            (
+                &patterns.limits_by_param,
+                n + q + n + layout.delayed.len(),
+                params,
+                &known[layout.limits_by_param.clone()],
+            ),
         ];
         for (pattern, equation, leaf, values) in plain {
             entries.extend(pattern.entries().map(|(k, i, j)| entry(equation + i, leaf + j, values[k])));
@@ -439,6 +446,7 @@ impl<'a> Sides<'a> {
         let mut values = [&rates[..n], &outputs[..q]].concat();
         values.extend(&known[layout.initial.clone()]);
         values.extend(&known[layout.tau.clone()]);
+        values.extend(&known[layout.limits.clone()]);
         entries.sort_by_key(|e| e.leaf);
         Symbolic { values, entries }
     }
@@ -484,6 +492,7 @@ impl<'a> Sides<'a> {
         results.extend(evaluate(&self.schedule.outputs, at(&known), &mut self.values, rounding));
         results.extend(&known[self.layout.initial.clone()]);
         results.extend(&known[self.layout.tau.clone()]);
+        results.extend(&known[self.layout.limits.clone()]);
         results.into_iter().map(|z| z.im).collect()
     }
 }

@@ -437,7 +437,7 @@ fn a_model_says_what_it_wants() {
     assert_eq!(channels(&model), expected);
     model.outputs[0].expr = t;
     assert!(channels(&model).timed && channels(&model).samples == 1);
-    model.states.push(State { quantity: quantity("x", ""), rate: x, initial: x, noise: None });
+    model.states.push(State { quantity: quantity("x", ""), rate: x, initial: x, noise: None, limits: None });
     assert!(channels(&model).timed && channels(&model).samples == 2);
 }
 

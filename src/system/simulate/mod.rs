@@ -18,6 +18,7 @@ mod simulator;
 mod step_control;
 mod steps;
 mod stiff;
+mod stops;
 mod trajectory;
 
 pub use blocks::{Block, OutputRow, RowLayout, Sink};

@@ -121,11 +121,12 @@ impl Sensitivity {
     /// One step of the states; their partials go to the buffer of step k.
     #[inline(always)]
     fn advance(&mut self, trajectory: &mut Trajectory<'_>, k: usize) -> Result<(), Divergence> {
-        let Trajectory { dynamics, grid, drive, known, nodes, work, .. } = trajectory;
+        let Trajectory { dynamics, grid, drive, known, nodes, work, stops, .. } = trajectory;
         let (t, h) = grid.step(k);
         let (x, next) = two_nodes(nodes, k);
         let partials = &mut self.partials[k % 2];
         dynamics.step_with_partials(Step { t, h, x, drive: drive.stages(k), known }, next, partials, work);
+        stops.hold(k, dynamics.layout(), known, next);
         finite(grid, k, next)?;
         if !self.rates_by_delay.is_empty() {
             let slopes = drive.stage_slopes(k);
@@ -193,6 +194,7 @@ impl WithSimd for March<'_, '_> {
             if k < steps {
                 let Sensitivity { plan, partials, s, scratch, .. } = &mut *sensitivity;
                 plan.step(simd, trajectory.grid.step(k).1, &partials[k % 2], s, scratch);
+                trajectory.stops.follow(k, &trajectory.known, s);
             }
         }
         trajectory.stateless(|trajectory, sample| sensitivity.observe(trajectory, sample, 0, sink))?;

@@ -8,6 +8,7 @@ use super::delayed_inputs::{Follower, Rule, StageValues};
 use super::drive::inputs_of_step;
 use super::steps::{Scheme, Steps};
 use super::stiff::{Collocation, Past};
+use super::stops::take_back;
 use super::trajectory::Interval;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
 use crate::record::Run;
@@ -305,6 +306,7 @@ impl<'a> Probe<'a> {
             }
         };
         debug_assert_eq!(next.len(), layout.states);
+        take_back(layout, &self.known, next, |_, _| {});
         solved && next.iter().all(|x| x.is_finite())
     }
 

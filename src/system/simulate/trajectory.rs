@@ -6,6 +6,7 @@ use super::delayed::History;
 use super::drive::DriveTable;
 use super::error::Divergence;
 use super::steps::Grid;
+use super::stops::Stops;
 use crate::dynamics::{Dynamics, Point, Step, Workspace};
 use crate::record::Run;
 use fdm_grammar::graph::Signal;
@@ -40,6 +41,8 @@ pub(super) struct Trajectory<'a> {
     pub(super) history: Option<History>,
     /// Three nodes' states in turn.
     pub(super) nodes: [Vec<f64>; 3],
+    /// Limited states at the ends of the last steps.
+    pub(super) stops: Stops,
 }
 
 impl<'a> Trajectory<'a> {
@@ -55,6 +58,7 @@ impl<'a> Trajectory<'a> {
             theta: Vec::with_capacity(layout.params),
             history: History::new(layout),
             nodes: std::array::from_fn(|_| vec![0.0; layout.states]),
+            stops: Stops::new(layout),
         }
     }
 
@@ -86,7 +90,15 @@ impl<'a> Trajectory<'a> {
         let (x, next) = two_nodes(&mut self.nodes, k);
         let step = Step { t, h, x, drive: self.drive.stages(k), known: &self.known };
         self.dynamics.step(step, next, &mut self.work);
+        self.stops.hold(k, self.dynamics.layout(), &self.known, next);
         finite(&self.grid, k, next)
+    }
+
+    /// Takes the limited states at the end of step k back, for methods that have just found them.
+    #[inline(always)]
+    pub(super) fn hold(&mut self, k: usize) {
+        let next = two_nodes(&mut self.nodes, k).1;
+        self.stops.hold(k, self.dynamics.layout(), &self.known, next);
     }
 
     /// Step k as the implicit method sees it, where its end goes, and memory.

@@ -512,3 +512,75 @@ fn tables_are_read_from_files() {
     wrong("a,1,0\n0,0,1\n1,1,2\n", "1: the values of the axis `b` of the table `C` increase, and 0 follows 1");
     wrong("a,b,C\n0,0,inf\n", "2: `inf` is not a finite number");
 }
+
+/// The core model of a text with what `expand` writes out.
+fn whole(text: &str) -> Model {
+    crate::compile(&Source::new("m.fdm", text)).unwrap_or_else(|e| panic!("{text}: {e:?}")).model
+}
+
+#[test]
+fn a_scheduled_param_is_a_table_called_with_what_it_depends_on() {
+    let head = "model m { input V [m/s], u [rad]; state q = 0.1 [rad/s];";
+    let tail = "der(q) = k*q + u*c; const c = 1 [1/s^2]; output y [rad/s] = q + 0*V*d; const d = 1 [rad/m]; }";
+    let short = whole(&format!(
+        "{head} param k(V) \"damping\" [1/s] in [-9, 0] = cubic [-1, -2, -4] at [20, 40, 80]; {tail}"
+    ));
+    let long = whole(&format!(
+        "{head} table T(V [m/s]) [1/s] = cubic {{ V: [20, 40, 80], T: free [-1, -2, -4] }}; let k = T(V); {tail}"
+    ));
+    let names: Vec<&str> = short.params.iter().map(|p| p.quantity.name.as_str()).collect();
+    assert_eq!(names, ["k[1]", "k[2]", "k[3]"]);
+    assert!(short.params.iter().all(|p| (p.lower, p.upper) == (-9.0, 0.0) && p.quantity.doc == "damping"));
+    assert_eq!(
+        (&*short.tables[0].quantity.name, short.tables[0].nodes[1].clone()),
+        ("k(V)", TableNode::Param("k[2]".into()))
+    );
+    for speed in [10.0, 20.0, 33.0, 50.0, 95.0] {
+        let rate = |m: &Model| {
+            m.graph.evaluate(m.states[0].rate, |leaf| match leaf {
+                Leaf::Input(0) => speed,
+                Leaf::Input(_) => 0.3,
+                Leaf::State(_) => 0.7,
+                Leaf::Param(k) => m.params[k as usize].value,
+                _ => f64::NAN,
+            })
+        };
+        assert_eq!(rate(&short).to_bits(), rate(&long).to_bits(), "{speed}");
+    }
+    let two =
+        whole("model m { input V, h; param k(V, h) = 2 at [0, 1], [0, 5, 9]; smooth k by order 1; output y = k; }");
+    assert_eq!((two.params.len(), two.tables[0].smooth), (6, Some(1)));
+    assert!(two.params.iter().all(|p| p.value == 2.0));
+}
+
+#[test]
+fn states_with_limits_are_told_what_is_wrong_with_them() {
+    let told =
+        |statements: &str| told(&format!("model m {{ input u; state x; der(x) = u; {statements} output y = x; }}"));
+    assert!(told("limit x in [0, inf];").is_empty());
+    assert!(told("param top = 1; limit x in [-top, 2*top] smooth 0.1;").is_empty());
+    assert!(
+        told("limit x in [1, 0];")[0].contains("E0303 the limits [1, 0] of `x` leave no room; `limit x in [0, 1];`")
+    );
+    assert!(told("limit x in [0, u];")[0].contains("E0305 the upper limit of `x` cannot depend on the input `u`"));
+    assert!(told("limit x in [0, 1] smooth 0;")[0].contains("E0303 the width of the limits of `x` is 0"));
+    assert!(told("limit u in [0, 1];")[0].contains("E0207 `u` is an input; a limit is of states"));
+    assert!(told("limit x in [0, 1], x in [0, 2];")[0].contains("E0202 the limit of `x` is given a second time"));
+    let coupled = super::told(
+        "model m { input u; state x, z; der(x) + der(z) = u; der(x) - der(z) = 0; limit x in [0, 1]; output y = x + z; }",
+    );
+    assert!(
+        coupled[0].contains("E0408 `x` has a limit, but its derivative is not given by an equation of its own"),
+        "{coupled:?}"
+    );
+}
+
+#[test]
+fn a_limit_of_a_vector_is_one_of_each_element() {
+    let model =
+        whole("model m { input u; state x[2]; der(x) = [u, -u]; limit x in [-1, [1, 2]]; output y[2] = x; }");
+    let upper: Vec<f64> = model.limits().map(|(_, l)| model.graph.constant(l.upper).unwrap()).collect();
+    assert_eq!(upper, [1.0, 2.0]);
+    let one = whole("model m { input u; state x[2]; der(x) = [u, -u]; limit x[2] in [-1, 1]; output y[2] = x; }");
+    assert_eq!(one.limits().map(|(k, _)| k).collect::<Vec<_>>(), [1]);
+}

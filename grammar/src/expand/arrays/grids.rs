@@ -6,7 +6,7 @@ use super::value::{Evaluator, Val, dims_of};
 use super::writer::BROKEN;
 use crate::diagnostic::{Code, Diagnostic, nearest};
 use crate::source::Span;
-use crate::syntax::{Axis, Declaration, Expr, ExprRef, Name, Nodes, Table, Value};
+use crate::syntax::{Axis, Bounds, Declaration, Expr, ExprRef, Name, Nodes, Table, Value};
 
 /// Most arguments of one table.
 const MOST_ARGUMENTS: usize = 3;
@@ -186,7 +186,9 @@ impl Evaluator<'_, '_> {
             return false;
         };
         if list.len() != *length {
-            let message = format!("`{own}` has {} values along `{argument}` here, its axis has {length}", list.len());
+            let plural = if list.len() == 1 { "" } else { "s" };
+            let message =
+                format!("`{own}` has {} value{plural} along `{argument}` here, its axis has {length}", list.len());
             self.bad(self.span(e), message, "a table has a value at every crossing of its axes");
             return false;
         }
@@ -202,6 +204,10 @@ impl Evaluator<'_, '_> {
         span: Span,
     ) -> Option<(Vec<ExprRef>, Vec<Declaration>)> {
         let (mut values, mut params) = (Vec::new(), Vec::new());
+        let bounds = table.bounds.map(|b| {
+            let what = "bounds of the nodes of a table are";
+            Bounds { lower: self.scalar(b.lower, what), upper: self.scalar(b.upper, what), span: b.span }
+        });
         for place in 0..lengths.iter().product() {
             let start = match &starts {
                 Some(starts) => starts[place],
@@ -213,7 +219,7 @@ impl Evaluator<'_, '_> {
                 self.bad(self.out.expressions[start.0 as usize].1, message, hint);
                 return None;
             }
-            let name = Name { text: element(&table.name.text, lengths, place), span: table.name.span };
+            let name = Name { text: element(table.stem(), lengths, place), span: table.name.span };
             if !self.out.budget.spend(1, name.text.len()) {
                 let finding = self.out.budget.finding(table.name.span);
                 self.out.findings.extend(finding);
@@ -221,10 +227,15 @@ impl Evaluator<'_, '_> {
             }
             values.push(self.out.push(Expr::Name(name.text.clone()), span));
             let (doc, unit) = (table.doc.clone(), table.unit.clone());
+            let bounds = bounds.filter(|b| b.lower != BROKEN && b.upper != BROKEN).map(|b| match place {
+                0 => b,
+                _ => Bounds { lower: self.out.copy(b.lower), upper: self.out.copy(b.upper), ..b },
+            });
             params.push(Declaration {
                 doc,
                 unit,
                 value: Some(Value::Expr(start)),
+                bounds,
                 ..Declaration::new(name, table.name.span)
             });
         }

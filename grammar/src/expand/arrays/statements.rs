@@ -6,7 +6,9 @@ use super::value::{Evaluator, Val, dims_of, shape_of, single};
 use super::writer::{BROKEN, Item};
 use crate::diagnostic::{Code, Diagnostic};
 use crate::source::Span;
-use crate::syntax::{Bounds, Declaration, Expr, ExprRef, Name, Role, Statement, StatementKind, Value, operands};
+use crate::syntax::{
+    Bounds, Declaration, Expr, ExprRef, Limited, Name, Role, Statement, StatementKind, Value, operands,
+};
 
 impl Evaluator<'_, '_> {
     /// A statement of the flattened model; names that lose their meaning are added to `suspended`.
@@ -32,6 +34,7 @@ impl Evaluator<'_, '_> {
             StatementKind::Process(list) => keep(StatementKind::Process(self.targets(list))),
             StatementKind::Trim(list) => keep(StatementKind::Trim(self.targets(list))),
             StatementKind::Tie(list) => keep(StatementKind::Tie(self.targets(list))),
+            StatementKind::Limit(list) => keep(StatementKind::Limit(self.limits(list))),
             StatementKind::Table(table) => match self.table(table) {
                 Some((table, params)) => {
                     if !params.is_empty() {
@@ -281,6 +284,22 @@ impl Evaluator<'_, '_> {
     }
 
     /// `y = 0.1`, `x[2] = 3`, `x = [1, 2, 3]`
+    fn limits(&mut self, list: &[Limited]) -> Vec<Limited> {
+        let mut limits = Vec::new();
+        for limited in list {
+            // each part by itself, element by element
+            let part = |e: ExprRef| (limited.state.clone(), e);
+            let lower = self.targets(&[part(limited.bounds.lower)]);
+            let upper = self.targets(&[part(limited.bounds.upper)]);
+            let smooth = limited.smooth.map(|w| self.targets(&[part(w)]));
+            for (k, ((state, lower), (_, upper))) in lower.into_iter().zip(upper).enumerate() {
+                let smooth = smooth.as_ref().and_then(|list| Some(list.get(k)?.1));
+                limits.push(Limited { state, bounds: Bounds { lower, upper, ..limited.bounds }, smooth });
+            }
+        }
+        limits
+    }
+
     fn targets(&mut self, list: &[(Name, ExprRef)]) -> Vec<(Name, ExprRef)> {
         let mut named = Vec::new();
         let declared = self.out.declared;

@@ -2,7 +2,8 @@
 
 use super::connections::Connections;
 use crate::syntax::{
-    Declaration, Expr, ExprRef, Name, Nodes, Role, Smooth, Statement, StatementKind, SyntaxTree, Table, Value, operands,
+    Bounds, Declaration, Expr, ExprRef, Limited, Name, Nodes, Role, Smooth, Statement, StatementKind, SyntaxTree,
+    Table, Value, operands,
 };
 use std::collections::HashMap;
 
@@ -37,6 +38,10 @@ impl Part {
                 | StatementKind::Tie(list) => {
                     names += list.len();
                     bytes += list.iter().map(|(name, _)| name.text.len()).sum::<usize>();
+                }
+                StatementKind::Limit(list) => {
+                    names += list.len();
+                    bytes += list.iter().map(|l| l.state.text.len()).sum::<usize>();
                 }
                 _ => {}
             }
@@ -198,6 +203,14 @@ impl Writer<'_> {
             StatementKind::Smooth(smooth) => {
                 StatementKind::Smooth(Smooth { table: self.name(&smooth.table), ..smooth.clone() })
             }
+            StatementKind::Limit(list) => {
+                let limited = |l: &Limited| Limited {
+                    state: self.name(&l.state),
+                    bounds: Bounds { lower: self.moved(l.bounds.lower), upper: self.moved(l.bounds.upper), ..l.bounds },
+                    smooth: l.smooth.map(|w| self.moved(w)),
+                };
+                StatementKind::Limit(list.iter().map(limited).collect())
+            }
             StatementKind::Requirement(_)
             | StatementKind::Time(_)
             | StatementKind::Noise(_)
@@ -221,7 +234,8 @@ impl Writer<'_> {
         if let Nodes::Written(axes) = &mut nodes {
             axes.iter_mut().filter(|a| a.name.text == table.name.text).for_each(|a| a.name = self.name(&a.name));
         }
-        Table { name: self.name(&table.name), nodes, ..table.clone() }
+        let moved = |b: Bounds| Bounds { lower: self.moved(b.lower), upper: self.moved(b.upper), ..b };
+        Table { name: self.name(&table.name), nodes, bounds: table.bounds.map(moved), ..table.clone() }
     }
 
     fn declaration(

@@ -4,7 +4,7 @@
 //! linear equations, those of the last Newton correction, which are solved for all parameters at once.
 
 use super::DelayedStates;
-use super::step::DRIVE_ROW;
+use super::step::{DRIVE_ROW, rest};
 use crate::dynamics::{Dynamics, Layout};
 use crate::simulate::blocks::Sink;
 use crate::simulate::error::Divergence;
@@ -24,6 +24,8 @@ pub(in crate::simulate) struct DelayedSensitivity {
     seen: Vec<f64>,
     /// Sensitivities of x1, f0 and f1 of the states that a step sees of itself.
     own: Vec<f64>,
+    /// Limited states that rest at the beginning and at the end of the step.
+    resting: [Vec<usize>; 2],
 }
 
 impl DelayedSensitivity {
@@ -41,6 +43,7 @@ impl DelayedSensitivity {
             trial: Aligned::new(n * lanes),
             seen: vec![0.0; 3 * lanes * delayed.lags.len()],
             own: vec![0.0; 3 * lanes * delayed.unknown.len()],
+            resting: std::array::from_fn(|_| Vec::with_capacity(layout.limited.len())),
         }
     }
 
@@ -77,16 +80,25 @@ impl DelayedSensitivity {
         if delayed.short {
             self.close(simd, delayed, h);
         }
-        let Some(history) = &mut trajectory.history else { return Ok(()) };
+        trajectory.hold(k);
+        for (end, resting) in self.resting.iter_mut().enumerate() {
+            resting.clear();
+            rest(trajectory, k + end, &mut delayed.rates[end], |state| resting.push(state));
+        }
+        let Trajectory { history: Some(history), known, stops, .. } = trajectory else { return Ok(()) };
         for end in 0..2 {
             if end == 1 {
                 let Sensitivity { plan, s, scratch, .. } = &mut self.base;
                 plan.step(simd, h, &delayed.partials, s, scratch);
+                stops.follow(k, known, s);
             }
             let row = if end == 0 { &delayed.partials[..delayed.width] } else { &delayed.ends[..] };
-            let (kept, rows) = history.rates(end, &row[..layout.states]);
+            let (kept, rows) = history.rates(end, &delayed.rates[end]);
             for (state, to) in kept.iter().zip(rows.chunks_exact_mut(self.base.lanes.max(1))) {
-                self.slope(row, *state, &self.base.s, to);
+                match self.resting[end].contains(state) {
+                    true => to.fill(0.0),
+                    false => self.slope(row, *state, &self.base.s, to),
+                }
             }
         }
         history.node(trajectory.grid.end(k), &trajectory.nodes[node(k + 1)], &self.base.s);

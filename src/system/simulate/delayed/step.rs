@@ -10,6 +10,7 @@ use crate::dynamics::{Layout, Point, Step};
 use crate::simulate::delayed_inputs::StageValues;
 use crate::simulate::error::Divergence;
 use crate::simulate::steps::Grid;
+use crate::simulate::stops::rests;
 use crate::simulate::trajectory::{Trajectory, diverged, finite, node, two_nodes};
 use fdm_grammar::graph::Signal;
 use fdm_numeric::dense::lu::{Lu, Rounded};
@@ -53,7 +54,7 @@ pub(in crate::simulate) struct DelayedStates {
     pub(super) ends: Vec<f64>,
     pub(super) width: usize,
     /// Rates at both ends.
-    rates: [Vec<f64>; 2],
+    pub(super) rates: [Vec<f64>; 2],
     /// Tangents: slopes of the stage before and of this one, states, sum, first slope.
     tangent: [Vec<f64>; 5],
 }
@@ -113,6 +114,10 @@ impl DelayedStates {
     /// Takes step k without sensitivities.
     pub(in crate::simulate) fn advance(&mut self, trajectory: &mut Trajectory<'_>, k: usize) -> Result<(), Divergence> {
         self.step(trajectory, k, &mut [], false)?;
+        trajectory.hold(k);
+        for (end, rates) in self.rates.iter_mut().enumerate() {
+            rest(trajectory, k + end, rates, |_| {});
+        }
         let Some(history) = &mut trajectory.history else { return Ok(()) };
         history.rates(0, &self.rates[0]);
         history.rates(1, &self.rates[1]);
@@ -303,6 +308,18 @@ impl DelayedStates {
             }
         }
         apply(ends, 2, sum, slope);
+    }
+}
+
+/// Rates at a node of limited states that stand at a limit and are pushed outwards are zero: what a delay sees of them; says which.
+#[inline(always)]
+pub(super) fn rest(trajectory: &Trajectory<'_>, node_of: usize, rates: &mut [f64], mut at: impl FnMut(usize)) {
+    let (layout, x) = (trajectory.dynamics.layout(), &trajectory.nodes[node(node_of)]);
+    for state in layout.limited.iter().map(|s| *s as usize) {
+        if rests(layout, &trajectory.known, state, x[state], rates[state]) {
+            rates[state] = 0.0;
+            at(state);
+        }
     }
 }
 

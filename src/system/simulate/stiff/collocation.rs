@@ -99,7 +99,10 @@ impl Collocation {
         let dynamics = trajectory.dynamics;
         let (step, next, work) = trajectory.interval(k);
         match self.step(dynamics, step, next, work) {
-            Ok(()) => finite(&trajectory.grid, k, two_nodes(&mut trajectory.nodes, k).1),
+            Ok(()) => {
+                trajectory.hold(k);
+                finite(&trajectory.grid, k, two_nodes(&mut trajectory.nodes, k).1)
+            }
             Err(unsolved) => Err(diverged(&trajectory.grid, k, Some(unsolved.state))),
         }
     }

@@ -91,6 +91,7 @@ impl StiffSensitivity {
             }
         };
         if self.tangent.step(collocation, (dynamics, step), complete, &mut self.base.s, work) {
+            trajectory.stops.follow(k, &trajectory.known, &mut self.base.s);
             return Ok(());
         }
         Err(diverged(&trajectory.grid, k, None))

@@ -1,0 +1,173 @@
+//! How far states may go: `limit x in [a, b];`, `limit x in [a, b] smooth w;`.
+//!
+//! A simulation moves a state whose limits are hard by its rate as if there were none, and takes it back into them at the end of
+//! every step; all rates see it inside. So the step that reaches a limit ends exactly there, and the next one begins
+//! there with the limit's own sensitivity. Elsewhere `der(x)` means the derivative that the state has: zero at a limit while
+//! the rate pushes outwards. A smooth limit is an expression: the outward part of the rate fades out over the width.
+
+use super::expressions::{Expressions, Indices};
+use super::kinds::Kinds;
+use super::knowledge::{Known, Part};
+use super::names::{Scope, SymbolId};
+use super::start;
+use crate::diagnostic::{Code, Diagnostic};
+use crate::graph::{Graph, Leaf, Reference, Signal};
+use crate::model::{Model, Origin, Output, Param, State};
+use crate::op::{Build, ExprId, Op};
+use crate::syntax::Role;
+
+/// The limits of a state, expressions of parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limit {
+    pub(super) lower: ExprId,
+    pub(super) upper: ExprId,
+    /// Over which width the rate fades out; `None` for a hard stop.
+    pub(super) width: Option<ExprId>,
+}
+
+/// The limits by state of the model; those that leave no room at the start values (by param of the model) are told.
+pub(super) fn read(
+    scope: &Scope<'_>,
+    kinds: &Kinds,
+    indices: &Indices,
+    expressions: &Expressions,
+    known: &[Known],
+    start: &[f64],
+    findings: &mut Vec<Diagnostic>,
+) -> Vec<Option<Limit>> {
+    let mut limits = vec![None; scope.valid().filter(|(_, s)| s.role == Role::State).count()];
+    let values = start::values(&expressions.graph, start);
+    let of = |s: SymbolId, part: Part| known.iter().find(|k| k.symbol == s && k.part == part).map(|k| k.root);
+    for k in known.iter().filter(|k| k.part == Part::Lower) {
+        let (Some(upper), width) = (of(k.symbol, Part::Upper), of(k.symbol, Part::Width)) else { continue };
+        if [k.root, upper].into_iter().chain(width).any(|e| kinds.of(e).broken) {
+            continue;
+        }
+        let [lower, upper_e] = [k.root, upper].map(|e| expressions.of(e));
+        let (a, b) = (values[lower.index()], values[upper_e.index()]);
+        let name = scope.symbols[k.symbol].name();
+        // what is not a number has been told
+        if a >= b {
+            let message = format!("the limits [{a}, {b}] of `{name}` leave no room");
+            let finding = Diagnostic::new(Code::BadBounds, scope.tree.span(k.root), message);
+            findings.push(match a > b {
+                true => finding.hint(format!("`limit {name} in [{b}, {a}];`")),
+                false => finding.hint("what does not move is a `const` or a `param`"),
+            });
+        }
+        let width = width.map(|e| (e, expressions.of(e)));
+        if let Some((root, e)) = width
+            && (values[e.index()] <= 0.0 || values[e.index()] > 0.5 * (b - a))
+        {
+            let (w, most) = (values[e.index()], 0.5 * (b - a));
+            let message = format!("the width of the limits of `{name}` is {w}, and must be above 0 and at most {most}");
+            let finding = Diagnostic::new(Code::BadBounds, scope.tree.span(root), message);
+            findings.push(finding.hint("without `smooth` the state stops at once"));
+        }
+        limits[indices.of[k.symbol] as usize] = Some(Limit { lower, upper: upper_e, width: width.map(|(_, e)| e) });
+    }
+    limits
+}
+
+impl Limit {
+    /// The same in another graph.
+    pub(super) fn moved<E>(self, mut to: impl FnMut(ExprId) -> Result<ExprId, E>) -> Result<Self, E> {
+        let width = self.width.map(&mut to).transpose()?;
+        Ok(Self { lower: to(self.lower)?, upper: to(self.upper)?, width })
+    }
+
+    /// The rate that a simulation is given: faded out before smooth limits.
+    pub(super) fn faded(self, graph: &mut Graph, state: u32, rate: ExprId) -> ExprId {
+        let Some(width) = self.width else { return rate };
+        let (x, zero) = (graph.leaf(Leaf::State(state)), graph.number(0.0));
+        let mut outward = |room: [ExprId; 2], op: Op| {
+            // 3 u^2 - 2 u^3 of what is left of the width: its slope vanishes at both ends
+            let room = graph.apply(Op::Sub, &room);
+            let (one, two, three) = (graph.number(1.0), graph.number(2.0), graph.number(3.0));
+            let part = graph.apply(Op::Div, &[room, width]);
+            let part = graph.apply(Op::Max, &[part, zero]);
+            let part = graph.apply(Op::Min, &[part, one]);
+            let (square, twice) = (graph.apply(Op::Mul, &[part, part]), graph.apply(Op::Mul, &[two, part]));
+            let rest = graph.apply(Op::Sub, &[three, twice]);
+            let fade = graph.apply(Op::Mul, &[square, rest]);
+            let outward = graph.apply(op, &[rate, zero]);
+            graph.apply(Op::Mul, &[fade, outward])
+        };
+        let up = outward([self.upper, x], Op::Max);
+        let down = outward([x, self.lower], Op::Min);
+        graph.apply(Op::Add, &[up, down])
+    }
+
+    /// The derivative that a state has beside its (faded) rate: zero at a hard limit while the rate pushes outwards.
+    pub(super) fn held(self, graph: &mut Graph, state: u32, rate: ExprId) -> ExprId {
+        if self.width.is_some() {
+            return rate;
+        }
+        let (x, zero) = (graph.leaf(Leaf::State(state)), graph.number(0.0));
+        let mut held = rate;
+        for (at, op) in [([x, self.lower], Op::Max), ([self.upper, x], Op::Min)] {
+            let there = graph.apply(Op::LessEqual, &at);
+            let inward = graph.apply(op, &[rate, zero]);
+            held = graph.apply(Op::Select, &[there, inward, held]);
+        }
+        held
+    }
+}
+
+/// Puts hard limits into effect: runs begin inside, and rates and delays see the state inside, also in the middle of a step that
+/// reaches a limit.
+pub(super) fn stop(model: &mut Model) {
+    if model.states.iter().all(|s| s.limits.is_none()) {
+        return;
+    }
+    let mut graph = Graph::default();
+    let mut limits = Vec::with_capacity(model.states.len());
+    for state in &model.states {
+        let of = |l: crate::model::Limits| model.graph.rebuild(&[l.lower, l.upper], &mut graph, Graph::reference);
+        limits.push(state.limits.map(of));
+    }
+    let inside = |g: &mut Graph, e: ExprId, k: u32| match limits.get(k as usize).and_then(Option::as_deref) {
+        Some(&[lower, upper]) => {
+            let above = g.apply(Op::Max, &[e, lower]);
+            g.apply(Op::Min, &[above, upper])
+        }
+        _ => e,
+    };
+    let rates: Vec<ExprId> = model.states.iter().map(|s| s.rate).collect();
+    let rates = model.graph.rebuild(&rates, &mut graph, |g, reference| {
+        let e = g.reference(reference);
+        match reference {
+            Reference::Now(Leaf::State(k)) | Reference::Earlier(Signal::State(k), _) => inside(g, e, k),
+            _ => e,
+        }
+    });
+    let states = model.states.iter().flat_map(State::beside_rate);
+    let others = states.chain(model.outputs.iter().flat_map(Output::expressions));
+    let others = others.chain(model.derived.iter().map(|d| d.expr)).chain(model.ties.iter().map(|t| t.expr));
+    let others: Vec<ExprId> = others.chain(model.trim.iter().map(|(_, e)| *e)).collect();
+    // at a sample a state is inside
+    let others = model.graph.rebuild(&others, &mut graph, |g, reference| {
+        let e = g.reference(reference);
+        if let Reference::Earlier(Signal::State(k), _) = reference { inside(g, e, k) } else { e }
+    });
+    model.states.iter_mut().zip(rates).for_each(|(s, rate)| s.rate = rate);
+    let states = model.states.iter_mut().flat_map(State::beside_rate_mut);
+    let places = states.chain(model.outputs.iter_mut().flat_map(Output::expressions_mut));
+    let places = places.chain(model.derived.iter_mut().map(|d| &mut d.expr));
+    let places = places.chain(model.ties.iter_mut().map(|t| &mut t.expr));
+    let places = places.chain(model.trim.iter_mut().map(|(_, e)| e));
+    places.zip(others).for_each(|(e, new)| *e = new);
+    for (k, state) in model.states.iter_mut().enumerate() {
+        let (Some(limits), begin) = (state.limits, state.initial) else { continue };
+        state.initial = inside(&mut graph, begin, k as u32);
+        // an initial value outside would be moved by nothing
+        let free = |p: &&mut Param| p.origin == Origin::FreeInitial(k as u32);
+        if let Some(param) = model.params.iter_mut().find(free) {
+            let constant = |e: ExprId| graph.constant(e);
+            param.lower = constant(limits.lower).unwrap_or(param.lower);
+            param.upper = constant(limits.upper).unwrap_or(param.upper);
+            param.value = param.value.max(param.lower).min(param.upper);
+        }
+    }
+    model.graph = graph;
+}
