@@ -224,6 +224,13 @@ fn autoregression(left: &[ResidualPower], places: &[Place], order: usize) -> Val
     found
 }
 
+/// a_1 and a_2 of autoregressive noise of order 2 by the power of bands up to the Nyquist frequency.
+pub(super) fn second_order(left: &[ResidualPower], highest: f64) -> (f64, f64) {
+    let places: Vec<Place> = left.iter().map(|l| Place::new(l.log_frequency, (highest.ln(), 0.0))).collect();
+    let found = autoregression(left, &places, 2);
+    (found[1], found[2])
+}
+
 /// A loss with its gradient and information.
 struct Scored {
     loss: f64,

@@ -60,6 +60,17 @@ impl Resonance {
         WIDTHS.into_iter().map(of).collect()
     }
 
+    /// That of a pair of poles, by 1 + a e^-iw + b e^-2iw; none where they are no resonance.
+    pub(crate) fn of_poles((a, b): (f64, f64), form: Form, (span, highest): (f64, f64)) -> Option<Self> {
+        // the square of its size is a polynomial q0 + q1 s + q2 s^2 of the square s of the sine of w/2
+        let (q0, q1, q2) = ((1.0 + a + b).powi(2), -4.0 * (a + a * b + 4.0 * b), 16.0 * b);
+        let square = (q0 / q2).sqrt();
+        let damping = ((2.0 + q1 * square / q0) / 4.0).sqrt();
+        // not a number where the poles are real
+        let is_one = square < 1.0 && damping > LEAST && damping < MOST;
+        is_one.then(|| Self { form, numbers: [0.5 * square.ln(), damping.ln(), HEIGHT.0], span, highest })
+    }
+
     /// Numbers that it has.
     pub(crate) fn size(&self) -> usize {
         match self.form {
@@ -170,13 +181,9 @@ mod tests {
             let (re, im) = (1.0 + a * w.cos() + b * (2.0 * w).cos(), a * w.sin() + b * (2.0 * w).sin());
             -(re * re + im * im).ln()
         };
-        // with s the square of the sine of w/2 that polynomial is q0 + q1 s + q2 s^2
-        let (a, b) = (-2.0 * radius * phase.cos(), radius * radius);
-        let (q0, q1, q2) = ((1.0 + a + b).powi(2), -4.0 * (a + a * b + 4.0 * b), 16.0 * b);
-        let square = (q0 / q2).sqrt();
-        let damping = ((2.0 + q1 * square / q0) / 4.0).sqrt();
-        let numbers = [0.5 * square.ln(), damping.ln(), 0.0];
-        let one = Resonance { form: Form::Poles, numbers, span: 4.0, highest: 0.5 };
+        let poles = (-2.0 * radius * phase.cos(), radius * radius);
+        let one = Resonance::of_poles(poles, Form::Poles, (4.0, 0.5)).expect("a resonance");
+        assert_eq!(Resonance::of_poles((-0.9, 0.2), Form::Poles, (4.0, 0.5)), None);
         let offset = spectrum(0.3) - one.at((0.3 / std::f64::consts::TAU).ln()).0;
         for w in [0.01, 0.2, 0.55, 0.6, 0.7, 1.5, 3.0] {
             let own = one.at((w / std::f64::consts::TAU).ln()).0 + offset;

@@ -4,9 +4,11 @@
 //! are free to do. log S is a sum of hats over log f; what is left of n bins beside a leverage h has the mean S (n - h): gamma
 //! variates (Whittle), solved by reweighted least squares.
 //!
-//! A resonance is narrower than any hat. Where a narrow band stands out of the smooth spectrum, one is fitted beside the hats, if that is likelier
-//! with its own penalty: a resonance of the noise is then no disturbance, and no mode of the model.
+//! A resonance is narrower than any hat. One is fitted beside the hats from the poles of autoregressive noise of order 2, and from a narrow band that
+//! stands out of the smooth spectrum, and kept where that is likelier with its own penalty: a resonance of the noise is then no disturbance,
+//! and no mode of the model.
 
+use super::parametric::second_order;
 use super::residual_power::ResidualPower;
 use super::resonance::{Form, Resonance};
 use nalgebra::{DMatrix, DVector};
@@ -62,18 +64,23 @@ impl SmoothSpectrum {
         let penalised = tried.map(|s| (s.twice_loss(wide) + 2.0 * s.penalty(), s));
         let best = penalised.min_by(|a, b| a.0.total_cmp(&b.0));
         let smooth = best.map_or_else(|| Self::level(wide), |(_, spectrum)| spectrum);
-        let ends = narrow.first().zip(narrow.last()).map(|(first, last)| last.log_frequency - first.log_frequency);
-        let Some((band, span)) = smooth.narrow_band(narrow).zip(ends) else { return smooth };
-        let resonant = RESONANT.iter().flat_map(|(form, size)| {
-            let starts = Resonance::starts(band, *form, (span, *highest));
-            starts.into_iter().filter_map(|start| Self::with_resonance(narrow, *size, start))
-        });
+        let Some((first, last)) = narrow.first().zip(narrow.last()) else { return smooth };
+        let within = (last.log_frequency - first.log_frequency, *highest);
+        let (poles, band) = (second_order(narrow, *highest), smooth.narrow_band(narrow));
+        let starts = |form: Form| -> Vec<Resonance> {
+            let begun = Resonance::of_poles(poles, form, within);
+            begun.into_iter().chain(band.iter().flat_map(|band| Resonance::starts(*band, form, within))).collect()
+        };
+        let fits = |(form, size): &(Form, usize)| -> Vec<Self> {
+            starts(*form).into_iter().filter_map(|start| Self::with_resonance(narrow, *size, start)).collect()
+        };
+        let resonant = RESONANT.iter().flat_map(fits);
         let penalised =
             std::iter::once(smooth.clone()).chain(resonant).map(|s| (s.twice_loss(narrow) + 2.0 * s.penalty(), s));
         penalised.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(smooth, |(_, spectrum)| spectrum)
     }
 
-    /// The narrow band that stands out most, as its ends in log f; none where no resonance could be worth its penalty.
+    /// The narrow band that stands out most, as its ends in log f; none where none stands out.
     fn narrow_band(&self, narrow: &[ResidualPower]) -> Option<(f64, f64)> {
         let excess: Vec<(f64, f64)> =
             narrow.iter().map(|cell| (cell.freedom, cell.freedom * cell.power / self.at(cell.log_frequency))).collect();

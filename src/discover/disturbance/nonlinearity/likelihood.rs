@@ -234,7 +234,7 @@ impl Weighed {
 
     /// Smooth spectra of what parameters and nonlinearity leave.
     fn spectra(&self, banded: &Banded, p: usize, root: &DMatrix<f64>) -> Option<Vec<SmoothSpectrum>> {
-        let Banded { cells, highest } = banded;
+        let Banded { cells, highest, narrow } = banded;
         let (size, rank) = (p + root.nrows(), root.ncols());
         // coefficients in units of their deviations, parameters as they are
         let mut unit = DMatrix::zeros(size, p + rank);
@@ -265,7 +265,8 @@ impl Weighed {
         }
         // bands are as narrow as the resonances of the noise want them
         let fitted = |wide: Vec<ResidualPower>| {
-            let left = BandedPower { narrow: wide.clone(), wide, highest: *highest };
+            let narrow = if *narrow { wide.clone() } else { Vec::new() };
+            let left = BandedPower { narrow, wide, highest: *highest };
             (!left.wide.is_empty()).then(|| SmoothSpectrum::fit(&left))
         };
         left.into_iter().map(fitted).collect()
@@ -277,6 +278,8 @@ pub(super) struct Banded {
     pub(super) cells: Vec<BandProducts>,
     /// The Nyquist frequency.
     pub(super) highest: f64,
+    /// Whether some are narrow, for a resonance: in wide ones none can be seen.
+    pub(super) narrow: bool,
 }
 
 /// One output in a narrow band, all runs together.
@@ -292,6 +295,8 @@ pub(super) struct BandProducts {
 pub(super) struct Band {
     log_frequency: f64,
     rows: Vec<Range<usize>>,
+    /// For a resonance.
+    narrow: bool,
 }
 
 /// Bands that do not overlap and hold bins enough of all runs; narrow ones where the noise has resonances.
@@ -303,12 +308,11 @@ pub(super) fn bands(binned_runs: &[BinnedRun], resonances: &[&Resonance]) -> Vec
     let (mut bands, mut first) = (Vec::new(), 0);
     while first < bins.len() {
         let own = width(bins[first]);
-        let fewest = if own < WIDE.0 { runs } else { WIDE.1 * runs };
+        let narrow = own < WIDE.0;
+        let fewest = if narrow { runs } else { WIDE.1 * runs };
         let mut last = bins.partition_point(|f| *f < bins[first] * own).max(first + fewest);
-        if own >= WIDE.0
-            && let Some(narrow) = (first + 1..last.min(bins.len())).find(|k| width(bins[*k]) < WIDE.0)
-        {
-            last = narrow;
+        if !narrow && let Some(end) = (first + 1..last.min(bins.len())).find(|k| width(bins[*k]) < WIDE.0) {
+            last = end;
         }
         if bins.len() < last + fewest {
             last = bins.len();
@@ -319,7 +323,7 @@ pub(super) fn bands(binned_runs: &[BinnedRun], resonances: &[&Resonance]) -> Vec
         };
         let own = &bins[first..bins.partition_point(|f| *f < edge)];
         let log_frequency = own.iter().map(|f| f.ln()).sum::<f64>() / own.len() as f64;
-        bands.push(Band { log_frequency, rows: binned_runs.iter().map(rows).collect() });
+        bands.push(Band { log_frequency, rows: binned_runs.iter().map(rows).collect(), narrow });
         first += own.len().max(1);
     }
     bands
@@ -350,5 +354,5 @@ pub(super) fn cells(binned_runs: &[BinnedRun], bands: &[Band], responses: Option
     };
     let channels = 0..binned_runs[0].channels();
     let cells = channels.flat_map(|channel| bands.iter().map(move |band| one(channel, band))).collect();
-    Banded { cells, highest: highest(binned_runs) }
+    Banded { cells, highest: highest(binned_runs), narrow: bands.iter().any(|band| band.narrow) }
 }

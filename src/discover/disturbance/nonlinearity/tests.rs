@@ -62,8 +62,8 @@ fn a_law_is_weighed_against_noise_that_is_found_with_it() {
             BandProducts { products, channel: 0, log_frequency: c.log_frequency, bins: c.bins }
         };
         let highest = (0.25_f64 * 13.0).exp();
-        let alone = Banded { cells: cells.iter().map(bare).collect(), highest };
-        settle(&Banded { cells, highest }, 1, singles(&DMatrix::identity(10, 10)), &start).score
+        let alone = Banded { cells: cells.iter().map(bare).collect(), highest, narrow: false };
+        settle(&Banded { cells, highest, narrow: false }, 1, singles(&DMatrix::identity(10, 10)), &start).score
             - settle(&alone, 1, singles(&DMatrix::zeros(0, 0)), &start).score
     };
     // of 168 bins: a gain of 168/2 log(1 + 2^2/3^2) = 31, less (1 + log 62)/2 + log 10 + log 3 for the best of ten functions
