@@ -86,8 +86,14 @@ impl Judged {
 /// Gain in log-likelihood that speaks for a fault: those with an estimated number are judged with caution.
 fn gain(fault: Fault, with: &Trial, without: &Trial) -> f64 {
     match fault {
-        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Offset | Fault::Scale | Fault::ZeroShift => {
+        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Scale | Fault::ZeroShift => {
             with.cautious_gain_over(without)
+        }
+        // a trim that the model lacks may cancel a zero: what the model says against one is worth that constant's penalty at most
+        Fault::Offset => {
+            let kinematics = with.gain_of_kinematics(without);
+            let beside_model = with.cautious_gain_over(without) - kinematics;
+            kinematics + beside_model.max(-0.5 * with.worth().max(1.0).ln())
         }
         _ => with.gain_over(without),
     }
@@ -307,7 +313,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
     let mut fits = tried.len();
     let judge = |hypothesis: Hypothesis| {
-        let edits = with(accepted, &hypothesis);
+        let edits = with(accepted, &hypothesis.edits);
         let trial = if search.evidence.touches_model(&hypothesis.edits) {
             // another unit of time needs other steps
             let steps = Some(current).filter(|_| hypothesis.fault != Fault::TimeUnit);
@@ -336,7 +342,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     // quick fits have sorted them; the first are fitted to the end
     for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
         let steps = Some(current).filter(|_| judged.hypothesis.fault != Fault::TimeUnit);
-        let fitted = search.evidence.trial(Begin { model: None, steps }, &with(accepted, &judged.hypothesis), THOROUGH);
+        let fitted =
+            search.evidence.trial(Begin { model: None, steps }, &with(accepted, &judged.hypothesis.edits), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
             judged.trial = trial;
@@ -393,7 +400,22 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
             let edits = |value: f64| vec![edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value })];
             search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, &abouts)
         };
-        let Searched { value, error, trial } = best(fault, *step, needed)?;
+        let found = best(fault, *step, needed);
+        // the zero that kinematics want, whatever the model lacks
+        let read = fault == Fault::Offset && evidence.touches_model(&[edit(slot, fault, *step)]);
+        let of_kinematics = (read && evidence.kinematics.reads(channels.place(slot))).then(|| {
+            let beside = |value: f64| -> Vec<Edit> { with(accepted, &[edit(slot, fault, value)]) };
+            let at = |value: f64| Some(evidence.unfitted(current, &beside(value)));
+            let Searched { value, error, trial } = search_number(*step, current, needed, &at)?;
+            if trial.gain_of_kinematics(current) < needed {
+                return None;
+            }
+            let trial = search_in.trial(&beside(value), current)?;
+            Some(Searched { value, error, trial })
+        });
+        let both = found.into_iter().chain(of_kinematics.flatten());
+        let of = |s: &Searched| gain(fault, &s.trial, current);
+        let Searched { value, error, trial } = both.max_by(|a, b| of(a).total_cmp(&of(b)))?;
         // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
         let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
@@ -443,7 +465,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         };
         let prior = f64::ln(weight) - penalty;
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
-        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: gain(fault, &trial, current) + prior, hypothesis, prior, trial })
     };
     let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
     // two fits at least for each
@@ -562,9 +584,9 @@ fn input_jumps(record: &Record, sample: usize) -> bool {
     })
 }
 
-/// Hypotheses beside the edits that were accepted before.
-fn with(accepted: &[Edit], hypothesis: &Hypothesis) -> Vec<Edit> {
-    accepted.iter().chain(&hypothesis.edits).copied().collect()
+/// Edits beside those that were accepted before.
+fn with(accepted: &[Edit], edits: &[Edit]) -> Vec<Edit> {
+    accepted.iter().chain(edits).copied().collect()
 }
 
 impl Search<'_> {
@@ -679,7 +701,7 @@ impl Search<'_> {
 
     /// A fault that is accepted, fitted on steps of its own.
     fn settled(&self, mut best: Judged, accepted: &[Edit], current: &Trial) -> Judged {
-        let edits = with(accepted, &best.hypothesis);
+        let edits = with(accepted, &best.hypothesis.edits);
         if let Some(model) = self.evidence.model.filter(|_| self.evidence.touches_model(&best.hypothesis.edits)) {
             let begun = best.trial.begun(model);
             if let Some(trial) = self.evidence.trial(Begin { model: Some(&begun), steps: None }, &edits, THOROUGH) {
@@ -765,7 +787,7 @@ impl Search<'_> {
                 return false;
             }
             let Some(without) = without.filter(|_| near.hypothesis.fault == Fault::Offset) else { return true };
-            let beside = |edits: Vec<Edit>| self.trial(&with(&edits, &near.hypothesis), without);
+            let beside = |edits: Vec<Edit>| self.trial(&with(&edits, &near.hypothesis.edits), without);
             let (alone, both) = (beside(edits(accepted, Some(k))), beside(edits(accepted, None)));
             let (Some(alone), Some(both)) = (alone, both) else { return true };
             let left = gain(hypothesis.fault, &both, &alone) + own.judged.prior;
