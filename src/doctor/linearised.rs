@@ -4,7 +4,7 @@
 use crate::filtered::pass;
 use crate::hypothesis::{Edit, lags_of};
 use crate::likelihood::{Evidence, Trial, is_plain, parameters_of_runs};
-use fdm_estimate::Noise;
+use fdm_estimate::{Changes, Noise, starts};
 use fdm_numeric::active_set::{StepBounds, constrained};
 use fdm_numeric::lanes::VECTOR;
 use fdm_numeric::quadratic::Quadratic;
@@ -37,8 +37,22 @@ pub(crate) struct Linearised<'a> {
 impl<'a> Linearised<'a> {
     /// About a fit of the record with these edits. None where there is no fit, or its derivatives would not fit into memory.
     pub(crate) fn of(evidence: &'a Evidence<'a>, fit: &'a Trial, edits: &[Edit]) -> Option<Self> {
-        let model = evidence.model.filter(|model| is_plain(model))?;
         let estimate = fit.estimate.as_ref()?;
+        Self::at(evidence, fit, edits, |model, runs| parameters_of_runs(model, runs, estimate))
+    }
+
+    /// The same about the start values of the text, on the steps of a fit.
+    pub(crate) fn of_text(evidence: &'a Evidence<'a>, fit: &'a Trial, edits: &[Edit]) -> Option<Self> {
+        Self::at(evidence, fit, edits, |model, runs| starts(model, runs, &Changes::default()))
+    }
+
+    fn at(
+        evidence: &'a Evidence<'a>,
+        fit: &'a Trial,
+        edits: &[Edit],
+        values: impl Fn(&Model, &[Run]) -> Vec<Vec<f64>>,
+    ) -> Option<Self> {
+        let model = evidence.model.filter(|model| is_plain(model))?;
         let runs = evidence.edited_runs(model, edits)?;
         let free = |per_run: bool| {
             let params = model.definition().params.iter().enumerate();
@@ -52,7 +66,7 @@ impl<'a> Linearised<'a> {
         if numbers > MOST || fit.steps.of_runs.len() != runs.len() {
             return None;
         }
-        let thetas = parameters_of_runs(model, &runs, estimate);
+        let thetas = values(model, &runs);
         let (mut responses, mut jacobians) = (Vec::new(), Vec::new());
         for ((run, theta), steps) in runs.iter().zip(&thetas).zip(&fit.steps.of_runs) {
             let mut simulator = Simulator::new(model.dynamics(), run, steps.clone()).ok()?;

@@ -43,6 +43,29 @@ struct Number<'n> {
     edits: &'n (dyn Fn(f64) -> Vec<Edit> + Sync),
 }
 
+impl Number<'_> {
+    /// The edits of a value beside others; none where it cannot be.
+    fn beside(&self, accepted: &[Edit], value: f64) -> Option<Vec<Edit>> {
+        let all = || accepted.iter().copied().chain((self.edits)(value)).collect();
+        (value > self.least).then(all)
+    }
+}
+
+/// Where numbers are searched about.
+struct Abouts<'a> {
+    /// A fit at its estimates.
+    fit: Option<Linearised<'a>>,
+    /// The values of the text.
+    text: Option<Linearised<'a>>,
+}
+
+impl<'a> Abouts<'a> {
+    fn of(evidence: &'a Evidence<'a>, fit: &'a Trial, edits: &[Edit]) -> Self {
+        let text = Linearised::of_text(evidence, fit, edits);
+        Self { fit: Linearised::of(evidence, fit, edits), text }
+    }
+}
+
 /// A hypothesis that was tried.
 #[derive(Clone)]
 struct Judged {
@@ -63,8 +86,14 @@ impl Judged {
 /// Gain in log-likelihood that speaks for a fault: those with an estimated number are judged with caution.
 fn gain(fault: Fault, with: &Trial, without: &Trial) -> f64 {
     match fault {
-        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Offset | Fault::Scale | Fault::ZeroShift => {
+        Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Scale | Fault::ZeroShift => {
             with.cautious_gain_over(without)
+        }
+        // a trim that the model lacks may cancel a zero: what the model says against one is worth that constant's penalty at most
+        Fault::Offset => {
+            let kinematics = with.gain_of_kinematics(without);
+            let beside_model = with.cautious_gain_over(without) - kinematics;
+            kinematics + beside_model.max(-0.5 * with.worth().max(1.0).ln())
         }
         _ => with.gain_over(without),
     }
@@ -284,7 +313,7 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     let whole = (tried.iter().map(|h| h.weight).sum::<f64>() + kinds).ln();
     let mut fits = tried.len();
     let judge = |hypothesis: Hypothesis| {
-        let edits = with(accepted, &hypothesis);
+        let edits = with(accepted, &hypothesis.edits);
         let trial = if search.evidence.touches_model(&hypothesis.edits) {
             // another unit of time needs other steps
             let steps = Some(current).filter(|_| hypothesis.fault != Fault::TimeUnit);
@@ -313,7 +342,8 @@ fn round(search: &Search<'_>, accepted: &[Edit], current: &Trial) -> (Vec<Judged
     // quick fits have sorted them; the first are fitted to the end
     for judged in all.iter_mut().take(REFINED).filter(|j| search.evidence.touches_model(&j.hypothesis.edits)) {
         let steps = Some(current).filter(|_| judged.hypothesis.fault != Fault::TimeUnit);
-        let fitted = search.evidence.trial(Begin { model: None, steps }, &with(accepted, &judged.hypothesis), THOROUGH);
+        let fitted =
+            search.evidence.trial(Begin { model: None, steps }, &with(accepted, &judged.hypothesis.edits), THOROUGH);
         fits += 1;
         if let Some(trial) = fitted.filter(|t| t.gain_over(&judged.trial) > 0.0) {
             judged.trial = trial;
@@ -362,16 +392,30 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     };
     // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
-    let about = Linearised::of(evidence, current, accepted);
-    let about = about.as_ref();
+    let abouts = Abouts::of(evidence, current, accepted);
     let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
         let (slot, fault) = (*slot, *fault);
         let best = |fault: Fault, begin: f64, needed: f64| {
             let least = if fault == Fault::Filtered { 0.0 } else { f64::NEG_INFINITY };
             let edits = |value: f64| vec![edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value })];
-            search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, about)
+            search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, &abouts)
         };
-        let Searched { value, error, trial } = best(fault, *step, needed)?;
+        let found = best(fault, *step, needed);
+        // the zero that kinematics want, whatever the model lacks
+        let read = fault == Fault::Offset && evidence.touches_model(&[edit(slot, fault, *step)]);
+        let of_kinematics = (read && evidence.kinematics.reads(channels.place(slot))).then(|| {
+            let beside = |value: f64| -> Vec<Edit> { with(accepted, &[edit(slot, fault, value)]) };
+            let at = |value: f64| Some(evidence.unfitted(current, &beside(value)));
+            let Searched { value, error, trial } = search_number(*step, current, needed, &at)?;
+            if trial.gain_of_kinematics(current) < needed {
+                return None;
+            }
+            let trial = search_in.trial(&beside(value), current)?;
+            Some(Searched { value, error, trial })
+        });
+        let both = found.into_iter().chain(of_kinematics.flatten());
+        let of = |s: &Searched| gain(fault, &s.trial, current);
+        let Searched { value, error, trial } = both.max_by(|a, b| of(a).total_cmp(&of(b)))?;
         // between samples a line stands for the motion: nothing is known more closely than the deviation of a place within an interval
         let error = if fault == Fault::Delay { error.max(interval / 12f64.sqrt()) } else { error };
         let penalty = 0.5 * trial.worth().max(1.0).ln();
@@ -421,7 +465,7 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         };
         let prior = f64::ln(weight) - penalty;
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
-        Some(Judged { log_odds: trial.cautious_gain_over(current) + prior, hypothesis, prior, trial })
+        Some(Judged { log_odds: gain(fault, &trial, current) + prior, hypothesis, prior, trial })
     };
     let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
     // two fits at least for each
@@ -540,9 +584,9 @@ fn input_jumps(record: &Record, sample: usize) -> bool {
     })
 }
 
-/// Hypotheses beside the edits that were accepted before.
-fn with(accepted: &[Edit], hypothesis: &Hypothesis) -> Vec<Edit> {
-    accepted.iter().chain(&hypothesis.edits).copied().collect()
+/// Edits beside those that were accepted before.
+fn with(accepted: &[Edit], edits: &[Edit]) -> Vec<Edit> {
+    accepted.iter().chain(edits).copied().collect()
 }
 
 impl Search<'_> {
@@ -558,44 +602,68 @@ impl Search<'_> {
 
     /// The best value of a number about a fit with these edits.
     fn best(&self, number: &Number<'_>, accepted: &[Edit], current: &Trial) -> Option<Searched> {
-        let about = Linearised::of(self.evidence, current, accepted);
-        self.best_about(number, accepted, current, about.as_ref())
+        self.best_about(number, accepted, current, &Abouts::of(self.evidence, current, accepted))
     }
 
-    /// The same where the fit has been linearised. The number is searched about the fit, the record is fitted there, and so on while that
-    /// gains. Without derivatives, or where nothing of the model is touched, each value is tried as it is.
+    /// The same where the fit has been linearised: about its estimates, and about the values of the text, as a fault may have led the fit
+    /// astray. Without derivatives, or where nothing of the model is touched, each value is tried as it is.
     fn best_about(
         &self,
         number: &Number<'_>,
         accepted: &[Edit],
         current: &Trial,
-        about: Option<&Linearised<'_>>,
+        abouts: &Abouts<'_>,
     ) -> Option<Searched> {
-        /// Iterations of fits that begin at the estimates of one that is near.
-        const NEAR: usize = 8;
-        const ROUNDS: usize = 4;
-        /// Nats that another round is worth.
-        const WORTH: f64 = 0.5;
         let evidence = self.evidence;
-        let edits = |value: f64| -> Option<Vec<Edit>> {
-            let of = || accepted.iter().copied().chain((number.edits)(value)).collect();
-            (value > number.least).then(of)
-        };
-        let fitted = |value: f64, near: &Trial| {
-            let begun = evidence.model.map(|model| near.begun(model));
-            evidence.trial(Begin { model: begun.as_ref(), steps: Some(near) }, &edits(value)?, NEAR)
-        };
         let touched = evidence.touches_model(&(number.edits)(number.begin));
-        let Some(about) = about.filter(|_| touched) else {
+        let Some(about) = abouts.fit.as_ref().filter(|_| touched) else {
             let at = |value: f64| match touched {
-                true => fitted(value, current),
-                false => Some(evidence.unfitted(current, &edits(value)?)),
+                true => self.fitted(number, value, accepted, Some(current), current),
+                false => Some(evidence.unfitted(current, &number.beside(accepted, value)?)),
             };
             return search_number(number.begin, current, number.needed, &at);
         };
+        let about_fit = self.best_from(number, accepted, current, about, Some(current));
+        let about_text = abouts.text.as_ref().and_then(|text| self.best_from(number, accepted, current, text, None));
+        match (about_fit, about_text) {
+            (Some(fit), Some(text)) => Some(if text.trial.cautious_gain_over(&fit.trial) > 0.0 { text } else { fit }),
+            (fit, text) => fit.or(text),
+        }
+    }
+
+    /// A fit with a value of a number: from the estimates of a fit that is near, or from the text.
+    fn fitted(
+        &self,
+        number: &Number<'_>,
+        value: f64,
+        accepted: &[Edit],
+        near: Option<&Trial>,
+        steps: &Trial,
+    ) -> Option<Trial> {
+        /// Iterations of fits that begin at the estimates of one that is near.
+        const NEAR: usize = 8;
+        let begun = near.and_then(|near| Some(near.begun(self.evidence.model?)));
+        let iterations = if near.is_some() { NEAR } else { THOROUGH };
+        let begin = Begin { model: begun.as_ref(), steps: Some(steps) };
+        self.evidence.trial(begin, &number.beside(accepted, value)?, iterations)
+    }
+
+    /// The number is searched about a linearisation, the record is fitted there, and so on while that gains.
+    fn best_from(
+        &self,
+        number: &Number<'_>,
+        accepted: &[Edit],
+        current: &Trial,
+        about: &Linearised<'_>,
+        near: Option<&Trial>,
+    ) -> Option<Searched> {
+        const ROUNDS: usize = 4;
+        /// Nats that another round is worth.
+        const WORTH: f64 = 0.5;
         let mut found = Searched { value: 0.0, error: f64::INFINITY, trial: current.clone() };
         for round in 0..ROUNDS {
-            let anew = if round == 0 { None } else { Linearised::of(evidence, &found.trial, &edits(found.value)?) };
+            let begun = if round == 0 { accepted.to_vec() } else { number.beside(accepted, found.value)? };
+            let anew = if round == 0 { None } else { Linearised::of(self.evidence, &found.trial, &begun) };
             let about = if round == 0 {
                 about
             } else if let Some(anew) = &anew {
@@ -603,24 +671,26 @@ impl Search<'_> {
             } else {
                 break;
             };
-            let as_it_is = if round == 0 { accepted.to_vec() } else { edits(found.value)? };
             // a fit that has not quite ended gains by the step alone
-            let Some(here) = about.trial(&as_it_is) else { break };
+            let Some(here) = about.trial(&begun) else { break };
             let (step, needed) =
                 if round == 0 { (number.begin, number.needed) } else { (0.1 * found.value.abs(), 0.0) };
-            let at = |by: f64| about.trial(&edits(found.value + by)?);
+            let at = |by: f64| about.trial(&number.beside(accepted, found.value + by)?);
             let Some(next) = search_number(step, &here, needed, &at) else { break };
-            if round == 0 && next.trial.cautious_gain_over(&here) < 0.5 * needed {
+            let promises = |over: &Trial| next.trial.cautious_gain_over(over) >= 0.5 * needed;
+            // about the text it has to be likelier than the fit as well
+            if round == 0 && !(promises(&here) && (near.is_some() || promises(current))) {
                 return None;
             }
             // a step that is too long for a nonlinear model is halved once
-            let near = &found.trial;
+            let before = &found.trial;
+            let begin = if round == 0 { near } else { Some(before) };
             let tried = [next.value, 0.5 * next.value].into_iter().find_map(|by| {
-                let trial = fitted(found.value + by, near)?;
-                (trial.cautious_gain_over(near) > 0.0).then_some((by, trial))
+                let trial = self.fitted(number, found.value + by, accepted, begin, before)?;
+                (trial.cautious_gain_over(before) > 0.0).then_some((by, trial))
             });
             let Some((by, trial)) = tried else { break };
-            let gain = trial.cautious_gain_over(near);
+            let gain = trial.cautious_gain_over(before);
             found = Searched { value: found.value + by, error: next.error, trial };
             if gain < WORTH || by.abs() < 0.25 * next.error {
                 break;
@@ -631,7 +701,7 @@ impl Search<'_> {
 
     /// A fault that is accepted, fitted on steps of its own.
     fn settled(&self, mut best: Judged, accepted: &[Edit], current: &Trial) -> Judged {
-        let edits = with(accepted, &best.hypothesis);
+        let edits = with(accepted, &best.hypothesis.edits);
         if let Some(model) = self.evidence.model.filter(|_| self.evidence.touches_model(&best.hypothesis.edits)) {
             let begun = best.trial.begun(model);
             if let Some(trial) = self.evidence.trial(Begin { model: Some(&begun), steps: None }, &edits, THOROUGH) {
@@ -717,7 +787,7 @@ impl Search<'_> {
                 return false;
             }
             let Some(without) = without.filter(|_| near.hypothesis.fault == Fault::Offset) else { return true };
-            let beside = |edits: Vec<Edit>| self.trial(&with(&edits, &near.hypothesis), without);
+            let beside = |edits: Vec<Edit>| self.trial(&with(&edits, &near.hypothesis.edits), without);
             let (alone, both) = (beside(edits(accepted, Some(k))), beside(edits(accepted, None)));
             let (Some(alone), Some(both)) = (alone, both) else { return true };
             let left = gain(hypothesis.fault, &both, &alone) + own.judged.prior;

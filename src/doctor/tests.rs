@@ -601,12 +601,12 @@ fn a_second_fault_behind_a_unit_of_time_is_found() {
     let mut run = clean.clone();
     run.time.iter_mut().for_each(|t| *t *= 1000.0);
     for k in (0..N).rev() {
-        run.measured[2 * k + 1] = clean.measured[2 * k.saturating_sub(6) + 1];
+        run.measured[2 * k] = clean.measured[2 * k.saturating_sub(6)];
     }
     let found = beside(&run, &model);
     assert!(found.iter().any(|f| f.fault == Fault::TimeUnit), "{found:?}");
-    let late = found.iter().find(|f| f.fault == Fault::Delay && f.channels[0] == "v_m");
-    let delay = late.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels["v_m"].delay);
+    let late = found.iter().find(|f| f.fault == Fault::Delay && f.channels[0] == "x_m");
+    let delay = late.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels["x_m"].delay);
     assert!((delay - 6.0 * DT).abs() < DT, "{found:?}");
 
     let mut run = clean;
@@ -671,7 +671,9 @@ fn a_zero_that_kinematics_know_is_told_beside_a_trim_that_the_model_lacks() {
         let found = made(trim, 0.2);
         let zero = found.iter().find(|f| f.fault == Fault::Offset && f.channels[0] == "q_m");
         let offset = zero.and_then(|f| f.repair.as_ref()).map_or(0.0, |r| r.channels["q_m"].offset);
-        assert!((offset + 0.2).abs() < 0.05, "trim {trim}: {found:?}");
+        // beside a trim the number is a compromise with what the model says
+        let near = if trim == 0.0 { 0.02 } else { 0.1 };
+        assert!((offset + 0.2).abs() < near, "trim {trim}: {found:?}");
         assert!(made(trim, 0.0).is_empty(), "trim {trim}: {:?}", made(trim, 0.0));
     }
 }
