@@ -191,7 +191,7 @@ fn a_reactor_converts_from_its_initial_state_and_a_trim_that_is_solved_moves_wit
     near(&found, "top", 4.0 / (2.0 * 0.3 * 3.0), 1e-9);
     // u' = 0.3 (9 + 0.8/0.3 - u^2) from u = 3
     let c = (9.0f64 + 0.8 / 0.3).sqrt();
-    let (b, s) = (((3.0 / c) as f64).atanh(), 0.3 * c * 4.0);
+    let (b, s) = ((3.0 / c).atanh(), 0.3 * c * 4.0);
     near(&found, "after", c * (s + b).tanh(), 1e-6);
 }
 
