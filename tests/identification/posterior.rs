@@ -12,7 +12,7 @@ fn drawn(model: &Model, runs: Vec<Run>, target: f64) -> Samples {
     let noise = vec![(f64::NAN, false); model.layout().outputs];
     let theta = vec![theta; runs.len()];
     let posterior = Posterior::new(Given { model, runs, steps, theta, noise }).unwrap();
-    let sampling = Sampling { chains: 4, draws: 1000, warmup: 500, seed: 1, target, most_depth: 10 };
+    let sampling = Sampling { chains: 4, draws: 500, warmup: 300, seed: 1, target, most_depth: 10 };
     sample(&posterior, &sampling, &|| true).unwrap()
 }
 
@@ -44,7 +44,7 @@ fn lynx_and_hare_have_the_posterior_of_posteriordb() {
         let error = p.error_of_mean.unwrap().hypot(row[1] / 100.0);
         assert!((p.mean - row[0]).abs() < 4.0 * error, "{name}: {} +- {error}, not {}", p.mean, row[0]);
         assert!((p.deviation / row[1] - 1.0).abs() < 0.12, "{name}: deviation {}, not {}", p.deviation, row[1]);
-        assert!(p.r_hat.unwrap() < 1.01 && p.bulk.unwrap() > 400.0 && p.tail.unwrap() > 400.0, "{p:?}");
+        assert!(p.r_hat.unwrap() < 1.01 && p.bulk.unwrap() > 300.0 && p.tail.unwrap() > 300.0, "{p:?}");
     }
     assert!(samples.chains(10).iter().all(|c| c.divergent == 0));
 }
@@ -98,5 +98,5 @@ fn a_compartment_with_cauchy_priors_has_the_posterior_of_posteriordb() {
         let error = p.error_of_mean.unwrap().hypot(deviation / 60.0);
         assert!((p.mean - mean).abs() < 4.0 * error, "{name}: {} +- {error}, not {mean}", p.mean);
     }
-    assert!(of("k_a").r_hat.unwrap() < 1.02 && of("K_m").median < of("K_m").mean, "{:?}", of("K_m"));
+    assert!(of("k_a").r_hat.unwrap() < 1.03 && of("K_m").median < of("K_m").mean, "{:?}", of("K_m"));
 }

@@ -2,6 +2,7 @@
 //!
 //! A parameter between two bounds is their logistic mean, one beside a single bound is at the distance of an exponential, as Stan has it; the logarithm of
 //! the Jacobian belongs to the density. `u = centre + scale z` with a triangular `scale`, which is the root of a covariance.
+#![allow(clippy::needless_range_loop, reason = "rows of a triangle and what they multiply are indexed alike")]
 
 use fdm_numeric::dense::Cholesky;
 use fdm_numeric::elementary::{exp, log};

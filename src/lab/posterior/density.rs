@@ -3,6 +3,7 @@
 //! With v = measured - model and deviation s of a sample its logarithm is the sum of `-v^2/(2 s^2) - log s`. A deviation is what the text says: a number,
 //! an expression with parameters of its own, or nothing; then it is a parameter with a flat prior of its logarithm. Gradients are exact: sensitivities
 //! are streamed and folded, nothing of the record's length is kept.
+#![allow(clippy::needless_range_loop, reason = "outputs of a sample are indexed alike")]
 
 use super::coordinates::{Free, Freed, Units};
 use super::nuts::Density;

@@ -3,6 +3,7 @@
 //! Chains begin around the fit, twice as far off as its errors say, in the units of its information matrix (a dense metric). During the warm-up the step
 //! is adapted by dual averaging, and the units are renewed at the ends of windows that double, as Stan does. A chain depends on the seed and its number
 //! alone.
+#![allow(clippy::needless_range_loop, reason = "samples of a response and their draws are indexed alike")]
 
 use super::convergence::{bulk, of_mean, quantile, r_hat, tail};
 use super::coordinates::Units;

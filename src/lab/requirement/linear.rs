@@ -121,12 +121,17 @@ impl Linear<'_> {
             }
             Target::Output(k) => Some(n + k as usize),
         };
-        (0..n).for_each(|k| *lu.entry_mut(k, k) += s);
+        let needed = self.needed(signal.target);
+        // an integral that the signal does not see has a pole at zero, and no part in it
+        (0..n).for_each(|k| *lu.entry_mut(k, k) += if needed[k] { s } else { Complex64::ONE });
         let mut size = s.norm();
         let (mut g, mut by_s) = (Complex64::ZERO, Complex64::ZERO);
         for (term, value) in structure.terms.iter().zip(&values.terms) {
             let Delayed { place, factor, tau } = self.delayed(term.signal as usize, s);
             let (at, own) = (term.row as usize, *value * factor);
+            if at < n && !needed[at] {
+                continue;
+            }
             if at < n {
                 if place < n {
                     *lu.entry_mut(at, place) -= own;
@@ -188,6 +193,29 @@ impl Linear<'_> {
             }
         }
         Some(Response { g: g * sign, by_s: by_s * sign, by_theta })
+    }
+
+    /// For each state whether a signal depends on it, directly or through others.
+    fn needed(&self, target: Target) -> Vec<bool> {
+        let n = self.structure.states;
+        let mut needed = vec![false; n];
+        let mut open = Vec::new();
+        match target {
+            Target::State(k) => {
+                needed[k as usize] = true;
+                open.push(k as usize);
+            }
+            Target::Output(k) => open.push(n + k as usize),
+        }
+        while let Some(row) = open.pop() {
+            for term in self.structure.terms.iter().filter(|t| t.row as usize == row) {
+                let place = self.delayed(term.signal as usize, Complex64::ZERO).place;
+                if place < n && !std::mem::replace(&mut needed[place], true) {
+                    open.push(place);
+                }
+            }
+        }
+        needed
     }
 
     /// What is asked of the response of a signal to an input; frequencies in rad per time.

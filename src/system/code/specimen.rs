@@ -80,6 +80,7 @@ pub(super) fn blank(states: usize, inputs: usize, params: &[f64]) -> Model {
         ties: Vec::new(),
         outputs: Vec::new(),
         trim: Vec::new(),
+        requirements: None,
         tables: Vec::new(),
         graph: Default::default(),
     };

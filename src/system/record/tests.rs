@@ -429,6 +429,7 @@ fn a_model_says_what_it_wants() {
         ties: Vec::new(),
         outputs: vec![Output::new(quantity("y", ""), x)],
         trim: Vec::new(),
+        requirements: None,
         tables: Vec::new(),
         graph,
     };
