@@ -233,7 +233,7 @@ fn turning(resistance: f64, turns: f64, rudder: f64) -> Vec<[f64; 3]> {
         time,
     };
     let mut y = vec![0.0; 3 * run.len()];
-    let mut simulator = fdm::simulate::Simulator::new(ship.dynamics(), &run, 4).expect("suited");
+    let mut simulator = Simulator::new(ship.dynamics(), &run, 4).expect("suited");
     simulator.simulate(&ship.definition().start(), &mut y).expect("finite");
     y.chunks_exact(3).map(|row| [row[0], row[1], row[2]]).collect()
 }
@@ -315,9 +315,7 @@ fn an_actuator_reaches_its_stop_and_leaves_it_without_delay() {
         use \"std/actuator\" as act(command = command, T = 1e-3, rate = 0.5, upper = 0.3, lower = -0.2);
         state x [rad]; limit x in [-0.2, 0.3]; const r = 0.5 [1/s];
         der(x) = r*command; output y [rad] = act.position, speed [rad/s] = act.speed, z [rad] = x; }";
-    let mut whole = fdm::Source::new("m.fdm", text);
-    Model::gather_files(&mut whole);
-    let model = Model::from_source(whole).expect("a model");
+    let model = model(text);
     let time: Vec<f64> = (0..401).map(|k| 0.01 * f64::from(k)).collect();
     // to and fro: 1 rad for 1 s, then back for 3 s
     let command = |t: f64| if t < 1.0 { 1.0 } else { -1.0 };
@@ -331,7 +329,7 @@ fn an_actuator_reaches_its_stop_and_leaves_it_without_delay() {
         time,
     };
     let steps = fdm::simulate::choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited").steps;
-    let mut simulator = fdm::simulate::Simulator::new(model.dynamics(), &run, steps).expect("suited");
+    let mut simulator = Simulator::new(model.dynamics(), &run, steps).expect("suited");
     let mut y = vec![0.0; 3 * run.len()];
     simulator.simulate(&model.definition().start(), &mut y).expect("finite");
     for (t, y) in run.time.iter().zip(y.chunks_exact(3)) {

@@ -417,7 +417,7 @@ fn faulty_grids_are_told() {
     );
     one(
         "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: [[1, 2], [3]] };",
-        "`C` has 1 values along `y` here, its axis has 2",
+        "`C` has 1 value along `y` here, its axis has 2",
     );
     one(
         "table C(x, y) = linear { x: [0, 1], y: [0, 1], C: [1, 2, 3, 4] };",
@@ -522,9 +522,8 @@ fn whole(text: &str) -> Model {
 fn a_scheduled_param_is_a_table_called_with_what_it_depends_on() {
     let head = "model m { input V [m/s], u [rad]; state q = 0.1 [rad/s];";
     let tail = "der(q) = k*q + u*c; const c = 1 [1/s^2]; output y [rad/s] = q + 0*V*d; const d = 1 [rad/m]; }";
-    let short = whole(&format!(
-        "{head} param k(V) \"damping\" [1/s] in [-9, 0] = cubic [-1, -2, -4] at [20, 40, 80]; {tail}"
-    ));
+    let short =
+        whole(&format!("{head} param k(V) \"damping\" [1/s] in [-9, 0] = cubic [-1, -2, -4] at [20, 40, 80]; {tail}"));
     let long = whole(&format!(
         "{head} table T(V [m/s]) [1/s] = cubic {{ V: [20, 40, 80], T: free [-1, -2, -4] }}; let k = T(V); {tail}"
     ));
@@ -577,8 +576,7 @@ fn states_with_limits_are_told_what_is_wrong_with_them() {
 
 #[test]
 fn a_limit_of_a_vector_is_one_of_each_element() {
-    let model =
-        whole("model m { input u; state x[2]; der(x) = [u, -u]; limit x in [-1, [1, 2]]; output y[2] = x; }");
+    let model = whole("model m { input u; state x[2]; der(x) = [u, -u]; limit x in [-1, [1, 2]]; output y[2] = x; }");
     let upper: Vec<f64> = model.limits().map(|(_, l)| model.graph.constant(l.upper).unwrap()).collect();
     assert_eq!(upper, [1.0, 2.0]);
     let one = whole("model m { input u; state x[2]; der(x) = [u, -u]; limit x[2] in [-1, 1]; output y[2] = x; }");
