@@ -16,8 +16,8 @@ use crate::methods::{Domain, Method};
 use crate::progress::{Progress, RepeatProgress};
 use crate::progress_file::Course;
 use crate::{
-    check, design, diagnose as diagnosis, doctor, effects as catalogues, margins, modes, profile, regress, simulate, spectra,
-    study,
+    check, design, diagnose as diagnosis, doctor, effects as catalogues, margins, modes, profile, regress, simulate,
+    spectra, study,
 };
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Args, Command};
@@ -26,7 +26,8 @@ use fdm_estimate::{Estimate, Fit, FitOptions, Iteration, Noise, UnknownName};
 use fdm_lab::study::{Bootstrap, Repeat, Study, StudyError, series};
 use fdm_readers::{Field, Topic};
 use fdm_report::{
-    check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table, response_table, study_table,
+    check_text, design_table, diagnosis_text, doctor_text, margins_text, modes_table, profile_table, response_table,
+    study_table,
 };
 use fdm_results::documents::{
     DiagnosisDocument, DoctorDocument, EffectsDocument, JudgedRecords, ModelDocument, ModesDocument,

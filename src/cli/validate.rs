@@ -132,7 +132,11 @@ fn covered(fit: &Fit, runs: &[Run], bands: &[Option<Bands>]) -> Vec<BandCoverage
     all
 }
 
-fn text(fit: &Fit, folder: &ResultFolder, (baselines, errors, covered): (&[Baseline], &[LackOfFit], &[BandCoverage])) -> String {
+fn text(
+    fit: &Fit,
+    folder: &ResultFolder,
+    (baselines, errors, covered): (&[Baseline], &[LackOfFit], &[BandCoverage]),
+) -> String {
     let mut text = format!("{}: validation of the result in {}\n\n", fit.model.name(), folder.folder().display());
     text.push_str(&validation_table(&fit.quality, folder.quality()));
     text.push_str(&format!("\n{}", baseline_table(baselines)));

@@ -5,7 +5,8 @@ use fdm_results::documents::requirement::{Assessment, By, MarginsDocument, ModeM
 use fdm_results::documents::{digits, digits_by_error};
 
 /// Titles of [`requirement_cells`].
-pub(crate) const REQUIREMENT_TITLES: [&str; 6] = ["requirement", "value", "95 % interval", "wanted", "holds with", "by"];
+pub(crate) const REQUIREMENT_TITLES: [&str; 6] =
+    ["requirement", "value", "95 % interval", "wanted", "holds with", "by"];
 
 /// Verdict, requirements, modes, and what is to be said of them.
 pub fn margins_text(margins: &MarginsDocument) -> String {

@@ -568,7 +568,7 @@ impl<'a> Reader<'a> {
                 let v = value(n.at, n.span);
                 let bad = match n.argument {
                     Argument::Duration | Argument::Frequency => v <= 0.0 || v.is_infinite(),
-                    Argument::Count => v < 1.0 || v > 100.0 || v.fract() != 0.0,
+                    Argument::Count => !(1.0..=100.0).contains(&v) || v.fract() != 0.0,
                     _ => v.is_infinite(),
                 };
                 if bad {

@@ -26,7 +26,9 @@ impl SyntaxTree {
 
 fn of_statement(kind: &mut StatementKind, visit: &mut impl FnMut(&mut Span)) {
     match kind {
-        StatementKind::Declare(_, list) | StatementKind::Requirement(list) => list.iter_mut().for_each(|d| of_declaration(d, visit)),
+        StatementKind::Declare(_, list) | StatementKind::Requirement(list) => {
+            list.iter_mut().for_each(|d| of_declaration(d, visit))
+        }
         StatementKind::Time(unit) => visit(&mut unit.span),
         StatementKind::Noise(list)
         | StatementKind::Process(list)
