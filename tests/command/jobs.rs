@@ -43,7 +43,9 @@ fn says(desk: &Desk, words: &str, code: i32, sentence: &str) {
 /// Files with results.
 fn results(desk: &Desk, folder: &str) -> Vec<PathBuf> {
     let folder = desk.path(folder).join("results");
-    desk.names(folder.to_str().unwrap()).iter().map(|name| folder.join(name)).collect()
+    let names = desk.names(folder.to_str().unwrap());
+    // a program that was killed may leave one with a dot that it had not finished
+    names.iter().filter(|name| name.ends_with(".results")).map(|name| folder.join(name)).collect()
 }
 
 const STUDY: &str = "command = 'study'\nmodel = 'decay.fdm'\ndata = ['one.csv']\nrepeats = 60\nseed = 4\njson = true\nquiet = true\nout = 'merged'\n";
