@@ -92,7 +92,7 @@ fn nodes(points: &[CurvePoint]) -> Vec<CurvePoint> {
         points.iter().enumerate().all(off)
     };
     let fits = || PIECES.into_iter().filter(|pieces| *pieces <= last && last.is_multiple_of(*pieces));
-    let pieces = fits().find(draws).or_else(|| fits().last()).unwrap_or(last.max(1));
+    let pieces = fits().find(draws).or_else(|| fits().next_back()).unwrap_or(last.max(1));
     points.iter().step_by((last / pieces).max(1)).copied().collect()
 }
 
