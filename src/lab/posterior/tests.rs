@@ -122,7 +122,7 @@ fn a_line_with_known_noise_has_the_normal_posterior_of_its_regression() {
 #[test]
 fn unknown_noise_has_the_inverse_chi_squared_law_and_a_bound_cuts_off() {
     let model =
-        Model::from_text("m", "model m { input u; param a = 1 in [1.55, inf]; output y = a*u + 0.7; }").unwrap();
+        Model::from_text("m", "model m { input u; param a = 1.6 in [1.55, inf]; output y = a*u + 0.7; }").unwrap();
     let run = line_run(&model, "r", 12, 21);
     let pairs: Vec<(f64, f64)> = run.inputs.iter().copied().zip(run.measured.iter().map(|y| y - 0.7)).collect();
     // p(a, s) = s^-N exp(-sum (y - a u)^2/(2 s^2))/s over a grid
