@@ -173,17 +173,17 @@ impl<'a> Linearised<'a> {
                 if !e.is_finite() || !weight.is_finite() {
                     continue;
                 }
-                for i in 0..width {
-                    let weighted = weight * row[i];
+                for (i, (own, sum)) in row.iter().zip(&mut sums).enumerate() {
+                    let weighted = weight * own;
                     if weighted != 0.0 {
-                        sums[i] += weighted * e;
+                        *sum += weighted * e;
                         products[i * width..][..width].iter_mut().zip(row).for_each(|(h, j)| *h += weighted * j);
                     }
                 }
             }
-            for i in 0..width {
+            for (i, sum) in sums.iter().enumerate() {
                 let at = self.position(r, i);
-                descent[at] += sums[i];
+                descent[at] += sum;
                 (0..width).for_each(|j| information[at * size + self.position(r, j)] += products[i * width + j]);
             }
         }
