@@ -124,7 +124,7 @@ fn effective(chains: &[Vec<f64>]) -> f64 {
     if m > 1 {
         whole += variance(&means);
     }
-    if !(whole > 0.0) {
+    if whole.is_nan() || whole <= 0.0 {
         return f64::NAN;
     }
     let correlation = |lag: usize| 1.0 - (within - covariance(lag) * n as f64 / (n as f64 - 1.0)) / whole;
