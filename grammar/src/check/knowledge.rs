@@ -114,7 +114,7 @@ impl Reader<'_, '_> {
         let Some(s) = self.declared(&output.text, output.span, |s| s.role == Role::Output) else { return };
         let symbol = &scope.symbols[s];
         if symbol.role != Role::Output {
-            let message = format!("`{}` is {}; noise is known of outputs", output.text, article(symbol.role));
+            let message = format!("`{}` is {}; noise is known of outputs", output.text, symbol.role.with_article());
             return self.tell(Code::WrongName, output.span, message, "`noise y = 0.1;` where `y` is an output");
         }
         if self.is_first(s, output.span, "noise") {
@@ -127,7 +127,7 @@ impl Reader<'_, '_> {
         let Some(s) = self.declared(&state.text, state.span, |s| s.role == Role::State) else { return };
         let symbol = &scope.symbols[s];
         if symbol.role != Role::State {
-            let message = format!("`{}` is {}; `der` is of states", state.text, article(symbol.role));
+            let message = format!("`{}` is {}; `der` is of states", state.text, symbol.role.with_article());
             let hint = match symbol.role {
                 Role::Output => format!("`noise {} = 0.1;` is the noise of its measurement", state.text),
                 _ => "noise enters the equations of states".to_string(),
@@ -144,7 +144,7 @@ impl Reader<'_, '_> {
         let Some(s) = self.declared(&state.text, state.span, |s| s.role == Role::State) else { return };
         let symbol = &scope.symbols[s];
         if symbol.role != Role::State {
-            let message = format!("`{}` is {}; a limit is of states", state.text, article(symbol.role));
+            let message = format!("`{}` is {}; a limit is of states", state.text, symbol.role.with_article());
             let hint = match symbol.role {
                 Role::Param => {
                     format!("bounds of a param stand in its declaration: `param {} = 1 in [0, 2];`", state.text)
@@ -168,7 +168,8 @@ impl Reader<'_, '_> {
         let Some(s) = self.declared(&signal.text, signal.span, |s| varies(s.role)) else { return };
         let symbol = &scope.symbols[s];
         if !varies(symbol.role) {
-            let message = format!("`{}` is {}; a trim is of states and inputs", signal.text, article(symbol.role));
+            let message =
+                format!("`{}` is {}; a trim is of states and inputs", signal.text, symbol.role.with_article());
             let hint = match symbol.role {
                 Role::Output | Role::Let => "give the states and inputs that it is made of",
                 _ => "its value is the same everywhere",
@@ -232,7 +233,7 @@ impl Reader<'_, '_> {
             }
             (role, ..) => {
                 let message =
-                    format!("`{name}` is {}; a prior is known of a param or of an initial value", article(role));
+                    format!("`{name}` is {}; a prior is known of a param or of an initial value", role.with_article());
                 self.tell(Code::WrongName, span, message, "`prior a ~ normal(1, 0.1);` where `a` is a param");
             }
         }
@@ -286,11 +287,6 @@ fn is_zero(scope: &Scope<'_>, arguments: &[ExprRef]) -> bool {
 
 fn is_estimable(role: Role) -> bool {
     matches!(role, Role::Param | Role::State)
-}
-
-fn article(role: Role) -> String {
-    let article = if matches!(role, Role::Input | Role::Output) { "an" } else { "a" };
-    format!("{article} {}", role.keyword())
 }
 
 /// The priors by parameter of the model, the noise by output, its intensity by state, the trim by state or input.

@@ -462,8 +462,8 @@ impl<'a> Reader<'a> {
     fn stranger(&mut self, name: &str, span: Span, what: &str, known: &[&str], function: Function) {
         match self.roles.get(name) {
             Some(role) => {
-                let role = role.map_or("table", Role::keyword);
-                let message = format!("`{}` wants {what} here, and `{name}` is a {role}", function.form);
+                let role = role.map_or_else(|| "a table".into(), Role::with_article);
+                let message = format!("`{}` wants {what} here, and `{name}` is {role}", function.form);
                 let hint = nearest(name, known.iter().copied());
                 let hint = hint.map_or_else(|| format!("name {what}"), |n| format!("did you mean `{n}`?"));
                 self.tell(Code::WrongName, span, message, hint);

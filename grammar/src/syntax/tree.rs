@@ -118,6 +118,12 @@ impl Role {
     pub const ALL: [Role; 7] =
         [Self::Input, Self::Known, Self::State, Self::Param, Self::Const, Self::Let, Self::Output];
 
+    /// `an input`, `a state`.
+    pub(crate) fn with_article(self) -> String {
+        let article = if matches!(self, Self::Input | Self::Output) { "an" } else { "a" };
+        format!("{article} {}", self.keyword())
+    }
+
     /// The keyword.
     pub fn keyword(self) -> &'static str {
         match self {
