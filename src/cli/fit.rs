@@ -4,13 +4,13 @@ use crate::checkpoint::Checkpoints;
 use crate::deliver::{Delivery, NamedFile, Outcome, Output, Rendered, csv, histories, title};
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
-use crate::job::{Visit, WholeCommand};
 use crate::load::{Estimated, MeasurementNoise, ModelFile, Records};
 use crate::methods::{Domain, Method, Methods, Question, StartValues, given};
 use crate::options::{FrequencyDomain, Integration, Strategies};
 use crate::progress::Progress;
 use crate::progress_file::Course;
 use crate::regress::equation_error;
+use crate::tasks::{Visit, WholeCommand};
 use clap::Args;
 use fdm_estimate::residuals::Baseline;
 use fdm_estimate::{

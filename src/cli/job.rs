@@ -7,49 +7,15 @@ use crate::failure::{Ending, Failure, OrFailure, at, did_you_mean};
 use crate::halt::Halt;
 use crate::project::{self, plain, typed};
 use crate::request::{Refusal, unclear};
+use crate::tasks::{Visit, said};
 use crate::{Verb, campaign, diagnose, fit, paths, profile, reproduce, study};
 use clap::{Arg, FromArgMatches};
 use fdm_estimate::Keeper;
-use fdm_lab::job::{Kind, Memory, Plan, Work};
+use fdm_lab::job::{Memory, Plan};
 use fdm_results::store::{Identity, Provenance, TaskResults, program_fingerprint};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-
-/// Sees the tasks of a command, ready to be done, and what their bits depend on.
-pub(crate) type Visit<'v> = &'v mut (dyn FnMut(&dyn Work, &Identity) -> Result<(), Failure> + 'v);
-
-/// Does a command as one task; none where it was interrupted.
-pub(crate) type WholeResult = Result<Option<Vec<u8>>, Failure>;
-
-/// A command that is one task.
-pub(crate) struct WholeCommand<'c>(pub(crate) &'c (dyn Fn(&(dyn Fn() -> bool + Sync)) -> WholeResult + Sync));
-
-impl Work for WholeCommand<'_> {
-    fn kind(&self) -> Kind {
-        Kind::Whole
-    }
-
-    fn count(&self) -> u64 {
-        1
-    }
-
-    fn once(&self, _: u64, goes_on: &(dyn Fn() -> bool + Sync)) -> Result<Option<Vec<u8>>, String> {
-        (self.0)(goes_on).map_err(|e| said(&e))
-    }
-}
-
-/// A failure in a sentence or several.
-pub(crate) fn said(failure: &Failure) -> String {
-    match failure {
-        Failure::Model(e) => e.to_string(),
-        Failure::Records(errors) => errors.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
-        Failure::Input(reasons) => reasons.join("; "),
-        Failure::Numbers(reason) => reason.clone(),
-        Failure::Strict => "the records have findings, and --strict refuses to go on".into(),
-        Failure::Unwritten(file) => file.to_string(),
-    }
-}
 
 /// A command that can be cut into tasks.
 pub(crate) enum Command {

@@ -49,6 +49,7 @@ mod simulate;
 mod spectra;
 mod status;
 mod study;
+mod tasks;
 mod validate;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};

@@ -3,9 +3,9 @@
 
 use crate::deliver::{NamedFile, refuse_others, write_all};
 use crate::failure::{Ending, Failure, OrFailure, as_json, ended, print, remark};
-use crate::job::Visit;
 use crate::options::Repeats;
 use crate::progress::{Progress, RepeatProgress, counted};
+use crate::tasks::Visit;
 use clap::Args;
 use fdm_lab::experiment::{Catalogue, Experiment, ExperimentError, Outcome, reproduce, tables};
 use fdm_lab::job;

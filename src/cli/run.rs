@@ -2,8 +2,9 @@
 
 use crate::failure::{Ending, Failure, OrFailure, ended, remark};
 use crate::halt::{Halt, TimeLimit};
-use crate::job::{Command, JobFolder, host, kept, read_plan, refuse_other, said, unwritten};
+use crate::job::{Command, JobFolder, host, kept, read_plan, refuse_other, unwritten};
 use crate::progress::{Progress, counted};
+use crate::tasks::said;
 use clap::Args;
 use fdm_lab::job::{Shard, work_off};
 use fdm_results::documents::{ShardAtWork, to_text};

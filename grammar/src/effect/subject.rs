@@ -13,6 +13,7 @@ use crate::syntax::{
 };
 use crate::unit::Unit;
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::OnceLock;
 
 /// A model with its text.
 #[derive(Debug, Clone)]
@@ -24,8 +25,8 @@ pub struct Subject {
     balances: BTreeMap<String, Balance>,
     /// By name of a state or an output: what its balance or its value depends on.
     reached: BTreeMap<String, BTreeSet<Leaf>>,
-    /// What rate constants turn over.
-    turnovers: Turnovers,
+    /// What rate constants turn over: worked out when an effect asks for it, as few do.
+    turnovers: OnceLock<Turnovers>,
 }
 
 /// Something of the model that an effect can be attached to.
@@ -99,14 +100,8 @@ impl Subject {
             reached.insert(output.quantity.name.clone(), leaves(&model.graph, output.expr));
         }
         let balances = balances(&tree, model);
-        let mut subject = Self {
-            source: source.clone(),
-            tree,
-            model: model.clone(),
-            balances,
-            reached,
-            turnovers: Turnovers::new(model),
-        };
+        let mut subject =
+            Self { source: source.clone(), tree, model: model.clone(), balances, reached, turnovers: OnceLock::new() };
         // a balance of forces is its own: through the masses every rate depends on everything
         let own: Vec<(String, BTreeSet<Leaf>)> = subject
             .balances
@@ -284,7 +279,7 @@ impl Subject {
     pub(super) fn turnover(&self, param: &str, state: &str) -> Option<Turnover> {
         let model = &self.model;
         let state = model.states.iter().position(|s| s.quantity.name == state)?;
-        self.turnovers.of(model.param(param)?, state)
+        self.turnovers.get_or_init(|| Turnovers::new(model)).of(model.param(param)?, state)
     }
 
     /// The leaf that a name is.

@@ -1,6 +1,7 @@
 //! Intervals of requirements, and the probability that they hold.
 
-use super::bench::{Bench, Measured, Plan, RequirementError};
+use super::bench::{Bench, Plan};
+use super::measured::{Measured, RequirementError};
 use fdm_estimate::quantile;
 use fdm_grammar::model::Param;
 use fdm_grammar::requirement::Requirement;

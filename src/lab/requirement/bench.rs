@@ -1,53 +1,13 @@
 //! Measures the requirements of a model at any parameters, with their derivatives.
 
 use super::linear::Linear;
+use super::measured::{Measured, RequirementError};
 use super::standard::{Driven, Flight, Manoeuvre, Solved, Zigzag};
 use fdm_grammar::requirement::{OfCourse, Requirements, Target, What};
 use fdm_system::Model;
 use fdm_system::dynamics::{Point, Workspace};
-use fdm_system::linear::{LinearModel, Modes, TrimError, Values};
+use fdm_system::linear::{LinearModel, Modes, Values};
 use std::sync::Arc;
-
-/// Why requirements cannot be measured at all.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RequirementError {
-    /// There is no linear model.
-    #[error("{0}")]
-    Trim(#[from] TrimError),
-    /// Equations hold records, which a standard manoeuvre does not have.
-    #[error("the model's equations hold the record `{name}`, which a standard manoeuvre does not have")]
-    Records {
-        /// The hidden input.
-        name: String,
-    },
-    /// A manoeuvre cannot be simulated.
-    #[error("a standard manoeuvre cannot be simulated: {reason}")]
-    Simulation {
-        /// Why.
-        reason: String,
-    },
-}
-
-/// A number with its derivatives by every parameter.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Measured {
-    /// Its value; NaN where there is none.
-    pub value: f64,
-    /// Its derivatives (p, or the columns that were asked for); empty where they were not.
-    pub gradient: Vec<f64>,
-    /// Why there is none.
-    pub missing: Option<String>,
-}
-
-impl Measured {
-    pub(super) fn of(value: f64, gradient: Vec<f64>) -> Self {
-        Self { value, gradient, missing: None }
-    }
-
-    pub(super) fn missing(why: impl Into<String>) -> Self {
-        Self { value: f64::NAN, gradient: Vec::new(), missing: Some(why.into()) }
-    }
-}
 
 /// Where a measure is flown.
 struct Place {

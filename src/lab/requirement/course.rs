@@ -1,7 +1,7 @@
 //! What is asked of a response over time. Between samples a response is the cubic through four neighbours; every answer is a function of the samples,
 //! and its derivatives are those of that function.
 
-use super::bench::Measured;
+use super::measured::Measured;
 use fdm_grammar::requirement::OfCourse;
 
 /// A signal at the samples, with its derivatives by some columns.

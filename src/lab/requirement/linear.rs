@@ -2,7 +2,7 @@
 //!
 //! Margins are those of the loop that is closed by `u = -y`; bandwidth and phase delay are those of ADS-33E-PRF (US Army 2000, figure 5).
 
-use super::bench::Measured;
+use super::measured::Measured;
 use fdm_grammar::graph::Signal;
 use fdm_grammar::requirement::{Observed, OfMode, OfResponse, Target};
 use fdm_numeric::dense::Lu;

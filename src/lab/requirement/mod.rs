@@ -9,10 +9,12 @@ mod assess;
 mod bench;
 mod course;
 mod linear;
+mod measured;
 mod standard;
 #[cfg(test)]
 mod tests;
 
 pub use assess::{Draws, Known, assess};
-pub use bench::{Bench, Measured, Plan, RequirementError};
+pub use bench::{Bench, Plan};
 pub use fdm_results::documents::requirement::{Assessment, By, Part};
+pub use measured::{Measured, RequirementError};

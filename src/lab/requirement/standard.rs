@@ -4,9 +4,8 @@
 //! and its outputs are what is asked for. A zigzag puts its input over when the signal passes a level: then the input is a sum of one step at several
 //! delays, which are parameters, so that the simulator's own derivatives by delays say what a later moment does.
 
-use super::bench::Measured;
-use super::bench::RequirementError;
 use super::course::{Course, Moment};
+use super::measured::{Measured, RequirementError};
 use fdm_grammar::graph::{Graph, Leaf, Reference, Signal};
 use fdm_grammar::model::{Model as Definition, Origin, Output, Param, Quantity};
 use fdm_grammar::op::{Build, ExprId, Op};
