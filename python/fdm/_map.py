@@ -59,8 +59,13 @@ def _plan(job: str | os.PathLike[str] | Mapping[str, Any], untimed: bool) -> Pat
         return path
     code, _, said = _command(["plan", str(path), "--quiet", *(["--untimed"] if untimed else [])])
     if code:
-        raise (InputError if code == 2 else NumericalError)(said.strip())
+        raise _refused(said) if code == 2 else NumericalError(said.strip())
     return path.with_suffix(".plan")
+
+
+def _refused(said: str) -> InputError:
+    """What the command told, a sentence a line."""
+    return InputError([line.removeprefix("error: ") for line in said.strip().splitlines() if line])
 
 
 def _toml(value: Any) -> str:
@@ -148,7 +153,7 @@ def _shards(client: Any, plan: Path, folder: Path, how: tuple[int, int, int]) ->
             except Exception as e:  # whatever the engine raises where a worker is lost
                 code, said = 1, str(e)
             if code == 2:
-                raise InputError(said.strip())
+                raise _refused(said)
             if code:
                 lost.append(shard)
         left = lost
@@ -162,7 +167,7 @@ def _merged(plan: Path, folder: Path) -> Mapped:
     one = len(json.loads(plan.read_text(encoding="utf-8"))["commands"]) == 1
     code, text, said = _command(["merge", str(folder), "--quiet", *(["--json"] if one else [])])
     if code == 2:
-        raise InputError(said.strip())
+        raise _refused(said)
     if code and not text:
         raise NumericalError(said.strip())
     return Mapped(wrapped(json.loads(text)) if one else None, code == 0, folder)

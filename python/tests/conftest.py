@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -77,3 +78,10 @@ def command(*words: str | os.PathLike[str], cwd: Path = ROOT) -> subprocess.Comp
     return subprocess.run(
         [sys.executable, "-m", "fdm", *map(str, words)], cwd=cwd, capture_output=True, text=True, check=False, timeout=600
     )
+
+
+def plain(value: Any) -> Any:
+    """A document as JSON's reader would give it."""
+    if isinstance(value, fdm._documents.Document):
+        return {k: plain(v) for k, v in value.items()}
+    return [plain(v) for v in value] if isinstance(value, list) else value

@@ -14,7 +14,7 @@ import warnings
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from conftest import MODELS, command, decaying, rolling
+from conftest import MODELS, command, decaying, plain, rolling
 
 import fdm
 
@@ -249,7 +249,7 @@ def test_diagnosis_is_that_of_the_command(tmp_path):
     m, run = fdm.Model(MODELS / "ship_roll_decay/linear.fdm"), MODELS / "ship_roll_decay/run.csv"
     found = m.diagnose(run, every=5, only=["quadratic_damping", "cubic_stiffness"])
     ended = command("diagnose", m.file, "--data", run, "--every", "5", "--only", "quadratic_damping,cubic_stiffness", "--json", "--quiet")
-    assert json.loads(ended.stdout) == json.loads(json.dumps(_plain(found.document)))
+    assert json.loads(ended.stdout) == json.loads(json.dumps(plain(found.document)))
     assert found.causes[0].effect == "cubic_stiffness" and found.verdict == "effect_found"
     assert found.extended is not None and "k_p_phi" in found.extended.parameters
     axes = found.plot()
@@ -258,12 +258,6 @@ def test_diagnosis_is_that_of_the_command(tmp_path):
     assert (tmp_path / "d/extended.fdm").read_text() == found.extended.text
     assert "<svg" in found._repr_html_() and found.report().startswith("<!DOCTYPE html>")
     plt.close("all")
-
-
-def _plain(value):
-    if isinstance(value, fdm._documents.Document):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, list) else value
 
 
 def test_study_profile_and_design(roll):
