@@ -210,7 +210,7 @@ impl Evidence<'_> {
                 (found.estimate, ChosenSteps { shared, of_runs, factor })
             }
         };
-        // a fit that was ended early is worth nothing beside one that was not
+        // a fit that was ended early says nothing beside one that was not
         if !(self.goes_on)() {
             return None;
         }

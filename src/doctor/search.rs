@@ -89,7 +89,7 @@ fn gain(fault: Fault, with: &Trial, without: &Trial) -> f64 {
         Fault::Delay | Fault::Drift | Fault::Filtered | Fault::Scale | Fault::ZeroShift => {
             with.cautious_gain_over(without)
         }
-        // a trim that the model lacks may cancel a zero: what the model says against one is worth that constant's penalty at most
+        // a trim that the model lacks may cancel a zero: what the model says against one counts for that constant's penalty at most
         Fault::Offset => {
             let kinematics = with.gain_of_kinematics(without);
             let beside_model = with.cautious_gain_over(without) - kinematics;
