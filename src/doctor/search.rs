@@ -658,7 +658,7 @@ impl Search<'_> {
         near: Option<&Trial>,
     ) -> Option<Searched> {
         const ROUNDS: usize = 4;
-        /// Nats that another round is worth.
+        /// Nats that another round must gain.
         const WORTH: f64 = 0.5;
         let mut found = Searched { value: 0.0, error: f64::INFINITY, trial: current.clone() };
         for round in 0..ROUNDS {

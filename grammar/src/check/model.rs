@@ -60,35 +60,14 @@ pub(super) fn first_samples(scope: &Scope<'_>, indices: &Indices, expressions: &
             (None, Some((_, symbol))) => (format!("measured({})", symbol.name()), symbol.unit.clone()),
             (None, None) => (String::new(), None),
         };
-        params.push(Param {
-            quantity: Quantity { name: format!("initial({name})"), doc: String::new(), unit },
-            origin: Origin::FirstSample(*input),
-            value: 0.0,
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
-            fixed: true,
-            per_run: false,
-            group: None,
-            logarithmic: false,
-            prior: None,
-        });
+        let quantity = Quantity { name: format!("initial({name})"), doc: String::new(), unit };
+        params.push(Param { fixed: true, ..Param::open(quantity, Origin::FirstSample(*input)) });
     }
 }
 
 /// A value that each run brings.
 fn known(quantity: Quantity, input: u32) -> Param {
-    Param {
-        quantity,
-        origin: Origin::FirstSample(input),
-        value: 0.0,
-        lower: f64::NEG_INFINITY,
-        upper: f64::INFINITY,
-        fixed: true,
-        per_run: true,
-        group: None,
-        logarithmic: false,
-        prior: None,
-    }
+    Param { fixed: true, per_run: true, ..Param::open(quantity, Origin::FirstSample(input)) }
 }
 
 /// Start values; NaN for what the records say.
@@ -100,18 +79,8 @@ pub(super) fn start(params: &[Param]) -> Vec<f64> {
 fn free_initial(symbol: &Symbol<'_>, state: u32) -> Param {
     let own = quantity(symbol);
     let doc = if own.doc.is_empty() { String::new() } else { format!("initial value of {}", own.doc) };
-    Param {
-        quantity: Quantity { name: format!("{}(0)", own.name), doc, unit: own.unit },
-        origin: Origin::FreeInitial(state),
-        value: 0.0,
-        lower: f64::NEG_INFINITY,
-        upper: f64::INFINITY,
-        fixed: false,
-        per_run: true,
-        group: None,
-        logarithmic: false,
-        prior: None,
-    }
+    let quantity = Quantity { name: format!("{}(0)", own.name), doc, unit: own.unit };
+    Param { per_run: true, ..Param::open(quantity, Origin::FreeInitial(state)) }
 }
 
 fn quantity(symbol: &Symbol<'_>) -> Quantity {

@@ -32,7 +32,9 @@ impl Model {
             model.inputs.push(Input { quantity, known: false, measured: None, computed: None, slope: None });
         }
         for place in 0..entries.len() {
-            model.params.extend((0..signals).map(|signal| factor(named(format!("factor {place}, {signal}")))));
+            model.params.extend(
+                (0..signals).map(|signal| Param::open(named(format!("factor {place}, {signal}")), Origin::Declared)),
+            );
         }
         let push = |graph: &mut Graph, entry: Entry, tau: Option<ExprId>, to: ExprId| {
             let Some(place) = entries.iter().position(|e| *e == entry) else { return to };
@@ -71,21 +73,6 @@ impl Model {
     pub fn is_known_rate(&self, state: usize) -> bool {
         let by_params = self.graph.depends(|leaf| matches!(leaf, Leaf::Param(_)));
         !by_params[self.states[state].rate.index()]
-    }
-}
-
-fn factor(quantity: Quantity) -> Param {
-    Param {
-        quantity,
-        origin: Origin::Declared,
-        value: 0.0,
-        lower: f64::NEG_INFINITY,
-        upper: f64::INFINITY,
-        fixed: false,
-        per_run: false,
-        group: None,
-        logarithmic: false,
-        prior: None,
     }
 }
 

@@ -173,6 +173,22 @@ pub struct Param {
 }
 
 impl Param {
+    /// Estimated, shared by all runs, without bounds, and 0 at the start.
+    pub fn open(quantity: Quantity, origin: Origin) -> Self {
+        Self {
+            quantity,
+            origin,
+            value: 0.0,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            fixed: false,
+            per_run: false,
+            group: None,
+            logarithmic: false,
+            prior: None,
+        }
+    }
+
     /// Whether it is the first sample of an input: neither estimated nor given, and no user declared it.
     pub fn is_recorded(&self) -> bool {
         matches!(self.origin, Origin::FirstSample(_))

@@ -328,6 +328,13 @@ impl<'a> Build<'a> {
         Some((name, self.expression(parts.next()?)?))
     }
 
+    /// `alpha [rad]`
+    fn argument(&self, pair: Pair<Rule>) -> Option<Argument> {
+        let mut parts = pair.into_inner();
+        let name = word(&parts.next()?, self.offset, 0);
+        Some(Argument { name, unit: parts.next().map(|u| word(&u, self.offset, 1)) })
+    }
+
     /// What follows the word `table`.
     fn table(&mut self, parts: Pairs<Rule>) -> Option<Table> {
         let mut names = Vec::new();
@@ -337,11 +344,7 @@ impl<'a> Build<'a> {
             let place = span(&part, self.offset);
             match part.as_rule() {
                 Rule::name => names.push(word(&part, self.offset, 0)),
-                Rule::argument => {
-                    let mut parts = part.into_inner();
-                    let name = word(&parts.next()?, self.offset, 0);
-                    arguments.push(Argument { name, unit: parts.next().map(|u| word(&u, self.offset, 1)) });
-                }
+                Rule::argument => arguments.push(self.argument(part)?),
                 Rule::unit => self.once(&mut unit, word(&part, self.offset, 1), (Rule::unit, place), &names),
                 Rule::doc => self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names),
                 Rule::method => method = Some(word(&part, self.offset, 0)),
@@ -374,11 +377,7 @@ impl<'a> Build<'a> {
             let place = span(&part, self.offset);
             match part.as_rule() {
                 Rule::name => names.push(word(&part, self.offset, 0)),
-                Rule::argument => {
-                    let mut parts = part.into_inner();
-                    let name = word(&parts.next()?, self.offset, 0);
-                    arguments.push(Argument { name, unit: parts.next().map(|u| word(&u, self.offset, 1)) });
-                }
+                Rule::argument => arguments.push(self.argument(part)?),
                 Rule::unit => self.once(&mut unit, word(&part, self.offset, 1), (Rule::unit, place), &names),
                 Rule::doc => self.once(&mut doc, word(&part, self.offset, 1), (Rule::doc, place), &names),
                 Rule::bounds => bounds = self.bounds(part, place),

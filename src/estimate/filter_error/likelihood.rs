@@ -323,16 +323,7 @@ fn deviation(name: String, output: &Quantity, runs: &[Run], (o, q): (usize, usiz
     let size = (size / cells.max(1) as f64).sqrt();
     let size = if size > 0.0 { size } else { 1.0 };
     let rough = (squares / (20.0 * count.max(1) as f64)).sqrt();
-    Param {
-        quantity: Quantity { name, doc: String::new(), unit: output.unit.clone() },
-        origin: Origin::Declared,
-        value: rough.max(1e-4 * size),
-        lower: LEAST_DEVIATION * size,
-        upper: f64::INFINITY,
-        fixed: false,
-        per_run: false,
-        group: None,
-        logarithmic: false,
-        prior: None,
-    }
+    let quantity = Quantity { name, doc: String::new(), unit: output.unit.clone() };
+    let (value, lower) = (rough.max(1e-4 * size), LEAST_DEVIATION * size);
+    Param { value, lower, ..Param::open(quantity, Origin::Declared) }
 }

@@ -318,18 +318,7 @@ fn response(old: &Definition, driven: &Driven, solved: &[Signal], moments: usize
         }
     });
     let outputs: Vec<Output> = outputs.collect();
-    let param = |name: String| Param {
-        quantity: Quantity { name, doc: String::new(), unit: None },
-        origin: Origin::Declared,
-        value: 0.0,
-        lower: f64::NEG_INFINITY,
-        upper: f64::INFINITY,
-        fixed: false,
-        per_run: false,
-        group: None,
-        logarithmic: false,
-        prior: None,
-    };
+    let param = |name: String| Param::open(Quantity { name, doc: String::new(), unit: None }, Origin::Declared);
     let mut params = old.params.clone();
     params.extend((0..moments).map(|k| param(format!("moment {}", k + 1))));
     params.extend((0..solved.len()).map(|k| param(format!("trim {}", k + 1))));
