@@ -4,7 +4,7 @@ use crate::page::duration;
 use crate::table::{aligned_right, plain, trimmed};
 use fdm_results::documents::{JobStatus, ShardStatus};
 
-/// Tasks done and missing, the programs at work, and files that are not believed.
+/// Tasks done and missing, the programs at work, and files that are not used.
 pub fn job_text(status: &JobStatus) -> String {
     let JobStatus { done, tasks, .. } = status;
     let mut text = format!("{}: {done} of {tasks} tasks are done", status.folder);

@@ -1,4 +1,4 @@
-//! The page of a job: how many tasks are done, who is at work, and what is not believed.
+//! The page of a job: how many tasks are done, who is at work, and files that are not used.
 
 use super::document::{Head, frame};
 use super::headline::judgement;
@@ -15,7 +15,7 @@ pub fn job_page(status: &JobStatus) -> String {
     }
     if !status.damaged.is_empty() {
         let content = html! { ul { @for said in &status.damaged { li { (said) } } } };
-        sections.push(Section::new("damaged", "Files that are not believed", content));
+        sections.push(Section::new("damaged", "Files that are not used", content));
     }
     let (trust, sentence) = match (status.is_whole(), status.shards.iter().any(|s| s.alive)) {
         (true, _) => (Trust::Good, "Every task is done; fdm merge makes the result.".to_string()),
