@@ -94,7 +94,18 @@ pub use fdm_grammar::Diagnostic;
 /// assert_eq!(roll.name(), "roll");
 /// assert_eq!(roll.layout().states, 2);
 /// ```
+#[cfg(feature = "macros")]
 pub use fdm_macros::model;
+
+/// What is told in the place of the macro where it is not built.
+#[cfg(not(feature = "macros"))]
+#[doc(hidden)]
+#[macro_export]
+macro_rules! model {
+    ($($text:tt)*) => {
+        compile_error!("model! is built with the feature `macros` of fdm\nhint: fdm = { ..., features = [\"macros\"] }")
+    };
+}
 
 /// The numerical derivative is a complex step (Squire and Trapp, SIAM Review 40, 1998), or a difference where a function is not analytic.
 ///

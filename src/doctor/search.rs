@@ -57,12 +57,14 @@ struct Abouts<'a> {
     fit: Option<Linearised<'a>>,
     /// The values of the text.
     text: Option<Linearised<'a>>,
+    /// That fit.
+    near: &'a Trial,
 }
 
 impl<'a> Abouts<'a> {
     fn of(evidence: &'a Evidence<'a>, fit: &'a Trial, edits: &[Edit]) -> Self {
         let text = Linearised::of_text(evidence, fit, edits);
-        Self { fit: Linearised::of(evidence, fit, edits), text }
+        Self { fit: Linearised::of(evidence, fit, edits), text, near: fit }
     }
 }
 
@@ -393,12 +395,12 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
     // one estimated number costs half the logarithm of the independent samples (Schwarz 1978)
     let needed = 0.5 * current.worth().max(1.0).ln() + search_in.options.odds.ln();
     let abouts = Abouts::of(evidence, current, accepted);
-    let judge = |(slot, fault, step): &(Slot, Fault, f64)| {
+    let judge = |(slot, fault, step): &(Slot, Fault, f64), abouts: &Abouts<'_>| {
         let (slot, fault) = (*slot, *fault);
         let best = |fault: Fault, begin: f64, needed: f64| {
             let least = if fault == Fault::Filtered { 0.0 } else { f64::NEG_INFINITY };
             let edits = |value: f64| vec![edit(slot, fault, if fault == Fault::Scale { value.exp() } else { value })];
-            search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, &abouts)
+            search_in.best_about(&Number { begin, needed, least, edits: &edits }, accepted, current, abouts)
         };
         let found = best(fault, *step, needed);
         // the zero that kinematics want, whatever the model lacks
@@ -467,7 +469,19 @@ fn estimated(search_in: &Search<'_>, slots: &[Slot], accepted: &[Edit], current:
         let hypothesis = Hypothesis { fault, slots: vec![slot], edits: vec![edit(slot, fault, value)], what, weight };
         Some(Judged { log_odds: gain(fault, &trial, current) + prior, hypothesis, prior, trial })
     };
-    let found: Vec<Judged> = wanted.par_iter().filter_map(judge).collect();
+    let mut found: Vec<Judged> = wanted.par_iter().filter_map(|w| judge(w, &abouts)).collect();
+    // a fault leads the fit astray, and what is nearly the same fault leads back: all once more about the likeliest
+    let likeliest =
+        found.iter().max_by(|a, b| a.log_odds.total_cmp(&b.log_odds)).filter(|j| j.trial.estimate.is_some());
+    if let Some(likeliest) = likeliest.filter(|j| evidence.touches_model(&j.hypothesis.edits)) {
+        let fit = Linearised::of(evidence, &likeliest.trial, accepted);
+        let about = Abouts { fit, text: None, near: &likeliest.trial };
+        let known = |(slot, fault, _): &&(Slot, Fault, f64)| {
+            found.iter().all(|j| j.hypothesis.fault != *fault || j.hypothesis.slots != [*slot])
+        };
+        let again: Vec<Judged> = wanted.par_iter().filter(known).filter_map(|w| judge(w, &about)).collect();
+        found.extend(again);
+    }
     // two fits at least for each
     (found, 2 * wanted.len())
 }
@@ -623,7 +637,7 @@ impl Search<'_> {
             };
             return search_number(number.begin, current, number.needed, &at);
         };
-        let about_fit = self.best_from(number, accepted, current, about, Some(current));
+        let about_fit = self.best_from(number, accepted, current, about, Some(abouts.near));
         let about_text = abouts.text.as_ref().and_then(|text| self.best_from(number, accepted, current, text, None));
         match (about_fit, about_text) {
             (Some(fit), Some(text)) => Some(if text.trial.cautious_gain_over(&fit.trial) > 0.0 { text } else { fit }),
@@ -678,8 +692,8 @@ impl Search<'_> {
             let at = |by: f64| about.trial(&number.beside(accepted, found.value + by)?);
             let Some(next) = search_number(step, &here, needed, &at) else { break };
             let promises = |over: &Trial| next.trial.cautious_gain_over(over) >= 0.5 * needed;
-            // about the text it has to be likelier than the fit as well
-            if round == 0 && !(promises(&here) && (near.is_some() || promises(current))) {
+            // elsewhere than about the fit it has to be likelier than that as well
+            if round == 0 && !(promises(&here) && promises(current)) {
                 return None;
             }
             // a step that is too long for a nonlinear model is halved once

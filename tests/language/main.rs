@@ -6,7 +6,6 @@ mod bad;
 mod effects;
 mod format;
 mod generated_code;
-mod macro_mistakes;
 mod macro_same_bits;
 mod macro_use;
 mod reference;

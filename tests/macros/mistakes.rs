@@ -2,5 +2,5 @@
 
 #[test]
 fn mistakes_stand_at_their_tokens() {
-    trybuild::TestCases::new().compile_fail("language/ui/*.rs");
+    trybuild::TestCases::new().compile_fail("ui/*.rs");
 }
