@@ -18,7 +18,7 @@ use super::error::Divergence;
 use super::observation::Observation;
 use super::trajectory::Trajectory;
 use crate::dynamics::Layout;
-use equations::{Equations, partition};
+use equations::{Equations, Part, partition};
 use fdm_grammar::graph::Signal;
 use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd, copy_vectors, dispatch};
 use subsystem::{Subsystem, steps_of_a_block};
@@ -26,18 +26,42 @@ use subsystem::{Subsystem, steps_of_a_block};
 pub(super) use transition::Intervals;
 pub(super) use transition::Method;
 
-/// Subsystems with more states are left to steps that touch structural nonzeros only.
-const MOST_STATES: usize = 24;
+/// Subsystems up to this size are worth their full matrices whatever the steps are.
+const FEW_STATES: usize = 24;
+/// Most numbers in the derivatives of a subsystem's matrix: there are a dozen of these.
+const MOST_NUMBERS: usize = 1_000_000;
+/// Products of matrices that the coefficients of one length of a step take (see `transition.rs`), with some halvings.
+const PRODUCTS: f64 = 30.0;
+/// Beyond so many numbers coefficients come from a farther cache with every step, which takes so many times as long.
+const NEAR: f64 = 1e5;
+const FAR: f64 = 3.0;
 
-/// Whether a model's response is a recursion, and one worth it: the matrices of a step are full within a subsystem.
-pub(super) fn suits(layout: &Layout) -> bool {
+/// Whether a model's response is a recursion, and its matrices are not too large to be kept.
+pub(super) fn possible(layout: &Layout) -> bool {
     let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
-    if !layout.affine.rates || layout.states == 0 || delays_states {
+    let small = |part: &Part| part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS;
+    layout.affine.rates && layout.states > 0 && !delays_states && partition(layout, observed(layout)).iter().all(small)
+}
+
+/// Whether it is one worth it whatever the steps are: the matrices of a step are full within a subsystem.
+pub(super) fn suits(layout: &Layout) -> bool {
+    if !possible(layout) {
         return false;
     }
     let sizes: Vec<usize> = partition(layout, observed(layout)).iter().map(|part| part.states.len()).collect();
     let (full, sparse) = (sizes.iter().map(|n| n * n).sum::<usize>(), layout.patterns.rates_by_state.len());
-    sizes.iter().all(|n| *n <= MOST_STATES) && full <= 8 * (sparse + layout.states)
+    sizes.iter().all(|n| *n <= FEW_STATES) && full <= 8 * (sparse + layout.states)
+}
+
+/// Operations of a step of the recursion with its sensitivities, in a run of so many of them; its coefficients are among them.
+pub(super) fn work(layout: &Layout, steps: usize) -> f64 {
+    let of = |part: &Part| {
+        let (n, lanes) = (part.states.len() as f64, (part.params.len() + 1).next_multiple_of(VECTOR) as f64);
+        let (numbers, products) = ((n + part.drive.len() as f64) * n * lanes, 4.0 * n.powi(3) * lanes * PRODUCTS);
+        let far = if numbers > NEAR { FAR } else { 1.0 };
+        2.0 * (n * n * lanes + far * numbers) + products / steps.max(1) as f64
+    };
+    partition(layout, observed(layout)).iter().map(of).sum()
 }
 
 /// How many subsystems there are.
@@ -208,7 +232,10 @@ fn respond<S: Simd>(
     intervals: &Intervals,
     steps: std::ops::Range<usize>,
 ) {
-    subsystems.iter_mut().for_each(|s| s.begin(&trajectory.drive, intervals, steps.clone()));
+    // no closure: it would not have the processor's features that the loop is compiled for
+    for subsystem in subsystems.iter_mut() {
+        subsystem.begin(simd, &trajectory.drive, intervals, steps.clone());
+    }
     for (k, step) in steps.enumerate() {
         let kind = intervals.of_step(step);
         for subsystem in subsystems.iter_mut() {

@@ -280,32 +280,39 @@ impl Subsystem {
         self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         let (mut from, end) = (steps.start, steps.end);
         while from < end {
-            let kind = intervals.of_step(from);
-            let mut to = from + 1;
-            while to < end && intervals.of_step(to) == kind {
-                to += 1;
-            }
-            let map = &self.steps[kind];
+            let (kind, to) = intervals.alike(from, end);
+            let (map, count) = (&self.steps[kind], to - from);
             gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
             let slots = &mut self.slots[(from - steps.start) * size..];
             match &self.response {
-                Some(response) => response.march(simd, kind, slots, (&self.feed, map.terms), to - from),
-                None => map.march(simd, slots, &self.feed, to - from),
+                Some(response) => {
+                    response.begin(simd, kind, &mut slots[size..], (&self.feed, map.terms), count);
+                    for k in 0..count {
+                        response.step(simd, kind, &mut slots[k * size..(k + 2) * size], map.terms);
+                    }
+                }
+                None => map.march(simd, slots, &self.feed, count),
             }
             from = to;
         }
         self.present = end - steps.start;
     }
 
-    /// Reads what drives some steps of the response alone, at most a block; the states before them go to slot 0.
+    /// Reads what drives some steps of the response alone, at most a block, and begins their sums; the states before them go to slot 0.
     #[inline(always)]
-    pub(super) fn begin(&mut self, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
-        let size = self.size;
-        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
+    pub(super) fn begin<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        let Self { size, terms, slots, feed, .. } = self;
+        let size = *size;
+        slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         self.present = steps.len();
-        if !steps.is_empty() {
-            let terms = self.steps[intervals.of_step(steps.start)].terms;
-            gather(&self.terms[..terms], drive, steps, &mut self.feed);
+        let Some(response) = &self.response else { return };
+        let (mut from, end) = (steps.start, steps.end);
+        while from < end {
+            let (kind, to) = intervals.alike(from, end);
+            let count = self.steps[kind].terms;
+            gather(&terms[..count], drive, from..to, feed);
+            response.begin(simd, kind, &mut slots[(from - steps.start + 1) * size..], (feed, count), to - from);
+            from = to;
         }
     }
 
@@ -314,7 +321,7 @@ impl Subsystem {
     pub(super) fn respond<S: Simd>(&mut self, simd: S, kind: usize, k: usize) {
         if let Some(response) = &self.response {
             let (terms, size) = (self.steps[kind].terms, self.size);
-            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], &self.feed[k * terms..][..terms]);
+            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], terms);
         }
     }
 
