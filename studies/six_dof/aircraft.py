@@ -2,7 +2,7 @@
 gives them, made without any code of fdm (quaternion, DOP853), models for `fdm fit`, and the figures of both.
 
     python3 studies/six_dof/aircraft.py make target/six_dof
-    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|true
+    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|true [options of `fdm fit`]
 """
 
 import argparse
@@ -260,6 +260,6 @@ if __name__ == "__main__":
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--from", dest="measured", default="states", choices=["states", "positions"])
     parser.add_argument("--model", default="nominal", choices=["nominal", "true"])
-    parser.add_argument("extra", nargs="*")
-    a = parser.parse_args()
-    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, a.extra)
+    # what it does not know is for `fdm fit`
+    a, extra = parser.parse_known_args()
+    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, extra)

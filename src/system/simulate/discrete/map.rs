@@ -154,25 +154,6 @@ impl LinearMap {
         }
     }
 
-    /// The values alone (rows), of states that stand side by side: the same operations as in [`Self::apply`].
-    #[inline(always)]
-    #[expect(
-        clippy::needless_range_loop,
-        reason = "three slices walk together, and plain loops keep the wide registers"
-    )]
-    pub(super) fn values(&self, x: &[f64], feed: &[f64], out: &mut [f64]) {
-        for r in 0..self.rows {
-            let mut sum = 0.0_f64;
-            for m in 0..self.terms {
-                sum = feed[m].mul_add(self.forcing[(m * self.rows + r) * self.width + self.lane], sum);
-            }
-            for j in 0..self.states {
-                sum = self.flow[j * self.rows + r].mul_add(x[j], sum);
-            }
-            out[r] = sum;
-        }
-    }
-
     #[inline(always)]
     fn tiles<S: Simd, const C: usize>(
         &self,
@@ -316,32 +297,33 @@ fn add<S: Simd, const R: usize, const C: usize>(
 /// Steps for which a column of the feed's coefficients is read once.
 const TOGETHER: usize = 4;
 
-/// The maps of one subsystem, columns of their matrices in lanes.
+/// The maps of one subsystem to its states or its outputs, columns of their matrices in lanes.
 pub(super) struct Response {
+    rows: usize,
     states: usize,
-    /// Lanes of the states, whole vectors.
+    /// Lanes of the rows, whole vectors.
     pub(super) width: usize,
     /// For each length of a step the coefficients of the feed and then of the states, by width.
     columns: Vec<Aligned>,
 }
 
 impl Response {
-    pub(super) fn new(states: usize, terms: usize, kinds: usize) -> Self {
-        let width = states.next_multiple_of(VECTOR);
+    pub(super) fn new(rows: usize, states: usize, terms: usize, kinds: usize) -> Self {
+        let width = rows.next_multiple_of(VECTOR);
         let columns = (0..kinds).map(|_| Aligned::new((terms + states) * width)).collect();
-        Self { states, width, columns }
+        Self { rows, states, width, columns }
     }
 
     /// Takes over the coefficients of one length.
     pub(super) fn fill(&mut self, kind: usize, map: &mut LinearMap) {
-        let (states, width, lane, terms) = (self.states, self.width, map.lane, map.terms);
+        let (rows, states, width, lane, terms) = (self.rows, self.states, self.width, map.lane, map.terms);
         let columns = &mut self.columns[kind];
-        for i in 0..states {
+        for i in 0..rows {
             for m in 0..terms {
                 columns[m * width + i] = map.forcing_of(m, i)[lane];
             }
             for j in 0..states {
-                columns[(terms + j) * width + i] = map.flow[j * states + i];
+                columns[(terms + j) * width + i] = map.flow[j * rows + i];
             }
         }
     }
@@ -418,7 +400,32 @@ impl Response {
         }
     }
 
-    /// The same for N states in one vector.
+    /// Rows of outputs (`count` by lanes) of states that stand `apart` numbers from sample to sample, where the feed has begun their sums.
+    #[inline(always)]
+    pub(super) fn observe<S: Simd>(
+        &self,
+        simd: S,
+        (slots, apart): (&[f64], usize),
+        terms: usize,
+        out: &mut [f64],
+        count: usize,
+    ) {
+        let across = self.width / S::F64_LANES;
+        let by_state = &S::as_simd_f64s(&self.columns[0]).0[terms * across..][..self.states * across];
+        let out = &mut S::as_mut_simd_f64s(out).0[..count * across];
+        for k in 0..count {
+            let x = &slots[k * apart..][..self.states];
+            for v in 0..across {
+                let mut sum = out[k * across + v];
+                for j in 0..x.len() {
+                    sum = simd.mul_add_f64s(simd.splat_f64s(x[j]), by_state[j * across + v], sum);
+                }
+                out[k * across + v] = sum;
+            }
+        }
+    }
+
+    /// A step of N states in one vector.
     #[inline(always)]
     fn vector<S: Simd, const N: usize>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
         let (before, after) = slots.split_at_mut(VECTOR);

@@ -315,17 +315,25 @@ impl Place<'_> {
         if outputs == 0 {
             return;
         }
-        let (q, length, (lane, width)) = (self.layout.outputs.len(), self.layout.length, subsystem.output_rows());
-        let count = samples.len();
+        let (q, length, count) = (self.layout.outputs.len(), self.layout.length, samples.len());
         subsystem.observe(simd, drive, (samples, slot), self.spare);
+        if self.bare {
+            let lanes = subsystem.output_lanes();
+            for at in 0..count {
+                let values = &self.spare[at * lanes..][..outputs];
+                for (output, value) in subsystem.part.outputs.iter().zip(values) {
+                    self.y[at * q + output] = *value;
+                }
+            }
+            return;
+        }
+        let (lane, width) = (subsystem.lane, subsystem.width);
         for at in 0..count {
             let rows = self.spare[at * outputs * width..].chunks_exact(width);
             for (output, row) in subsystem.part.outputs.iter().zip(rows) {
                 self.y[at * q + output] = row[lane];
-                if !self.bare {
-                    let start = self.layout.outputs[*output].start;
-                    copy_vectors(row, &mut self.rows[at * length + start..][..width]);
-                }
+                let start = self.layout.outputs[*output].start;
+                copy_vectors(row, &mut self.rows[at * length + start..][..width]);
             }
         }
     }

@@ -37,6 +37,8 @@ pub(super) struct Subsystem {
     homogeneous: bool,
     /// Without parameters: the states stand in lanes themselves.
     response: Option<Response>,
+    /// And so do the outputs that are not states.
+    observed: Response,
     /// From one state of a slot to the next, and from slot to slot.
     apart: usize,
     size: usize,
@@ -67,7 +69,7 @@ impl Subsystem {
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
-        let response = alone.then(|| Response::new(n, terms.len(), kinds));
+        let response = alone.then(|| Response::new(n, n, terms.len(), kinds));
         let (apart, size) = response.as_ref().map_or((width, n * width), |r| (1, r.width));
         Self {
             steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
@@ -78,6 +80,7 @@ impl Subsystem {
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
             homogeneous: false,
+            observed: Response::new(rows, n, output_terms.len(), 1),
             response,
             apart,
             size,
@@ -160,6 +163,9 @@ impl Subsystem {
             }
         }
         self.fill_observe(layout, equations, known);
+        if self.response.is_some() {
+            self.observed.fill(0, &mut self.observe);
+        }
         self.present = 0;
         self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
@@ -360,10 +366,10 @@ impl Subsystem {
         }
     }
 
-    /// The lane of a row of outputs in which their values stand, and from one row to the next.
+    /// Numbers of the outputs of a sample that are not states, without sensitivities: a lane for each.
     #[inline(always)]
-    pub(super) fn output_rows(&self) -> (usize, usize) {
-        if self.response.is_some() { (0, 1) } else { (self.lane, self.width) }
+    pub(super) fn output_lanes(&self) -> usize {
+        self.observed.width
     }
 }
 
