@@ -354,14 +354,13 @@ impl Subsystem {
     ) {
         let (terms, count) = (self.output_terms.len(), samples.len());
         gather_samples(&self.output_terms, drive, samples, &mut self.feed);
-        let (Self { observe, slots, size, .. }, rows) = (&*self, self.part.outputs.len());
+        let Self { observe, observed, slots, size, .. } = &*self;
         let slots = &slots[slot * size..];
-        match self.response {
+        match &self.response {
             None => observe.sweep(simd, slots, &self.feed, out, count),
             Some(_) => {
-                for k in 0..count {
-                    observe.values(&slots[k * size..][..*size], &self.feed[k * terms..], &mut out[k * rows..]);
-                }
+                observed.begin(simd, 0, out, (&self.feed, terms), count);
+                observed.observe(simd, (slots, *size), terms, out, count);
             }
         }
     }
