@@ -410,6 +410,7 @@ impl<S: Simd> Tangent<'_, S> {
 
     /// Advances the L vectors from `first` on of a tile's rows; columns of S do not depend on each other.
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "four stages look at four rows")]
     fn tile<const L: usize>(self, tile: &Tile, first: usize, s: &mut [f64], scratch: &mut [f64]) -> usize {
         let (simd, plan, width) = (self.simd, self.plan, self.plan.lanes / S::F64_LANES);
         let rows = &plan.rows[tile.rows.clone()];

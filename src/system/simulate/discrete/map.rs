@@ -331,6 +331,10 @@ impl Response {
     /// What the feed gives to steps of one length, as the beginning of their sums: `after` takes the states after each, `feed` has one
     /// row of `terms` numbers for every step.
     #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
     pub(super) fn begin<S: Simd>(
         &self,
         simd: S,
@@ -374,6 +378,10 @@ impl Response {
 
     /// One of the steps that have begun: the states before it, and the beginning of those after it, stand in `slots`.
     #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
     pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
         if self.width == S::F64_LANES {
             return match self.states {
@@ -402,6 +410,10 @@ impl Response {
 
     /// Rows of outputs (`count` by lanes) of states that stand `apart` numbers from sample to sample, where the feed has begun their sums.
     #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
     pub(super) fn observe<S: Simd>(
         &self,
         simd: S,
@@ -427,6 +439,10 @@ impl Response {
 
     /// A step of N states in one vector.
     #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
     fn vector<S: Simd, const N: usize>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
         let (before, after) = slots.split_at_mut(VECTOR);
         let by_state = S::as_simd_f64s(&self.columns[kind]).0[terms..].first_chunk::<N>();
