@@ -211,9 +211,9 @@ def make(folder):
             (folder / f"{kind}_{measured}.fdm").write_text(model(kind, measured))
 
 
-def fit(folder, fdm, kind, measured, extra):
+def fit(folder, fdm, kind, measured, count, extra):
     result = folder / f"result_{kind}_{measured}"
-    runs = [str(folder / f"run{k}.csv") for k in range(8)]
+    runs = [str(folder / f"run{k}.csv") for k in range(count)]
     command = [fdm, "fit", str(folder / f"{kind}_{measured}.fdm"), "--data", *runs, "--zoh", "elevator", "--zoh", "aileron",
                "--zoh", "rudder", "--json", "--out", str(result), "--force", "--quiet", *extra]
     began = time.time()
@@ -260,6 +260,7 @@ if __name__ == "__main__":
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--from", dest="measured", default="states", choices=["states", "positions"])
     parser.add_argument("--model", default="nominal", choices=["nominal", "true"])
+    parser.add_argument("--runs", type=int, default=8, help="of the first eight, those that are fitted")
     # what it does not know is for `fdm fit`
     a, extra = parser.parse_known_args()
-    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, extra)
+    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, a.runs, extra)
