@@ -141,7 +141,7 @@ fn many_states_are_worth_a_recursion_where_steps_would_be_short() {
         assert!(found.error <= 1e-8, "{found:?}");
         found.steps.scheme()
     };
-    let (soft, stiff) = (model(&chain(0.02)), chain(900.0));
+    let (soft, stiff) = (model(&chain(0.02)), chain(200.0));
     assert_eq!(chosen(&soft), Scheme::RungeKutta);
     let (linear, hidden) = (model(&stiff), disguised(&stiff));
     assert_eq!(chosen(&linear), Scheme::Recursion { subsystems: 1 });
