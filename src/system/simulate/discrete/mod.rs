@@ -38,19 +38,27 @@ const FAR: f64 = 3.0;
 
 /// Whether a model's response is a recursion, and its matrices are not too large to be kept.
 pub(super) fn possible(layout: &Layout) -> bool {
-    let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
-    let small = |part: &Part| part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS;
-    layout.affine.rates && layout.states > 0 && !delays_states && partition(layout, observed(layout)).iter().all(small)
+    is_recursion(layout) && partition(layout, observed(layout)).iter().all(is_kept)
 }
 
 /// Whether it is one worth it whatever the steps are: the matrices of a step are full within a subsystem.
 pub(super) fn suits(layout: &Layout) -> bool {
-    if !possible(layout) {
+    if !is_recursion(layout) {
         return false;
     }
-    let sizes: Vec<usize> = partition(layout, observed(layout)).iter().map(|part| part.states.len()).collect();
-    let (full, sparse) = (sizes.iter().map(|n| n * n).sum::<usize>(), layout.patterns.rates_by_state.len());
-    sizes.iter().all(|n| *n <= FEW_STATES) && full <= 8 * (sparse + layout.states)
+    let parts = partition(layout, observed(layout));
+    let full: usize = parts.iter().map(|part| part.states.len().pow(2)).sum();
+    parts.iter().all(|part| part.states.len() <= FEW_STATES && is_kept(part))
+        && full <= 8 * (layout.patterns.rates_by_state.len() + layout.states)
+}
+
+fn is_recursion(layout: &Layout) -> bool {
+    let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+    layout.affine.rates && layout.states > 0 && !delays_states
+}
+
+fn is_kept(part: &Part) -> bool {
+    part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS
 }
 
 /// Operations of a step of the recursion with its sensitivities, in a run of so many of them; its coefficients are among them.
