@@ -28,8 +28,8 @@ pub(super) use transition::Method;
 
 /// Subsystems up to this size are worth their full matrices whatever the steps are.
 const FEW_STATES: usize = 24;
-/// Most numbers in the derivatives of a subsystem's matrix: there are a dozen of these.
-const MOST_NUMBERS: usize = 1_000_000;
+/// Most numbers in the derivatives of a subsystem's matrix: every run has a dozen of these, and more leave the near cache.
+const MOST_NUMBERS: usize = 200_000;
 /// Products of matrices that the coefficients of one length of a step take (see `transition.rs`), with some halvings.
 const PRODUCTS: f64 = 30.0;
 /// Beyond so many numbers coefficients come from a farther cache with every step, which takes so many times as long.
