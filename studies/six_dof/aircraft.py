@@ -171,7 +171,7 @@ STALL = """
   param Cm0 = 0, Cma = -0.6, Cmq = -8, Cmde = -0.7, CmX = -0.05;
   param a1 = 12 in [2, 60], star = 0.3 in [0.1, 0.6] [rad], tau = 0.2 in [0.02, 2] [s];
   param Te = 0.1 in [0.01, 1] [s], loss = 0.2 in [0, 1];
-  state X = 1, de = initial(elevator) [rad], da = initial(aileron) [rad], dr = initial(rudder) [rad];
+  state X = 1 [1], de = initial(elevator) [rad], da = initial(aileron) [rad], dr = initial(rudder) [rad];
   let still = (1 - tanh(a1*(alpha - star)))/2 [1];
   der(X) = (still - X)/tau;
   der(de) = (elevator - de)/Te;
