@@ -28,6 +28,11 @@ const SLOW: f64 = 0.1;
 const NEAR: f64 = 1.0;
 /// Part of the tolerance that may be left to go after the last step.
 const REST: f64 = 1e-2;
+/// Unknowns that make an iteration dearer than digits which no standard error measures. Convergence is then decided by a step, and by
+/// what may be left to go behind it, of so many tolerances in standard errors: 1e-4 and 1e-6 by default.
+const MANY: usize = 50;
+const DECIDED: f64 = 1e5;
+const DECIDED_REST: f64 = 1e3;
 /// First damping after a full step was refused; columns have unit norm.
 const DAMPING: f64 = 1e-3;
 /// Damping that is as good as none.
@@ -678,11 +683,16 @@ impl<'s, P: Problem> GaussNewton<'s, P> {
     }
 
     /// Whether no step is worth making after the one that is predicted: it is small, and by the rate at which
-    /// steps shrink all that would follow are smaller still.
+    /// steps shrink all that would follow are smaller still. Of many unknowns a small part of a standard error is enough.
     fn is_close(&self, rate: f64) -> bool {
         let size = self.relative_step();
         let rate = if rate.is_nan() { 0.5 } else { rate.min(0.99) };
-        size <= self.options.tolerance && size * rate / (1.0 - rate) <= REST * self.options.tolerance
+        let tolerance = self.options.tolerance;
+        if size <= tolerance && size * rate / (1.0 - rate) <= REST * tolerance {
+            return true;
+        }
+        let errors = if self.values.len() >= MANY { self.largest_in_errors() } else { f64::INFINITY };
+        errors <= DECIDED * tolerance && errors * rate / (1.0 - rate) <= DECIDED_REST * tolerance
     }
 
     /// Largest part of the step, relative to the unknown or its standard error, whichever is greater.

@@ -2,7 +2,7 @@
 gives them, made without any code of fdm (quaternion, DOP853), models for `fdm fit`, and the figures of both.
 
     python3 studies/six_dof/aircraft.py make target/six_dof
-    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|true
+    python3 studies/six_dof/aircraft.py fit target/six_dof --fdm target/release/fdm --from states|positions --model nominal|true [options of `fdm fit`]
 """
 
 import argparse
@@ -171,7 +171,7 @@ STALL = """
   param Cm0 = 0, Cma = -0.6, Cmq = -8, Cmde = -0.7, CmX = -0.05;
   param a1 = 12 in [2, 60], star = 0.3 in [0.1, 0.6] [rad], tau = 0.2 in [0.02, 2] [s];
   param Te = 0.1 in [0.01, 1] [s], loss = 0.2 in [0, 1];
-  state X = 1, de = initial(elevator) [rad], da = initial(aileron) [rad], dr = initial(rudder) [rad];
+  state X = 1 [1], de = initial(elevator) [rad], da = initial(aileron) [rad], dr = initial(rudder) [rad];
   let still = (1 - tanh(a1*(alpha - star)))/2 [1];
   der(X) = (still - X)/tau;
   der(de) = (elevator - de)/Te;
@@ -211,9 +211,9 @@ def make(folder):
             (folder / f"{kind}_{measured}.fdm").write_text(model(kind, measured))
 
 
-def fit(folder, fdm, kind, measured, extra):
+def fit(folder, fdm, kind, measured, count, extra):
     result = folder / f"result_{kind}_{measured}"
-    runs = [str(folder / f"run{k}.csv") for k in range(8)]
+    runs = [str(folder / f"run{k}.csv") for k in range(count)]
     command = [fdm, "fit", str(folder / f"{kind}_{measured}.fdm"), "--data", *runs, "--zoh", "elevator", "--zoh", "aileron",
                "--zoh", "rudder", "--json", "--out", str(result), "--force", "--quiet", *extra]
     began = time.time()
@@ -260,6 +260,7 @@ if __name__ == "__main__":
     parser.add_argument("--fdm", default="target/release/fdm")
     parser.add_argument("--from", dest="measured", default="states", choices=["states", "positions"])
     parser.add_argument("--model", default="nominal", choices=["nominal", "true"])
-    parser.add_argument("extra", nargs="*")
-    a = parser.parse_args()
-    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, a.extra)
+    parser.add_argument("--runs", type=int, default=8, help="of the first eight, those that are fitted")
+    # what it does not know is for `fdm fit`
+    a, extra = parser.parse_known_args()
+    make(a.folder) if a.what == "make" else fit(a.folder, a.fdm, a.model, a.measured, a.runs, extra)

@@ -106,6 +106,72 @@ fn one_fitted_run_lends_its_own_parameters_to_any() {
     assert!((first - 1.3).abs() < 0.05, "{first} is x(0) + bias of run one");
 }
 
+/// `--initial-from`: the beginning alone says what is a run's own, and everything behind it is predicted.
+#[test]
+fn initial_values_come_from_the_first_samples_alone() {
+    let desk = desk();
+    desk.good(&format!("{FIT} --out result"));
+    let three = desk.text("three.csv");
+    // `part` gives the cells of a row of time, u, y and v
+    let other = |name: &str, part: &dyn Fn(f64, [&str; 4]) -> String| {
+        let cells = |line: &str| -> String {
+            let cells: Vec<&str> = line.split(',').collect();
+            part(cells[0].parse().unwrap_or(0.0), [cells[0], cells[1], cells[2], cells[3]])
+        };
+        desk.write(name, three.lines().map(|line| cells(line) + "\n").collect::<String>());
+    };
+    let numbers = |text: &str| -> Vec<Vec<f64>> {
+        text.lines().skip(1).map(|l| l.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
+    };
+    let simulated = |file: &str| {
+        desk.good(&format!("simulate --from-result result --like two --data {file} --hold u --initial-from 1"))
+    };
+    let response = simulated("three.csv");
+    for (row, cells) in numbers(&response).iter().zip(numbers(&three)) {
+        assert!((row[1] - cells[2]).abs() < 0.04 && (row[2] - cells[3]).abs() < 0.04, "{row:?} {cells:?}");
+    }
+    // run two begins elsewhere
+    let like = desk.good("simulate --from-result result --like two --data three.csv --hold u");
+    assert!((numbers(&like)[0][1] - numbers(&three)[0][2]).abs() > 0.5);
+    // nothing behind the beginning counts
+    let far = |cell: &str| cell.parse::<f64>().unwrap() + 9.0;
+    other("late.csv", &|t, [time, u, y, v]| match t > 1.0 {
+        true => format!("{time},{u},{},{}", far(y), far(v)),
+        false => [time, u, y, v].join(","),
+    });
+    assert_eq!(simulated("late.csv"), response);
+    // an output without a column is predicted too
+    other("no_v.csv", &|_, [time, u, y, _]| [time, u, y].join(","));
+    for (row, cells) in numbers(&simulated("no_v.csv")).iter().zip(numbers(&three)) {
+        assert!((row[1] - cells[2]).abs() < 0.1 && (row[2] - cells[3]).abs() < 0.1, "{row:?} {cells:?}");
+    }
+    let validated = |file: &str| {
+        desk.json(&format!("validate --from-result result --data {file} --hold u --initial-from 1 --json -q"))
+    };
+    let (whole, late) = (validated("three.csv"), validated("late.csv"));
+    for (name, truth) in [("x(0)", 0.2), ("bias", 0.1)] {
+        let (found, again) = (value(&whole, name, Some("three")), value(&late, name, Some("late")));
+        assert!((found - truth).abs() < 0.02, "{name} = {found}");
+        assert_eq!(found.to_bits(), again.to_bits(), "{name}: nothing behind the beginning counts");
+    }
+    let found = value(&validated("no_v.csv"), "x(0)", Some("no_v"));
+    assert!((found - 0.2).abs() < 0.05, "{found} from one output");
+
+    other("u.csv", &|_, [time, u, ..]| [time, u].join(","));
+    other("blank.csv", &|t, [time, u, y, v]| {
+        if t > 1.5 || time == "t [s]" { [time, u, y, v].join(",") } else { format!("{time},{u},,") }
+    });
+    for (command, data) in [("simulate", "--like two --data"), ("validate", "-q --data")] {
+        let refused = |rest: &str| desk.refused(&format!("{command} --from-result result --hold u {data} {rest}"));
+        let short = refused("three.csv --initial-from 0.02");
+        assert!(short.contains("has 1 sample in its first 0.02") && short.contains("--initial-from"), "{short}");
+        let blank = refused("blank.csv --initial-from 1");
+        assert!(blank.contains("run `blank`") && blank.contains("has no measured output in its first 1"), "{blank}");
+        assert!(refused("three.csv --initial-from -1").contains("`-1` is not above 0"));
+        assert!(refused("u.csv --initial-from 1").contains("has no measured output in its first 1"));
+    }
+}
+
 #[test]
 fn validation_holds_what_is_shared_and_finds_the_rest() {
     let desk = desk();

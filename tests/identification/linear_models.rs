@@ -116,6 +116,44 @@ fn a_helicopter_in_three_subsystems() {
     assert_eq!(subsystems, 3);
 }
 
+/// Thirteen masses in a row: more states than a recursion is worth in any case. Springs so stiff that steps would have to be short make it
+/// worth its matrices, soft ones do not.
+#[test]
+fn many_states_are_worth_a_recursion_where_steps_would_be_short() {
+    let chain = |stiffness: f64| -> String {
+        let masses = 13;
+        let mut text = String::from("model chain { input u; param b = 2;\n");
+        for i in 0..masses {
+            let next = if i + 1 < masses { format!(" + f{}", i + 1) } else { String::new() };
+            let before = if i > 0 { format!("(x{i} - x{})", i - 1) } else { "x0".into() };
+            text.push_str(&format!(
+                "state x{i} = 0, v{i} = 0; param k{i} = {};\n",
+                stiffness * (1.0 + 0.05 * f64::from(i))
+            ));
+            text.push_str(&format!("let f{i} = k{i}*{before}; der(x{i}) = v{i};\n"));
+            text.push_str(&format!("der(v{i}) = -f{i}{next} - 0.3*v{i}{};\n", if i == 0 { " + b*u" } else { "" }));
+        }
+        text + "output y = x12, z = x0 + k3*x4; }"
+    };
+    let chosen = |model: &Model| {
+        let run = run(model, even(300, 0.1));
+        let found = choose_steps(model.dynamics(), &run, &model.definition().start()).expect("suited");
+        assert!(found.error <= 1e-8, "{found:?}");
+        found.steps.scheme()
+    };
+    let (soft, stiff) = (model(&chain(0.02)), chain(200.0));
+    assert_eq!(chosen(&soft), Scheme::RungeKutta);
+    let (linear, hidden) = (model(&stiff), disguised(&stiff));
+    assert_eq!(chosen(&linear), Scheme::Recursion { subsystems: 1 });
+    let run = run(&linear, even(60, 0.1));
+    let ((y, j), (want_y, want_j)) = (
+        response(&linear, &run, Scheme::Recursion { subsystems: 1 }, 1),
+        response(&hidden, &run, Scheme::RungeKutta, 256),
+    );
+    let (dy, dj) = (difference(&want_y, &y, 2), rows_apart(&want_j, &j, columns(&linear).len().next_multiple_of(8), 2));
+    assert!(dy < 1e-8 && dj < 1e-8, "outputs {dy:e}, sensitivities {dj:e}");
+}
+
 const EVERYTHING: &str = "model everything { input u, w; param a = -0.7, b = 1.3, c = 0.2, tau = 0.137 in [0, 1], bias = 0.4, x0 = 1.5, z0 = -0.3; \
      state x = x0*a, z = z0, s; \
      der(x) = a*x + z/(b^2 + 1) + delay(u, tau)*b + c; der(z) = -2*x - 0.3*z + (if a > 0 then u else 2*u) - w; \

@@ -14,6 +14,9 @@ const LANES: usize = 8;
 const ROWS: usize = 32;
 /// The same where they are long.
 const MANY_ROWS: usize = 256;
+/// Order from which sums do not stay in the innermost cache between two blocks: rows wait until there are some.
+const LARGE: usize = 48;
+const SOME_ROWS: usize = 64;
 
 /// The sums of one run, one group for every output (full noise: one group for all, of whitened rows), so that
 /// weights can be applied afterwards.
@@ -187,10 +190,11 @@ impl Sums {
         let (row, group) = (&block.layout.outputs[output], &mut self.groups[output]);
         group.lay_out(&row.columns, row.width);
         let (rows, order) = (&block.rows[row.start..], row.columns.len() + 1);
-        if order >= WIDE {
+        let enough = if order >= WIDE { MANY_ROWS } else { SOME_ROWS };
+        if order >= WIDE || order >= LARGE && block.samples() < ROWS {
             let samples = block.rows.chunks_exact(block.layout.length).take(block.samples());
             samples.for_each(|lanes| group.waiting.extend_from_slice(&lanes[row.start..][..row.width]));
-            if group.waiting.len() >= MANY_ROWS * row.width {
+            if group.waiting.len() >= enough * row.width {
                 group.settle();
             }
             return;

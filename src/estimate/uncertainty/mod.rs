@@ -6,6 +6,7 @@
 //! whose bias is removed), of a size that varies ([`varying_noise`]); and the table of
 //! the parameters ([`parameters`]).
 
+mod arrow;
 pub(super) mod bounds;
 pub(super) mod coloured;
 #[cfg(test)]

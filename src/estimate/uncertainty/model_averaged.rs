@@ -4,6 +4,7 @@
 //! All outputs share one model, or each has its own; both hypotheses are weighed. Each decorrelated output acts on the parameters by `S' R^-1 L`. A variance
 //! is then a mixture of values with weights, and the interval is that of the mixture.
 
+use super::arrow::{Arrow, Blocks};
 use super::gauss_markov::{Clock, GaussMarkov, candidates, log_prior, median_interval};
 use super::restricted_likelihood::{
     Decorrelated, Decorrelation, Likelihood, NormalEquations, Restricted, ShortRun, normal_equations,
@@ -168,6 +169,8 @@ impl Average {
         others: DMatrix<f64>,
     ) -> Option<Self> {
         let (q, n) = (short[0].rows.rows.len(), others.nrows());
+        let places: Vec<Vec<usize>> = short.iter().map(|run| run.places.iter().flatten().copied().collect()).collect();
+        let blocks = Blocks::new(&places, &others);
         let runs: Vec<&SensitivityRows> = short.iter().map(|run| run.rows).collect();
         let interval = median_interval(&runs);
         let (models, shares) = candidates(&runs, interval);
@@ -176,13 +179,14 @@ impl Average {
         let samples: Vec<f64> = outputs.iter().map(|parts| parts.iter().map(|p| p.samples() as f64).sum()).collect();
         let tables: Vec<Vec<(NormalEquations, DMatrix<f64>)>> = outputs
             .iter()
-            .map(|parts| models.par_iter().map(|m| normal_equations(parts, short, m, n)).collect())
+            .map(|parts| models.par_iter().map(|m| normal_equations(parts, short, m, &blocks)).collect())
             .collect();
         // at the estimates the score of all runs vanishes: that of the others is opposite to these
-        let mut pull = DVector::zeros(n);
+        let mut pull = blocks.parts(&DVector::zeros(n));
         if others.amax() > 0.0 {
-            tables.iter().for_each(|t| pull -= &t[0].0.vector);
+            tables.iter().for_each(|t| pull.add_over(-1.0, &t[0].0.vector));
         }
+        let others = Arrow::of(&blocks, &others);
         let (normals, middles) = tables.into_iter().map(|t| t.into_iter().unzip()).unzip();
         let restricted = Restricted { samples: samples.clone(), normals, others, pull };
         let white = restricted.likely(&vec![0; q])?;

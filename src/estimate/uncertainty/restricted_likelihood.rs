@@ -1,6 +1,7 @@
 //! The restricted likelihood of the noise of several outputs (Patterson and Thompson 1971): that of what is left of the residuals when the parameters are free,
 //! so that what fitting takes off is not taken for quiet. Correlated outputs are decorrelated first, `L^-1 e` with the Cholesky factor L of their covariance.
 
+use super::arrow::{Arrow, Blocks, Parts};
 use super::gauss_markov::{Clock, GaussMarkov};
 use super::sensitivity_rows::SensitivityRows;
 use crate::iteration::products::accumulate;
@@ -109,30 +110,31 @@ pub(super) fn normal_equations(
     parts: &[Decorrelated],
     runs: &[ShortRun<'_>],
     model: &GaussMarkov,
-    n: usize,
+    blocks: &Blocks,
 ) -> (NormalEquations, DMatrix<f64>) {
-    let mut normal =
-        NormalEquations { matrix: DMatrix::zeros(n, n), vector: DVector::zeros(n), square: 0.0, logarithm: 0.0 };
+    let n = blocks.len();
+    let (mut matrix, mut vector, mut square, mut logarithm) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0, 0.0);
     let mut middle = DMatrix::zeros(n, n);
     for part in parts {
         let wide = part.seen.wide;
         let columns = runs[part.run].places.iter().enumerate();
         let places: Vec<(usize, usize)> = columns.filter_map(|(c, p)| p.map(|p| (c, p))).collect();
         let white = part.seen.squares(model, |moments, rows, wide| {
-            normal.logarithm += model.whiten(moments, rows, wide);
+            logarithm += model.whiten(moments, rows, wide);
         });
         let through = part.acting.squares(model, |moments, rows, wide| model.transpose(moments, rows, wide));
         for (c, a) in &places {
             for (d, b) in &places {
                 let upper = c.min(d) * wide + c.max(d);
-                normal.matrix[(*a, *b)] += white[upper];
+                matrix[(*a, *b)] += white[upper];
                 middle[(*a, *b)] += through[upper];
             }
-            normal.vector[*a] += white[c * wide + wide - 8];
+            vector[*a] += white[c * wide + wide - 8];
         }
-        normal.square += white[(wide - 8) * wide + wide - 8];
+        square += white[(wide - 8) * wide + wide - 8];
     }
-    (normal, middle)
+    let matrix = Arrow::of(blocks, &matrix);
+    (NormalEquations { matrix, vector: blocks.parts(&vector), square, logarithm }, middle)
 }
 
 /// Rounds in which the scales of the outputs find each other.
@@ -146,9 +148,9 @@ const RIDGE: f64 = 1e-12;
 #[derive(Debug, Clone)]
 pub(super) struct NormalEquations {
     /// `J' C^-1 J`, p by p.
-    pub(super) matrix: DMatrix<f64>,
+    pub(super) matrix: Arrow,
     /// `J' C^-1 e`, p.
-    pub(super) vector: DVector<f64>,
+    pub(super) vector: Parts,
     /// `e' C^-1 e`.
     pub(super) square: f64,
     /// Logarithm of the determinant of C.
@@ -162,9 +164,9 @@ pub(super) struct Restricted {
     /// For each output its normal equations under each noise model.
     pub(super) normals: Vec<Vec<NormalEquations>>,
     /// What else determines the parameters: other runs, priors (p by p).
-    pub(super) others: DMatrix<f64>,
+    pub(super) others: Arrow,
     /// Its score at the estimates (p).
-    pub(super) pull: DVector<f64>,
+    pub(super) pull: Parts,
 }
 
 /// What is likely under one noise model for each output.
@@ -187,17 +189,16 @@ impl Restricted {
         for _ in 0..ROUNDS {
             let (mut matrix, mut vector) = (self.others.clone(), self.pull.clone());
             for (n, scale) in normals.iter().zip(&scales) {
-                matrix += &n.matrix / *scale;
-                vector += &n.vector / *scale;
+                matrix.add_over(*scale, &n.matrix);
+                vector.add_over(*scale, &n.vector);
             }
-            let ridge = RIDGE * matrix.diagonal().amax();
-            (0..matrix.nrows()).for_each(|i| matrix[(i, i)] += ridge);
-            let factor = Cholesky::new(matrix)?;
+            matrix.raise(RIDGE);
+            let factor = matrix.factor()?;
             let (moved, inverse) = (factor.solve(&vector), factor.inverse());
-            logarithm = factor.l_dirty().diagonal().iter().map(|d| 2.0 * d.ln()).sum();
-            logarithm += moved.dot(&(&self.others * &moved)) - 2.0 * moved.dot(&self.pull);
+            logarithm = factor.logarithm();
+            logarithm += self.others.square(&moved) - 2.0 * moved.dot(&self.pull);
             for (k, n) in normals.iter().enumerate() {
-                let left = n.square - 2.0 * moved.dot(&n.vector) + moved.dot(&(&n.matrix * &moved));
+                let left = n.square - 2.0 * moved.dot(&n.vector) + n.matrix.square(&moved);
                 logarithm += n.logarithm + self.samples[k] * scales[k].ln() + left / scales[k];
                 freedom[k] = (self.samples[k] - inverse.dot(&n.matrix) / scales[k]).max(LEAST_FREEDOM);
                 scales[k] = (left / freedom[k]).clamp(scales[k] * 1e-3, scales[k] * 1e3).max(f64::MIN_POSITIVE);
@@ -214,7 +215,9 @@ mod tests {
 
     /// Normal equations of a matrix of sensitivities in white noise.
     fn normal(j: &DMatrix<f64>, e: &DVector<f64>) -> NormalEquations {
-        NormalEquations { matrix: j.transpose() * j, vector: j.transpose() * e, square: e.dot(e), logarithm: 0.0 }
+        let blocks = Blocks::one(j.ncols());
+        let (matrix, vector) = (Arrow::of(&blocks, &(j.transpose() * j)), blocks.parts(&(j.transpose() * e)));
+        NormalEquations { matrix, vector, square: e.dot(e), logarithm: 0.0 }
     }
 
     #[test]
@@ -222,16 +225,14 @@ mod tests {
         let j = DMatrix::from_fn(9, 2, |i, k| (i as f64 + 1.0).powi(k as i32));
         let e = DVector::from_fn(9, |i, _| (1.9 * i as f64).cos());
         let of = |scale: f64| {
-            let mut n = normal(&j, &e);
-            (n.matrix, n.vector, n.square) = (n.matrix / scale, n.vector / scale, n.square / scale);
-            n.logarithm = 9.0 * scale.ln();
-            n
+            let (j, e) = (&j / scale.sqrt(), &e / scale.sqrt());
+            NormalEquations { logarithm: 9.0 * scale.ln(), ..normal(&j, &e) }
         };
         let restricted = Restricted {
             samples: vec![9.0],
             normals: vec![vec![of(1.0), of(7.0)]],
-            others: DMatrix::zeros(2, 2),
-            pull: DVector::zeros(2),
+            others: Arrow::of(&Blocks::one(2), &DMatrix::zeros(2, 2)),
+            pull: Blocks::one(2).parts(&DVector::zeros(2)),
         };
         let left = (&e - &j * (j.transpose() * &j).try_inverse().expect("regular") * j.transpose() * &e).norm_squared();
         let [one, seven] = [0, 1].map(|b| restricted.likely(&[b]).expect("finite"));
@@ -251,11 +252,56 @@ mod tests {
         let restricted = Restricted {
             samples: vec![400.0, 400.0],
             normals: vec![vec![normal(&j, &quiet)], vec![normal(&j, &loud)]],
-            others: DMatrix::zeros(1, 1),
-            pull: DVector::zeros(1),
+            others: Arrow::of(&Blocks::one(1), &DMatrix::zeros(1, 1)),
+            pull: Blocks::one(1).parts(&DVector::zeros(1)),
         };
         let likely = restricted.likely(&[0, 0]).expect("finite");
         assert!((likely.scales[0] / 0.01 - 1.0).abs() < 0.2 && (likely.scales[1] / 9.0 - 1.0).abs() < 0.2);
         assert!(likely.freedom[0] < 399.1 && likely.freedom[1] > 399.9, "{:?}", likely.freedom);
+    }
+
+    /// Three runs with two unknowns of their own each: what blocks give is what the whole matrix gives.
+    #[test]
+    fn unknowns_of_single_runs_are_eliminated() {
+        let (n, shared) = (8, 2);
+        let rows = |run: usize, seed: f64| -> (DMatrix<f64>, DVector<f64>) {
+            let own = shared + 2 * run..shared + 2 * run + 2;
+            let entry = |i: usize, k: usize| {
+                if k < shared || own.contains(&k) { (seed * ((i + 1) * (k + 2)) as f64).sin() } else { 0.0 }
+            };
+            (DMatrix::from_fn(12, n, entry), DVector::from_fn(12, |i, _| (seed + (i * i) as f64).cos()))
+        };
+        let with = |blocks: &Blocks| -> Restricted {
+            let output = |seed: f64| {
+                let (mut matrix, mut vector, mut square) = (DMatrix::zeros(n, n), DVector::zeros(n), 0.0);
+                for run in 0..3 {
+                    let (j, e) = rows(run, seed + run as f64);
+                    matrix += j.transpose() * &j;
+                    vector += j.transpose() * &e;
+                    square += e.dot(&e);
+                }
+                let (matrix, vector) = (Arrow::of(blocks, &matrix), blocks.parts(&vector));
+                vec![NormalEquations { matrix, vector, square, logarithm: 0.3 * seed }]
+            };
+            let prior = DMatrix::from_fn(n, n, |i, k| if i == k { 0.5 + i as f64 } else { 0.0 });
+            Restricted {
+                samples: vec![36.0, 36.0],
+                normals: vec![output(1.7), output(0.6)],
+                others: Arrow::of(blocks, &prior),
+                pull: blocks.parts(&DVector::from_fn(n, |i, _| 0.1 * i as f64)),
+            }
+        };
+        let places = |run: usize| -> Vec<usize> { (0..shared).chain(shared + 2 * run..shared + 2 * run + 2).collect() };
+        let blocks = Blocks::new(&[places(0), places(1), places(2)], &DMatrix::zeros(n, n));
+        let (whole, apart) =
+            (with(&Blocks::one(n)).likely(&[0, 0]).expect("finite"), with(&blocks).likely(&[0, 0]).expect("finite"));
+        assert!((whole.logarithm - apart.logarithm).abs() < 1e-9 * whole.logarithm.abs());
+        for k in 0..2 {
+            assert!((whole.scales[k] / apart.scales[k] - 1.0).abs() < 1e-10, "{:?} {:?}", whole.scales, apart.scales);
+            assert!((whole.freedom[k] / apart.freedom[k] - 1.0).abs() < 1e-10);
+        }
+        // what couples the unknowns of two runs makes them shared
+        let coupled = DMatrix::from_fn(n, n, |i, k| if (i, k) == (2, 4) || (i, k) == (4, 2) { 1.0 } else { 0.0 });
+        assert_eq!(Blocks::new(&[places(0), places(1), places(2)], &coupled), Blocks::one(n));
     }
 }

@@ -122,8 +122,13 @@ fn choose(
             choice.better_uneven(equal, MOST_STEPS)
         }
         None | Some(Scheme::Recursion { .. }) => match choice.linear() {
-            Some(scheme) if layout.delayed.is_empty() => Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 }),
-            Some(scheme) => choice.equal(scheme, MOST_PER_INTERVAL, STALLS),
+            Some(exact) if discrete::suits(layout) || scheme.is_some() => choice.exact(exact),
+            Some(exact) => {
+                let worth = discrete::work(layout, run.len()) / choice.work.runge_kutta;
+                let most = (worth as usize).clamp(1, MOST_PER_INTERVAL);
+                let explicit = choice.equal(Scheme::RungeKutta, most, STALLS)?;
+                if explicit.error <= aim.tolerance { Ok(explicit) } else { choice.exact(exact) }
+            }
             None => choice.cheapest(),
         },
     }
@@ -160,8 +165,16 @@ impl Choice<'_> {
     /// The exact recursion, where a model is linear and its samples stand in few different intervals.
     fn linear(&self) -> Option<Scheme> {
         let layout = self.dynamics.layout();
-        let suited = discrete::suits(layout) && Intervals::of(&Grid::new(&self.run.time, &1.into())).is_some();
+        let suited = discrete::possible(layout) && Intervals::of(&Grid::new(&self.run.time, &1.into())).is_some();
         suited.then(|| Scheme::Recursion { subsystems: discrete::subsystems(layout) })
+    }
+
+    /// Steps of the exact recursion: only delayed inputs ask for more than one in an interval.
+    fn exact(&self, scheme: Scheme) -> Result<Accuracy, Unsuited> {
+        if self.dynamics.layout().delayed.is_empty() {
+            return Ok(Accuracy { steps: Steps::equal(scheme, 1), error: 0.0 });
+        }
+        self.equal(scheme, MOST_PER_INTERVAL, STALLS)
     }
 
     fn cheapest(&self) -> Result<Accuracy, Unsuited> {

@@ -19,6 +19,7 @@ mod step_control;
 mod steps;
 mod stiff;
 mod stops;
+mod tangent;
 mod trajectory;
 
 pub use blocks::{Block, OutputRow, RowLayout, Sink};

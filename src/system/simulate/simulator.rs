@@ -38,17 +38,17 @@ struct LinearIntegrator {
 }
 
 impl Integrator {
-    /// A linear model's Runge-Kutta steps are a recursion from node to node as well, with other coefficients.
+    /// A small linear model's Runge-Kutta steps are a recursion from node to node as well, with other coefficients.
     fn new(layout: &Layout, grid: &Grid, scheme: Scheme, history: Option<&History>) -> Self {
         if let Some(history) = history {
             return Self::Delayed(Box::new(DelayedStates::new(layout, history)), None);
         }
-        let method = match scheme {
+        let (method, suited) = match scheme {
             Scheme::Radau if layout.states > 0 => return Self::Stiff(Box::new(Collocation::new(layout)), None),
-            Scheme::Recursion { .. } => Method::Exact,
-            Scheme::RungeKutta | Scheme::Radau => Method::RungeKutta,
+            Scheme::Recursion { .. } => (Method::Exact, discrete::possible(layout)),
+            Scheme::RungeKutta | Scheme::Radau => (Method::RungeKutta, discrete::suits(layout)),
         };
-        let intervals = grid.per_interval().filter(|_| discrete::suits(layout)).and_then(|_| Intervals::of(grid));
+        let intervals = grid.per_interval().filter(|_| suited).and_then(|_| Intervals::of(grid));
         match intervals {
             Some(intervals) => {
                 Self::Discrete(Box::new(LinearIntegrator { method, intervals, response: None, sensitivity: None }))

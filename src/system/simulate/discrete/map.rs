@@ -154,25 +154,6 @@ impl LinearMap {
         }
     }
 
-    /// The values alone (rows), of states that stand side by side: the same operations as in [`Self::apply`].
-    #[inline(always)]
-    #[expect(
-        clippy::needless_range_loop,
-        reason = "three slices walk together, and plain loops keep the wide registers"
-    )]
-    pub(super) fn values(&self, x: &[f64], feed: &[f64], out: &mut [f64]) {
-        for r in 0..self.rows {
-            let mut sum = 0.0_f64;
-            for m in 0..self.terms {
-                sum = feed[m].mul_add(self.forcing[(m * self.rows + r) * self.width + self.lane], sum);
-            }
-            for j in 0..self.states {
-                sum = self.flow[j * self.rows + r].mul_add(x[j], sum);
-            }
-            out[r] = sum;
-        }
-    }
-
     #[inline(always)]
     fn tiles<S: Simd, const C: usize>(
         &self,
@@ -313,79 +294,164 @@ fn add<S: Simd, const R: usize, const C: usize>(
     }
 }
 
-/// The maps of one subsystem, columns of their matrices in lanes.
+/// Steps for which a column of the feed's coefficients is read once.
+const TOGETHER: usize = 4;
+
+/// The maps of one subsystem to its states or its outputs, columns of their matrices in lanes.
 pub(super) struct Response {
+    rows: usize,
     states: usize,
-    /// Lanes of the states, whole vectors.
+    /// Lanes of the rows, whole vectors.
     pub(super) width: usize,
     /// For each length of a step the coefficients of the feed and then of the states, by width.
     columns: Vec<Aligned>,
 }
 
 impl Response {
-    pub(super) fn new(states: usize, terms: usize, kinds: usize) -> Self {
-        let width = states.next_multiple_of(VECTOR);
+    pub(super) fn new(rows: usize, states: usize, terms: usize, kinds: usize) -> Self {
+        let width = rows.next_multiple_of(VECTOR);
         let columns = (0..kinds).map(|_| Aligned::new((terms + states) * width)).collect();
-        Self { states, width, columns }
+        Self { rows, states, width, columns }
     }
 
     /// Takes over the coefficients of one length.
     pub(super) fn fill(&mut self, kind: usize, map: &mut LinearMap) {
-        let (states, width, lane, terms) = (self.states, self.width, map.lane, map.terms);
+        let (rows, states, width, lane, terms) = (self.rows, self.states, self.width, map.lane, map.terms);
         let columns = &mut self.columns[kind];
-        for i in 0..states {
+        for i in 0..rows {
             for m in 0..terms {
                 columns[m * width + i] = map.forcing_of(m, i)[lane];
             }
             for j in 0..states {
-                columns[(terms + j) * width + i] = map.flow[j * states + i];
+                columns[(terms + j) * width + i] = map.flow[j * rows + i];
             }
         }
     }
 
-    /// Steps of one length: `slots` holds the states before the first and takes those after each, `feed` has one row of
-    /// `terms` numbers for every step.
+    /// What the feed gives to steps of one length, as the beginning of their sums: `after` takes the states after each, `feed` has one
+    /// row of `terms` numbers for every step.
     #[inline(always)]
-    pub(super) fn march<S: Simd>(
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn begin<S: Simd>(
         &self,
         simd: S,
         kind: usize,
-        slots: &mut [f64],
+        after: &mut [f64],
         (feed, terms): (&[f64], usize),
         count: usize,
     ) {
-        for k in 0..count {
-            self.step(simd, kind, &mut slots[k * self.width..(k + 2) * self.width], &feed[k * terms..][..terms]);
-        }
-    }
-
-    /// One of these steps: the states before it and after it stand in `slots`.
-    #[inline(always)]
-    pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], feed: &[f64]) {
-        match self.width / S::F64_LANES {
-            1 => self.vectors::<S, 1>(simd, kind, 0, slots, feed),
-            across => {
-                for v in 0..across {
-                    self.vectors::<S, 0>(simd, kind, v, slots, feed);
+        let across = self.width / S::F64_LANES;
+        let columns = S::as_simd_f64s(&self.columns[kind]).0;
+        let columns = &columns[..terms * across];
+        let after = &mut S::as_mut_simd_f64s(after).0[..count * across];
+        let mut k = 0;
+        // a column is read once for some steps
+        while k + TOGETHER <= count {
+            let feed = &feed[k * terms..(k + TOGETHER) * terms];
+            for v in 0..across {
+                let mut sum = [simd.splat_f64s(0.0); TOGETHER];
+                for m in 0..terms {
+                    let column = columns[m * across + v];
+                    for t in 0..TOGETHER {
+                        sum[t] = simd.mul_add_f64s(simd.splat_f64s(feed[t * terms + m]), column, sum[t]);
+                    }
                 }
+                for t in 0..TOGETHER {
+                    after[(k + t) * across + v] = sum[t];
+                }
+            }
+            k += TOGETHER;
+        }
+        for k in k..count {
+            for v in 0..across {
+                let mut sum = simd.splat_f64s(0.0);
+                for m in 0..terms {
+                    sum = simd.mul_add_f64s(simd.splat_f64s(feed[k * terms + m]), columns[m * across + v], sum);
+                }
+                after[k * across + v] = sum;
             }
         }
     }
 
-    /// One vector of states, of W in all (any number when that is 0).
+    /// One of the steps that have begun: the states before it, and the beginning of those after it, stand in `slots`.
     #[inline(always)]
-    fn vectors<S: Simd, const W: usize>(&self, simd: S, kind: usize, v: usize, slots: &mut [f64], feed: &[f64]) {
-        let across = if W > 0 { W } else { self.width / S::F64_LANES };
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn step<S: Simd>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
+        if self.width == S::F64_LANES {
+            return match self.states {
+                1 => self.vector::<S, 1>(simd, kind, slots, terms),
+                2 => self.vector::<S, 2>(simd, kind, slots, terms),
+                3 => self.vector::<S, 3>(simd, kind, slots, terms),
+                4 => self.vector::<S, 4>(simd, kind, slots, terms),
+                5 => self.vector::<S, 5>(simd, kind, slots, terms),
+                6 => self.vector::<S, 6>(simd, kind, slots, terms),
+                7 => self.vector::<S, 7>(simd, kind, slots, terms),
+                _ => self.vector::<S, 8>(simd, kind, slots, terms),
+            };
+        }
+        let across = self.width / S::F64_LANES;
         let (before, after) = slots.split_at_mut(self.width);
-        let (by_feed, by_state) = S::as_simd_f64s(&self.columns[kind]).0.split_at(feed.len() * across);
-        let (before, by_state) = (&before[..self.states], &by_state[..self.states * across]);
-        let mut sum = simd.splat_f64s(0.0);
-        for m in 0..feed.len() {
-            sum = simd.mul_add_f64s(simd.splat_f64s(feed[m]), by_feed[m * across + v], sum);
+        let by_state = &S::as_simd_f64s(&self.columns[kind]).0[terms * across..][..self.states * across];
+        let (before, after) = (&before[..self.states], &mut S::as_mut_simd_f64s(after).0[..across]);
+        for v in 0..across {
+            let mut sum = after[v];
+            for j in 0..before.len() {
+                sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
+            }
+            after[v] = sum;
         }
-        for j in 0..before.len() {
-            sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j * across + v], sum);
+    }
+
+    /// Rows of outputs (`count` by lanes) of states that stand `apart` numbers from sample to sample, where the feed has begun their sums.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    pub(super) fn observe<S: Simd>(
+        &self,
+        simd: S,
+        (slots, apart): (&[f64], usize),
+        terms: usize,
+        out: &mut [f64],
+        count: usize,
+    ) {
+        let across = self.width / S::F64_LANES;
+        let by_state = &S::as_simd_f64s(&self.columns[0]).0[terms * across..][..self.states * across];
+        let out = &mut S::as_mut_simd_f64s(out).0[..count * across];
+        for k in 0..count {
+            let x = &slots[k * apart..][..self.states];
+            for v in 0..across {
+                let mut sum = out[k * across + v];
+                for j in 0..x.len() {
+                    sum = simd.mul_add_f64s(simd.splat_f64s(x[j]), by_state[j * across + v], sum);
+                }
+                out[k * across + v] = sum;
+            }
         }
-        S::as_mut_simd_f64s(after).0[v] = sum;
+    }
+
+    /// A step of N states in one vector.
+    #[inline(always)]
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "several slices walk together, and plain loops keep the wide registers"
+    )]
+    fn vector<S: Simd, const N: usize>(&self, simd: S, kind: usize, slots: &mut [f64], terms: usize) {
+        let (before, after) = slots.split_at_mut(VECTOR);
+        let by_state = S::as_simd_f64s(&self.columns[kind]).0[terms..].first_chunk::<N>();
+        let (Some(by_state), Some(before)) = (by_state, before.first_chunk::<N>()) else { return };
+        let after = S::as_mut_simd_f64s(after).0;
+        let mut sum = after[0];
+        for j in 0..N {
+            sum = simd.mul_add_f64s(simd.splat_f64s(before[j]), by_state[j], sum);
+        }
+        after[0] = sum;
     }
 }

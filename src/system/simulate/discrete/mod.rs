@@ -18,7 +18,7 @@ use super::error::Divergence;
 use super::observation::Observation;
 use super::trajectory::Trajectory;
 use crate::dynamics::Layout;
-use equations::{Equations, partition};
+use equations::{Equations, Part, partition};
 use fdm_grammar::graph::Signal;
 use fdm_numeric::lanes::{Aligned, Simd, VECTOR, WithSimd, copy_vectors, dispatch};
 use subsystem::{Subsystem, steps_of_a_block};
@@ -26,18 +26,50 @@ use subsystem::{Subsystem, steps_of_a_block};
 pub(super) use transition::Intervals;
 pub(super) use transition::Method;
 
-/// Subsystems with more states are left to steps that touch structural nonzeros only.
-const MOST_STATES: usize = 24;
+/// Subsystems up to this size are worth their full matrices whatever the steps are.
+const FEW_STATES: usize = 24;
+/// Most numbers in the derivatives of a subsystem's matrix: every run has a dozen of these, and more leave the near cache.
+const MOST_NUMBERS: usize = 200_000;
+/// Products of matrices that the coefficients of one length of a step take (see `transition.rs`), with some halvings.
+const PRODUCTS: f64 = 30.0;
+/// Beyond so many numbers coefficients come from a farther cache with every step, which takes so many times as long.
+const NEAR: f64 = 1e5;
+const FAR: f64 = 3.0;
 
-/// Whether a model's response is a recursion, and one worth it: the matrices of a step are full within a subsystem.
+/// Whether a model's response is a recursion, and its matrices are not too large to be kept.
+pub(super) fn possible(layout: &Layout) -> bool {
+    is_recursion(layout) && partition(layout, observed(layout)).iter().all(is_kept)
+}
+
+/// Whether it is one worth it whatever the steps are: the matrices of a step are full within a subsystem.
 pub(super) fn suits(layout: &Layout) -> bool {
-    let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
-    if !layout.affine.rates || layout.states == 0 || delays_states {
+    if !is_recursion(layout) {
         return false;
     }
-    let sizes: Vec<usize> = partition(layout, observed(layout)).iter().map(|part| part.states.len()).collect();
-    let (full, sparse) = (sizes.iter().map(|n| n * n).sum::<usize>(), layout.patterns.rates_by_state.len());
-    sizes.iter().all(|n| *n <= MOST_STATES) && full <= 8 * (sparse + layout.states)
+    let parts = partition(layout, observed(layout));
+    let full: usize = parts.iter().map(|part| part.states.len().pow(2)).sum();
+    parts.iter().all(|part| part.states.len() <= FEW_STATES && is_kept(part))
+        && full <= 8 * (layout.patterns.rates_by_state.len() + layout.states)
+}
+
+fn is_recursion(layout: &Layout) -> bool {
+    let delays_states = layout.delayed.iter().any(|s| matches!(s, Signal::State(_)));
+    layout.affine.rates && layout.states > 0 && !delays_states
+}
+
+fn is_kept(part: &Part) -> bool {
+    part.states.len().pow(2) * (part.params.len() + VECTOR) <= MOST_NUMBERS
+}
+
+/// Operations of a step of the recursion with its sensitivities, in a run of so many of them; its coefficients are among them.
+pub(super) fn work(layout: &Layout, steps: usize) -> f64 {
+    let of = |part: &Part| {
+        let (n, lanes) = (part.states.len() as f64, (part.params.len() + 1).next_multiple_of(VECTOR) as f64);
+        let (numbers, products) = ((n + part.drive.len() as f64) * n * lanes, 4.0 * n.powi(3) * lanes * PRODUCTS);
+        let far = if numbers > NEAR { FAR } else { 1.0 };
+        2.0 * (n * n * lanes + far * numbers) + products / steps.max(1) as f64
+    };
+    partition(layout, observed(layout)).iter().map(of).sum()
 }
 
 /// How many subsystems there are.
@@ -208,7 +240,10 @@ fn respond<S: Simd>(
     intervals: &Intervals,
     steps: std::ops::Range<usize>,
 ) {
-    subsystems.iter_mut().for_each(|s| s.begin(&trajectory.drive, intervals, steps.clone()));
+    // no closure: it would not have the processor's features that the loop is compiled for
+    for subsystem in subsystems.iter_mut() {
+        subsystem.begin(simd, &trajectory.drive, intervals, steps.clone());
+    }
     for (k, step) in steps.enumerate() {
         let kind = intervals.of_step(step);
         for subsystem in subsystems.iter_mut() {
@@ -288,17 +323,25 @@ impl Place<'_> {
         if outputs == 0 {
             return;
         }
-        let (q, length, (lane, width)) = (self.layout.outputs.len(), self.layout.length, subsystem.output_rows());
-        let count = samples.len();
+        let (q, length, count) = (self.layout.outputs.len(), self.layout.length, samples.len());
         subsystem.observe(simd, drive, (samples, slot), self.spare);
+        if self.bare {
+            let lanes = subsystem.output_lanes();
+            for at in 0..count {
+                let values = &self.spare[at * lanes..][..outputs];
+                for (output, value) in subsystem.part.outputs.iter().zip(values) {
+                    self.y[at * q + output] = *value;
+                }
+            }
+            return;
+        }
+        let (lane, width) = (subsystem.lane, subsystem.width);
         for at in 0..count {
             let rows = self.spare[at * outputs * width..].chunks_exact(width);
             for (output, row) in subsystem.part.outputs.iter().zip(rows) {
                 self.y[at * q + output] = row[lane];
-                if !self.bare {
-                    let start = self.layout.outputs[*output].start;
-                    copy_vectors(row, &mut self.rows[at * length + start..][..width]);
-                }
+                let start = self.layout.outputs[*output].start;
+                copy_vectors(row, &mut self.rows[at * length + start..][..width]);
             }
         }
     }

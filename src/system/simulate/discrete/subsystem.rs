@@ -37,6 +37,8 @@ pub(super) struct Subsystem {
     homogeneous: bool,
     /// Without parameters: the states stand in lanes themselves.
     response: Option<Response>,
+    /// And so do the outputs that are not states.
+    observed: Response,
     /// From one state of a slot to the next, and from slot to slot.
     apart: usize,
     size: usize,
@@ -67,7 +69,7 @@ impl Subsystem {
         let output_terms = output_terms(layout, &part);
         let map = |rows: usize, terms: usize| LinearMap::new(rows, n, terms, (width, lane));
         let zero = || Jet::zero(n, drives, width);
-        let response = alone.then(|| Response::new(n, terms.len(), kinds));
+        let response = alone.then(|| Response::new(n, n, terms.len(), kinds));
         let (apart, size) = response.as_ref().map_or((width, n * width), |r| (1, r.width));
         Self {
             steps: (0..kinds).map(|_| map(n, terms.len())).collect(),
@@ -78,6 +80,7 @@ impl Subsystem {
             scaled: zero(),
             by_weight: [zero(), zero(), zero()],
             homogeneous: false,
+            observed: Response::new(rows, n, output_terms.len(), 1),
             response,
             apart,
             size,
@@ -160,6 +163,9 @@ impl Subsystem {
             }
         }
         self.fill_observe(layout, equations, known);
+        if self.response.is_some() {
+            self.observed.fill(0, &mut self.observe);
+        }
         self.present = 0;
         self.slots.fill(0.0);
         for (i, state) in self.part.states.iter().enumerate() {
@@ -280,32 +286,39 @@ impl Subsystem {
         self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         let (mut from, end) = (steps.start, steps.end);
         while from < end {
-            let kind = intervals.of_step(from);
-            let mut to = from + 1;
-            while to < end && intervals.of_step(to) == kind {
-                to += 1;
-            }
-            let map = &self.steps[kind];
+            let (kind, to) = intervals.alike(from, end);
+            let (map, count) = (&self.steps[kind], to - from);
             gather(&self.terms[..map.terms], drive, from..to, &mut self.feed);
             let slots = &mut self.slots[(from - steps.start) * size..];
             match &self.response {
-                Some(response) => response.march(simd, kind, slots, (&self.feed, map.terms), to - from),
-                None => map.march(simd, slots, &self.feed, to - from),
+                Some(response) => {
+                    response.begin(simd, kind, &mut slots[size..], (&self.feed, map.terms), count);
+                    for k in 0..count {
+                        response.step(simd, kind, &mut slots[k * size..(k + 2) * size], map.terms);
+                    }
+                }
+                None => map.march(simd, slots, &self.feed, count),
             }
             from = to;
         }
         self.present = end - steps.start;
     }
 
-    /// Reads what drives some steps of the response alone, at most a block; the states before them go to slot 0.
+    /// Reads what drives some steps of the response alone, at most a block, and begins their sums; the states before them go to slot 0.
     #[inline(always)]
-    pub(super) fn begin(&mut self, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
-        let size = self.size;
-        self.slots.copy_within(self.present * size..(self.present + 1) * size, 0);
+    pub(super) fn begin<S: Simd>(&mut self, simd: S, drive: &DriveTable, intervals: &Intervals, steps: Range<usize>) {
+        let Self { size, terms, slots, feed, .. } = self;
+        let size = *size;
+        slots.copy_within(self.present * size..(self.present + 1) * size, 0);
         self.present = steps.len();
-        if !steps.is_empty() {
-            let terms = self.steps[intervals.of_step(steps.start)].terms;
-            gather(&self.terms[..terms], drive, steps, &mut self.feed);
+        let Some(response) = &self.response else { return };
+        let (mut from, end) = (steps.start, steps.end);
+        while from < end {
+            let (kind, to) = intervals.alike(from, end);
+            let count = self.steps[kind].terms;
+            gather(&terms[..count], drive, from..to, feed);
+            response.begin(simd, kind, &mut slots[(from - steps.start + 1) * size..], (feed, count), to - from);
+            from = to;
         }
     }
 
@@ -314,7 +327,7 @@ impl Subsystem {
     pub(super) fn respond<S: Simd>(&mut self, simd: S, kind: usize, k: usize) {
         if let Some(response) = &self.response {
             let (terms, size) = (self.steps[kind].terms, self.size);
-            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], &self.feed[k * terms..][..terms]);
+            response.step(simd, kind, &mut self.slots[k * size..(k + 2) * size], terms);
         }
     }
 
@@ -341,22 +354,21 @@ impl Subsystem {
     ) {
         let (terms, count) = (self.output_terms.len(), samples.len());
         gather_samples(&self.output_terms, drive, samples, &mut self.feed);
-        let (Self { observe, slots, size, .. }, rows) = (&*self, self.part.outputs.len());
+        let Self { observe, observed, slots, size, .. } = &*self;
         let slots = &slots[slot * size..];
-        match self.response {
+        match &self.response {
             None => observe.sweep(simd, slots, &self.feed, out, count),
             Some(_) => {
-                for k in 0..count {
-                    observe.values(&slots[k * size..][..*size], &self.feed[k * terms..], &mut out[k * rows..]);
-                }
+                observed.begin(simd, 0, out, (&self.feed, terms), count);
+                observed.observe(simd, (slots, *size), terms, out, count);
             }
         }
     }
 
-    /// The lane of a row of outputs in which their values stand, and from one row to the next.
+    /// Numbers of the outputs of a sample that are not states, without sensitivities: a lane for each.
     #[inline(always)]
-    pub(super) fn output_rows(&self) -> (usize, usize) {
-        if self.response.is_some() { (0, 1) } else { (self.lane, self.width) }
+    pub(super) fn output_lanes(&self) -> usize {
+        self.observed.width
     }
 }
 

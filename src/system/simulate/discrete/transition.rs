@@ -32,6 +32,8 @@ pub(super) struct Transition {
 const SMALL: f64 = 0.5;
 /// Terms of the series for phi_3: 0.5^13 3!/16! is below rounding.
 const TERMS: usize = 12;
+/// Numbers of a matrix's derivatives that stay in the innermost cache while they are multiplied.
+const INNERMOST: usize = 4096;
 /// Halvings beyond which nothing finite comes of it.
 const MOST_HALVINGS: i32 = 1000;
 
@@ -188,7 +190,7 @@ impl Jet {
     /// Becomes the product `a b`, derivatives by the product rule.
     #[inline(always)]
     pub(super) fn product_of(&mut self, a: &Self, b: &Self) {
-        let (inner, lanes) = (a.columns, self.lanes);
+        let inner = a.columns;
         for i in 0..self.rows {
             for j in 0..self.columns {
                 let mut sum = 0.0;
@@ -196,6 +198,17 @@ impl Jet {
                     sum += a.value[i * inner + k] * b.value[k * b.columns + j];
                 }
                 self.value[i * self.columns + j] = sum;
+            }
+        }
+        if self.slope.len() > INNERMOST { self.row_by_row(a, b) } else { self.entry_by_entry(a, b) }
+    }
+
+    /// Derivatives of few entries: each in registers.
+    #[inline(always)]
+    fn entry_by_entry(&mut self, a: &Self, b: &Self) {
+        let (inner, lanes) = (a.columns, self.lanes);
+        for i in 0..self.rows {
+            for j in 0..self.columns {
                 let to = &mut self.slope[(i * self.columns + j) * lanes..][..lanes];
                 for (v, to) in to.as_chunks_mut::<VECTOR>().0.iter_mut().enumerate() {
                     let mut total = [0.0; VECTOR];
@@ -214,6 +227,30 @@ impl Jet {
                         }
                     }
                     *to = total;
+                }
+            }
+        }
+    }
+
+    /// Derivatives of many entries: a row of them stays in the cache while the other factor streams by. The same sums in the same order;
+    /// zeros that are left out change none of them.
+    #[inline(always)]
+    fn row_by_row(&mut self, a: &Self, b: &Self) {
+        let (inner, lanes, row) = (a.columns, self.lanes, self.columns * self.lanes);
+        for (i, to) in self.slope.chunks_exact_mut(row).enumerate() {
+            to.fill(0.0);
+            for k in 0..inner {
+                let (x, dx) = (a.value[i * inner + k], a.slope_of(i, k));
+                let (y, dy) = (&b.value[k * b.columns..][..b.columns], &b.slope[k * row..][..row]);
+                let moves = dx.iter().any(|d| *d != 0.0);
+                if x == 0.0 && !moves {
+                    continue;
+                }
+                for ((to, dy), y) in to.chunks_exact_mut(lanes).zip(dy.chunks_exact(lanes)).zip(y) {
+                    if moves {
+                        accumulate(*y, dx, to);
+                    }
+                    accumulate(x, dy, to);
                 }
             }
         }
@@ -265,6 +302,17 @@ impl Intervals {
         }
         let lengths = kinds.iter().map(|(first, sum, count)| first + sum / *count as f64).collect();
         Some(Self { lengths, of_step })
+    }
+
+    /// Which length a step has, and the first step behind it, at most `end`, of another length.
+    #[inline(always)]
+    pub(super) fn alike(&self, from: usize, end: usize) -> (usize, usize) {
+        let kind = self.of_step(from);
+        let mut to = from + 1;
+        while to < end && self.of_step(to) == kind {
+            to += 1;
+        }
+        (kind, to)
     }
 
     /// Which length a step has.
