@@ -121,10 +121,10 @@ pub(crate) fn attribute(model: &Model, base: &ResidualEvidence, best: Option<Exp
 }
 
 impl Nonlinearities {
-    /// The likeliest curve over one variable, where it is believed: functions of several may be likelier.
-    pub(crate) fn curve(&self) -> Option<Law> {
+    /// The likeliest curve over one variable with the logarithm of its odds, where it is believed: functions of several may be likelier.
+    pub(crate) fn curve(&self) -> Option<(Law, f64)> {
         let first = self.curves.first().filter(|n| n.evidence > BELIEVED)?;
-        Some(Law { place: first.place.clone(), curve: first.curve.clone()? })
+        Some((Law { place: first.place.clone(), curve: first.curve.clone()? }, first.evidence))
     }
 
     /// The likeliest, where it is there and a function of one variable.

@@ -88,7 +88,7 @@ pub(super) fn settle(binned_runs: &[BinnedRun], responses: Option<&[CourseRespon
             best = Some(settled);
         }
         let rests = rests(binned_runs, responses, &densities, &products, level.strength);
-        let next = Spectra::fit(binned_runs, &rests);
+        let next = Spectra::fit(binned_runs, &rests, &spectra);
         if next == spectra {
             break;
         }
@@ -374,12 +374,14 @@ impl Spectra {
         Self { channels: (0..q).map(of).collect(), coloured: vec![0.0; q] }
     }
 
-    pub(super) fn fit(binned_runs: &[BinnedRun], rests: &[Rest]) -> Self {
+    /// Of what is left, by spectra that were found before.
+    fn fit(binned_runs: &[BinnedRun], rests: &[Rest], before: &Self) -> Self {
         let q = binned_runs[0].channels();
         let (channels, coloured) = (0..q)
             .map(|channel| {
                 let left = banded(binned_runs, rests, channel);
-                let (own, white) = (SmoothSpectrum::fit(&left), SmoothSpectrum::level(&left.wide));
+                let before = before.channels.get(channel);
+                let (own, white) = (SmoothSpectrum::fit(&left, before), SmoothSpectrum::level(&left.wide));
                 let told = if own.resonance().is_some() { &left.narrow } else { &left.wide };
                 let gain = 0.5 * (white.twice_loss(told) - own.twice_loss(told)) - (own.penalty() - PENALTY);
                 (own, gain)

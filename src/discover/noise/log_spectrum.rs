@@ -12,6 +12,7 @@
 //! of them, and how surely.
 
 use super::added;
+use super::hat::Hat;
 use super::parametric::Parametric;
 use super::residual_power::ResidualPower;
 use fdm_numeric::dense::{Factor, Pentadiagonal};
@@ -111,7 +112,7 @@ impl Smooth {
     fn family(&self) -> Option<&Parametric> {
         match &self.spread {
             Spread::Few(family, _) => Some(family),
-            Spread::Knots(_) => None,
+            Spread::Knots(..) => None,
         }
     }
 
@@ -162,8 +163,8 @@ fn median(mut values: Vec<(f64, f64)>) -> f64 {
 /// How uncertain the values at the knots are.
 #[derive(Debug, Clone, PartialEq)]
 enum Spread {
-    /// L of their precision L L'.
-    Knots(Factor),
+    /// L of their precision L L', and the covariance of neighbours.
+    Knots(Factor, Pentadiagonal),
     /// Of a family: derivatives of the values by independent standard normal numbers (knots by numbers).
     Few(Box<Parametric>, DMatrix<f64>),
 }
@@ -172,7 +173,7 @@ impl Spread {
     /// Variance of a sum of the values with these weights.
     fn variance(&self, mut weights: DVector<f64>) -> f64 {
         match self {
-            Self::Knots(precision) => {
+            Self::Knots(precision, _) => {
                 precision.solve_lower(&mut weights);
                 weights.norm_squared()
             }
@@ -180,10 +181,24 @@ impl Spread {
         }
     }
 
+    /// Variance at one place.
+    fn variance_at(&self, hat: Hat) -> f64 {
+        match self {
+            Self::Knots(_, covariance) if hat.above > 0.0 => {
+                covariance.square(&[(hat.below, 1.0 - hat.above), (hat.below + 1, hat.above)])
+            }
+            Self::Knots(_, covariance) => covariance.square(&[(hat.below, 1.0)]),
+            Self::Few(_, slopes) => {
+                let along = |number: usize| hat.parts().map(|(k, part)| part * slopes[(k, number)]).sum::<f64>();
+                (0..slopes.ncols()).map(|number| along(number).powi(2)).sum()
+            }
+        }
+    }
+
     /// A change of the values that is as likely as any.
     fn drawn(&self, normal: &mut Stream, knots: usize) -> DVector<f64> {
         match self {
-            Self::Knots(precision) => {
+            Self::Knots(precision, _) => {
                 let mut change = DVector::from_fn(knots, |_, _| EXCESS * normal.normal_of_pair());
                 precision.solve_upper(&mut change);
                 change
@@ -312,7 +327,7 @@ impl LogSpectrum {
     /// S at a frequency given by its logarithm. Below the lowest bin that was seen it goes on to that of the means, or as it rose there, if
     /// it did.
     pub fn at(&self, log_frequency: f64) -> f64 {
-        let known = Hat::at(&self.knots, log_frequency).of(&self.values);
+        let known = Hat::at(&self.knots, log_frequency).of(self.values.as_slice());
         let (below, near) = ((self.knots[0] - log_frequency).max(0.0), near(&self.knots));
         if below == 0.0 {
             return known.exp();
@@ -330,7 +345,7 @@ impl LogSpectrum {
     /// S by which a bin is weighed: higher where the bins tell so little of S that its logarithm may be off by much. Otherwise bins
     /// whose noise was fitted away, and seems small for that, would speak the loudest.
     pub fn inflated(&self, log_frequency: f64) -> f64 {
-        let doubt = self.uncertainty(&[(log_frequency, 1.0)]).powi(2);
+        let doubt = self.uncertainty_at(log_frequency).powi(2);
         self.at(log_frequency) * (doubt - KNOWN).clamp(0.0, DOUBT).exp()
     }
 
@@ -373,6 +388,22 @@ impl LogSpectrum {
             let shift = mean.dot(&(&part.values - &self.values));
             let at_means = means * part.mean.1.hypot(part.mean.0 - self.mean.value);
             part.weight * (part.spread.variance(mean) + shift * shift + at_means * at_means).sqrt()
+        };
+        self.parts.iter().map(of).sum()
+    }
+
+    /// The same at one place.
+    fn uncertainty_at(&self, log_frequency: f64) -> f64 {
+        let below = (self.knots[0] - log_frequency).max(0.0);
+        let hat = Hat::at(&self.knots, log_frequency);
+        let value = hat.of(self.values.as_slice());
+        let of = |part: &Smooth| {
+            if below > 0.0 && self.mean.below > 0.0 {
+                let share = (below / self.mean.below).min(1.0);
+                return part.weight * share * part.mean.1.hypot(part.mean.0 - self.mean.value);
+            }
+            let shift = hat.of(part.values.as_slice()) - value;
+            part.weight * (part.spread.variance_at(hat) + shift * shift).sqrt()
         };
         self.parts.iter().map(of).sum()
     }
@@ -540,7 +571,7 @@ impl Smooth {
             let mut change = -prior.times(&values);
             for (cell, hat) in left.iter().zip(hats) {
                 let weight = cell.freedom / 2.0;
-                let ratio = cell.power * (-hat.of(&values)).exp();
+                let ratio = cell.power * (-hat.of(values.as_slice())).exp();
                 // Newton's step, but not where S is far too high and the curvature tells nothing
                 hat.add(weight * ratio.max(LEAST_CURVATURE), weight * (ratio - 1.0), &mut information, &mut change);
             }
@@ -558,56 +589,15 @@ impl Smooth {
         information.clone_from(prior);
         left.iter().zip(hats).for_each(|(cell, hat)| hat.add_weight(cell.freedom / 2.0, &mut information));
         let loss = |(cell, hat): (&ResidualPower, &Hat)| {
-            let log = hat.of(&values);
+            let log = hat.of(values.as_slice());
             cell.freedom / 2.0 * (log + cell.power * (-log).exp())
         };
         let loss: f64 = left.iter().zip(hats).map(loss).sum::<f64>() + prior.times(&values).dot(&values) / 2.0;
         let precision = information.factor()?;
         let likelihood = prior.factor()?.log_root() - precision.log_root() - loss;
-        likelihood
-            .is_finite()
-            .then_some((likelihood, Self { weight: 1.0, values, spread: Spread::Knots(precision), mean: (0.0, 0.0) }))
-    }
-}
-
-/// The two hat functions that are not zero at a frequency.
-#[derive(Debug, Clone, Copy)]
-struct Hat {
-    below: usize,
-    /// Weight of the knot above; 0 where there is none.
-    above: f64,
-}
-
-impl Hat {
-    fn at(knots: &[f64], log_frequency: f64) -> Self {
-        let last = knots.len() - 1;
-        if last == 0 {
-            return Self { below: 0, above: 0.0 };
-        }
-        let place = ((log_frequency - knots[0]) / (knots[1] - knots[0])).clamp(0.0, last as f64);
-        let below = (place as usize).min(last - 1);
-        Self { below, above: place - below as f64 }
-    }
-
-    fn parts(self) -> impl Iterator<Item = (usize, f64)> {
-        let parts = [(self.below, 1.0 - self.above), (self.below + 1, self.above)];
-        parts.into_iter().filter(|(_, part)| *part > 0.0)
-    }
-
-    fn of(self, values: &DVector<f64>) -> f64 {
-        self.parts().map(|(k, part)| part * values[k]).sum()
-    }
-
-    fn add(self, weight: f64, score: f64, information: &mut Pentadiagonal, gradient: &mut DVector<f64>) {
-        self.parts().for_each(|(k, part)| gradient[k] += part * score);
-        self.add_weight(weight, information);
-    }
-
-    fn add_weight(self, weight: f64, information: &mut Pentadiagonal) {
-        self.parts().for_each(|(k, part)| information.add(k, k, weight * part * part));
-        if self.above > 0.0 {
-            information.add(self.below + 1, self.below, weight * self.above * (1.0 - self.above));
-        }
+        let near = precision.inverse_near();
+        let spread = Spread::Knots(precision, near);
+        likelihood.is_finite().then_some((likelihood, Self { weight: 1.0, values, spread, mean: (0.0, 0.0) }))
     }
 }
 
@@ -697,5 +687,12 @@ mod tests {
         let uncertainty = |log: f64| spectrum.uncertainty(&[(log, 1.0)]);
         assert!((spectrum.at(0.0) - 1.0).abs() < 0.05);
         assert!(uncertainty(0.0) > 1.5 * uncertainty(1.2) && uncertainty(1.2) > uncertainty(3.0));
+        let means = with_means(500, 2, |f| 3.0 / f, 1.0);
+        for (own, log) in
+            [(&spectrum, -1.0), (&spectrum, 0.07), (&spectrum, 3.3), (&means, -2.2), (&means, -1.0), (&means, 2.0)]
+        {
+            let (alone, among) = (own.uncertainty_at(log), own.uncertainty(&[(log, 1.0)]));
+            assert!((alone / among - 1.0).abs() < 1e-6, "{log}: {alone} {among}");
+        }
     }
 }

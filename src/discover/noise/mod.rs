@@ -1,6 +1,7 @@
 //! The noise of one output: its spectrum, from what is left of its bins.
 
 mod growth;
+mod hat;
 mod log_spectrum;
 mod parametric;
 mod residual_power;

@@ -4,8 +4,6 @@
 //! poles of damping z. 1/D(z) is autoregressive noise of order 2 (a mode that white noise shakes); D(w)/D(z) with w > z is the same through a
 //! band pass, beside noise that goes on below and above it: 1 + (w^2 - z^2) (2 x)^2/D(z).
 
-use nalgebra::{DMatrix, DVector, DVectorView, Dyn, U1};
-
 /// Damping ratios: those that are a resonance, and their logarithm's mean and deviation beforehand.
 const LEAST: f64 = 0.002;
 const MOST: f64 = 0.4;
@@ -21,7 +19,7 @@ const NARROW: f64 = 0.5;
 /// Half widths within which S bends too much for a wide band.
 const REACH: f64 = 12.0;
 /// Most numbers.
-const NUMBERS: usize = 3;
+pub(super) const NUMBERS: usize = 3;
 
 /// What it looks like away from its frequency.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +40,34 @@ pub(crate) struct Resonance {
     span: f64,
     /// The Nyquist frequency.
     highest: f64,
+}
+
+/// A resonance by what its formula needs at every frequency.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shape {
+    /// The inverse square of the sine of half the phase at the resonance.
+    inverse: f64,
+    /// (2 z)^2, and (2 w)^2 of a peak.
+    poles: f64,
+    zeros: Option<f64>,
+}
+
+impl Shape {
+    /// Its logarithm at a place, and the derivatives of that by its numbers.
+    pub(super) fn at(&self, place: f64) -> (f64, [f64; NUMBERS]) {
+        let square = place * self.inverse;
+        // D, and the derivatives of its logarithm by those of frequency and damping
+        let of = |damping: f64| {
+            let damped = damping * square;
+            let value = ((1.0 - square).powi(2) + damped).max(f64::MIN_POSITIVE);
+            (value, (4.0 * square * (1.0 - square) - 2.0 * damped) / value, 2.0 * damped / value)
+        };
+        let poles = of(self.poles);
+        match self.zeros.map(of) {
+            None => (-poles.0.ln(), [-poles.1, -poles.2, 0.0]),
+            Some(zeros) => ((zeros.0 / poles.0).ln(), [zeros.1 - poles.1, zeros.2 - poles.2, zeros.2]),
+        }
+    }
 }
 
 /// The sine of half the phase from sample to sample.
@@ -81,22 +107,20 @@ impl Resonance {
 
     /// Its logarithm at a frequency, and the derivatives of that by its numbers.
     pub(crate) fn at(&self, log_frequency: f64) -> (f64, [f64; NUMBERS]) {
+        self.shape().at(Self::place(log_frequency, self.highest))
+    }
+
+    /// Where a frequency lies, whatever the resonance: the square of the sine of half the phase.
+    pub(super) fn place(log_frequency: f64, highest: f64) -> f64 {
+        half_phase(log_frequency, highest).powi(2)
+    }
+
+    /// What is the same at all frequencies.
+    pub(super) fn shape(&self) -> Shape {
         let [frequency, damping, height] = self.numbers;
-        let square = (half_phase(log_frequency, self.highest) / frequency.exp()).powi(2);
-        // D, and its derivatives by the logarithms of frequency and damping
-        let of = |log_damping: f64| {
-            let damped = 4.0 * (2.0 * log_damping).exp() * square;
-            let value = ((1.0 - square).powi(2) + damped).max(f64::MIN_POSITIVE);
-            (value, (4.0 * square * (1.0 - square) - 2.0 * damped) / value, 2.0 * damped / value)
-        };
-        let poles = of(damping);
-        match self.form {
-            Form::Poles => (-poles.0.ln(), [-poles.1, -poles.2, 0.0]),
-            Form::Peak => {
-                let zeros = of(damping + height);
-                ((zeros.0 / poles.0).ln(), [zeros.1 - poles.1, zeros.2 - poles.2, zeros.2])
-            }
-        }
+        let square = |log_damping: f64| 4.0 * (2.0 * log_damping).exp();
+        let zeros = (self.form == Form::Peak).then(|| square(damping + height));
+        Shape { inverse: (-2.0 * frequency).exp(), poles: square(damping), zeros }
     }
 
     /// Twice minus the logarithm of the prior density of its numbers.
@@ -106,19 +130,25 @@ impl Resonance {
         of(self.numbers[1], DAMPING) + height
     }
 
-    /// Adds the derivatives of that, behind so many numbers of something else.
-    pub(crate) fn add_prior(&self, behind: usize, gradient: &mut DVector<f64>, information: &mut DMatrix<f64>) {
+    /// The derivative of that by each of its numbers, and the curvature.
+    pub(super) fn prior_slopes(&self) -> [(f64, f64); NUMBERS] {
         let priors = [None, Some(DAMPING), (self.form == Form::Peak).then_some(HEIGHT)];
-        for (k, (mean, deviation)) in priors.into_iter().enumerate().filter_map(|(k, p)| Some((k, p?))) {
-            gradient[behind + k] += 2.0 * (self.numbers[k] - mean) / deviation.powi(2);
-            information[(behind + k, behind + k)] += 2.0 * deviation.powi(-2);
-        }
+        std::array::from_fn(|k| {
+            priors[k].map_or((0.0, 0.0), |(mean, deviation)| {
+                (2.0 * (self.numbers[k] - mean) / deviation.powi(2), 2.0 * deviation.powi(-2))
+            })
+        })
+    }
+
+    /// The same in another form: of a peak that had none a height is expected.
+    pub(super) fn in_form(self, form: Form) -> Self {
+        Self { form, ..self }
     }
 
     /// With its numbers less these, as far as one step goes.
-    pub(crate) fn moved(&self, change: &DVectorView<'_, f64, U1, Dyn>) -> Self {
+    pub(super) fn moved(&self, change: &[f64]) -> Self {
         let mut moved = *self;
-        for (number, change) in moved.numbers.iter_mut().zip(change.iter()) {
+        for (number, change) in moved.numbers.iter_mut().zip(change) {
             *number -= change.clamp(-STEP, STEP);
         }
         moved

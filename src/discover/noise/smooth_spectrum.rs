@@ -8,10 +8,11 @@
 //! stands out of the smooth spectrum, and kept where that is likelier with its own penalty: a resonance of the noise is then no disturbance,
 //! and no mode of the model.
 
+use super::hat::Hat;
 use super::parametric::second_order;
 use super::residual_power::ResidualPower;
-use super::resonance::{Form, Resonance};
-use nalgebra::{DMatrix, DVector};
+use super::resonance::{Form, NUMBERS, Resonance};
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 /// Numbers of hat functions that are tried.
 const SIZES: [usize; 6] = [1, 2, 3, 5, 8, 12];
@@ -23,16 +24,10 @@ const CONVERGED: f64 = 1e-9;
 /// Numbers of narrow bands that are looked at together for a resonance, and what a level of their own must gain.
 const WINDOWS: [usize; 5] = [1, 2, 4, 8, 16];
 const STANDS_OUT: f64 = 6.0;
-/// Forms of a resonance, with numbers of hat functions beside them.
-const RESONANT: [(Form, usize); 7] = [
-    (Form::Poles, 1),
-    (Form::Poles, 2),
-    (Form::Poles, 3),
-    (Form::Peak, 1),
-    (Form::Peak, 2),
-    (Form::Peak, 3),
-    (Form::Peak, 5),
-];
+/// Forms of a resonance, with numbers of hat functions beside them; the most of these, and most numbers of both.
+const RESONANT: [(Form, &[usize]); 2] = [(Form::Poles, &[1, 2, 3]), (Form::Peak, &[1, 2, 3, 5])];
+const HATS: usize = 5;
+const ALL: usize = HATS + NUMBERS;
 const HALVINGS: usize = 8;
 /// Decrease of twice the loss that is not worth another pass.
 const SETTLED: f64 = 1e-4;
@@ -57,8 +52,8 @@ pub(crate) struct BandedPower {
 }
 
 impl SmoothSpectrum {
-    /// The spectrum of the least penalty and loss.
-    pub(crate) fn fit(left: &BandedPower) -> Self {
+    /// The spectrum of the least penalty and loss. Where a spectrum of what was left before has a resonance, the resonance is looked for there.
+    pub(crate) fn fit(left: &BandedPower, like: Option<&Self>) -> Self {
         let BandedPower { wide, narrow, highest } = left;
         let tried = SIZES.iter().filter_map(|size| Self::of_size(wide, *size));
         let penalised = tried.map(|s| (s.twice_loss(wide) + 2.0 * s.penalty(), s));
@@ -66,15 +61,26 @@ impl SmoothSpectrum {
         let smooth = best.map_or_else(|| Self::level(wide), |(_, spectrum)| spectrum);
         let Some((first, last)) = narrow.first().zip(narrow.last()) else { return smooth };
         let within = (last.log_frequency - first.log_frequency, *highest);
-        let (poles, band) = (second_order(narrow, *highest), smooth.narrow_band(narrow));
+        let known = like.and_then(|like| like.resonance);
+        let sought = known.is_none().then(|| (second_order(narrow, *highest), smooth.narrow_band(narrow)));
         let starts = |form: Form| -> Vec<Resonance> {
-            let begun = Resonance::of_poles(poles, form, within);
-            begun.into_iter().chain(band.iter().flat_map(|band| Resonance::starts(*band, form, within))).collect()
+            let known = known.map(|resonance| resonance.in_form(form));
+            let begun = sought.and_then(|(poles, _)| Resonance::of_poles(poles, form, within));
+            let bands = sought.iter().filter_map(|(_, band)| *band);
+            known.into_iter().chain(begun).chain(bands.flat_map(|band| Resonance::starts(band, form, within))).collect()
         };
-        let fits = |(form, size): &(Form, usize)| -> Vec<Self> {
-            starts(*form).into_iter().filter_map(|start| Self::with_resonance(narrow, *size, start)).collect()
-        };
-        let resonant = RESONANT.iter().flat_map(fits);
+        let places: Vec<f64> = narrow.iter().map(|l| Resonance::place(l.log_frequency, *highest)).collect();
+        let mut resonant = Vec::new();
+        for (form, sizes) in RESONANT {
+            let mut starts = starts(form);
+            for size in sizes {
+                let fits = starts.iter().filter_map(|start| Self::with_resonance((narrow, &places), *size, *start));
+                let Some((_, best)) = fits.min_by(|a, b| a.0.total_cmp(&b.0)) else { continue };
+                // more hats beside the resonance that few have found
+                starts = best.resonance.into_iter().collect();
+                resonant.push(best);
+            }
+        }
         let penalised =
             std::iter::once(smooth.clone()).chain(resonant).map(|s| (s.twice_loss(narrow) + 2.0 * s.penalty(), s));
         penalised.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(smooth, |(_, spectrum)| spectrum)
@@ -99,8 +105,13 @@ impl SmoothSpectrum {
         best.map(|(_, band)| band)
     }
 
-    /// So many hats with a resonance, from where it is to begin; none where these bands do not determine it.
-    fn with_resonance(left: &[ResidualPower], size: usize, mut resonance: Resonance) -> Option<Self> {
+    /// Twice the loss, its prior included, and so many hats with a resonance, from where it is to begin; none where these bands (with their
+    /// places) do not determine it.
+    fn with_resonance(
+        (left, places): (&[ResidualPower], &[f64]),
+        size: usize,
+        resonance: Resonance,
+    ) -> Option<(f64, Self)> {
         let (low, high) = (left.first()?.log_frequency, left.last()?.log_frequency);
         let own = resonance.size();
         let freedom: f64 = left.iter().map(|l| l.freedom).sum();
@@ -109,48 +120,37 @@ impl SmoothSpectrum {
         }
         let step = (high - low) / size.saturating_sub(1).max(1) as f64;
         let knots: Vec<f64> = (0..size).map(|k| low + k as f64 * step).collect();
-        let level = left.iter().map(|l| l.freedom * l.power / resonance.at(l.log_frequency).0.exp()).sum::<f64>();
-        let mut values = DVector::from_element(size, (level / freedom).ln());
-        let whole = |values: &DVector<f64>, resonance: Resonance| Self {
-            knots: knots.clone(),
-            values: values.as_slice().to_vec(),
-            resonance: Some(resonance),
-        };
-        let mut loss = whole(&values, resonance).twice_loss(left) + resonance.prior();
+        let hats: Vec<Hat> = left.iter().map(|l| Hat::at(&knots, l.log_frequency)).collect();
+        let bands = Bands { left, places, hats: &hats, size };
+        let shape = resonance.shape();
+        let level =
+            left.iter().zip(places).map(|(l, place)| l.freedom * l.power / shape.at(*place).0.exp()).sum::<f64>();
+        let mut values = [0.0; HATS];
+        values[..size].fill((level / freedom).ln());
+        let mut at = bands.scored(values, resonance);
         for _ in 0..PASSES {
-            let (mut gradient, mut information) = (DVector::zeros(size + own), DMatrix::zeros(size + own, size + own));
-            for cell in left {
-                let (peak, slopes) = resonance.at(cell.log_frequency);
-                let mut slope = DVector::zeros(size + own);
-                let mut log = peak;
-                for k in 0..size {
-                    slope[k] = tent(&knots, cell.log_frequency, k);
-                    log += slope[k] * values[k];
-                }
-                slope.rows_mut(size, own).copy_from_slice(&slopes[..own]);
-                gradient.axpy(cell.freedom * (1.0 - cell.power * (-log).exp()), &slope, 1.0);
-                information.ger(cell.freedom, &slope, &slope, 1.0);
-            }
-            resonance.add_prior(size, &mut gradient, &mut information);
-            let mut change = information.cholesky()?.solve(&gradient);
+            let mut change = at.information.cholesky()?.solve(&at.gradient);
             let mut better = None;
             for _ in 0..HALVINGS {
-                let (next, moved) = (&values - change.rows(0, size), resonance.moved(&change.rows(size, own)));
-                let there = whole(&next, moved).twice_loss(left) + moved.prior();
-                if there < loss {
-                    better = Some((next, moved, there));
+                let mut next = at.values;
+                next.iter_mut().zip(change.iter()).take(size).for_each(|(value, change)| *value -= change);
+                let there = bands.scored(next, at.resonance.moved(&change.as_slice()[size..size + own]));
+                if there.twice_loss < at.twice_loss {
+                    better = Some(there);
                     break;
                 }
                 change *= 0.4;
             }
-            let Some((next, moved, there)) = better else { break };
-            let gained = loss - there;
-            (values, resonance, loss) = (next, moved, there);
+            let Some(there) = better else { break };
+            let gained = at.twice_loss - there.twice_loss;
+            at = there;
             if gained < SETTLED {
                 break;
             }
         }
-        (loss.is_finite() && resonance.is_one((low, high))).then(|| whole(&values, resonance))
+        let found = at.twice_loss.is_finite() && at.resonance.is_one((low, high));
+        found
+            .then(|| (at.twice_loss, Self { knots, values: at.values[..size].to_vec(), resonance: Some(at.resonance) }))
     }
 
     /// White noise of a given density.
@@ -176,7 +176,10 @@ impl SmoothSpectrum {
             return None;
         }
         let knots: Vec<f64> = (0..size).map(|k| low + k as f64 * step).collect();
-        let hats = DMatrix::from_fn(left.len(), size, |i, k| tent(&knots, left[i].log_frequency, k));
+        let mut hats = DMatrix::zeros(left.len(), size);
+        for (i, l) in left.iter().enumerate() {
+            Hat::at(&knots, l.log_frequency).parts().for_each(|(k, part)| hats[(i, k)] = part);
+        }
         let mut values = DVector::from_element(size, mean.ln());
         for _ in 0..PASSES {
             let logs = &hats * &values;
@@ -196,11 +199,15 @@ impl SmoothSpectrum {
         Some(Self { knots, values: values.as_slice().to_vec(), resonance: None })
     }
 
+    /// log S at a frequency given by its logarithm.
+    fn log_at(&self, log_frequency: f64) -> f64 {
+        let smooth = Hat::at(&self.knots, log_frequency).of(&self.values);
+        self.resonance.map_or(smooth, |resonance| smooth + resonance.at(log_frequency).0)
+    }
+
     /// S at a frequency given by its logarithm.
     pub fn at(&self, log_frequency: f64) -> f64 {
-        let hats = self.values.iter().enumerate().map(|(k, v)| v * tent(&self.knots, log_frequency, k));
-        let smooth = hats.sum::<f64>();
-        self.resonance.map_or(smooth, |resonance| smooth + resonance.at(log_frequency).0).exp()
+        self.log_at(log_frequency).exp()
     }
 
     /// Number of hat functions, and of what a resonance has; 1 is white.
@@ -222,21 +229,66 @@ impl SmoothSpectrum {
     /// Minus twice the logarithm of the likelihood of what is left.
     pub(crate) fn twice_loss(&self, left: &[ResidualPower]) -> f64 {
         let loss = |l: &ResidualPower| {
-            let density = self.at(l.log_frequency);
-            l.freedom * (density.ln() + l.power / density)
+            let log = self.log_at(l.log_frequency);
+            l.freedom * (log + l.power * (-log).exp())
         };
         left.iter().map(loss).sum()
     }
 }
 
-/// The k-th hat function, constant beyond the outer knots.
-fn tent(knots: &[f64], log_frequency: f64, k: usize) -> f64 {
-    let last = knots.len() - 1;
-    if last == 0 {
-        return 1.0;
+/// What fits of a resonance ask of every band.
+struct Bands<'a> {
+    left: &'a [ResidualPower],
+    /// Where each lies for a resonance, and between the knots.
+    places: &'a [f64],
+    hats: &'a [Hat],
+    /// Hat functions.
+    size: usize,
+}
+
+/// Hats beside a resonance and the resonance, with twice their loss, its gradient and information; identity where there is no number.
+struct Scored {
+    values: [f64; HATS],
+    resonance: Resonance,
+    twice_loss: f64,
+    gradient: SVector<f64, ALL>,
+    information: SMatrix<f64, ALL, ALL>,
+}
+
+impl Bands<'_> {
+    fn scored(&self, values: [f64; HATS], resonance: Resonance) -> Scored {
+        let (size, own, shape) = (self.size, resonance.size(), resonance.shape());
+        let mut found = Scored {
+            values,
+            resonance,
+            twice_loss: resonance.prior(),
+            gradient: SVector::zeros(),
+            information: SMatrix::identity(),
+        };
+        for (k, (slope, curvature)) in resonance.prior_slopes().into_iter().enumerate().take(own) {
+            (found.gradient[size + k], found.information[(size + k, size + k)]) = (slope, curvature);
+        }
+        (0..size).for_each(|k| found.information[(k, k)] = 0.0);
+        for ((cell, place), hat) in self.left.iter().zip(self.places).zip(self.hats) {
+            let (peak, slopes) = shape.at(*place);
+            let log = peak + hat.of(&values);
+            let ratio = cell.power * (-log).exp();
+            found.twice_loss += cell.freedom * (log + ratio);
+            let numbers = slopes.into_iter().take(own).enumerate().map(|(k, slope)| (size + k, slope));
+            // the lower half, each number before those behind it
+            let mut known = [(0, 0.0); 2 + NUMBERS];
+            let mut count = 0;
+            for (k, slope) in hat.parts().chain(numbers) {
+                known[count] = (k, slope);
+                count += 1;
+                found.gradient[k] += cell.freedom * (1.0 - ratio) * slope;
+                for (other, its) in &known[..count] {
+                    found.information[(k, *other)] += cell.freedom * slope * its;
+                }
+            }
+        }
+        found
     }
-    let place = ((log_frequency - knots[0]) / (knots[1] - knots[0])).clamp(0.0, last as f64);
-    (1.0 - (place - k as f64).abs()).max(0.0)
 }
 
 #[cfg(test)]
@@ -271,6 +323,10 @@ mod tests {
         BandedPower { wide: banded(1.25, 4), narrow: banded(1.02, 1), highest: 1.0 }
     }
 
+    fn fit(left: &BandedPower) -> SmoothSpectrum {
+        SmoothSpectrum::fit(left, None)
+    }
+
     /// (1 - x^2)^2 + (2 z x)^2 over the sine of half the phase.
     fn square(f: f64, at: f64, damping: f64) -> f64 {
         let half = |f: f64| (0.5 * std::f64::consts::PI * f).sin();
@@ -283,7 +339,7 @@ mod tests {
         for seed in 0..20 {
             let poles = |f: f64| 2.0 / square(f, 0.15, 0.05);
             let peak = |f: f64| 0.5 + 0.2 / square(f, 0.3, 0.02) * f.powi(2);
-            let found = [SmoothSpectrum::fit(&left(seed, 360, poles)), SmoothSpectrum::fit(&left(seed, 360, peak))];
+            let found = [fit(&left(seed, 360, poles)), fit(&left(seed, 360, peak))];
             let truth: [&dyn Fn(f64) -> f64; 2] = [&poles, &peak];
             for (found, truth) in found.iter().zip(truth) {
                 assert!(found.resonance().is_some(), "{seed}: {found:?}");
@@ -298,8 +354,8 @@ mod tests {
     #[test]
     fn smooth_noise_has_none() {
         let pink = |f: f64| 1.0 / f;
-        let found = (0..100).map(|seed| SmoothSpectrum::fit(&left(seed, 360, |_| 3.0)));
-        let resonant = found.chain((0..100).map(|seed| SmoothSpectrum::fit(&left(200 + seed, 360, pink))));
+        let found = (0..100).map(|seed| fit(&left(seed, 360, |_| 3.0)));
+        let resonant = found.chain((0..100).map(|seed| fit(&left(200 + seed, 360, pink))));
         let count = resonant.filter(|s| s.resonance().is_some()).count();
         assert!(count < 10, "{count} of 200");
     }

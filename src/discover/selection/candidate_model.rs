@@ -338,15 +338,17 @@ impl ForwardStep<'_> {
     /// What a candidate's points predicted gain, the best first.
     pub(super) fn predictions(&self, t: usize, projection: &Projection) -> Vec<Prediction> {
         let own = (0..self.owner.len()).filter(|d| self.owner[*d].0 == t);
-        let of = |d: usize| {
-            let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
-            let (added, point) = (projection.added(&parts), self.owner[d].1);
-            let (twice, amount) = projection.predicted_gain(&added.direction, &self.simulated[t].points[point]);
-            Prediction { gain: 0.5 * twice, direction: d, amount, point, added }
-        };
-        let mut predictions: Vec<Prediction> = own.map(of).collect();
+        let mut predictions: Vec<Prediction> = own.map(|d| self.prediction(d, projection)).collect();
         predictions.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         predictions
+    }
+
+    /// What a direction predicts.
+    pub(super) fn prediction(&self, direction: usize, projection: &Projection) -> Prediction {
+        let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[direction][..]).collect();
+        let (added, (t, point)) = (projection.added(&parts), self.owner[direction]);
+        let (twice, amount) = projection.predicted_gain(&added.direction, &self.simulated[t].points[point]);
+        Prediction { gain: 0.5 * twice, direction, amount, point, added }
     }
 
     /// Parameters of each run with these values of the new ones, the others as the base model has them less a share of what

@@ -86,8 +86,9 @@ impl ForwardStep<'_> {
         let (noise, base) = self.begun()?;
         let projection =
             Projection::new(&self.records, self.runs.train(), &self.current.predictors, self.current.outputs(), &noise);
-        let mut chosen = self.chosen(count, (&projection, &noise, &base));
-        let unlikely = self.unlikely_as_noise(&projection).filter(|u| u.chance < DOUBTFUL);
+        let ranked = self.ranked_by_predicted_gain(&projection);
+        let unlikely = self.unlikely_as_noise(&projection, &ranked).filter(|u| u.chance < DOUBTFUL);
+        let mut chosen = self.chosen(count, ranked, (&projection, &noise, &base));
         chosen.extend(unlikely.map(|u| u.candidate).filter(|t| !chosen.contains(t)));
         progress(&format!("fitting the best {} of {} candidates", chosen.len(), self.simulated.len()));
         let fitted = |t: &usize| self.may_go_on().ok().and_then(|()| self.candidate(*t, &projection, &noise, &base));
@@ -148,7 +149,8 @@ impl ForwardStep<'_> {
         let Ok((noise, _)) = self.begun() else { return false };
         let projection =
             Projection::new(&self.records, self.runs.train(), &self.current.predictors, self.current.outputs(), &noise);
-        self.unlikely_as_noise(&projection).is_some_and(|u| u.chance < DOUBTFUL)
+        let ranked = self.ranked_by_predicted_gain(&projection);
+        self.unlikely_as_noise(&projection, &ranked).is_some_and(|u| u.chance < DOUBTFUL)
     }
 
     /// The first noise, and the base model by it.

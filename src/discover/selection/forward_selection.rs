@@ -606,9 +606,12 @@ impl<'a> ForwardSelection<'a> {
             front.iter_mut().for_each(|model| model.recommended = false);
             (last, new, written) = (None, old.clone(), None);
         }
-        // a law without a name, as a table in the text; recommended where nothing else is
-        let unnamed = verdict == Verdict::UnknownCause || explained.as_ref().is_some_and(ResidualEvidence::repeats);
-        let law = evidence.as_ref().filter(|_| unnamed && (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
+        // a law without a name, as a table in the text; recommended where nothing else is. Beside effects it is a rival, if it is likelier
+        let law = evidence.as_ref().filter(|_| (self.goes_on)()).and_then(|e| e.nonlinearities.curve());
+        let effects = attribution.as_ref().and_then(|a| a.by_effect).unwrap_or(0.0).max(0.0);
+        let left = explained.as_ref().is_some_and(ResidualEvidence::repeats);
+        let unnamed = |odds: f64| verdict == Verdict::UnknownCause || (left && odds > effects + BELIEVED);
+        let law = law.and_then(|(law, odds)| unnamed(odds).then_some(law));
         if let Some(law) = law.filter(|_| *self.runs.domain == Domain::Time) {
             (self.progress)("fitting the curve of an unmodelled law");
             if let Ok(law) = law_model(first, &before.theta, &law, (runs, options, goes_on)) {

@@ -266,7 +266,7 @@ impl FrontProblem<'_> {
             }
             Err(_) => None,
         };
-        if let Some(naive) = self.predicted(self.first, (self.first, &self.first.theta), Thoroughness::Near) {
+        if let Some(naive) = self.predicted_as_given() {
             let found: Vec<Option<Predicted>> = levels.iter().map(of).collect();
             if levels.iter().zip(&found).all(|(level, found)| found.is_some() || level.objection().is_some()) {
                 for (level, found) in levels.iter_mut().zip(found) {
@@ -433,9 +433,8 @@ impl FrontProblem<'_> {
     /// The curve of a law in the text of the model as it was given, for the table.
     pub(super) fn law(&self, law: &LawModel) -> FrontModel {
         let (fitted, asked) = (&law.written.fitted, Thoroughness::Once);
-        let naive = self.predicted(self.first, (self.first, &self.first.theta), Thoroughness::Near);
         let predicted = self.predicted(&law.current, (fitted, &fitted.theta), asked);
-        let error = naive.zip(predicted).map(|(naive, own)| self.relative(&own, &naive));
+        let error = self.predicted_as_given().zip(predicted).map(|(naive, own)| self.relative(&own, &naive));
         let objection = law.written.objection().or_else(|| worse(error));
         self.told(Told {
             effects: vec![law.place.clone()],
@@ -450,6 +449,11 @@ impl FrontProblem<'_> {
     /// The model as it was given, for the table.
     pub(super) fn given(&self) -> FrontModel {
         self.described(None, false, None)
+    }
+
+    /// What the model as it was given predicts of runs that it was not fitted to; none where that cannot be had.
+    fn predicted_as_given(&self) -> Option<Predicted> {
+        self.predicted(self.first, (self.first, &self.first.theta), Thoroughness::Near)
     }
 
     /// What a model predicts of runs that it was not fitted to; the second is it at its values. None where that cannot be had.

@@ -58,6 +58,9 @@ struct Beginning<'c> {
     /// What it leaves, and what it adds, beside what is fitted.
     left: Vec<f64>,
     added: Vec<f64>,
+    /// Products of what it adds with itself and with what it leaves.
+    size: f64,
+    product: f64,
 }
 
 /// A direction beside a beginning.
@@ -190,7 +193,8 @@ impl ForwardStep<'_> {
             let parts: Vec<&[f64]> = left.iter().map(Vec::as_slice).collect();
             let left = projection.added(&parts).direction;
             let added = self.predictions(own.candidate, &projection).into_iter().next()?.added.direction;
-            Some(Beginning { model: *k, own, left, added })
+            let (size, product) = (dot(&added, &added), dot(&added, &left));
+            Some(Beginning { model: *k, own, left, added, size, product })
         };
         let beginnings: Vec<Beginning<'_>> =
             fit.first().into_iter().chain(others).collect::<Vec<_>>().into_par_iter().filter_map(beginning).collect();
@@ -198,12 +202,14 @@ impl ForwardStep<'_> {
             let parts: Vec<&[f64]> = self.records.iter().map(|r| &r.directions[d][..]).collect();
             projection.added(&parts).direction
         };
-        let scored = |d: usize| -> Vec<Option<Partner>> {
-            let own = direction(d);
-            beginnings.iter().map(|b| self.partner(b, d, &own)).collect()
+        // what it predicts alone, and beside each beginning
+        let scored = |d: usize| -> (f64, Vec<Option<Partner>>) {
+            let own = self.prediction(d, &projection);
+            (own.gain, beginnings.iter().map(|b| self.partner(b, d, &own.added.direction)).collect())
         };
-        let all: Vec<Vec<Option<Partner>>> = (0..self.owner.len()).into_par_iter().map(scored).collect();
-        let mut sets = self.exact_sets(comparison, fit, &projection);
+        let all = (0..self.owner.len()).into_par_iter().map(scored).collect::<Vec<_>>();
+        let (gains, all): (Vec<f64>, Vec<Vec<Option<Partner>>>) = all.into_iter().unzip();
+        let mut sets = self.exact_sets(comparison, fit, (&projection, &gains));
         for (k, beginning) in beginnings.iter().enumerate() {
             let mut partners: Vec<Partner> = all.iter().filter_map(|own| own[k]).collect();
             partners.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.direction.cmp(&b.direction)));
@@ -224,11 +230,19 @@ impl ForwardStep<'_> {
         sets
     }
 
-    /// The best sets of two and three among the best directions, each beginning with the best of its effects that may be accepted.
-    fn exact_sets(&self, comparison: &Comparison, fit: &[usize], projection: &Projection) -> Vec<EffectSet> {
+    /// The best sets of two and three among the best directions (with what each predicts alone), each beginning with the best of its effects
+    /// that may be accepted.
+    fn exact_sets(
+        &self,
+        comparison: &Comparison,
+        fit: &[usize],
+        (projection, gains): (&Projection, &[f64]),
+    ) -> Vec<EffectSet> {
         // the best direction of each candidate
         let single = |t: usize| -> Option<(f64, Prediction)> {
-            let best = self.predictions(t, projection).into_iter().next()?;
+            let own = (0..self.owner.len()).filter(|d| self.owner[*d].0 == t);
+            let best = own.max_by(|a, b| gains[*a].total_cmp(&gains[*b]).then(b.cmp(a)))?;
+            let best = self.prediction(best, projection);
             Some((best.gain - self.penalty(t), best))
         };
         let all = (0..self.simulated.len()).into_par_iter();
@@ -284,7 +298,7 @@ impl ForwardStep<'_> {
         partners: &[Partner],
         direction: impl Fn(usize) -> Vec<f64> + Sync,
     ) -> Option<Vec<(usize, f64)>> {
-        let size = dot(&beginning.added, &beginning.added);
+        let size = beginning.size;
         let left = |p: &Partner| -> Vec<f64> {
             let mut own = direction(p.direction);
             let share = if size > 0.0 { dot(&own, &beginning.added) / size } else { 0.0 };
@@ -316,12 +330,12 @@ impl ForwardStep<'_> {
 
 /// Products of a direction with what a beginning leaves and with itself, beside what the beginning adds; none where nothing is left of it.
 fn beside(beginning: &Beginning<'_>, own: &[f64]) -> Option<[f64; 2]> {
-    let size = dot(&beginning.added, &beginning.added);
+    let size = beginning.size;
     let along = dot(own, &beginning.added);
     let share = if size > 0.0 { along / size } else { 0.0 };
     let whole = dot(own, own);
     let g = whole - share * along;
-    let z = dot(own, &beginning.left) - share * dot(&beginning.added, &beginning.left);
+    let z = dot(own, &beginning.left) - share * beginning.product;
     (g > DISTINCT * whole).then_some([z, g])
 }
 

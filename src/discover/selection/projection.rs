@@ -127,9 +127,20 @@ pub(super) fn cosine(a: &[f64], b: &[f64]) -> f64 {
     if size > 0.0 { dot(a, b) / size } else { 0.0 }
 }
 
+/// Sums that are made side by side: one alone waits for itself at every sample.
+const SIDE: usize = 8;
+
 /// Product of two columns.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    let mut sums = [0.0; SIDE];
+    let count = a.len().min(b.len());
+    let (a, b) = (&a[..count], &b[..count]);
+    let (first, second) = (a.chunks_exact(SIDE), b.chunks_exact(SIDE));
+    let rest: f64 = first.remainder().iter().zip(second.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in first.zip(second) {
+        sums.iter_mut().zip(a.iter().zip(b)).for_each(|(sum, (a, b))| *sum += a * b);
+    }
+    sums.iter().sum::<f64>() + rest
 }
 
 /// The parts of all runs through their whitener, one behind the other.

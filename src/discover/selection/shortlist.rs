@@ -25,17 +25,17 @@ const GLANCED: usize = 16;
 const BEST: usize = 4;
 
 impl ForwardStep<'_> {
-    /// Candidates to be fitted, between so many; all that can be where everything is asked for.
+    /// Candidates to be fitted, between so many, all of them ranked by what they predict; all that can be where everything is asked for.
     pub(super) fn chosen(
         &self,
         count: RangeInclusive<usize>,
+        mut ranked: Vec<(f64, usize)>,
         (projection, noise, base): (&Projection, &CommonNoise, &Fitting),
     ) -> Vec<usize> {
         let mut chosen = self.promising(&count);
         if *count.start() >= self.simulated.len() {
             return chosen;
         }
-        let mut ranked = self.ranked_by_predicted_gain(projection);
         let best = ranked.first().map_or(0.0, |(prediction, _)| *prediction);
         ranked.retain(|(_, t)| !chosen.contains(t));
         if best > LARGE {
@@ -99,9 +99,8 @@ pub(super) struct UnlikelyNoise {
 }
 
 impl ForwardStep<'_> {
-    /// The candidate without which the residual is likelier by most; by what small steps do.
-    pub(super) fn unlikely_as_noise(&self, projection: &Projection) -> Option<UnlikelyNoise> {
-        let ranked = self.ranked_by_predicted_gain(projection);
+    /// The candidate, of all that are ranked by what they predict, without which the residual is likelier by most; by what small steps do.
+    pub(super) fn unlikely_as_noise(&self, projection: &Projection, ranked: &[(f64, usize)]) -> Option<UnlikelyNoise> {
         let residual: Vec<&[f64]> = self.records.iter().map(|r| &r.residual[..]).collect();
         let base = self.less(&residual, None, (1.0, &projection.added(&residual)));
         let likelihood = self.likelihood(&base);

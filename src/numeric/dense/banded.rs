@@ -35,6 +35,19 @@ impl Pentadiagonal {
         }
     }
 
+    /// v' A v of a form v of neighbouring values.
+    pub fn square(&self, form: &[(usize, f64)]) -> f64 {
+        let mut sum = 0.0;
+        for (n, (i, a)) in form.iter().enumerate() {
+            for (j, b) in &form[..=n] {
+                let (low, high) = (*i.min(j), *i.max(j));
+                let own = self.rows[high][high - low] * a * b;
+                sum += if i == j { own } else { 2.0 * own };
+            }
+        }
+        sum
+    }
+
     /// The product with a vector.
     pub fn times(&self, x: &DVector<f64>) -> DVector<f64> {
         let mut product = DVector::zeros(x.len());
@@ -88,6 +101,28 @@ impl Factor {
         self.solve_upper(x);
     }
 
+    /// The inverse of L L' on the main diagonal and the two beside it, where nothing further away is needed (Takahashi, Fagan & Chin 1973).
+    pub fn inverse_near(&self) -> Pentadiagonal {
+        let size = self.rows.len();
+        let mut rows = vec![[0.0; 3]; size];
+        for i in (0..size).rev() {
+            let below = |distance: usize| self.rows.get(i + distance).map_or(0.0, |row| row[distance]);
+            let (one, two, own) = (below(1), below(2), self.rows[i][0]);
+            // c(a, b) with a at least b, both beyond i
+            let known = |rows: &[[f64; 3]], a: usize, b: usize| rows.get(a).map_or(0.0, |row| row[a - b]);
+            let first = -(one * known(&rows, i + 1, i + 1) + two * known(&rows, i + 2, i + 1)) / own;
+            let second = -(one * known(&rows, i + 2, i + 1) + two * known(&rows, i + 2, i + 2)) / own;
+            rows[i][0] = (1.0 / own - one * first - two * second) / own;
+            if i + 1 < size {
+                rows[i + 1][1] = first;
+            }
+            if i + 2 < size {
+                rows[i + 2][2] = second;
+            }
+        }
+        Pentadiagonal { rows }
+    }
+
     /// Half the logarithm of the determinant.
     pub fn log_root(&self) -> f64 {
         self.rows.iter().map(|row| row[0].ln()).sum()
@@ -114,6 +149,20 @@ mod tests {
         let full = nalgebra::DMatrix::from_columns(&(0..size).map(|k| matrix.times(&unit(k))).collect::<Vec<_>>());
         assert!((full.determinant().ln() / 2.0 - factor.log_root()).abs() < 1e-10);
         assert!((&full * &x - matrix.times(&x)).amax() < 1e-12);
+        let inverse = full.clone().try_inverse().unwrap();
+        let near = factor.inverse_near();
+        for k in 0..size {
+            for form in [
+                vec![(k, 1.0)],
+                vec![(k.max(1) - 1, 0.3), (k.max(1), 0.7)],
+                vec![(k.max(2), -2.0), (k.max(2) - 2, 0.5)],
+            ] {
+                let mut v = DVector::zeros(size);
+                form.iter().for_each(|(i, value)| v[*i] += value);
+                let (own, expected) = (near.square(&form), (&inverse * &v).dot(&v));
+                assert!((own - expected).abs() < 1e-10 * expected, "{form:?}: {own} {expected}");
+            }
+        }
         let mut indefinite = matrix;
         indefinite.add(2, 2, -100.0);
         assert!(indefinite.factor().is_none());

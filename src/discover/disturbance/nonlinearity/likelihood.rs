@@ -76,7 +76,7 @@ pub(super) fn settle(banded: &Banded, p: usize, single: Singles<'_>, start: &[Sm
             let coefficients = coefficients(&weighed, p, &sized.root);
             best = Some(Settled { spectra: spectra.clone(), score, coefficients });
         }
-        let Some(next) = weighed.spectra(banded, p, &sized.root) else { break };
+        let Some(next) = weighed.spectra(banded, p, &sized.root, &spectra) else { break };
         if next == spectra {
             break;
         }
@@ -232,8 +232,14 @@ impl Weighed {
         Self { products, log, density }
     }
 
-    /// Smooth spectra of what parameters and nonlinearity leave.
-    fn spectra(&self, banded: &Banded, p: usize, root: &DMatrix<f64>) -> Option<Vec<SmoothSpectrum>> {
+    /// Smooth spectra of what parameters and nonlinearity leave, by those that were found before.
+    fn spectra(
+        &self,
+        banded: &Banded,
+        p: usize,
+        root: &DMatrix<f64>,
+        spectra: &[SmoothSpectrum],
+    ) -> Option<Vec<SmoothSpectrum>> {
         let Banded { cells, highest, narrow } = banded;
         let (size, rank) = (p + root.nrows(), root.ncols());
         // coefficients in units of their deviations, parameters as they are
@@ -264,12 +270,12 @@ impl Weighed {
             }
         }
         // bands are as narrow as the resonances of the noise want them
-        let fitted = |wide: Vec<ResidualPower>| {
+        let fitted = |(channel, wide): (usize, Vec<ResidualPower>)| {
             let narrow = if *narrow { wide.clone() } else { Vec::new() };
             let left = BandedPower { narrow, wide, highest: *highest };
-            (!left.wide.is_empty()).then(|| SmoothSpectrum::fit(&left))
+            (!left.wide.is_empty()).then(|| SmoothSpectrum::fit(&left, spectra.get(channel)))
         };
-        left.into_iter().map(fitted).collect()
+        left.into_iter().enumerate().map(fitted).collect()
     }
 }
 
