@@ -151,4 +151,36 @@ fn draws_agree_with_the_fit_where_that_is_normal_and_arviz_reads_them() {
     assert_eq!(with("1"), with("2"));
     let (code, _, error) = ran(&desk, &split("sample result --arviz draws.json"));
     assert!(code == 2 && error.contains("exists already"), "{error}");
+    let page = "sample result --chains 2 --draws 400 --warmup 200 --seed 5 --report page.html";
+    let (_, text, _) = ran(&desk, &split(page));
+    assert!(text.lines().nth(1).unwrap().starts_with("the chains agree"), "{text}");
+    let page = desk.text("page.html");
+    for part in ["Traces and ranks", "id=\"trace-1\"", "id=\"ranks-2\"", "id=\"prediction-1\"", "95 % of measurements"]
+    {
+        assert!(page.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn ranks_of_a_calibration_are_uniform_and_depend_on_the_seed_alone() {
+    let desk = Desk::with([("model.fdm", MODEL)]);
+    desk.write("one.csv", record(1, 0.3, 40));
+    let words = "study model.fdm --data one.csv --zoh u --calibration --repeats 40 --seed 3 --warmup 150 -q";
+    let with = |more: &str| ran(&desk, &split(&format!("{words} {more}")));
+    let (code, text, error) = with("--json --report ranks.html --threads 2");
+    assert!(code == 0, "{text}{error}");
+    let found = json(&text);
+    assert_eq!(found["done"], 40);
+    // k, g, bias, noise; every repeat has a rank
+    let parameters = found["parameters"].as_array().unwrap();
+    assert_eq!(parameters.len(), 4, "{found}");
+    for p in parameters {
+        let counts = p["counts"].as_array().unwrap();
+        assert_eq!(counts.iter().filter_map(Value::as_u64).sum::<u64>(), 40, "{p}");
+        assert!(p["p"].as_f64().unwrap() > 1e-3, "{p}");
+    }
+    assert_eq!(with("--json --threads 1").1, text);
+    assert!(desk.text("ranks.html").contains("The ranks are uniform"));
+    let (code, _, error) = with("--out folder");
+    assert!(code == 2 && error.contains("--report and --json keep it"), "{error}");
 }

@@ -6,6 +6,7 @@
 //! own; `figure` (what is drawn) -> `drawing` (as SVG, for readers without scripts and for paper) -> `raster` (as pixels), and `figure.js`
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
+mod calibration;
 mod convergence;
 mod correlations;
 mod diagnosis;
@@ -28,6 +29,7 @@ mod regression;
 mod reproduction;
 mod requirements;
 mod residuals;
+mod sample;
 mod scale;
 mod section;
 mod shapes;
@@ -39,11 +41,14 @@ mod surfaces;
 mod table;
 mod thinning;
 
+pub use calibration::calibration_page;
 pub use doctor::doctor_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
+pub use headline::fit_verdict;
 pub use job::job_page;
 pub use progress::duration;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
+pub use sample::sample_page;
 pub use subject::{Subject, SubjectError};

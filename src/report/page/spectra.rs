@@ -20,6 +20,15 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
     if figures.is_empty() {
         return None;
     }
+    if let Some(fit) = subject.fit().filter(|fit| !fit.bode.is_empty()) {
+        let content = html! {
+            p { "What the runs show, and the model's response over the same time, estimated by the same windows. "
+                "Bars are two random errors, as the coherence tells them." }
+            div.pair { @for figure in &figures { (figure.markup()) } }
+            @if fit.bode.len() > MOST { p.note { (fit.bode.len() - MOST) " more pairs are in " code { "result.json" } ", " code { "bode" } "." } }
+        };
+        return Some(Section::new("spectra", "Frequency responses", content));
+    }
     let content = match compared(subject).filter(|document| !document.pairs.is_empty()) {
         None => html! {
             p.note { "Magnitudes of the spectra that were compared, and of what is left between them." }
@@ -33,9 +42,11 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
 /// Of every pair, or of every output of every run.
 pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
     let unit = subject.frequency();
+    let in_time = subject.fit().into_iter().flat_map(|fit| &fit.bode);
     let of_pairs = compared(subject)
         .into_iter()
         .flat_map(|document| &document.pairs)
+        .chain(in_time)
         .enumerate()
         .map(|(k, p)| response(k, p, &unit));
     let of_runs = subject.spectra.iter().enumerate().flat_map(|(k, (run, table))| of_run(k, run, table, &unit));
@@ -93,22 +104,38 @@ fn response(k: usize, p: &Pair, unit: &str) -> Figure {
         Panel { label: label.into(), height: 130, logarithmic: false, marks: vec![bars, model, dots] }
     };
     let coherence = Mark::line("coherence", Look::Input, p.coherence.clone());
+    let (degrees, model_degrees) = unwrapped(&p.degrees, &p.model_degrees);
     Figure {
         id: format!("response-{}", k + 1),
         group: "responses".into(),
         caption: format!("{}/{}: cost {}", p.output, p.input, shown(p.cost, 3)),
-        label: format!("frequency [{unit}]"),
+        label: format!("frequency [{unit}], × 2π in rad"),
         logarithmic: true,
         at: p.frequency.clone(),
         panels: vec![
             panel("magnitude [dB]", (&p.decibels, &p.model_decibels), DECIBELS),
-            panel("phase [deg]", (&p.degrees, &p.model_degrees), DEGREES),
+            panel("phase [deg]", (&degrees, &model_degrees), DEGREES),
             Panel { label: "coherence".into(), height: 70, logarithmic: false, marks: vec![coherence] },
         ],
         names: Vec::new(),
         half: true,
         samples: None,
     }
+}
+
+/// Measured degrees without jumps of a whole turn, and those of the model nearest to them.
+fn unwrapped(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let nearest = |v: f64, to: f64| v + 360.0 * ((to - v) / 360.0).round();
+    let mut last = measured.first().copied().unwrap_or(0.0);
+    let smooth: Vec<f64> = measured
+        .iter()
+        .map(|v| {
+            last = nearest(*v, last);
+            last
+        })
+        .collect();
+    let own = modelled.iter().zip(&smooth).map(|(v, to)| nearest(*v, *to)).collect();
+    (smooth, own)
 }
 
 fn of_run(k: usize, run: &str, table: &Table, unit: &str) -> Vec<Figure> {
