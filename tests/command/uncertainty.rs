@@ -184,3 +184,69 @@ fn ranks_of_a_calibration_are_uniform_and_depend_on_the_seed_alone() {
     let (code, _, error) = with("--out folder");
     assert!(code == 2 && error.contains("--report and --json keep it"), "{error}");
 }
+
+#[test]
+fn results_are_averaged_by_their_predictions() {
+    let desk = desk();
+    let richer = MODEL.replace("+ g*u;", "+ g*u - c*x*abs(x);").replace("param bias", "param c = 0; param bias");
+    desk.write("richer.fdm", richer);
+    desk.good("fit richer.fdm --data one.csv --zoh u --out richer -q");
+    let found = json(&desk.good("compare result richer --data two.csv --zoh u --json --report page.html -q"));
+    let averaged = &found["averaged"];
+    assert_eq!(averaged["by"], "validation", "{averaged}");
+    let weights: Vec<f64> = averaged["weights"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-9 && weights.iter().all(|w| *w > 0.05), "{weights:?}");
+    let of =
+        |name: &str| averaged["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).cloned().unwrap();
+    let number = |v: &Value| v.as_f64().unwrap();
+    let [k, c] = ["k", "c"].map(of);
+    assert!((number(&k["weight"]) - 1.0).abs() < 1e-9 && (number(&c["weight"]) - weights[1]).abs() < 1e-9);
+    assert!(number(&k["interval"][0]) < 2.0 && 2.0 < number(&k["interval"][1]), "{k}");
+    // wider than where the structure is taken for certain
+    let chosen = json(&desk.text("result/result.json"));
+    let alone = chosen["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "k").cloned().unwrap();
+    assert!(number(&k["error"]) > number(&alone["standard_error"]), "{k} {alone}");
+    let output = &averaged["outputs"][0];
+    assert!(number(&output["within"]) > 0.88 && (0.03..0.08).contains(&number(&output["rms"])), "{output}");
+    let page = desk.text("page.html");
+    assert!(page.contains("Averaged over the models") && page.contains("Validation data"), "{}", page.len());
+    let found = json(&desk.good("compare result richer --json -q"));
+    assert_eq!(found["averaged"]["by"], "criterion", "{}", found["averaged"]);
+    let text = desk.good("compare result richer -q");
+    assert!(text.contains("averaged over the models, weighted by BIC"), "{text}");
+}
+
+#[test]
+fn the_terminal_tells_the_verdict_first_and_pages_show_responses() {
+    let desk = desk();
+    let text = desk.good("fit model.fdm --data one.csv --zoh u -q");
+    assert!(text.lines().nth(1).unwrap().starts_with("The fit converged"), "{text}");
+    assert!(desk.good("fit model.fdm --data one.csv --zoh u -q --verbose").len() >= text.len());
+    desk.good("report result -o page.html");
+    let page = desk.text("page.html");
+    assert!(page.contains("Frequency responses") && page.contains("id=\"response-1\""));
+    let bode = json(&desk.text("result/result.json"))["bode"].clone();
+    let pair = &bode[0];
+    assert!(pair["output"] == "y" && pair["input"] == "u", "{bode}");
+    // 3/(s + 2), where it is coherent
+    let column = |name: &str| pair[name].as_array().unwrap().iter().filter_map(Value::as_f64).collect::<Vec<f64>>();
+    let [frequency, decibels, model, coherence] =
+        ["frequency", "decibels", "model_decibels", "coherence"].map(|name| column(name));
+    let mut seen = 0;
+    for k in (0..frequency.len()).filter(|k| coherence[*k] > 0.95) {
+        let w = std::f64::consts::TAU * frequency[k];
+        let truth = 20.0 * (3.0 / (w * w + 4.0).sqrt()).log10();
+        assert!(
+            (decibels[k] - truth).abs() < 2.0 && (model[k] - truth).abs() < 2.0,
+            "{w}: {} {} {truth}",
+            decibels[k],
+            model[k]
+        );
+        seen += 1;
+    }
+    assert!(seen >= 3, "{coherence:?}");
+    desk.good("profile model.fdm --data one.csv --zoh u --parameter k --report profile.html -q");
+    assert!(desk.text("profile.html").contains("id=\"profile-1\""));
+    desk.good("spectra model.fdm --data one.csv --report spectra.html -q");
+    assert!(desk.text("spectra.html").contains("id=\"response-1\""));
+}

@@ -7,6 +7,7 @@
 //! (zoom, crosshair); `picture` is a drawing without axes that could be moved.
 
 mod calibration;
+mod comparison;
 mod convergence;
 mod correlations;
 mod diagnosis;
@@ -22,6 +23,7 @@ mod modes;
 mod number;
 mod parameters;
 mod picture;
+mod profile;
 mod progress;
 #[cfg(feature = "png")]
 mod raster;
@@ -29,6 +31,7 @@ mod regression;
 mod reproduction;
 mod requirements;
 mod residuals;
+mod responses;
 mod sample;
 mod scale;
 mod section;
@@ -42,13 +45,16 @@ mod table;
 mod thinning;
 
 pub use calibration::calibration_page;
+pub use comparison::comparison_page;
 pub use doctor::doctor_page;
 pub use document::{Drawing, drawings, page};
 pub use drawing::Paper;
 pub use headline::fit_verdict;
 pub use job::job_page;
+pub use profile::profile_page;
 pub use progress::duration;
 #[cfg(feature = "png")]
 pub use raster::RasterError;
+pub use responses::responses_page;
 pub use sample::sample_page;
 pub use subject::{Subject, SubjectError};

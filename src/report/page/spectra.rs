@@ -104,7 +104,7 @@ fn response(k: usize, p: &Pair, unit: &str) -> Figure {
         Panel { label: label.into(), height: 130, logarithmic: false, marks: vec![bars, model, dots] }
     };
     let coherence = Mark::line("coherence", Look::Input, p.coherence.clone());
-    let (degrees, model_degrees) = unwrapped(&p.degrees, &p.model_degrees);
+    let (degrees, model_degrees) = continued(&p.degrees, &p.model_degrees);
     Figure {
         id: format!("response-{}", k + 1),
         group: "responses".into(),
@@ -124,17 +124,10 @@ fn response(k: usize, p: &Pair, unit: &str) -> Figure {
 }
 
 /// Measured degrees without jumps of a whole turn, and those of the model nearest to them.
-fn unwrapped(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let nearest = |v: f64, to: f64| v + 360.0 * ((to - v) / 360.0).round();
-    let mut last = measured.first().copied().unwrap_or(0.0);
-    let smooth: Vec<f64> = measured
-        .iter()
-        .map(|v| {
-            last = nearest(*v, last);
-            last
-        })
-        .collect();
-    let own = modelled.iter().zip(&smooth).map(|(v, to)| nearest(*v, *to)).collect();
+fn continued(measured: &[f64], modelled: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let smooth = crate::response::unwrapped(measured.iter().copied());
+    let nearest = |(v, to): (&f64, &f64)| v + 360.0 * ((to - v) / 360.0).round();
+    let own = modelled.iter().zip(&smooth).map(nearest).collect();
     (smooth, own)
 }
 
