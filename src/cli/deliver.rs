@@ -121,9 +121,8 @@ impl Outcome<'_> {
         let modes = of_result(self.model, &self.json, &runs);
         self.json.set_modes(modes);
         self.json.set_requirements(margins::of_result(self.model, &self.json, &runs));
-        // a fit in the frequency domain has its own
         let in_time = self.fit.filter(|fit| fit.estimate.termination.is_good());
-        let responses = in_time.filter(|_| !self.json.is_of_frequencies()).map(|fit| responses_of_fit(fit, self.runs));
+        let responses = in_time.filter(|_| self.json.is_simulated()).map(|fit| responses_of_fit(fit, self.runs));
         self.json.set_bode(responses.unwrap_or_default().iter().map(Pair::from).collect());
     }
 

@@ -14,6 +14,8 @@ const DECIBELS: f64 = 8.685_889_638;
 const DEGREES: f64 = 57.295_779_513;
 /// Figures that are drawn.
 const MOST: usize = 40;
+/// The same behind time histories: paper is short.
+const IN_TIME: usize = 16;
 
 pub(super) fn section(subject: &Subject) -> Option<Section> {
     let figures = figures(subject);
@@ -25,7 +27,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
             p { "What the runs show, and the model's response over the same time, estimated by the same windows. "
                 "Bars are two random errors, as the coherence tells them." }
             div.pair { @for figure in &figures { (figure.markup()) } }
-            @if fit.bode.len() > MOST { p.note { (fit.bode.len() - MOST) " more pairs are in " code { "result.json" } ", " code { "bode" } "." } }
+            @if fit.bode.len() > IN_TIME { p.note { (fit.bode.len() - IN_TIME) " more pairs are in " code { "result.json" } ", " code { "bode" } "." } }
         };
         return Some(Section::new("spectra", "Frequency responses", content));
     }
@@ -42,7 +44,7 @@ pub(super) fn section(subject: &Subject) -> Option<Section> {
 /// Of every pair, or of every output of every run.
 pub(super) fn figures(subject: &Subject) -> Vec<Figure> {
     let unit = subject.frequency();
-    let in_time = subject.fit().into_iter().flat_map(|fit| &fit.bode);
+    let in_time = subject.fit().into_iter().flat_map(|fit| fit.bode.iter().take(IN_TIME));
     let of_pairs = compared(subject)
         .into_iter()
         .flat_map(|document| &document.pairs)

@@ -154,9 +154,10 @@ impl ResultDocument {
         }
     }
 
-    /// Whether it is a fit in the frequency domain.
-    pub fn is_of_frequencies(&self) -> bool {
-        self.fit().is_some_and(|fit| fit.frequency_domain.is_some() || fit.frequency_responses.is_some())
+    /// Whether it is a fit in the time domain whose responses were simulated, not predicted from sample to sample.
+    pub fn is_simulated(&self) -> bool {
+        let elsewhere = |fit: &FitDocument| fit.frequency_domain.is_some() || fit.frequency_responses.is_some();
+        self.fit().is_some_and(|fit| !elsewhere(fit) && fit.deviations.is_none())
     }
 
     /// Adds the requirements of the model as it was found, where it has such.
