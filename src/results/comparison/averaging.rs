@@ -215,7 +215,7 @@ impl Mixture {
         let below =
             |x: f64| laws.iter().map(|l| l.weight * normal_cdf((x - l.mean) / l.deviation)).sum::<f64>() / weight;
         let at = |share: f64| {
-            let edge = |sign: f64| laws.iter().map(|l| l.mean + sign * 9.0 * l.deviation);
+            let edge = |sign: f64| laws.iter().map(move |l| l.mean + sign * 9.0 * l.deviation);
             let (mut low, mut high) =
                 (edge(-1.0).fold(f64::INFINITY, f64::min), edge(1.0).fold(f64::NEG_INFINITY, f64::max));
             for _ in 0..100 {
