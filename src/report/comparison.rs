@@ -91,7 +91,7 @@ fn criteria(comparison: &Comparison) -> String {
 pub(crate) fn weighted_by(averaged: &Averaged) -> &'static str {
     match averaged.by {
         WeightedBy::Validation => "weighted by their predictions of the validation data",
-        WeightedBy::Criterion => "weighted by BIC, since there are no validation data",
+        WeightedBy::Criterion => "weighted by AIC, since there are no validation data",
     }
 }
 

@@ -219,7 +219,7 @@ fn results_are_averaged_by_their_predictions() {
     let found = json(&desk.good("compare result richer --json -q"));
     assert_eq!(found["averaged"]["by"], "criterion", "{}", found["averaged"]);
     let text = desk.good("compare result richer -q");
-    assert!(text.contains("averaged over the models, weighted by BIC"), "{text}");
+    assert!(text.contains("averaged over the models, weighted by AIC"), "{text}");
 }
 
 #[test]

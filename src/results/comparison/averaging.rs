@@ -1,9 +1,9 @@
 //! Averages over models, so that intervals know that the structure was chosen.
 //!
 //! Weights are those of predictions of validation data: logarithms of predictive densities, summed over blocks of the runs, with the Bayesian bootstrap
-//! over blocks (pseudo-BMA+; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018). Without such data they follow Schwarz's criterion, as
-//! approximate posterior probabilities (Kass and Raftery, J. Am. Stat. Assoc. 90, 1995). An average has the mean of the models, and their scatter beside
-//! the errors of each (Buckland, Burnham and Augustin, Biometrics 53, 1997); its interval is that of the mixture of normal laws.
+//! over blocks (pseudo-BMA+; Yao, Vehtari, Simpson and Gelman, Bayesian Analysis 13, 2018). Without such data they follow Akaike's
+//! criterion. An average has the mean of the models, and their scatter beside the errors of each (Buckland, Burnham and Augustin, Biometrics 53, 1997); its
+//! interval is that of the mixture of normal laws. Weights by Schwarz's criterion leave out small terms more often, and averaged intervals then hold less often.
 
 use super::candidate::Candidate;
 use super::prediction::{PredictedOutput, Prediction};
@@ -25,7 +25,7 @@ const LEAST: f64 = 1e-6;
 pub enum WeightedBy {
     /// Predictions of validation data.
     Validation,
-    /// Schwarz's criterion, that for coloured residuals where it is known.
+    /// Akaike's criterion, that for coloured residuals where it is known.
     Criterion,
 }
 
@@ -89,9 +89,9 @@ impl Averaged {
     }
 }
 
-/// Weights by Schwarz's criterion; results without one have none.
+/// Weights by Akaike's criterion; results without one have none.
 fn by_criterion(candidates: &[Candidate]) -> Option<Vec<f64>> {
-    let of = |c: &Candidate| c.criteria.as_ref().map(|c| -0.5 * c.coloured_bic.unwrap_or(c.bic));
+    let of = |c: &Candidate| c.criteria.as_ref().map(|c| -0.5 * c.coloured_aic.unwrap_or(c.aic));
     let logs: Vec<f64> = candidates.iter().map(|c| of(c).unwrap_or(f64::NEG_INFINITY)).collect();
     let known = logs.iter().filter(|l| l.is_finite()).count();
     (known > 1).then(|| softmax(&logs))
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn averaged_intervals_hold_where_those_of_the_chosen_model_do_not() {
-        // y = u + b v with v much like u, and b so small that a criterion often leaves it out
+        // y = u + b v with v much like u, and b so small that Akaike's criterion often leaves it out
         let mut stream = Stream::seeded(3);
         let n = 60;
         let (mut chosen, mut averaged) = (0, 0);
@@ -276,8 +276,8 @@ mod tests {
             let v: Vec<f64> = u.iter().map(|u| 0.8 * u + 0.6 * stream.normal()).collect();
             let y: Vec<f64> = u.iter().zip(&v).map(|(u, v)| u + 0.35 * v + stream.normal()).collect();
             let fits = [regressed(&[&u], &y), regressed(&[&u, &v], &y)];
-            let bic = |k: usize, left: f64| n as f64 * (left / n as f64).ln() + k as f64 * (n as f64).ln();
-            let logs = [-0.5 * bic(1, fits[0].2), -0.5 * bic(2, fits[1].2)];
+            let criterion = |k: f64, left: f64| f64::from(n) * (left / f64::from(n)).ln() + 2.0 * k;
+            let logs = [-0.5 * criterion(1.0, fits[0].2), -0.5 * criterion(2.0, fits[1].2)];
             let weights = softmax(&logs);
             let best = &fits[usize::from(logs[1] > logs[0])];
             chosen += u32::from((best.0 - 1.0).abs() <= 1.96 * best.1);
@@ -287,7 +287,7 @@ mod tests {
             averaged += u32::from((low..=high).contains(&1.0));
         }
         assert!(
-            averaged >= 900 && averaged > chosen + 30,
+            averaged >= 900 && averaged > chosen + 100,
             "of 1000 averaged intervals {averaged} hold, of chosen ones {chosen}"
         );
     }
